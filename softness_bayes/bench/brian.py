@@ -42,7 +42,7 @@ def brian_peers(steps: tuple[float, ...] = (0.05, 0.02)) -> tuple[Peer, ...]:
     """Return Brian2's fourth-order Runge-Kutta steps [ms] as peers; none where it cannot be imported."""
     try:
         import brian2  # noqa: F401
-    except Exception:  # it fails beside some versions of NumPy with whatever these removed
+    except Exception:  # the error type depends on the NumPy version
         return ()
     return tuple(Peer("Brian2, side by side", f"rk4, {step} ms", _integrating(step), True) for step in steps)
 
@@ -82,6 +82,6 @@ def _integrating(step: float) -> Callable[[Array, float], Array]:
 
 
 def _steady(times: Array) -> float:
-    """Return the rate [Hz] of the later half of a train [s], whose times are whole steps."""
+    """Return the rate [Hz] over the second half of a spike train [s], whose times are multiples of the step."""
     half = times.size // 2
     return (times.size - 1 - half) / float(times[-1] - times[half]) if times.size > 2 else 0.0

@@ -1,4 +1,4 @@
-"""The machine's limit: time of the forward model's necessary operations alone."""
+"""Lower bound on the run time: the forward model's necessary arithmetic operations alone."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ log."""
 
 
 class Limit(NamedTuple):
-    """Operations of one parameter vector, and their times."""
+    """Number and duration of the operations for one parameter vector."""
 
     exponentials: int
     roots: int
@@ -43,7 +43,7 @@ class Limit(NamedTuple):
 
     @property
     def over_bare(self) -> float:
-        """The scene's time over that of the bare operations."""
+        """Ratio of the scene's time to that of the bare operations."""
         return self.seconds / self.bare_seconds
 
 
@@ -52,8 +52,8 @@ def limit(of: Subject, effort: Effort) -> Limit:
 
     At each node of a condition that fires, the polynomials are those of the stress field's inverse (two passes of
     Horner's rule each order, or three of a Clenshaw recurrence) and of the receptor count, and there is one division,
-    1/y. The rate's gain has a polynomial too. Conditions beyond saturation share its nodes, so that it is evaluated
-    once for each vector, and again for each condition whose peak is not beyond saturation.
+    1/y. The rate's gain has a polynomial too. Conditions beyond saturation share its nodes: it is evaluated
+    once for each vector, and again for each condition whose peak is below saturation.
     """
     scene = of.model.scene
     some = first(of.draws.parameters, BATCH)
@@ -93,7 +93,7 @@ def limit(of: Subject, effort: Effort) -> Limit:
 
 
 def _bare(points: list[Array], passes_at_lanes: int, passes_at_gains: int) -> None:
-    """Do the operations of a batch, block by block, each of which fits the cache."""
+    """Run the operations of a batch in blocks that fit in the cache."""
     for x, gain, skin in zip(*points, strict=True):
         y, speed, root = np.empty_like(x), np.empty_like(gain), np.empty_like(skin)
         for _ in range(SKIN_STEPS * SKIN_EXPONENTIALS):

@@ -1,9 +1,9 @@
 """Other ways to compute the total rates, by simulating every receptor that fires, one by one or together.
 
-Their work is one parameter vector at the priors' medians (sigma_0 = 7 kPa): the receptors that fire in all 36
-conditions. The time for one receptor is measured on some of them, with currents from just above the rheobase to alpha,
-and multiplied by their number. The error is that of the sum of these receptors' rates. Transduction and the search for
-the receptors are not counted.
+The workload is one parameter vector at the priors' medians (sigma_0 = 7 kPa): all receptors that fire, summed over the
+36 conditions. The time per receptor is measured on a subset, with currents from just above the rheobase to alpha, and
+multiplied by the number of receptors. The error is that of the summed rate of this subset. Transduction and the search
+for the receptors are excluded.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ PEER = "peer"
 
 
 class Work(NamedTuple):
-    """The work of a peer."""
+    """The workload of a peer method."""
 
     receptors: float
     """Number of receptors that fire, over all conditions."""
@@ -42,12 +42,12 @@ class Work(NamedTuple):
     rheobase: float
 
     def currents(self, size: int) -> Array:
-        """Return currents from alpha down to near the rheobase, even in the root of their excess [µA/cm²]."""
+        """Return currents [µA/cm²] from alpha down to near the rheobase, evenly spaced in sqrt(I - rheobase)."""
         return self.rheobase + (self.alpha - self.rheobase) * np.linspace(1.0, 0.5, size) ** 2
 
 
 class Peer(NamedTuple):
-    """A way to compute rates."""
+    """One method of computing firing rates."""
 
     name: str
     setting: str
@@ -57,7 +57,7 @@ class Peer(NamedTuple):
 
 
 def work_of(of: Subject) -> Work:
-    """Return the work of the priors' medians."""
+    """Return the workload at the priors' medians."""
     scene = of.model.scene
     values = touch_parameters(usual_values(MENDED, given={"sigma_0": 7.0}))
     response = scene.respond(values)
@@ -79,7 +79,7 @@ def measure_peer(peer: Peer, work: Work, effort: Effort) -> Point:
 
 
 class Ratio(NamedTuple):
-    """A peer's time over that of the fastest likelihood with at most the same error."""
+    """Ratio of a peer's time to that of the fastest likelihood with the same error or less."""
 
     ratio: float
     setting: str
@@ -111,7 +111,7 @@ def _solved(current: float, duration: float, method: str, tolerance: float) -> f
         return float(state[0] - SPIKE_VOLTAGE)
 
     crossing.direction = 1.0  # type: ignore[attr-defined]
-    # steps that the solver only tries may lead anywhere; it rejects them
+    # trial steps may overflow; the solver rejects them
     with np.errstate(over="ignore", invalid="ignore"):
         found = solve_ivp(
             lambda _t, state: cells.slope(state[:, None])[:, 0],

@@ -1,4 +1,4 @@
-"""Work against precision of each stage and of the whole likelihood."""
+"""Work-precision measurements of each stage and of the whole likelihood."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def _fields(of: Subject, effort: Effort) -> Iterator[Point]:
 
 
 def _population(of: Subject, effort: Effort) -> Iterator[Point]:
-    """Time the integral: the time of a response without its stress fields and contact."""
+    """Time the population integral: a response without its stress fields and contact."""
     best = of.model.scene
     some = first(of.draws.parameters, BATCH)
     usual = replace(best.discretisation, field_tolerance=max(TOLERANCES[4], effort.finest))
@@ -101,7 +101,7 @@ def _population(of: Subject, effort: Effort) -> Iterator[Point]:
 
 
 def _exactly(of: Subject) -> tuple[Scene, Subject]:
-    """Return the scene with exact rate curves, and the subject with the channels of these curves."""
+    """Return the scene with exact rate curves, and the subject with draws that use the channels of these curves."""
     scene, sample = of.model.scene, FiringSample.load(CONNOR_STEVENS)
     assert sample is not None, "curves are kept for the membrane of the usual readings"
     values = sample.put_into(of.draws.parameters)
@@ -121,7 +121,7 @@ def _rates(of: Subject, effort: Effort) -> Iterator[Point]:
 
 
 def _whole(held: Subject, free: Subject, effort: Effort) -> Iterator[Point]:
-    """Follow the dial: one resolution for each accuracy, timed with channels held and free."""
+    """Time the whole likelihood at each accuracy setting, with channels fixed and free."""
     exactly, sampled = _exactly(free)
     surface = free.draws.firing(free.model.scene)
     models = (("held", held, held.model.scene, EXACT), ("free", sampled, exactly, surface))
@@ -131,7 +131,7 @@ def _whole(held: Subject, free: Subject, effort: Effort) -> Iterator[Point]:
             try:
                 choice = choose(best, of.draws.parameters, accuracy, of.draws.eps, rates)
             except InputError:
-                continue  # out of reach: `sample` says so and ends
+                continue  # this accuracy cannot be reached: `sample` raises an error
             scene = best.coarser(choice.discretisation)
             model = replace(of.model.posterior, scene=scene)
             spent = quickest(partial(model.log_likelihood, of.theta), effort.repeats) / BATCH
@@ -140,7 +140,7 @@ def _whole(held: Subject, free: Subject, effort: Effort) -> Iterator[Point]:
 
 
 def dialled(accuracy: float, effort: Effort, held: bool) -> Subject:
-    """Return the model at the resolution of a dial's setting, with channels held or free."""
+    """Return the model at the resolution for an accuracy setting, with channels fixed or free."""
     of = subject(Discretisation(*REFERENCE, field_tolerance=max(1e-2 * accuracy, effort.finest)), held, effort.draws)
     best = of.model.scene
     rates = EXACT if held else of.draws.firing(best)

@@ -1,4 +1,4 @@
-"""Time and error of the likelihoods that are integrated numerically, beside the closed form."""
+"""Time and error of the numerically integrated likelihoods, compared with the closed form."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ class Integrated(NamedTuple):
 
 
 def rating_models(subject: Subject, effort: Effort) -> list[Integrated]:
-    """Return time and error of exact and of rounded ratings under every error law, and with raters' own answers.
+    """Return time and error of exact and of rounded ratings under every error law, and with rater-specific parameters.
 
     Parameters
     ----------
     subject
         The closed form, with simulated exact ratings.
     effort
-        How often calls are repeated.
+        Amount of work: number of repetitions of each call.
     """
     closed = subject.model.posterior
     seconds = quickest(lambda: closed.log_likelihood(subject.theta), effort.repeats) / BATCH

@@ -1,4 +1,4 @@
-"""Growth of the cost with conditions and batch, and the sampler's effective draws per second."""
+"""Scaling of the cost with conditions and batch size, and the sampler's effective draws per second."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Size(NamedTuple):
 
 
 def scaling(of: Subject, effort: Effort) -> list[Size]:
-    """Time larger scenes of as many loads, then larger batches of the usual scene."""
+    """Time larger scenes with the same number of loads, then larger batches of the usual scene."""
     scene, found = of.model.scene, []
     counts = np.unique(np.geomspace(2, effort.most_fabrics, 8).round().astype(int))
     moduli = np.geomspace(scene.modulus.min(), scene.modulus.max(), effort.most_fabrics)
@@ -46,7 +46,7 @@ def scaling(of: Subject, effort: Effort) -> list[Size]:
 def _size(what: str, scene: Scene, batch: int, of: Subject, effort: Effort) -> Size:
     n = scene.n_conditions
     some = first(of.draws.parameters, batch)
-    # the largest take a second a call
+    # the largest scenes take a second per call
     repeats = max(2, min(effort.repeats, int(effort.repeats * 5e3 / (n * batch))))
     spent = quickest(partial(scene.total_rate, some), repeats) / batch
     return Size(what, n if what == "conditions" else batch, n, batch, spent, spent / n)
@@ -67,7 +67,7 @@ class Drawing(NamedTuple):
 
 
 def sampler(of: Subject, effort: Effort) -> Drawing | None:
-    """Time a walk of a fixed number of steps over the parameters of simulated ratings."""
+    """Time a fixed number of sampler steps on the posterior of simulated ratings."""
     if not effort.sampler_steps:
         return None
     steps = effort.sampler_steps

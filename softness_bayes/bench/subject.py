@@ -1,4 +1,4 @@
-"""The scene that is measured, its parameter vectors, and the machine."""
+"""Benchmark scene, its parameter vectors, and a description of the machine."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Subject(NamedTuple):
 
 
 def subject(discretisation: Discretisation, held: bool, size: int) -> Subject:
-    """Return the model of simulated ratings, its channel multipliers held or free."""
+    """Return the model of simulated ratings, with channel multipliers fixed or free."""
     options = ModelOptions(fix=PAPER_CHANNELS._asdict() if held else {}, discretisation=discretisation)
     values = usual_values(MENDED, given={"sigma_0": 7.0})
     made = simulate_ratings(np.random.default_rng(1), FABRICS, LOADS, values, participants=PARTICIPANTS)
@@ -79,7 +79,7 @@ def subject(discretisation: Discretisation, held: bool, size: int) -> Subject:
 
 
 def quickest(call: Callable[[], Any], repeats: int) -> float:
-    """Return the shortest time of some calls [s]."""
+    """Return the shortest time of repeated calls [s]."""
     taken = []
     for _ in range(repeats):
         begun = time.perf_counter()

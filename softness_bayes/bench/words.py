@@ -23,13 +23,13 @@ def summary(
     Parameters
     ----------
     points
-        Everything that has a time and an error.
+        All measurements that have a time and an error.
     ratios
-        Of peers, by setting.
+        Time ratios of the peers, by setting.
     sizes
-        Scenes and batches.
+        Timings of larger scenes and batches.
     bare, drawing
-        The machine's limit, and the sampler if it ran.
+        Time of the necessary operations alone, and the sampler's speed if it ran.
     machine
         Description of the machine.
     """

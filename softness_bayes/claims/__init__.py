@@ -117,24 +117,24 @@ def evaluate_claims(
     prior_sets
         Names of `parameters.declared.PRIOR_SETS`.
     touches
-        Loads by what is held: claims compare loads of one kind.
+        Loads by the quantity that is controlled (force or indentation): claims compare loads of one kind.
     fabrics
         Fabric set of the claims about the centre of contact and about correlation.
     ratings
         Ratings of these fabrics; without them the claim about ratings is not testable.
     draws
-        Draws of each prior; 0 for the medians alone.
+        Number of draws from each prior; 0 evaluates the medians alone.
     seed
         Seed of the draws, which are the same under all readings and loads.
     fix, priors
-        As `parameter_space` takes them; channel multipliers are held.
+        As for `parameter_space`; channel multipliers are fixed.
     executor
-        An executor that judges the sets of readings, each as one task; by default this process does.
+        Executor that evaluates each set of readings as one task; by default all run in this process.
 
     Returns
     -------
     tuple of Trial
-        Readings by readings, priors by priors, load kind by load kind.
+        Ordered by readings, then priors, then kind of load.
 
     Raises
     ------
@@ -153,7 +153,7 @@ def evaluate_claims(
         raise InputError(f"{', '.join(freed)}: claims are tested on one finger of known shape; omit the prior")
     held = {**PAPER_CHANNELS._asdict(), **(fix or {})}
     asked = Asked(tuple(prior_sets), touches, fabrics, ratings, draws, seed, held, priors)
-    # readings with one membrane share its rates, the multipliers being the same under every prior set
+    # readings with the same membrane share its rates: the multipliers are the same under every prior set
     firing: dict[Membrane, Firing] = {}
     tasks = []
     for name, chosen in readings.items():
@@ -165,7 +165,7 @@ def evaluate_claims(
 
 
 class Asked(NamedTuple):
-    """Everything that the trials under all readings have in common."""
+    """Inputs shared by the trials under all readings."""
 
     prior_sets: tuple[str, ...]
     touches: Mapping[str, tuple[Load, ...]]
@@ -178,7 +178,7 @@ class Asked(NamedTuple):
 
 
 def _spaces(asked: Asked, readings: Readings) -> dict[str, ParameterSpace]:
-    """Return the space of each prior set under some readings."""
+    """Return the parameter space of each prior set under the given readings."""
     displacement = readings.skin_displacement
     return {of: parameter_space((), asked.held, asked.priors, of, displacement) for of in asked.prior_sets}
 
@@ -193,7 +193,7 @@ def _judge(asked: Asked, name: str, readings: Readings, rates: Firing) -> list[T
 def _trials(
     readings: str, spaces: Mapping[str, ParameterSpace], benches: Mapping[str, Bench], draws: int, seed: int
 ) -> Iterator[Trial]:
-    """Yield the trials under one set of readings: priors by priors, load kind by load kind."""
+    """Yield the trials under one set of readings, ordered by priors and then by kind of load."""
     for prior_set, space in spaces.items():
         drawn = space.draw_prior(np.random.default_rng(seed), draws)
         for control, bench in benches.items():

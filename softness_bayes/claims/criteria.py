@@ -1,4 +1,4 @@
-"""The paper's claims and their criteria (model.md 11), as values in one table."""
+"""Table of the paper's claims and their criteria (model.md 11)."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def _known(name: str) -> Callable[[Numbers], Booleans]:
 
 
 def _clear(numbers: Numbers) -> Booleans:
-    # the soft end is nearly silent, so that a maximum with such a fall exceeds both ends by as much
+    # the response at the soft end is nearly 0, so a maximum with this drop to the stiff end exceeds both ends by it
     return np.asarray(numbers.interior & (numbers.drop >= LEAST_DROP))
 
 
@@ -86,14 +86,14 @@ def _place_depends_on_load(numbers: Numbers, speaks: Booleans) -> Booleans:
     clear = _clear(numbers)
     different = clear.sum(axis=-1) > 1
     for place in (numbers.modulus, numbers.ratio):
-        # missing places (NaN) sort last, and the gaps beside them are NaN
+        # missing positions (NaN) sort last, and their differences are NaN
         gaps = np.diff(np.sort(np.where(clear, np.log(place), np.nan), axis=-1), axis=-1)
         different &= ((gaps > np.log(APART)) | np.isnan(gaps)).all(axis=-1)
     return np.asarray(different)
 
 
 def _every(test: Callable[[Numbers], Booleans]) -> Callable[[Numbers, Booleans], Booleans]:
-    """Return the criterion that a test is passed under every load that can be judged."""
+    """Return the criterion that a test passes under every load for which it can be evaluated."""
     return lambda numbers, speaks: np.asarray((test(numbers) | ~speaks).all(axis=-1))
 
 
@@ -102,7 +102,7 @@ def _grows(numbers: Numbers) -> Booleans:
 
 
 def _listing(values: Array, style: str, unit: str = "", marks: Booleans | None = None) -> str:
-    """Return the values of the loads in words: – without a value, † behind a marked one."""
+    """Return the values of the loads as text: – for a missing value, † after a marked one."""
     marked = np.zeros(values.shape, bool) if marks is None else marks
     texts = [
         (f"{value:{style}}" if style else f"{_significant(value)}") + "†" * bool(mark) if np.isfinite(value) else "–"
@@ -112,7 +112,7 @@ def _listing(values: Array, style: str, unit: str = "", marks: Booleans | None =
 
 
 def _significant(value: float) -> str:
-    """Return a number to two significant digits, or to all digits before the point."""
+    """Return a number with two significant digits, or with all its integer digits if there are more."""
     digits = 2 if abs(value) < 100 else len(f"{abs(value):.0f}")
     return np.format_float_positional(value, digits, fractional=False, trim="-")
 

@@ -1,4 +1,4 @@
-"""Numbers that decide the paper's claims, from its numerical experiments under one set of readings (model.md 11)."""
+"""Statistics behind the paper's claims, from its numerical experiments under one set of readings (model.md 11)."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class Numbers(NamedTuple):
 
 
 class Bench:
-    """Fabrics under some loads, ready to be touched at every depth and centre; compiled when first used.
+    """Scenes of the claims' fabrics under some loads, at any depth and contact centre; compiled on first use.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ class Bench:
     fabrics
         Fabric set of the correlation and of the moving centre.
     firing
-        Firing of the receptors.
+        Source of the rate curves.
     ratings
         Ratings of the fabrics under these loads, if there are any.
 
@@ -120,7 +120,7 @@ class Bench:
 
     @cached_property
     def _everything(self) -> Scene:
-        """Grid and fabric set, at the contact centre farthest from the pad's end, whose fields serve every centre."""
+        """Grid and fabrics at the contact centre farthest from the pad's end; its fields cover all centres."""
         finger = Finger()
         finger = Finger(contact_centre=(0.0, finger.contact_centre[1]))
         moduli = np.concatenate([GRID, self.modulus])
@@ -147,7 +147,7 @@ class Bench:
         ]
 
     def _along_grid(self, curves: Curves) -> dict[str, NDArray[Any]]:
-        """Return the numbers of the response along the grid."""
+        """Return the statistics of the response along the modulus grid."""
         rate, top = curves.total_rate, curves.total_rate.argmax(axis=-1)[..., None]
         largest = rate.max(axis=-1)
         fires = largest > 0
@@ -174,7 +174,7 @@ class Bench:
         }
 
     def _over_fabrics(self, values: TouchParameters) -> dict[str, NDArray[Any]]:
-        """Return the numbers of the fabric set, and of its touch at a moving centre."""
+        """Return the statistics of the fabric set, including those for a moving contact centre."""
         rates = np.stack([scene.total_rate(values) for scene in self._centred], axis=-1)
         rates = rates.reshape(-1, len(self.loads), len(self.fabrics), len(self._centred))
         moving, rate = rates[..., :-1].mean(axis=2), rates[..., -1]

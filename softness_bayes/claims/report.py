@@ -1,4 +1,4 @@
-"""The verdicts on the claims as tables: for programs, for people, for documents."""
+"""Tables of the verdicts on the claims: as data, plain text and Markdown."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ COLUMNS = {
 def claims_table(trials: Sequence[Trial]) -> pd.DataFrame:
     """Return one row per readings, priors, kind of load and claim.
 
-    Columns: readings, priors, control, claim, verdict (at the priors' medians), numbers (behind the verdict, load by
+    Columns: readings, priors, control, claim, verdict (at the priors' medians), numbers (behind the verdict, for each
     load), p_holds, p_fails, p_silent (over draws of the prior; empty without draws), statement, criterion.
     """
     import pandas as pd
@@ -81,7 +81,7 @@ def loads_table(trials: Sequence[Trial]) -> pd.DataFrame:
 
 
 def markdown(trials: Sequence[Trial]) -> str:
-    """Return one Markdown table for each prior set: claims and kinds of load down, readings across."""
+    """Return one Markdown table per prior set: rows are claims and kinds of load, columns are readings."""
     parts = [_explanation(trials), "", *(f"- *{c.name}*: {c.statement}. Criterion: {c.criterion}." for c in CLAIMS)]
     readings = list(dict.fromkeys(trial.readings for trial in trials))
     for prior_set in dict.fromkeys(trial.prior_set for trial in trials):
@@ -96,7 +96,7 @@ def markdown(trials: Sequence[Trial]) -> str:
 
 
 def plain(trials: Sequence[Trial]) -> str:
-    """Return aligned text: claim by claim, one line for each kind of load, priors and readings."""
+    """Return aligned text: for each claim, one line per kind of load, prior set and readings."""
     names = [" ".join((trial.readings, trial.prior_set, trial.control)) for trial in trials]
     width = max(map(len, names))
     parts = [_explanation(trials)]

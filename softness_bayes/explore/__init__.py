@@ -1,1 +1,1 @@
-"""Fast model in the hand: a page of sliders on this machine, and what it shows."""
+"""Interactive exploration of the model: a local web page of sliders and charts."""

@@ -1,4 +1,4 @@
-"""Command lines that repeat the numbers of a state: one table of one fabric, and `predict` with every parameter."""
+"""Command lines that reproduce the numbers of a state: a table of one fabric, and `predict` with all parameters."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ TABLE = "explored.csv"
 
 
 def repeating(subject: Subject, state: State) -> str:
-    """Return the lines that repeat the touch of a state: a table of its fabric, and the prediction for it."""
+    """Return the lines that reproduce the touch of a state: a table of its fabric, and the prediction for it."""
     words = ["softness-bayes", "predict", "--fabrics", TABLE, *_load(subject.loads[state.load])]
     if subject.rated is not None:
-        # the run brings its finger, readings and noise, and the medians of what has no slider
+        # finger, readings, noise and the medians of parameters without a slider come from the run
         words += ["--posterior", subject.rated.source, *_set(state.values)]
     else:
         words += _of_priors(subject, state)
@@ -33,7 +33,7 @@ def repeating(subject: Subject, state: State) -> str:
 
 
 def _of_priors(subject: Subject, state: State) -> list[str]:
-    """Return the options that give `predict` all values, the finger and the readings."""
+    """Return the options that pass all values, the finger and the readings to `predict`."""
     values = subject.values(state)
     words = _set({n: values[n] for n in TouchParameters._fields if n in values and n not in SHAPE_PARAMETERS})
     finger = values_of(subject.finger) | {f"{n}_mm": values[n] for n in SHAPE_PARAMETERS if n in values}
@@ -49,13 +49,13 @@ def _set(values: Mapping[str, float]) -> list[str]:
 
 
 def _table(subject: Subject, state: State) -> list[str]:
-    """Return the rows of a table of the fabric alone."""
+    """Return the rows of a table with this fabric only."""
     if state.fabric is None:
         name, modulus, poisson = "explored", state.modulus_kpa, subject.poisson_ratio
     else:
         fabrics, k = subject.fabrics, state.fabric
         name, modulus, poisson = fabrics.names[k], fabrics.effective_modulus[k] / KPA, fabrics.poisson_ratio[k]
-    # twelve digits are those of a table, without the rounding of the conversion
+    # twelve digits reproduce the table's value and hide the rounding of the unit conversion
     row, text = (name, f"{modulus:.12g}", f"{poisson:.12g}"), io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([("fabric", "effective_modulus_kpa", "poisson_ratio"), row])
     return text.getvalue().splitlines()

@@ -1,4 +1,4 @@
-"""Page of sliders and charts: what moves calls `picture`, whose arrays go to the charts."""
+"""Page of sliders and charts: each change calls `picture`, and the charts show the resulting arrays."""
 
 from __future__ import annotations
 
@@ -77,9 +77,9 @@ class Page:
     Parameters
     ----------
     subject
-        What is explored.
+        The model to explore.
     document
-        The page's document, into which everything is put.
+        The page's Bokeh document, to which all widgets and charts are added.
     """
 
     def __init__(self, subject: Subject, document: Document) -> None:
@@ -121,7 +121,7 @@ class Page:
         return moved
 
     def _on_modulus(self, kpa: float) -> None:
-        """Touch a fabric without a name: another one has a modulus of its own."""
+        """Switch to the unnamed fabric: a named fabric has a fixed modulus."""
         if self._quiet:
             return
         self._quiet, self.fabric.value, self._quiet = True, "", False
@@ -137,7 +137,7 @@ class Page:
         self._move_to(replace(self.state, fabric=int(chosen), modulus_kpa=kpa))
 
     def _move_to(self, state: State) -> None:
-        """Put all sliders and choices where a state has them, and draw it once."""
+        """Set all sliders and choices to a state, and draw it once."""
         self._quiet = True
         self.load.value, self.fabric.value = str(state.load), "" if state.fabric is None else str(state.fabric)
         self.sliders[MODULUS].value = self.modulus.place(state.modulus_kpa)
@@ -147,7 +147,7 @@ class Page:
         self._to(state)
 
     def _to(self, state: State) -> None:
-        """Draw a state; what the model refuses is said, and the charts stay."""
+        """Draw a state; if the model rejects it, show the message and keep the charts."""
         if self._quiet:
             return
         self.state = state
@@ -164,7 +164,7 @@ class Page:
         return self.sources[name]
 
     def _charts(self) -> dict[str, figure]:
-        """Return the charts, empty."""
+        """Return the empty charts."""
         run = self.subject.rated is not None
         for name, place in (("curve", "x"), ("others", "xs"), ("touched", "x")):
             self._source(name, place, *(["rate", "rating"] if run else ["rate"]))
@@ -220,7 +220,7 @@ class Page:
         return chart
 
     def draw(self, found: Picture) -> None:
-        """Put a picture into the charts, the words, the table and the command."""
+        """Show a picture in the charts, the text, the table and the command."""
         load, rated = self.state.load, self.subject.rated
         curves = {"rate": found.rate} if found.rating is None else {"rate": found.rate, "rating": found.rating}
         here = {"rate": found.chosen["total_rate_hz"], "rating": found.chosen.get("typical_rating")}
@@ -237,11 +237,11 @@ class Page:
         words = [*found.told, *([] if rated is None else [f"Posterior of the run: {rated.shown[load].told}"])]
         self.relay.set("said", "text", _in_words(words, found))
 
-    _shown = -1  # the load of the titles, the bands and the data
-    _shown_already = False  # whether a browser has the document: from then on the relay's message brings all changes
+    _shown = -1  # the load that the titles, the bands and the data show
+    _shown_already = False  # true once a browser has loaded the document; the relay then sends all changes
 
     def _show_load(self, load: int) -> None:
-        """Name the load, and put the bands and the data of a run under it behind the curves."""
+        """Name the load in the titles, and show the run's bands and data for this load behind the curves."""
         for name in self.titles:
             self.relay.set(f"{name} title", "text", title(self.subject.loads[load]))
         if self.subject.rated is not None:
@@ -277,7 +277,7 @@ class Page:
 
 
 def step_above(value: float) -> float:
-    """Return the end of an axis or key that holds a positive value: each new end takes a new layout of its chart."""
+    """Return a rounded upper limit for an axis or key; coarse steps avoid frequent new layouts of the chart."""
     power = 10.0 ** np.floor(np.log10(value))
     return float(power * next(step for step in STEPS_OF_ENDS if step * power >= value))
 
@@ -298,7 +298,7 @@ def _slider(span: Span) -> Slider:
 
 
 def _figure(heading: Title, x: str, y: str, **options: Any) -> figure:
-    # by name, because Bokeh's own types do not know those that it gives to axes and tools
+    # set by name, because Bokeh's type hints lack these attributes of axes and tools
     options |= {"tools": "", "x_axis_label": x, "y_axis_label": y}
     chart = figure(title=heading, height=290, sizing_mode="stretch_width", toolbar_location=None, **options)
     dress(chart)
@@ -306,7 +306,7 @@ def _figure(heading: Title, x: str, y: str, **options: Any) -> figure:
 
 
 def _legend(run: bool) -> str:
-    """Return what the lines of the charts are, in words."""
+    """Return a text that explains the lines of the charts."""
     said = "Black: these parameters under the chosen load; grey: under the others; diamond: the touched fabric; dashed "
     said += "green: the turning point."
     if run:
@@ -315,7 +315,7 @@ def _legend(run: bool) -> str:
 
 
 def _in_words(words: list[str], found: Picture) -> str:
-    """Return sentences, the quantities of a touch as a table, and the command that repeats them."""
+    """Return sentences, the quantities of a touch as a table, and the command that reproduces them."""
     told = "".join(f"<p>{escape(one)}</p>" for one in words)
     rows = "".join(
         f"<tr><td style='padding-right: 2em'>{escape(name)}</td><td>{_shown_number(found.chosen, quantity)}</td></tr>"

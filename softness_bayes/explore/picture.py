@@ -1,4 +1,4 @@
-"""Pictures of a state: what the page shows for one setting of its sliders, computed without it."""
+"""Data shown for one setting of the sliders, computed independently of the page."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ DISTANCES = 201
 
 
 class Picture(NamedTuple):
-    """All that depends on the state, in the units of the axes."""
+    """All displayed quantities that depend on the state, in the units of the axes."""
 
     modulus: Array
     """E_fab of the curves [kPa], shape (points,)."""
@@ -58,12 +58,12 @@ class Picture(NamedTuple):
 
 
 def picture(subject: Subject, state: State) -> Picture:
-    """Return what a state looks like.
+    """Return the picture of a state.
 
     Raises
     ------
     InputError
-        If a value is one that the chain cannot take.
+        If the model cannot evaluate one of the values.
     """
     values = subject.values(state)
     one = TouchParameters(*(np.atleast_1d(value) for value in touch_parameters(values)))
@@ -114,7 +114,7 @@ def _response_in_words(subject: Subject, state: State, found: Inflection) -> str
 
 
 def _reach(subject: Subject, values: Mapping[str, float], chosen: Mapping[str, float]) -> list[str]:
-    """Say where the touch is silent, its geometry questionable, or its modulus beyond those that were rated."""
+    """Return notes: no receptor fires, Hertz's geometry is questionable, or the modulus is outside the rated range."""
     said = []
     if not chosen["total_rate_hz"]:
         said.append(

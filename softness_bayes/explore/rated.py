@@ -34,7 +34,7 @@ class Rated:
     Raises
     ------
     InputError
-        If the run lacks what its model is made from.
+        If the run's files lack inputs that its model needs.
     """
 
     shown: Sequence[Shown]
@@ -58,7 +58,7 @@ class Rated:
         return np.array([values[name] for name in self.posterior.names])
 
     def typical(self, values: Mapping[str, float], rate: Array, fabric: int | None = None) -> Array:
-        """Return the typical rater's rating of touches with some responses [as filed].
+        """Return the typical rater's rating for given responses [unit of the ratings' file].
 
         It is the median over the level of the ratings given the data and these parameters.
 
@@ -67,10 +67,10 @@ class Rated:
         values
             Every parameter by name, in natural units.
         rate
-            Responses [spikes/s], shape (loads, k), a row for each load of `shown`.
+            Responses [spikes/s], shape (loads, k), one row for each load of `shown`.
         fabric
-            Index of the rated fabric that the last column is of, if it is of one: its own deviation, if the model has
-            them, is added there.
+            Index of the rated fabric in the last column, or None. If the model has fabric deviations, that of this
+            fabric is added in the last column.
         """
         posterior, observed = self.posterior, self.posterior.observation
         size = EFFECTS if observed.ends is None else FEW

@@ -1,7 +1,7 @@
-"""Relay of changes to the browser: one message for all of a redraw, and words after the charts.
+"""Relay of changes to the browser: one message per redraw, with text updated after the charts.
 
-Each change of a model is a message of its own, and each new text of a `Div` lays out the whole page anew. Here one
-message brings everything; charts are drawn in one frame, and the words are put into the page behind them.
+By default Bokeh sends a separate message for each change of a model, and each new text of a `Div` triggers a layout of
+the whole page. Here one message carries all changes: the charts are drawn in one frame, and the text follows.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 from bokeh.models import ColumnDataSource, CustomJS, Model
 from bokeh.models.widgets import Div
 
-# what the browser does must not come back to this process as a change: `sync` is false
+# with `sync` false, changes applied in the browser are not sent back to this process
 _DISTRIBUTE = """
 const [columns, values, words] = cb_obj.tags
 for (const [name, keys, lists] of columns) {
@@ -32,20 +32,20 @@ for (const [name, text] of words) {
 
 
 class Relay:
-    """Changes of models, collected until they are sent.
+    """Buffer of model changes until they are sent.
 
     Parameters
     ----------
     models
         The models by name.
     holder
-        A model of the page, among whose tags is the carrier of the message.
+        A model of the page; its tags hold the model that carries the message.
     """
 
     def __init__(self, models: Mapping[str, Model], holder: Model) -> None:
         self._models = dict(models)
         code = CustomJS(args={"names": [*self._models], "models": [*self._models.values()]}, code=_DISTRIBUTE)
-        # no view shows it: one that did would draw itself anew
+        # no view shows this model, so changing it triggers no redraw
         self._carrier = ColumnDataSource()
         self._carrier.js_on_change("tags", code)
         holder.tags = [self._carrier]
@@ -61,7 +61,7 @@ class Relay:
         self._values[name, attribute] = value
 
     def send(self, at_once: bool) -> None:
-        """Apply all changes: to the models themselves, or at once in the browser that shows them already."""
+        """Apply all changes: to the models, or in one message once a browser shows them."""
         columns, values, self._columns, self._values = self._columns, self._values, {}, {}
         if not at_once:
             for name, data in columns.items():

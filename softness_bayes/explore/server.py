@@ -1,4 +1,4 @@
-"""Server of the page: on the loopback address alone, and for pages of its own address alone."""
+"""Local server of the page: it listens on the loopback address and accepts only connections from its own page."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _TAKEN = {errno.EADDRINUSE: "it is in use", errno.EACCES: "it needs other permis
 
 
 def listening(port: int) -> socket:
-    """Return a socket that listens on a port of the loopback address; 0 stands for any that is free.
+    """Return a socket that listens on a port of the loopback address; port 0 selects any free port.
 
     Raises
     ------
@@ -46,11 +46,11 @@ def serve(subject: Subject, opened: socket, told: Callable[[str], None]) -> None
     Parameters
     ----------
     subject
-        What is explored.
+        The model to explore.
     opened
-        From `listening`.
+        Socket from `listening`.
     told
-        Takes the page's address once it is served.
+        Callback that receives the page's address once the server runs.
     """
     server = page_server(subject, opened)
     told(address_of(server))
@@ -58,7 +58,7 @@ def serve(subject: Subject, opened: socket, told: Callable[[str], None]) -> None
 
 
 def page_server(subject: Subject, opened: socket) -> BaseServer:
-    """Return a server of the page, in the event loop of this thread, which is still to be started."""
+    """Return a server of the page in this thread's event loop; the caller starts it."""
     for name in ("bokeh", "tornado"):
         logger = logging.getLogger(name)
         logger.handlers, logger.propagate = [logging.NullHandler()], False
@@ -68,7 +68,7 @@ def page_server(subject: Subject, opened: socket) -> BaseServer:
 
     application = Application(FunctionHandler(begin))
     opened.setblocking(False)
-    opened.setsockopt(IPPROTO_TCP, TCP_NODELAY, 1)  # small messages wait for no others
+    opened.setsockopt(IPPROTO_TCP, TCP_NODELAY, 1)  # send small messages immediately (no Nagle delay)
     port = opened.getsockname()[1]
     tornado = BokehTornado({"/": application}, extra_websocket_origins=[f"{ADDRESS}:{port}"])
     http = HTTPServer(tornado)

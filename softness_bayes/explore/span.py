@@ -1,4 +1,4 @@
-"""Ranges of parameters that move: from a prior's lowest hundredth to its highest."""
+"""Slider ranges of parameters: the central 98 % of each prior."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ def rounded(value: float) -> float:
 
 @dataclass(frozen=True)
 class Span:
-    """One parameter that may be moved.
+    """Range of one parameter with a slider.
 
     Parameters
     ----------
     name, meaning, unit
-        As the parameter is declared.
+        As in the parameter's declaration.
     low, high, start
-        Ends, and where it starts [unit].
+        Ends and initial value [unit].
     logarithmic
-        Whether places are even in the logarithm.
+        True for a logarithmic scale.
     """
 
     name: str
@@ -48,16 +48,16 @@ class Span:
     logarithmic: bool
 
     def place(self, value: float) -> float:
-        """Return where a value lies along the range: its decimal logarithm, or itself."""
+        """Return the slider position of a value: log10 of it on a logarithmic scale, else the value itself."""
         return float(np.log10(value)) if self.logarithmic else value
 
     def value(self, place: float) -> float:
-        """Return the value at a place, the inverse of `place`."""
+        """Return the value at a slider position, the inverse of `place`."""
         return rounded(10.0**place if self.logarithmic else place)
 
 
 def span_of(parameter: Parameter, start: float) -> Span:
-    """Return the central 98 % of a parameter's prior, wider if it starts outside of that."""
+    """Return the central 98 % of a parameter's prior, extended to include its initial value."""
     start, largest = rounded(start), parameter.largest
     low, high = (rounded(float(end)) for end in np.asarray(parameter.prior.quantile([TAIL, 1.0 - TAIL]), float))
     low, high = min(low, start), max(min(high, largest), start)
@@ -73,7 +73,7 @@ def span_of(parameter: Parameter, start: float) -> Span:
 
 
 def _innermost(prior: Any) -> Any:
-    """Return the law that a cut one or one of either sign is made of."""
+    """Return the underlying law of a truncated or sign-symmetric law."""
     while hasattr(prior, "law"):
         prior = prior.law
     return prior

@@ -1,4 +1,4 @@
-"""Subjects of an exploration: the scene and the ranges of its parameters, compiled once and then only evaluated."""
+"""Model behind the page: the scene and its parameter ranges, compiled once and then evaluated for each redraw."""
 
 from __future__ import annotations
 
@@ -47,13 +47,13 @@ class State:
     Parameters
     ----------
     values
-        The parameters that have a slider, by name in natural units.
+        Values of the parameters with a slider, by name in natural units.
     load
         Index of the load.
     fabric
-        Index of the fabric, or None for one of the modulus below.
+        Index of the fabric, or None for an unnamed fabric of modulus `modulus_kpa`.
     modulus_kpa
-        E_fab of a fabric without a name [kPa].
+        E_fab of the unnamed fabric [kPa].
     """
 
     values: Mapping[str, float]
@@ -64,14 +64,14 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """All that stays while sliders move.
+    """All inputs that stay constant while sliders move.
 
     Parameters
     ----------
     spans
-        The parameters that have a slider, with their ranges and where they start.
+        The parameters with a slider: ranges and initial values.
     others
-        Values of all others by name, in natural units: held ones, and of a run the posterior medians.
+        Values of all other parameters by name, in natural units: fixed values, or posterior medians of a run.
     fabrics
         Fabrics by their effective moduli.
     loads
@@ -81,13 +81,13 @@ class Subject:
     firing
         Source of the rate curves.
     box
-        Radii and depths of the receptors that fingers may have.
+        Ranges of fingertip radius and receptor depth that the stress tables cover.
     poisson_ratio
-        nu_fab of the curve, and of a fabric without a name [-].
+        nu_fab of the curve and of the unnamed fabric [-].
     least_drop
-        Share of a maximum by which it exceeds both ends to be a turning point.
+        Smallest relative drop from a maximum to both ends for it to count as a turning point.
     rated
-        Data and posterior of a run; None without one.
+        Data and posterior of a run; None without a run.
     """
 
     spans: tuple[Span, ...]
@@ -105,7 +105,7 @@ class Subject:
 
     @property
     def start(self) -> State:
-        """The state at the beginning: the medians, and the fabric in the middle under the last load."""
+        """The initial state: the medians, and the middle fabric under the last load."""
         middle = int(np.argsort(self.fabrics.effective_modulus)[len(self.fabrics) // 2])
         kpa = self.fabrics.effective_modulus[middle] / KPA
         values = {span.name: span.start for span in self.spans}
@@ -124,7 +124,7 @@ class Subject:
 
     @cached_property
     def touches(self) -> Scene:
-        """The scene of the fabrics, and last of one that may have any modulus, under every load."""
+        """The scene of all fabrics and, in the last place, the unnamed fabric of any modulus, under every load."""
         free = float(np.sqrt(self.ends[0] * self.ends[1]))
         moduli = np.append(self.fabrics.effective_modulus, free)
         return self._scene(moduli, np.append(self.fabrics.poisson_ratio, self.poisson_ratio), self.ends)
@@ -134,7 +134,7 @@ class Subject:
         return {}
 
     def touch(self, state: State) -> Scene:
-        """Return the scene of the touch of a state alone; made once for each fabric and load."""
+        """Return the scene of a state's touch alone; cached for each fabric and load."""
         fabric = len(self.fabrics) if state.fabric is None else state.fabric
         if (fabric, state.load) not in self._touch:
             here = (self.touches.fabric == fabric) & (self.touches.load == state.load)
@@ -155,7 +155,7 @@ class Subject:
 
     @cached_property
     def receptors(self) -> Array:
-        """Places of a pad's receptors [m], shape (receptors, 2): one finger drawn at random, the same each time."""
+        """Receptor positions on the pad [m], shape (receptors, 2): one random draw with a fixed seed."""
         return draw_receptors(np.random.default_rng(0), self.finger, self.readings.receptor_density)
 
     def values(self, state: State) -> dict[str, float]:
@@ -164,7 +164,7 @@ class Subject:
 
 
 def example_fabrics() -> Fabrics:
-    """Return the fabrics of the example that 'new' writes."""
+    """Return the fabrics of the example written by the command 'new'."""
     with as_file(files("softness_bayes") / "example" / "fabrics.csv") as path:
         return Fabrics.read(path)
 
@@ -178,19 +178,19 @@ def of_priors(
     fix: Mapping[str, float] | None = None,
     finger: Finger = Finger(),
 ) -> Subject:
-    """Return the chain under some priors, at their medians.
+    """Return the model at the medians of the given priors.
 
     Parameters
     ----------
     fabrics, loads
-        What is touched, and how.
+        The fabrics, and the loads that press on them.
     readings, prior_set, priors, fix, finger
-        As a run takes them. What is fixed has no slider.
+        As for a run. Fixed parameters have no slider.
 
     Raises
     ------
     InputError
-        If these do not fit together, or a fabric has no modulus.
+        If the arguments are inconsistent, or a fabric has no modulus.
     """
     require_one_source(priors or {}, finger)
     space = parameter_space(
@@ -225,7 +225,7 @@ def of_run(result: Result) -> Subject:
     Raises
     ------
     InputError
-        If the run had no ratings, or lacks what its model is made from.
+        If the run had no ratings, or its files lack inputs that its model needs.
     """
     if not result.has_ratings:
         raise InputError(f"{result.source}: a run without ratings has no response to explore")
