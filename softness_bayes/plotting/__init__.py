@@ -1,7 +1,7 @@
-"""Figures: each function draws arrays that it is given and returns a matplotlib ``Figure``.
+"""Figures: each function draws the arrays that are passed to it and returns a matplotlib ``Figure``.
 
-None runs the model. matplotlib is imported when a figure is made, not here. The artists carry their data:
-each has a ``gid`` of the form ``what/load``, as in ``median/1 mm``.
+The functions do not run the model. matplotlib is imported only when a figure is made. Each artist that shows data
+has a ``gid`` of the form ``what/load``, for example ``median/1 mm``.
 """
 
 from softness_bayes.plotting.chains import rank_figure, trace_figure

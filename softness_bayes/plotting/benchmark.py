@@ -1,4 +1,4 @@
-"""Work against precision: time for each parameter vector and error, both logarithmic."""
+"""Work-precision diagram: time per parameter vector against error, on logarithmic axes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MARKERS = "s^vDP*"
-"""Of the peers, in turn."""
+"""Markers of the peers, used in turn."""
 
 
 def work_precision_figure(
@@ -27,18 +27,18 @@ def work_precision_figure(
     *,
     style: Style = USUAL,
 ) -> Figure:
-    """Draw time against error of each stage, and peers as points.
+    """Draw time against error: a line for each stage, and a point for each peer.
 
     Parameters
     ----------
     series
-        Name -> times for each parameter vector [s] and largest errors, each of shape (settings,).
+        Name of each stage -> time per parameter vector [s] and largest error, each of shape (settings,).
     peers
-        Name -> time [s] and error.
+        Name of each peer -> time per parameter vector [s] and error.
     dial
-        Time and error of the dial's usual setting, marked.
+        Time and error at the default accuracy setting, which is marked.
     machine
-        What the times are of.
+        Description of the machine on which the times were measured.
     style
         How it looks.
 
@@ -77,7 +77,7 @@ def work_precision_figure(
 
 
 def _draw_series(axes: Axes, series: Mapping[str, tuple[ArrayLike, ArrayLike]], style: Style) -> None:
-    """Draw a line for each stage; settings without an error have no place on a logarithmic axis."""
+    """Draw a line for each stage, omitting settings without a positive error because the axis is logarithmic."""
     colours = [*style.ensembles]
     for k, (name, (seconds, error)) in enumerate(series.items()):
         time, wrong = 1e6 * np.asarray(seconds, float), np.asarray(error, float)

@@ -19,17 +19,17 @@ if TYPE_CHECKING:
 
 
 def rank_ecdf_figure(ranks: ArrayLike, draws: int, labels: Sequence[str], *, style: Style = USUAL) -> Figure:
-    """Draw the distribution function of each quantity's ranks minus the uniform one, with the verdict's limits.
+    """Draw the empirical distribution function of each quantity's ranks minus the uniform one, with limits.
 
-    A curve leaves its band exactly where the verdict calls its ranks not uniform. The panel's title names a
-    fault, such as intervals of a wrong width.
+    The limits are those of the verdict: if a curve leaves its band, the verdict reports ranks that are not uniform.
+    The title of the panel then names the fault, such as intervals of the wrong width.
 
     Parameters
     ----------
     ranks
         Ranks from 0 to `draws`, shape (replicates, quantities).
     draws
-        Posterior draws that each true value was ranked among.
+        Number of posterior draws among which each true value was ranked.
     labels
         Names of the quantities.
     style

@@ -16,18 +16,18 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST_STEPS = 1000
-"""Steps of a chain that a trace shows."""
+"""Largest number of steps shown in a trace."""
 
 
 def trace_figure(draws: ArrayLike, ensemble: ArrayLike, labels: Sequence[str], *, style: Style = USUAL) -> Figure:
-    """Draw the course of each ensemble: median, 5 % and 95 % of its walkers at every kept step.
+    """Draw the trace of each ensemble: median, 5 % and 95 % quantiles of its walkers at every stored step.
 
     Parameters
     ----------
     draws
-        Shape (walkers, steps, parameters), the walkers of all ensembles.
+        Draws of the walkers of all ensembles, shape (walkers, steps, parameters).
     ensemble
-        The ensemble of each walker, shape (walkers,).
+        Index of each walker's ensemble, shape (walkers,).
     labels
         Symbol and unit of each parameter.
     style
@@ -66,7 +66,7 @@ def trace_figure(draws: ArrayLike, ensemble: ArrayLike, labels: Sequence[str], *
 def rank_figure(
     draws: ArrayLike, ensemble: ArrayLike, labels: Sequence[str], *, bins: int = 20, style: Style = USUAL
 ) -> Figure:
-    """Draw the distribution of the ranks of each ensemble's draws among all draws; it is flat if they agree.
+    """Draw rank histograms of each ensemble's draws among all draws; they are flat if the ensembles agree.
 
     Parameters, artists (``rank/k/ensemble``, step patches around 1) and errors as in `trace_figure`.
     """
@@ -87,7 +87,7 @@ def rank_figure(
                 steps.set_gid(f"rank/{place}/{name}")
             axes.set_title(label)
             axes.set(xlim=(0, 1), xticks=(0, 0.5, 1))
-        grid.panels[0].set_ylim(0.0, None)  # the shared axis, after everything is drawn
+        grid.panels[0].set_ylim(0.0, None)  # limits of the shared axis, set after everything is drawn
         for axes in grid.leftmost:
             axes.set_ylabel("density [–]")
         for axes in grid.lowest:

@@ -1,4 +1,4 @@
-"""Predictive checks: test quantities of replicated ratings beside those of the ratings."""
+"""Predictive checks: test quantities of the observed ratings compared with those of replicated ratings."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 
 
 BINS = 24
-"""Of the replicates of a quantity."""
+"""Number of bins in the histogram of a test quantity."""
 
 MOST_OUTSIDE = 6
-"""Number of fabrics outside of their bars that are named in a panel."""
+"""Largest number of fabrics outside their limits that are named in a panel."""
 
 FEW = 30
-"""Number of replicates with a quantity below which each of them is drawn, and no histogram."""
+"""Smallest number of replicates for a histogram; fewer replicates are drawn as separate ticks."""
 
 
 class Means(NamedTuple):
@@ -38,40 +38,40 @@ class Means(NamedTuple):
     """E_fab [Pa]."""
     observed: Array
     low: Array
-    """Lower limit of the replicates, joint over all conditions."""
+    """Lower limit of the replicates, simultaneous over all conditions."""
     high: Array
     fabrics: Sequence[str] = ()
-    """Their names; those outside of the limits are written beside them."""
+    """Names of the fabrics; the figure names fabrics outside their limits."""
 
 
 class Replicated(NamedTuple):
-    """One test quantity of the data among those of replicates."""
+    """One test quantity, for the data and for the replicates."""
 
     name: str
     observed: float
-    """NaN where the data do not have it."""
+    """Value for the data; NaN if it is undefined."""
     replicates: Array
-    """Shape (replicates,), NaN where a replicate does not have it."""
+    """Values for the replicates, NaN where undefined, shape (replicates,)."""
     p_value: float
-    """Probability of a replicate above the observed value."""
+    """Probability that a replicate exceeds the observed value."""
 
 
 def checks_figure(
     means: Sequence[Means], quantities: Sequence[Replicated], scale: str = "log", *, style: Style = USUAL
 ) -> Figure:
-    """Draw observed mean log ratings within the replicates' limits, and test quantities among their replicates.
+    """Draw observed mean log ratings with the limits of the replicates, and histograms of test quantities.
 
-    A bar contains 90 % of the replicates, over all conditions at once; a fabric outside of its bar is named.
-    Histograms show the replicates that have the quantity; of fewer than `FEW` each is a tick. Quantities that neither
-    the data nor a replicate has are left out. The place of a turning
-    point has a logarithmic axis.
+    The bars contain 90 % of the replicates simultaneously over all conditions. Fabrics outside their bars are named.
+    The histograms show the replicates for which a quantity is defined. If there are fewer than `FEW`, each one
+    is drawn as a tick. A quantity that is undefined for the data and for all replicates is omitted. The location of
+    a turning point is shown on a logarithmic axis.
 
     Parameters
     ----------
     means
         One panel for each load.
     quantities
-        One panel each, if anything has it.
+        Test quantities, with one panel for each that is defined anywhere.
     scale
         Unit of the means.
     style
@@ -80,8 +80,8 @@ def checks_figure(
     Returns
     -------
     Figure
-        Artists named ``limits/1 mm`` and ``observed/1 mm`` (E_fab in kPa), ``replicates/k`` or, of few, ``each/k``,
-        and ``observed/k``.
+        Artists named ``limits/1 mm`` and ``observed/1 mm`` (E_fab in kPa), ``observed/k``, and ``replicates/k``
+        (a histogram) or ``each/k`` (ticks).
 
     Raises
     ------
@@ -151,7 +151,7 @@ def _draw_quantity(axes: Axes, quantity: Replicated, style: Style, gid: str) -> 
     words = axes.text(0.98, 0.99, said, transform=axes.transAxes, ha="right", va="top", fontsize=style.small)
     words.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 1})
     axes.set(xlabel=quantity.name, yticks=(), xscale="log" if wide else "linear")
-    axes.set_ylim(0.0, (1.7 if "\n" in said else 1.3) * top or 1.0)  # room for the words
+    axes.set_ylim(0.0, (1.7 if "\n" in said else 1.3) * top or 1.0)  # space for the text
     axes.spines["left"].set_visible(False)
     if yes_or_no:
         axes.set_xticks((0, 1), ("no", "yes"))
@@ -160,7 +160,7 @@ def _draw_quantity(axes: Axes, quantity: Replicated, style: Style, gid: str) -> 
 
 
 def _draw_histogram(axes: Axes, known: Array, edges: Array, style: Style, gid: str) -> float:
-    """Draw the share of the replicates in each bin, and return the largest."""
+    """Draw the fraction of the replicates in each bin, and return the largest fraction."""
     heights = np.histogram(known, edges)[0] / max(known.size, 1)
     steps = axes.stairs(heights, edges, fill=True, color=style.tint(style.posterior, 0.5))
     steps.set(gid=f"replicates/{gid}", label="replicates")
@@ -177,15 +177,15 @@ def _draw_each(axes: Axes, known: Array, style: Style, gid: str) -> float:
 def loo_pit_figure(values: ArrayLike, points: ArrayLike, probability: float = 0.95, *, style: Style = USUAL) -> Figure:
     """Draw the distribution function of LOO-PIT values minus the uniform one, with simultaneous limits.
 
-    The limits are those of independent values. LOO-PIT values are not independent, so that the limits are approximate
-    and somewhat too wide.
+    The limits assume independent values. LOO-PIT values are dependent, so the limits are approximate and slightly
+    too wide.
 
     Parameters
     ----------
     values
         LOO-PIT values, between 0 and 1, shape (ratings,).
     points
-        Points at which the distribution function is evaluated, rising inside (0, 1), shape (points,).
+        Points at which the distribution function is evaluated, in ascending order inside (0, 1), shape (points,).
     probability
         Probability that independent uniform values stay inside the limits everywhere.
     style

@@ -1,4 +1,4 @@
-"""Choices instead of numbers, beside those of replicates: categories, and pairs as psychometric curves."""
+"""Predictive checks of categorical ratings and of paired comparisons, with psychometric curves for the pairs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 IndexArray = NDArray[np.intp]
 
 INSIDE = 0.9
-"""Share of the replicates within the limits, of each category or fabric by itself."""
+"""Probability of the replicates' pointwise limits, for each category or fabric separately."""
 
 
 class Counts(NamedTuple):
@@ -33,37 +33,37 @@ class Counts(NamedTuple):
     observed: Array
     """Number of ratings in each category, shape (categories,)."""
     replicates: Array
-    """The same of replicates, shape (replicates, categories)."""
+    """The same numbers for the replicates, shape (replicates, categories)."""
 
 
 class Wins(NamedTuple):
-    """Shares of answers that call a fabric softer than the standard, under one load."""
+    """Fraction of answers that judge each fabric softer than the standard, under one load."""
 
     load: str
     """Name of the load."""
     standard: str
-    """The fabric that the others were compared with."""
+    """Name of the standard: the fabric with which the others were compared."""
     modulus: Array
-    """E_fab of the others [Pa], rising, shape (fabrics,)."""
+    """E_fab of the other fabrics [Pa], in ascending order, shape (fabrics,)."""
     fabrics: Sequence[str]
-    """Their names."""
+    """Names of the other fabrics."""
     answers: IndexArray
-    """Number of answers for each of them, shape (fabrics,)."""
+    """Number of answers for each of the other fabrics, shape (fabrics,)."""
     observed: Array
-    """Share of these that call it softer, shape (fabrics,)."""
+    """Fraction of these answers that judge the fabric softer than the standard, shape (fabrics,)."""
     replicates: Array
-    """The same of replicates, shape (replicates, fabrics)."""
+    """The same fractions for the replicates, shape (replicates, fabrics)."""
 
 
 def counts_of(load: str, observed: Array, replicates: Array, categories: int) -> Counts:
-    """Return the number of ratings in each category, from 1.
+    """Return the number of ratings in each category; categories are numbered from 1.
 
     Parameters
     ----------
     load
         Name of the load.
     observed, replicates
-        Categories of the ratings under it, shapes (rows,) and (replicates, rows).
+        Categories of the ratings under this load, shapes (rows,) and (replicates, rows).
     categories
         Number of categories.
     """
@@ -72,7 +72,7 @@ def counts_of(load: str, observed: Array, replicates: Array, categories: int) ->
 
 
 def rows_of_pairs(lists: IndexArray) -> IndexArray:
-    """Return the two rows of each pair, shape (pairs, 2), by each row's list; lists of one are left out."""
+    """Return the two rows of each pair, shape (pairs, 2): rows of the same list. Lists of one row are omitted."""
     order = np.argsort(lists, kind="stable")
     first = np.flatnonzero(lists[order][1:] == lists[order][:-1])
     return np.stack([order[first], order[first + 1]], axis=1)
@@ -86,7 +86,9 @@ def wins_of(
     observed: Array,
     replicates: Array,
 ) -> Wins:
-    """Return shares of answers against the fabric that was asked about most often, of several the one in the middle.
+    """Return the fraction of answers that judge each fabric softer than the standard.
+
+    The standard is the fabric that was compared most often. If several qualify, it is the middle one of these.
 
     Parameters
     ----------
@@ -97,9 +99,9 @@ def wins_of(
     pairs
         Fabrics of each pair under that load, shape (pairs, 2).
     observed
-        1 where the first one was called softer, 0 where the other one was, 1/2 where neither, shape (pairs,).
+        1 if the first fabric was judged softer, 0 if the second was, 1/2 if neither was, shape (pairs,).
     replicates
-        The same of replicates, shape (replicates, pairs).
+        The same values for the replicates, shape (replicates, pairs).
     """
     asked = np.bincount(pairs.ravel(), minlength=modulus.size)
     often = np.flatnonzero(asked == asked.max())
@@ -154,7 +156,7 @@ def categories_figure(counts: Sequence[Counts], *, style: Style = USUAL) -> Figu
 
 
 def psychometric_figure(wins: Sequence[Wins], *, style: Style = USUAL) -> Figure:
-    """Draw the share of answers that call a fabric softer than the standard, against its modulus.
+    """Draw the fraction of answers that judge a fabric softer than the standard, against the fabric's modulus.
 
     Parameters
     ----------
@@ -193,19 +195,19 @@ def psychometric_figure(wins: Sequence[Wins], *, style: Style = USUAL) -> Figure
 
 
 def _numbers(ratings: Array, each: IndexArray) -> Array:
-    """Return how many ratings have each of some values, shape (values,)."""
+    """Return the number of ratings equal to each value, shape (values,)."""
     return (ratings[:, None] == each).sum(axis=0).astype(float)
 
 
 def _panels(count: int, style: Style) -> FreePanels:
-    """Return a figure with so many panels, or raise an error if there is none."""
+    """Return a figure with the given number of panels; raise an error if the number is zero."""
     if not count:
         raise InputError("figure: no load has answers to show")
     return free_panels(count, style, columns=min(count, 3), height=1.6)
 
 
 def _limits(axes: Axes, x: Array | IndexArray, replicates: Array, load: str, style: Style) -> None:
-    """Draw the median of the replicates, and the limits within which `INSIDE` of them lie."""
+    """Draw the median of the replicates and the limits that contain the fraction `INSIDE` of them."""
     low, middle, high = np.quantile(replicates, [0.5 - INSIDE / 2, 0.5, 0.5 + INSIDE / 2], axis=0)
     colour = style.tint(style.posterior, 0.7)
     lines = axes.vlines(x, low, high, color=colour, linewidth=3.0, zorder=3)

@@ -24,7 +24,7 @@ def compression_figure(
     *,
     style: Style = USUAL,
 ) -> Figure:
-    """Draw the typical finger's force with credible bands, and the fingers' own forces, on logarithmic axes.
+    """Draw the typical finger's force with credible bands, and the observed forces, on logarithmic axes.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def compression_figure(
     force
         Draws of the typical finger's force [N], shape (draws, points).
     observed_indentation, observed_force
-        The data [m] and [N], shape (rows,).
+        Observed indentations [m] and forces [N], shape (rows,).
     finger
         Index of each row's finger, shape (rows,).
     style

@@ -1,4 +1,4 @@
-"""Contents of each figure, taken from what a finished run stores."""
+"""Contents of each figure, taken from the stored results of a finished run."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ TOLD: Mapping[str, str] = MappingProxyType(
         "smallest residual / sd": "smallest residual / sd [–]",
     }
 )
-"""Axis labels of the test quantities; `scale` is the unit of the additive scale."""
+"""Axis labels of the test quantities; `scale` is replaced by the unit of the additive rating scale."""
 
 
 class _Some(NamedTuple):
-    """The loads of a result that are drawn: all of them, or groups of many."""
+    """The loads of a result that are drawn: each load, or groups of loads if there are many."""
 
     result: Drawable
     groups: LoadGroups
@@ -73,7 +73,7 @@ class _Some(NamedTuple):
         return np.asarray(self.groups.of[self.result.group("constant_data")["load_index"].values])
 
     def observed(self) -> Observed:
-        """Return the ratings by condition, a condition being a fabric under a load, or under a group of loads."""
+        """Return the ratings by condition: a fabric under one load or under one group of loads."""
         constant, modulus = self.result.group("constant_data"), _fabric_modulus(self.result)
         count = self.groups.at.size
         return observed_ratings(
@@ -86,7 +86,7 @@ class _Some(NamedTuple):
         )
 
     def said(self, figure: Figure, style: Style, curves: bool = True) -> Figure:
-        """Return a figure that says that it shows loads in groups."""
+        """Add a note to a figure if it shows groups of loads, and return the figure."""
         with style.applied():
             say_grouped(figure, self.groups, style, curves)
         return figure
@@ -108,7 +108,7 @@ def response(result: Drawable, style: Style) -> Figure:
 
 
 def _finger_radius(result: Drawable) -> float:
-    """Return the finger's radius [m]; results that do not record it are of the usual finger."""
+    """Return the radius of the finger [m]; it is the default radius if the result does not record one."""
     from softness_bayes.touch.contact import Finger
 
     constant = result.group("constant_data")
@@ -144,7 +144,7 @@ def rating_ratio(result: Drawable, style: Style) -> Figure:
 
 
 def inflection(result: Drawable, style: Style) -> Figure:
-    """Draw where the response turns over."""
+    """Draw the posterior of the turning point of the response."""
     some = _Some.of(result)
     drawn = inflection_figure(result.inflections(), some.loads, _fabric_modulus(result), style=style)
     return some.said(drawn, style)
@@ -175,7 +175,7 @@ def prior(result: Drawable, style: Style) -> Figure:
 
 
 def _laws(result: Drawable, names: Sequence[str]) -> list[Prior | None]:
-    """Return the law of each parameter's prior within the parameter's range; None where the result has none."""
+    """Return each parameter's prior distribution, truncated to its range; None where the result has none."""
     from softness_bayes.parameters.declared import EVERY_PARAMETER
     from softness_bayes.parameters.priors import Truncated
     from softness_bayes.provenance import Provenance
@@ -188,13 +188,13 @@ def _laws(result: Drawable, names: Sequence[str]) -> list[Prior | None]:
 
 
 def trace(result: Drawable, style: Style) -> Figure:
-    """Draw the course of the ensembles."""
+    """Draw the traces of the ensembles."""
     names = _sampled(result)
     return trace_figure(*_walkers(result, names), _labels(names), style=style)
 
 
 def rank(result: Drawable, style: Style) -> Figure:
-    """Draw ranks of the draws of each ensemble."""
+    """Draw rank histograms of each ensemble's draws."""
     names = _sampled(result)
     return rank_figure(*_walkers(result, names), _labels(names), style=style)
 
@@ -213,7 +213,7 @@ def compression(result: Drawable, style: Style) -> Figure:
 
 
 def checks(result: Drawable, style: Style) -> Figure:
-    """Draw test quantities of the ratings among those of replicates."""
+    """Draw test quantities of the ratings and of the replicates."""
     from softness_bayes.checking.check_table import ALL, posterior_quantities
     from softness_bayes.checking.quantities import Columns
 
@@ -254,7 +254,7 @@ def category_counts(result: Drawable, style: Style) -> Figure:
 
 
 def psychometric(result: Drawable, style: Style) -> Figure:
-    """Draw answers to pairs with the fabric that was asked about most often."""
+    """Draw the answers to pairs that contain the most frequently compared fabric."""
     constant, some = result.group("constant_data"), _Some.of(result)
     load, fabric = some.load, constant["fabric_index"].values
     fallback = constant["participant_index"].values * len(result.loads) + constant["load_index"].values
@@ -270,19 +270,19 @@ def psychometric(result: Drawable, style: Style) -> Figure:
 
 
 def _answers(result: Drawable) -> tuple[Array, Array]:
-    """Return ratings, shape (rows,), and those of replicates, shape (draws, rows)."""
+    """Return observed ratings, shape (rows,), and replicated ratings, shape (draws, rows)."""
     return result.group("observed_data")["rating"].values, result.group("posterior_predictive")["rating"].values[0]
 
 
 def loo_pit(result: Drawable, style: Style) -> Figure:
-    """Draw the ratings' places in their predictions from all the others."""
+    """Draw the LOO-PIT values of the ratings."""
     from softness_bayes.checking.check_table import LOO_PIT, PIT_POINTS
 
     return loo_pit_figure(result.group("constant_data")[LOO_PIT].values, PIT_POINTS, style=style)
 
 
 def touch(result: Drawable, style: Style) -> Figure:
-    """Draw pressure and stress under the pad, and its receptors by their rate."""
+    """Draw pressure and stress under the finger pad, and the firing rates of its receptors."""
     stored = result.group("illustrations")
     low, middle, high = (stored.sel(quantile=level) for level in (0.025, 0.5, 0.975))
 
@@ -306,7 +306,7 @@ def touch(result: Drawable, style: Style) -> Figure:
 
 
 def _touched_names(result: Drawable) -> list[str]:
-    """Return what the fabrics of the figure of a touch are, with the names of those that were rated."""
+    """Return labels of the fabrics in the touch figure, including the names of rated fabrics."""
     stored, modulus = result.group("illustrations"), _fabric_modulus(result)
     found = []
     for what, at in zip(stored["touch_fabric"].values, stored["touch_e_fab_kpa"].values * 1e3, strict=True):
@@ -352,7 +352,7 @@ def _labels(names: Sequence[str]) -> list[str]:
 
 
 def _draws(result: Drawable, group: str, names: Sequence[str]) -> Array:
-    """Return draws of all chains side by side in time, shape (draws, parameters)."""
+    """Return the draws of all chains, interleaved in time, shape (draws, parameters)."""
     stored = result.group(group)
     return np.stack([stored[name].values.T.ravel() for name in names], axis=-1)
 

@@ -1,4 +1,4 @@
-"""Data of a figure as a table: what each of its named artists shows."""
+"""Data of a figure as a table, collected from its named artists."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DIGITS = 7
-"""Significant digits of the numbers."""
+"""Number of significant digits in the table."""
 
 _NAMES, _TABLE = "softness_bayes_names", "softness_bayes_table"
 
 LEFT_OUT = ("name", "guide")
-"""Artists that repeat what others show."""
+"""Artists that are omitted because they repeat the data of others."""
 
 
 class _Rows(NamedTuple):
-    """Rows of one artist: points, or ranges along an axis; NaN where there is no end."""
+    """Table rows of one artist: points, or ranges along an axis; the end of a point is NaN."""
 
     x: ArrayLike
     y: ArrayLike
@@ -34,13 +34,13 @@ class _Rows(NamedTuple):
 
 
 def name_rows(artist: Artist, names: Sequence[str]) -> None:
-    """Give the points of an artist the names of what they are, such as fabrics."""
+    """Attach names, such as those of fabrics, to the points of an artist."""
     if len(names):
         setattr(artist, _NAMES, [str(name) for name in names])
 
 
 def carry(figure: Figure, table: pd.DataFrame) -> None:
-    """Give a figure the table of its data, where its artists do not hold them."""
+    """Attach a table of data to a figure whose artists do not contain these data."""
     setattr(figure, _TABLE, table)
 
 
@@ -50,9 +50,10 @@ def data_of(figure: Figure) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        The table that the figure carries, else a row for each point, bar or step of each artist with a ``gid``:
-        element, panel (what precedes and follows its first slash), name (of a fabric), x, y, x_end, y_end (of a band,
-        bar or step), value (what a colour stands for), x_axis, y_axis (the labels of the panel).
+        The table attached to the figure, if any. Otherwise one row for each point, bar or step of each artist with a
+        ``gid``. The columns are: element and panel (the parts of the gid before and after its first slash), name (of
+        a fabric), x, y, x_end and y_end (of a band, bar or step), value (the quantity shown by the colour), x_axis
+        and y_axis (the labels of the panel).
     """
     import pandas as pd
 
@@ -79,7 +80,7 @@ def data_of(figure: Figure) -> pd.DataFrame:
 
 
 def _rows_of(artist: Artist) -> Iterator[_Rows]:
-    """Yield what an artist shows."""
+    """Yield the table rows of an artist."""
     from matplotlib.collections import LineCollection, PathCollection, PolyCollection
     from matplotlib.lines import Line2D
     from matplotlib.patches import Circle, Rectangle, StepPatch
@@ -91,7 +92,7 @@ def _rows_of(artist: Artist) -> Iterator[_Rows]:
             values, edges, _ = artist.get_data()
             yield _Rows(edges[:-1], values, edges[1:])
         case LineCollection():
-            # a segment without a known end has no points
+            # a segment with an unknown end contains no points
             segments = [np.asarray(segment) for segment in artist.get_segments()]
             ends = np.array([s[[0, -1]] if len(s) else np.full((2, 2), np.nan) for s in segments]).reshape(-1, 2, 2)
             yield _Rows(ends[:, 0, 0], ends[:, 0, 1], ends[:, 1, 0], ends[:, 1, 1])
@@ -110,22 +111,22 @@ def _rows_of(artist: Artist) -> Iterator[_Rows]:
 
 
 def _is_height(artist: Artist, axes: Axes) -> bool:
-    """Return whether an artist's heights are values on the vertical axis, and not places in the panel."""
+    """Return whether an artist's heights are values on the vertical axis, rather than positions in the panel."""
     from matplotlib.collections import PathCollection
 
     up: bool = artist.get_transform().contains_branch_seperately(axes.transData)[1]
-    return up or isinstance(artist, PathCollection)  # markers have a transform of their own
+    return up or isinstance(artist, PathCollection)  # markers use a separate transform
 
 
 def _band(vertices: Any) -> _Rows:
-    """Return lower and upper limits along x of an outline as ``fill_between`` draws it."""
+    """Return the lower and upper limits along x of an outline drawn by ``fill_between``."""
     points = (len(vertices) - 3) // 2
     low, high = vertices[1 : points + 1], vertices[points + 2 : -1][::-1]
     return _Rows(low[:, 0], low[:, 1], y_end=high[:, 1])
 
 
 def _label(axes: Axes, which: str) -> str:
-    """Return the label of a panel's axis, its neighbours' where it shares theirs."""
+    """Return the label of a panel's axis; for a shared axis it may come from a neighbouring panel."""
     own = str(getattr(axes, f"get_{which}label")())
     if own:
         return own
@@ -134,14 +135,14 @@ def _label(axes: Axes, which: str) -> str:
 
 
 def _plain(label: str) -> str:
-    """Return a label without the marks of mathematics."""
+    """Return a label without mathtext markup."""
     for mark, plain in (("\\mathrm", ""), ("\\,", " "), ("{", ""), ("}", ""), ("$", ""), ("\n", " ")):
         label = label.replace(mark, plain)
     return " ".join(label.split())
 
 
 def _rounded(table: pd.DataFrame) -> pd.DataFrame:
-    """Return a table with numbers of `DIGITS` significant digits, and empty columns left out."""
+    """Return a table without empty columns, with numbers rounded to `DIGITS` significant digits."""
     table = table.copy()
     for name in table.columns:
         if table[name].dtype.kind == "f":

@@ -1,4 +1,4 @@
-"""Data and fabrics of a design beside the prior's response, under each load."""
+"""Data and fabrics of a design, compared with the response predicted by the prior under each load."""
 
 from __future__ import annotations
 
@@ -46,7 +46,9 @@ def design_figure(
     scale: Scale = MAGNITUDE,
     style: Style = USUAL,
 ) -> Figure:
-    """Draw condition means over the response under the prior, relative to each draw's largest.
+    """Draw the mean rating of each condition over the response predicted by the prior.
+
+    Each draw of the response is divided by its maximum.
 
     Parameters
     ----------
@@ -57,7 +59,8 @@ def design_figure(
     observed
         The data of these loads.
     groups
-        The loads, one panel each, or groups of many, whose responses are those of their middle loads.
+        The loads, with one panel each. If there are many, they are grouped; a group's response is that of its middle
+        load.
     scale
         Scale of the ratings.
     style

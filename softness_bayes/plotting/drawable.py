@@ -15,11 +15,11 @@ if TYPE_CHECKING:
 
 
 class Drawable(Protocol):
-    """A finished run as its figures know it; `Result` is one."""
+    """Interface of a finished run that the figures use; `Result` implements it."""
 
     @property
     def tree(self) -> xr.DataTree:
-        """Its groups."""
+        """The groups of the result."""
 
     @property
     def scale(self) -> Scale:
@@ -33,10 +33,10 @@ class Drawable(Protocol):
         """Return one group."""
 
     def curves(self) -> Curves:
-        """Return the response against E_fab, draw by draw, under each load, or group of many loads."""
+        """Return the response against E_fab for each draw, under each load or group of loads."""
 
     def typical_ratings(self) -> NDArray[np.float64]:
         """Return the rating that a typical participant gives along these curves, shape (draws, loads, points)."""
 
     def inflections(self) -> Inflection:
-        """Return where the response turns over, draw by draw, under the same loads."""
+        """Return the turning points of the response for each draw, under the same loads."""

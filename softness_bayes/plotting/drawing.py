@@ -1,4 +1,4 @@
-"""One figure of a finished run: what it shows, what it needs, and users' own figures."""
+"""Definition of one figure of a finished run: its content and required data, including custom figures."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from softness_bayes.plotting.drawable import Drawable
 
 FIRST_LOOK = "first look: not converged"
-"""Written on every figure of a run that ended at its first look."""
+"""Note on every figure of a run that ended at its first convergence check."""
 
 
 @dataclass(frozen=True)
@@ -42,15 +42,15 @@ class Drawing:
     Parameters
     ----------
     draw
-        Makes the figure from what the result stores.
+        Function that makes the figure from the stored result.
     shows
-        The content of the figure, in a line.
+        Description of the figure in one line.
     needs
-        Variables that it needs.
+        Variables that the figure needs.
     on_request
-        Whether it is drawn only if it is asked for.
+        Whether the figure is drawn only on request.
     only
-        The scale of ratings that it is for; None if for any.
+        The rating scale that the figure is limited to; None for any scale.
     """
 
     draw: Callable[[Drawable, Style], Figure]
@@ -60,7 +60,7 @@ class Drawing:
     only: Scale | None = None
 
     def lacks(self, result: Drawable) -> str:
-        """Return why a result lacks the data of this figure; empty if it has them."""
+        """Return the reason why the data of this figure are missing; empty if the result has them."""
         if missing := next((source.absent for source in self.needs if not source.is_in(result)), ""):
             return missing
         wrong = self.only is not None and result.scale != self.only
@@ -72,12 +72,12 @@ class Drawing:
         Raises
         ------
         InputError
-            If the result does not hold what the figure shows.
+            If the result lacks the data of the figure.
         """
         if reason := self.lacks(result):
             raise InputError(f"figure: cannot show {self.shows}: {reason}")
         figure = self.draw(result, style)
-        from softness_bayes.provenance import is_first_look  # imports all that a result may hold
+        from softness_bayes.provenance import is_first_look  # imports everything that a result may contain
 
         if is_first_look(result.tree.attrs):
             figure.text(0.99, 0.99, FIRST_LOOK, ha="right", va="top", color="firebrick")
@@ -85,7 +85,7 @@ class Drawing:
 
 
 def _require_arguments(name: str, given: Any) -> None:
-    """Raise an error for what cannot be called with a result and a style; of compiled code that is not known."""
+    """Raise an error unless the function accepts a result and a style; compiled functions are not checked."""
     try:
         of = inspect.signature(given)
     except ValueError:
@@ -97,9 +97,9 @@ def _require_arguments(name: str, given: Any) -> None:
 
 
 def own_drawing(name: str, given: Any) -> Drawing:
-    """Return a user's own figure: a `Drawing`, or a function of a result and a style that returns a figure.
+    """Return a custom figure: a `Drawing`, or a function of a result and a style that returns a figure.
 
-    An error of its own code becomes one that names the figure, so that a finished run ends with a message.
+    An error in the user's code is replaced by one that names the figure, so that a finished run ends with a message.
 
     Raises
     ------

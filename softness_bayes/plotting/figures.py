@@ -1,4 +1,4 @@
-"""Every figure of a finished run, by the name of its file."""
+"""Registry of all figures of a finished run, by file name."""
 
 from __future__ import annotations
 
@@ -71,11 +71,11 @@ FIGURES: Mapping[str, Drawing] = MappingProxyType(
         "compression": Drawing(contents.compression, "force of a rigid plate against indentation", (FORCES,)),
     }
 )
-"""Every figure by the name of its file: the only list of them."""
+"""The only list of the built-in figures: file name -> figure."""
 
 
 OWN_FIGURES = "figures"
-"""Group of the figures that installed packages supply."""
+"""Entry-point group of figures from installed packages."""
 
 
 def every_figure() -> list[str]:
@@ -84,26 +84,26 @@ def every_figure() -> list[str]:
 
 
 def figures_of(result: Drawable, every: bool = False) -> list[str]:
-    """Return the names of the figures for which a result has data: of ratings, of compression data, or of both.
+    """Return the names of the figures for which a result has data: ratings, compression data, or both.
 
     Parameters
     ----------
     result
         A finished run.
     every
-        Whether those are among them that are drawn only on request.
+        Whether to include figures that are drawn only on request.
     """
     drawings = {name: figure_named(name) for name in every_figure()}
     return [name for name, one in drawings.items() if not one.lacks(result) and (every or not one.on_request)]
 
 
 def figure_named(name: str) -> Drawing:
-    """Return a figure by its name: one of `FIGURES`, one of an installed package, or one by its importable name.
+    """Return a figure from `FIGURES`, from an installed package, or by its importable name.
 
     Raises
     ------
     InputError
-        If there is none; the message lists the known figures.
+        If the name is unknown; the message lists the known figures.
     """
     if name in FIGURES:
         return FIGURES[name]
@@ -140,12 +140,12 @@ def draw_figures(
     style: Style = USUAL,
     processes: int = 1,
 ) -> list[Path]:
-    """Draw a result's figures and write them to a directory, which is made if there is none.
+    """Draw a result's figures and write them to a directory, which is created if necessary.
 
     Parameters
     ----------
     result
-        A finished run, which contains all that is drawn.
+        A finished run, which contains all data of the figures.
     directory
         Where to write.
     names
@@ -155,7 +155,7 @@ def draw_figures(
     style
         How they look.
     processes
-        Processes that share the work.
+        Number of parallel processes.
 
     Returns
     -------
@@ -165,7 +165,8 @@ def draw_figures(
     Raises
     ------
     InputError
-        If a name or a format is unknown, the result lacks the data of a figure, or another file is in the way.
+        If a name or a format is unknown, if the result lacks the data of a figure, or if an unrelated file with the
+        same name exists.
     """
     directory = Path(directory)
     chosen = figures_of(result) if names is None else names
