@@ -1,4 +1,4 @@
-"""Error laws of single observations about their expectation: normal, Student's t, normal with lapses."""
+"""Error distributions of single observations about their expectation: normal, Student's t, normal with lapses."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ _LOG_ROOT_TWO_PI = 0.5 * np.log(2.0 * np.pi)
 
 @dataclass(frozen=True)
 class ErrorLaw:
-    """The law of one observation's error, in additive numbers of its scale.
+    """Distribution of one observation's error on the additive scale (logs or log odds of ratings).
 
-    Functions take errors in units of their spread and the model's parameters, of batch shape (...).
+    The functions take errors in units of their spread, and the model's parameters of batch shape (...).
 
     Parameters
     ----------
@@ -37,8 +37,8 @@ class ErrorLaw:
     draw
         Draws errors in units of their spread; takes a source of random numbers, a shape (..., rows) and the parameters.
     normal_scores
-        Normal score of errors (..., rows): the standard normal number with the same probability of a smaller one (Dunn
-        and Smyth, J. Comp. Graph. Stat. 5, 236, 1996). Checks of residuals need no other law than the normal.
+        Normal score of errors (..., rows): the standard normal quantile at the error's cumulative probability (Dunn
+        and Smyth, J. Comp. Graph. Stat. 5, 236, 1996). All checks of residuals can thus assume a normal distribution.
     log_density
         Log density of errors (..., rows).
     slopes
@@ -46,14 +46,14 @@ class ErrorLaw:
     weight
         Weight of an error in the mean that is most probable: minus the first of these slopes over the error.
     kernel
-        Density over that of an error of 0, shape (..., rows).
+        Density divided by the density at error 0, shape (..., rows).
     smooth
-        Length in which the density is as smooth as the normal one in 1, by its eighth derivative at 0, with a last axis
-        of length 1.
+        Length scale of the density relative to that of the standard normal density, from the eighth derivative at 0;
+        its last axis has length 1.
     steepest
-        Largest slope of the log density, infinite if there is none.
+        Largest slope of the log density, infinite if it is unbounded.
     lapses
-        Whether some observations are lapses, uniform over their rater's own range, with the share `lapse`.
+        True if some observations are lapses, uniform over their rater's own range, with the share `lapse`.
     """
 
     name: str
@@ -269,7 +269,7 @@ def error_law_named(name: str) -> ErrorLaw:
     Raises
     ------
     InputError
-        If there is none of that name.
+        If no error law has that name.
     """
     for law in (*ERROR_LAWS.values(), GUMBEL):
         if law.name == name:

@@ -1,7 +1,7 @@
 """Log probability of intervals, or log density of exact numbers, and its derivatives with respect to their expectation.
 
-A rating stands for an interval of additive numbers, such as the logs of all numbers that a rater would round to it;
-a number that was read exactly is an interval without width. All functions work on arrays whose last axis is the rows.
+A rating represents an interval on the additive scale, such as the logs of all numbers that a rater would round to it.
+An exact number is an interval of width 0. All functions work on arrays whose last axis is the rows.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _TINY = 1e-290
 
 
 class Rows(NamedTuple):
-    """Intervals of additive numbers, and where their raters' lapses fall."""
+    """Intervals on the additive scale, and the ranges of their raters' lapses."""
 
     low: FloatArray
     """Lower ends, shape (rows,), or (draws, rows) if parameters decide; minus infinity where there is none."""
@@ -51,16 +51,16 @@ class Rows(NamedTuple):
         return Rows(*(part[..., index] for part in self))
 
     def part(self, piece: Any) -> Rows:
-        """Return the rows of some draws, where these have ends of their own."""
+        """Return the rows of some draws, if the interval ends differ between draws."""
         return Rows(*(part if part.ndim == 1 else part[piece] for part in self))
 
     def at_points(self) -> Rows:
-        """Return the rows with an axis of points after that of draws, where these have ends of their own."""
+        """Return the rows with an axis of points after that of draws, if the interval ends differ between draws."""
         return Rows(*(part if part.ndim == 1 else part[:, None] for part in self))
 
 
 def log_probability(law: ErrorLaw, rows: Rows, expected: FloatArray, spread: FloatArray, parameters: Any) -> FloatArray:
-    """Return the log probability of each row, of exact ones the log density per additive unit.
+    """Return the log probability of each row; for exact numbers, the log density per unit of the additive scale.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def derivatives(
 def scaled_derivatives(
     law: ErrorLaw, rows: Rows, expected: FloatArray, spread: FloatArray, parameters: Any
 ) -> tuple[FloatArray, ...]:
-    """Return the same as `derivatives`, with respect to the expectation in spreads."""
+    """Return the same as `derivatives`, with the expectation in units of the spread."""
     attentive, *slopes = _attentive(law, rows, expected, spread, parameters, 4)
     value, share = _with_lapses(law, rows, attentive, parameters)
     if law.lapses:
@@ -104,9 +104,9 @@ def scaled_derivatives(
 
 
 def weights(law: ErrorLaw, rows: Rows, errors: FloatArray, spread: FloatArray, parameters: Any) -> FloatArray:
-    """Return the weights, (..., rows), with which numbers of these errors count in the most probable mean.
+    """Return the weights, (..., rows), of the observations in the most probable mean, given their errors.
 
-    Intervals count as their middles; of lapses it is the probability that a row is none.
+    Intervals count as their midpoints. With lapses, the weight includes the probability that the row is not a lapse.
     """
     scaled = errors / spread
     found = law.weight(scaled, parameters)
@@ -121,7 +121,7 @@ def weights(law: ErrorLaw, rows: Rows, errors: FloatArray, spread: FloatArray, p
 
 
 def below(law: ErrorLaw, rows: Rows, expected: FloatArray, spread: FloatArray, parameters: Any) -> FloatArray:
-    """Return the probability below each exact number, and below each interval with half its own, without lapses."""
+    """Return the probability below each exact number, or below each interval plus half its own; without lapses."""
     ends = [_clipped((end - expected) / spread) for end in (rows.low, rows.high)]
     low, high = (ndtr(law.normal_scores(end, parameters)) for end in ends)
     return np.asarray(0.5 * (low + high))
@@ -130,13 +130,13 @@ def below(law: ErrorLaw, rows: Rows, expected: FloatArray, spread: FloatArray, p
 def score_at(
     law: ErrorLaw, rows: Rows, share: FloatArray, expected: FloatArray, spread: FloatArray, parameters: Any
 ) -> FloatArray:
-    """Return normal scores of the rows, (..., rows): of an interval, that of a given `share` of its probability.
+    """Return normal scores of the rows, (..., rows); an interval's is taken at a given `share` of its probability.
 
-    With shares drawn uniformly the scores of intervals are standard normal under the model too.
+    With uniform random shares, the scores of intervals are also standard normal under the model.
     """
     ends = [_clipped((end - expected) / spread) for end in (rows.low, rows.high)]
     low, high = (law.normal_scores(end, parameters) for end in ends)
-    # from the side on which both probabilities are small
+    # computed from the tail in which both probabilities are small
     flip = low + high > 0
     near, far = np.where(flip, -high, low), np.where(flip, -low, high)
     part = np.where(flip, 1.0 - share, share)
@@ -151,7 +151,7 @@ def _attentive(
 ) -> list[FloatArray]:
     """Return the log probability of the rows without lapses, and its derivatives over the probability itself.
 
-    These are of the probability with respect to the expectation in spreads, from the first to that of `orders`.
+    The derivatives have orders 1 to `orders`, with respect to the expectation in units of the spread.
     """
     exact = rows.low == rows.high
     if exact.all():
@@ -183,7 +183,7 @@ def _attentive(
 def _beyond(
     law: ErrorLaw, rows: Rows, expected: FloatArray, spread: FloatArray, parameters: Any, orders: int
 ) -> list[FloatArray]:
-    """Return the same as `_attentive` for rows that have one end."""
+    """Return the same as `_attentive` for intervals with one finite end."""
     lower = np.isinf(rows.low)
     side = np.where(lower, 1.0, -1.0)
     error = _clipped((np.where(lower, rows.high, rows.low) - expected) / spread)
@@ -204,7 +204,7 @@ def _by_functions(
     parameters: Any,
     orders: int,
 ) -> list[FloatArray]:
-    """Return the same as `_attentive` for errors at both ends, by distribution functions."""
+    """Return the same as `_attentive` for intervals with two finite ends, by distribution functions."""
     found = [_log_between(law.normal_scores(low, parameters), law.normal_scores(high, parameters))]
     width = high - low
     narrow = width < NARROW
@@ -250,7 +250,7 @@ def _log_between(low: FloatArray, high: FloatArray) -> FloatArray:
 def _with_lapses(
     law: ErrorLaw, rows: Rows, attentive: FloatArray, parameters: Any
 ) -> tuple[FloatArray, FloatArray | float]:
-    """Return the log probability with lapses, and the share of it that is not lapsed."""
+    """Return the log probability with lapses, and the share of the probability without a lapse."""
     if not law.lapses:
         return attentive, 1.0
     lapse = np.asarray(parameters.lapse, float)[..., None]

@@ -1,6 +1,6 @@
 """Magnitude estimates as people give them: on grids of numbers, with zeros and outliers (model.md 9).
 
-The latent log rating is that of `magnitude`; a rating has the probability of the interval that it stands for. Errors
+The latent log rating is that of `magnitude`; a rating has the probability of the interval it represents. Errors
 are normal, Student's t, or normal with lapses. The level and raters' scales are integrated out by `rater_integrals`.
 """
 
@@ -33,12 +33,12 @@ from softness_bayes.likelihood.stated import Stated
 FloatArray = NDArray[np.float64]
 
 _LEAST_SPREAD = 1e-8
-_SEED = 0  # of the shares of intervals at which residuals are taken
+_SEED = 0  # seed of the random shares of intervals at which residuals are taken
 
 
 @dataclass(frozen=True)
 class IntervalModel(RatingModel):
-    """A `RatingModel` without fabrics' own deviations, for ratings that stand for intervals, and other error laws.
+    """A `RatingModel` without fabric deviations, for ratings that represent intervals and for other error laws.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ class IntervalModel(RatingModel):
         parameters: RatingParameters,
         effects: Effects,
     ) -> FloatArray:
-        """One number for every row of a design, shape (..., rows), before it is put on a grid."""
+        """One number for every row of a design, shape (..., rows), before rounding to a grid."""
         numbers = super().draw_ratings(rng, design, drive, parameters, effects)
         if not self.law.lapses:
             return numbers
@@ -87,13 +87,13 @@ class IntervalModel(RatingModel):
         return np.where(rng.random(numbers.shape) < share, elsewhere, numbers)
 
     def observe(self, ratings: ArrayLike, design: Design, stated: Stated | None = None) -> IntervalRatings:
-        """Return the likelihood of these ratings: exact numbers, unless it is known what they stand for."""
+        """Return the likelihood of these ratings: exact numbers, unless `stated` gives their intervals."""
         return IntervalRatings(ratings, design, self, stated=stated)
 
 
 @dataclass(frozen=True)
 class SliderModel(IntervalModel):
-    """An `IntervalModel` of places on a slider: their log odds take the place of log ratings, and ends have mass.
+    """An `IntervalModel` of slider positions: log odds replace log ratings, and the ends have probability mass.
 
     mu ~ N(0, spread²), with half the spread of magnitude estimates' levels.
     """
@@ -107,22 +107,22 @@ class SliderModel(IntervalModel):
 class IntervalRatings(RatingsLikelihood):
     """Ratings under an `IntervalModel`, with mu and raters' scales integrated out.
 
-    The density of a rating that stands for an interval is a probability, that of an exact one a density [1/unit].
+    A rating that represents an interval contributes a probability; an exact rating contributes a density [1/unit].
 
     Parameters
     ----------
     ratings
         y of every row of the design, shape (rows,): `Stated.values`.
     design
-        Who rated what.
+        Participant, fabric and load of every row.
     model
         The rating model.
     over
-        Design over whose rows the response is centred, if not over those of `design`.
+        Design over whose rows the response is centred; by default `design`.
     stated
-        What the ratings stand for; by default they are exact.
+        Intervals that the ratings represent; by default they are exact.
     quadrature
-        Resolution of the integrals; by default one that suits the number of ratings of each rater.
+        Resolution of the integrals; by default chosen from the number of ratings per rater.
     ranges
         Smallest and largest number of each participant, shape (2, participants), over which lapses are uniform; by
         default those of these ratings.
@@ -171,7 +171,7 @@ class IntervalRatings(RatingsLikelihood):
         self._log = float(self._slope.sum())
 
     def _understood(self, stated: Stated | None) -> Stated:
-        """Return what the ratings stand for, once they are known to be on the scale."""
+        """Return the intervals of the ratings, after a check that the ratings lie on the scale."""
         scale, zero, end = self.model.scale, np.zeros(self.design.n_rows), self.model.end
         with np.errstate(divide="ignore", invalid="ignore"):
             wrong = ~np.isfinite(scale.additive(self.values))
@@ -184,7 +184,7 @@ class IntervalRatings(RatingsLikelihood):
         return type(self)(values, self.design, self.model, self._over, self._stated, self._quadrature)
 
     def without(self, rows: NDArray[np.bool_]) -> Self:
-        """Return the other ratings, with x still centred, and lapses uniform, over all rows."""
+        """Return the likelihood of the other ratings; centring of x and lapse ranges still use all rows."""
         rest = self._stated.take(~rows)
         # derivatives alone need many rows
         own = None if self._quadrature == FAST else self._quadrature
@@ -194,12 +194,12 @@ class IntervalRatings(RatingsLikelihood):
 
     @property
     def ends(self) -> tuple[FloatArray, FloatArray] | None:
-        """Ends of the intervals that the ratings stand for, each (rows,); None if they are exact numbers."""
+        """Ends of the ratings' intervals, each (rows,); None if the ratings are exact numbers."""
         return None if self._exact.all() else self._stated.ends(self.values)
 
     @property
     def discrete(self) -> NDArray[np.bool_]:
-        """True for ratings that stand for an interval, shape (rows,)."""
+        """True for ratings that represent an interval, shape (rows,)."""
         return ~self._exact
 
     def finer(self) -> Self:
@@ -220,7 +220,7 @@ class IntervalRatings(RatingsLikelihood):
     def log_likelihood_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Log density of each rating given all the others, shape (..., rows).
 
-        The others' say on the level is taken as normal.
+        The level's distribution given the other raters is approximated as normal.
         """
 
         def alone(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
@@ -233,7 +233,7 @@ class IntervalRatings(RatingsLikelihood):
         return in_pieces(alone, self._loo_width, mean_rate, parameters)
 
     def below_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Probability of a smaller rating than each one, given all the others, shape (..., rows).
+        """Probability of a rating below each observed one, given all the others, shape (..., rows).
 
         Half the probability of an equal one is added. Lapses are left out.
         """
@@ -251,9 +251,9 @@ class IntervalRatings(RatingsLikelihood):
         return in_pieces(smaller, self._loo_width, mean_rate, parameters)
 
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Log density of all ratings of each participant given everybody else's, shape (draws, participants).
+        """Log density of all ratings of each participant given all other participants', shape (draws, participants).
 
-        The others' say on the level is taken as normal.
+        The level's distribution given the other raters is approximated as normal.
         """
 
         def whole(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
@@ -268,7 +268,7 @@ class IntervalRatings(RatingsLikelihood):
         return in_pieces(whole, self._loo_width, mean_rate, parameters)
 
     def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Effects:
-        """Draws of mu and participants' scales given the ratings, from their laws on grids."""
+        """Draws of mu and participants' scales given the ratings, from their densities on grids."""
         shape = np.broadcast_shapes(mean_rate.shape[:-1], *(np.shape(v) for v in parameters))
         found = in_pieces(lambda rate, p: self._drawn(rng, rate, p), 100 * self.design.n_rows, mean_rate, parameters)
         tau = np.broadcast_to(np.asarray(parameters.tau, float), shape)[..., None]
@@ -295,7 +295,7 @@ class IntervalRatings(RatingsLikelihood):
     def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
         """Return the residual of each log rating as a normal score times the spread, shape (..., rows).
 
-        An interval's is taken at a share of its probability that was drawn once for every row.
+        An interval's residual is taken at a random share of its probability, drawn once per row.
         """
         drive, design = self.drive(mean_rate, parameters), self.design
         expected = effects.mu[..., None] + drive[..., design.condition] + effects.participant[..., design.participant]
@@ -323,11 +323,11 @@ class IntervalRatings(RatingsLikelihood):
         return Given(drive, np.asarray(flat.tau)[:, None], spread, of_law, rows, self._middle_of(rows, spread)), shape
 
     def _rows_at(self, parameters: RatingParameters) -> Rows:
-        """Return every row's interval, sorted by rater; here the same whatever the parameters."""
+        """Return every row's interval, sorted by rater; in this class independent of the parameters."""
         return self._rows
 
     def _widths(self) -> FloatArray:
-        """Return the usual width of every row's interval, infinite where it has no end, sorted by rater."""
+        """Return the typical width of every row's interval, infinite if an end is, sorted by rater."""
         return self._rows.high - self._rows.low
 
     def _middle_of(self, rows: Rows, spread: FloatArray) -> FloatArray:
@@ -337,7 +337,7 @@ class IntervalRatings(RatingsLikelihood):
     def _left_out(self, given: Given) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return log weights of points without each row, its log probability there, and the points.
 
-        Shapes (draws, points, rows), rows sorted by rater, but the points', which is (draws, points, raters).
+        The first two have shape (draws, points, rows), sorted by rater; the points have (draws, points, raters).
         """
         grid, law = self._integrals.law_of_others(given)
         own, values = self._integrals.rater, self._integrals.row_values(given, grid)
@@ -345,7 +345,7 @@ class IntervalRatings(RatingsLikelihood):
         return whole[..., own] - values, values, grid
 
     def _lapse(self, low: FloatArray, high: FloatArray) -> FloatArray:
-        """Return the log probability of every row if it is a lapse, of exact ones the density of the log rating."""
+        """Return the log probability of every row if it is a lapse; for exact rows, the log density."""
         least, most = self._ranges[:, self.design.participant]
         slope = np.exp(self.model.scale.log_slope(self.values))
         inside = np.where(low == high, slope, np.minimum(high, most) - np.maximum(low, least))
@@ -355,7 +355,7 @@ class IntervalRatings(RatingsLikelihood):
 
 
 def _times(*keys: FloatArray | NDArray[np.intp]) -> FloatArray:
-    """Return how many rows are alike in all keys, (rows,), at the first of them; 0 at the others."""
+    """Return the number of rows with equal keys, (rows,), at the first of them, and 0 at the others."""
     _, first, count = np.unique(np.stack(keys, axis=1), axis=0, return_index=True, return_counts=True)
     found = np.zeros(len(keys[0]))
     found[first] = count
@@ -363,7 +363,7 @@ def _times(*keys: FloatArray | NDArray[np.intp]) -> FloatArray:
 
 
 def _robust(values: FloatArray, rater: NDArray[np.intp], condition: NDArray[np.intp]) -> FloatArray:
-    """Return weights of rows by how far they lie from the medians of their raters and conditions."""
+    """Return weights of rows that fall with their distance from the medians of their raters and conditions."""
     left = values.copy()
     for _ in range(2):
         for index in (rater, condition):
@@ -376,7 +376,7 @@ def _robust(values: FloatArray, rater: NDArray[np.intp], condition: NDArray[np.i
 
 
 def _ranges(low: FloatArray, high: FloatArray, design: Design) -> FloatArray:
-    """Return the range of each participant's numbers, shape (2, participants); of nobody's, 0 to 0."""
+    """Return the range of each participant's numbers, shape (2, participants); 0 to 0 for one without numbers."""
     least, most = np.full(design.n_participants, np.inf), np.zeros(design.n_participants)
     np.minimum.at(least, design.participant, low)
     np.maximum.at(most, design.participant, high)

@@ -46,15 +46,15 @@ REACH = 6.0
 GRID = 41
 """Points of the grids on which rows are left out."""
 
-_STEPS = 12  # of Newton's method, at most
-_LEAST_CURVATURE = 0.1  # of its steps, over that of as many normal errors
-_NO_CURVATURE = 0.002  # as that, of the normal law about the mode
-_NO_WEIGHT = 1e-3  # of the rows of a rater who has none that is narrow
+_STEPS = 12  # limit for Newton's method
+_LEAST_CURVATURE = 0.1  # in Newton steps, relative to that of as many normal errors
+_NO_CURVATURE = 0.002  # same ratio, for the normal approximation about the mode
+_NO_WEIGHT = 1e-3  # smallest total weight of a rater, reached without narrow intervals
 _LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 
 
 class Modes(NamedTuple):
-    """The mode of all raters' scales and the level, and the normal law about it."""
+    """The joint mode of all raters' scales and the level, and the normal approximation about it."""
 
     at: FloatArray
     """Point of the derivatives, shape (draws, raters)."""
@@ -80,14 +80,14 @@ class Modes(NamedTuple):
 
     @property
     def bend(self) -> FloatArray:
-        """Largest change of any rater's l_p by third and fourth derivatives, as `ROUGH` counts it, shape (draws,)."""
+        """Largest change of any rater's l_p by third and fourth derivatives, as defined for `ROUGH`, shape (draws,)."""
         reach = 3.0 * self.width + np.abs(self.a - self.at)
         bend = reach**3 * (np.abs(self.slopes[3]) / 6.0 + reach * np.abs(self.slopes[4]) / 24.0)
         return np.asarray(np.where(reach > 6.0 * self.width, np.inf, bend).max(axis=-1))
 
     @property
     def rough(self) -> NDArray[np.bool_]:
-        """True where l_p of any rater is too far from a quadratic function for its derivatives, shape (draws,)."""
+        """True where any rater's l_p is too far from quadratic for an expansion by derivatives, shape (draws,)."""
         return np.asarray(self.bend > ROUGH)
 
     @property
@@ -97,7 +97,7 @@ class Modes(NamedTuple):
 
 
 class RaterIntegrals:
-    """The integrals of one table.
+    """The integrals over the level and raters' scales for one table of ratings.
 
     Parameters
     ----------
@@ -110,10 +110,10 @@ class RaterIntegrals:
     mean, sd
         Prior of the level.
     width
-        Widths of the rows' intervals, infinite without an end, shape (rows,): those alike are computed together.
+        Widths of the rows' intervals, infinite if an end is, shape (rows,); rows of similar width are grouped.
     times
-        Number of rows with the same rater, condition and interval as each, that one included, shape (rows,); 0 for all
-        but one of these.
+        Multiplicity of each row, shape (rows,): the first of several rows with equal rater, condition and interval has
+        their number, the others have 0.
     """
 
     def __init__(
@@ -144,14 +144,14 @@ class RaterIntegrals:
         return -0.5 * ((level - self.mean) / self.sd) ** 2 - math.log(self.sd) - _LOG_ROOT_TWO_PI
 
     def modes(self, given: Given, settled: float) -> Modes:
-        """Return the mode of all scales and the level, by Newton's method, each draw for as long as it moves."""
+        """Return the mode of all scales and the level by Newton's method, each draw until it converges."""
         a = self._start(given)
         at, slopes, active = a.copy(), np.empty((5, *a.shape)), np.arange(len(a))
         for _ in range(_STEPS):
             at[active] = a[active]
             part = given.part(active)
             slopes[:, active] = self._slopes(part, a[active])
-            # far from its mode a law with heavy tails may not be concave
+            # far from its mode a heavy-tailed log density may not be concave
             steep = np.maximum(-slopes[2, active], _LEAST_CURVATURE * self.count / part.spread**2)
             step = self._step(part, at[active], slopes[1, active], steep)
             found = step.a
@@ -187,7 +187,7 @@ class RaterIntegrals:
         return Modes(a, (), shrink * (mu + variance * pull), pull, curvature, shrink, mu, precision**-0.5)
 
     def _start(self, given: Given) -> FloatArray:
-        """Return points near the modes: middles of narrow intervals as observed numbers, then wide ones as they are."""
+        """Return points near the modes: midpoints of narrow intervals first, then with wide intervals added."""
         mean = self.of_raters(self._weight * (given.middle - given.drive)) / np.maximum(self._weighed, _NO_WEIGHT)
         slope, curvature = np.zeros(mean.shape), self._weighed / given.spread**2
         start = self._step(given, mean, slope, curvature).a
@@ -258,7 +258,7 @@ class RaterIntegrals:
         x = np.cos(np.pi * (np.arange(quadrature.points) + 0.5) / quadrature.points)
         width = REACH * modes.width
         values = self.values(given, modes.a[:, None] + x[:, None] * width[:, None])
-        # between the points of a function that they do not resolve the polynomial may rise without limit
+        # between points that do not resolve the function the polynomial may become arbitrarily large
         most = values.max(axis=1)
         coefficients = np.moveaxis(to_chebyshev(quadrature.points) @ values, 1, 0)
 
@@ -295,7 +295,7 @@ class RaterIntegrals:
     def law_of_others(self, given: Given) -> tuple[FloatArray, FloatArray]:
         """Return points of a_p and their log weights given all other raters' rows, each (draws, points, raters).
 
-        What the others say of the level is taken as normal.
+        The level's distribution given the other raters is approximated as normal.
         """
         modes = self.modes(given, FINE.settled)
         mean, variance = self._others(given, modes)
@@ -307,7 +307,7 @@ class RaterIntegrals:
         """Return draws of the level, (draws, 1), and of a_p less the level, (draws, raters), given all rows."""
         modes = self.modes(given, quadrature.settled)
         found = np.empty((len(given.drive), 1 + self.count.size))
-        # the grids reach further than the integrals: derivatives must be good for more
+        # the grids extend beyond the range of the integrals, so the expansion must be accurate farther out
         plain = np.asarray(modes.bend < SMOOTH) & (quadrature.points == 0)
         for chosen, how in ((plain, FAST), (~plain, FINE)):
             if chosen.any():
@@ -335,7 +335,7 @@ class RaterIntegrals:
         return mean, 1.0 / rest + given.tau**2
 
     def grid(self, given: Given, modes: Modes) -> FloatArray:
-        """Return points of a_p that hold its law also without any one of its rows, (draws, `GRID`, raters)."""
+        """Return points of a_p that cover its distribution even without any one row, (draws, `GRID`, raters)."""
         _, variance = self._others(given, modes)
         rows = derivatives(self.law, given.rows, given.drive + modes.a[:, self.rater], given.spread, given.parameters)
         curved = np.maximum.reduceat(np.maximum(-rows[2], 0.0), self._first, axis=-1)
@@ -346,7 +346,7 @@ class RaterIntegrals:
 
 
 def draw_on(rng: np.random.Generator, points: FloatArray, log_density: FloatArray) -> FloatArray:
-    """Return a draw from each density along the last axis, linear between evenly spaced points."""
+    """Return a draw from each density along the last axis, piecewise linear between evenly spaced points."""
     weight = np.exp(log_density - log_density.max(axis=-1, keepdims=True))
     cumulative = np.cumsum(0.5 * (weight[..., 1:] + weight[..., :-1]), axis=-1)
     at = rng.random(cumulative.shape[:-1])[..., None] * cumulative[..., -1:]
@@ -354,7 +354,7 @@ def draw_on(rng: np.random.Generator, points: FloatArray, log_density: FloatArra
     before = np.where(k > 0, np.take_along_axis(cumulative, np.maximum(k - 1, 0), axis=-1), 0.0)
     left, right = (np.take_along_axis(weight, k + j, axis=-1) for j in (0, 1))
     area = at - before
-    # the root of left f + (right - left) f²/2 = area, in the form that keeps its digits
+    # the root of left f + (right - left) f²/2 = area, in the form without cancellation
     total = left + np.sqrt(np.maximum(left**2 + 2.0 * (right - left) * area, 0.0))
     part = np.clip(np.divide(2.0 * area, total, out=np.full_like(area, 0.5), where=total > 0), 0.0, 1.0)
     low, high = (np.take_along_axis(points, k + j, axis=-1) for j in (0, 1))

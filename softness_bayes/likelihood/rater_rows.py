@@ -1,4 +1,4 @@
-"""Ratings sorted by rater, as the integrals over their scales take them: parameters, and groups of like rows."""
+"""Inputs of the integrals over raters' scales: parameters, and groups of similar rows sorted by rater."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
 WIDE = 0.6
-"""Width of intervals, as a difference of logs, beyond which their middles say little of them."""
+"""Width of intervals, as a difference of logs, beyond which their midpoints are a poor approximation."""
 
-_WIDTHS = 1e-12, 0.1, 0.25, WIDE, 1e300  # between groups: exact numbers, intervals, and those with one end
+_WIDTHS = 1e-12, 0.1, 0.25, WIDE, 1e300  # limits between groups: exact numbers, intervals, half-open intervals
 
 
 class LawParameters(NamedTuple):
-    """Parameters of the error laws, each an array (draws,), or with axes of length 1 behind."""
+    """Parameters of the error laws, each an array (draws,), or with trailing axes of length 1."""
 
     nu: FloatArray
     lapse: FloatArray
@@ -59,7 +59,7 @@ class Given(NamedTuple):
 
 
 class Group(NamedTuple):
-    """Rows whose intervals are of the same kind."""
+    """Rows with intervals of similar width."""
 
     rows: IndexArray
     """Indices of the rows, sorted by rater."""
@@ -78,16 +78,16 @@ class Group(NamedTuple):
 
 
 def groups_of(rater: IndexArray, width: FloatArray, times: FloatArray) -> list[Group]:
-    """Return groups of rows with intervals of about the same width; those that count 0 times are in none.
+    """Return groups of rows with intervals of similar width; rows with multiplicity 0 are omitted.
 
     Parameters
     ----------
     rater
         Rater of each row, sorted, shape (rows,).
     width
-        Width of each row's interval, infinite if it has one end only.
+        Width of each row's interval, infinite if it has only one finite end.
     times
-        How often each row counts.
+        Multiplicity of each row.
     """
     kind, found = np.digitize(width, _WIDTHS), []
     for k in np.unique(kind[times > 0]):

@@ -1,8 +1,8 @@
-"""Student's t law in fast, vectorised form: densities, and normal scores by a Chebyshev series in both arguments.
+"""Fast, vectorised Student's t distribution: densities, and normal scores by a Chebyshev series in both arguments.
 
-The normal score of u is q with Phi(q) = F_nu(u). In z = sign(u) sqrt(nu log(1 + u²/nu)) it is nearly z itself (Wallace,
-Ann. Math. Stat. 30, 1121, 1959), and (q/z - 1) nu is smooth in 1/nu and z. SciPy's distribution function, from which
-the series is made, takes about seven times as long.
+The normal score of u is q with Phi(q) = F_nu(u). It is close to z = sign(u) sqrt(nu log(1 + u²/nu)) (Wallace, Ann.
+Math. Stat. 30, 1121, 1959), and (q/z - 1) nu is smooth in 1/nu and z. The series is fitted to SciPy's distribution
+function, which takes about seven times as long.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ LEAST = 0.5
 REACH = 10.0
 """Largest z of the series; beyond it q/z stays as it is there, where probabilities are below 1e-18."""
 
-_HALF_WAY = 4.0  # z at the middle of the series' variable
-_ORDERS = 40, 20  # of the series in 1/nu and in z
+_HALF_WAY = 4.0  # value of z at the midpoint of the series' variable
+_ORDERS = 40, 20  # numbers of terms in 1/nu and in z
 _LARGE = 100.0  # degrees of freedom beyond which the constant of the density comes from Stirling's series
 
 _LOG_ROOT_TWO_PI = 0.5 * np.log(2.0 * np.pi)
@@ -45,7 +45,7 @@ def log_density(u: FloatArray, nu: FloatArray) -> FloatArray:
 
 
 def normal_score(u: FloatArray, nu: FloatArray) -> FloatArray:
-    """Return q with Phi(q) = F_nu(u), for `nu` of the shape of `u` with 1 in the last place, or fewer axes.
+    """Return q with Phi(q) = F_nu(u), where `nu` has the shape of `u` with a last axis of length 1, or fewer axes.
 
     For nu from `LEAST` up its error is at most 1e-8 of q, and falls as 1/nu.
     """
@@ -68,7 +68,7 @@ def normal_score(u: FloatArray, nu: FloatArray) -> FloatArray:
 
 @cache
 def _coefficients() -> FloatArray:
-    """Return the coefficients of (q/z - 1) nu, Chebyshev's in 1/nu and powers in z, shape (orders of each)."""
+    """Return the coefficients of (q/z - 1) nu: Chebyshev in 1/nu, monomial in z, shape (orders of each)."""
     x, y = (np.cos(np.pi * (np.arange(size) + 0.5) / size) for size in _ORDERS)
     v = 0.5 * (1.0 + y) / (1.0 + _HALF_WAY / REACH)
     z, nu = _HALF_WAY * v / (1.0 - v), LEAST * (2.0 / (1.0 + x))[:, None] ** 2

@@ -101,7 +101,7 @@ class Fingertips(NamedTuple):
 
 
 def fingertips(finger: Finger, radius: ArrayLike, receptor_depth: ArrayLike) -> Fingertips:
-    """Return fingers of these radii and receptor depths [m], shape (n, 1); 0 stands for the finger's own."""
+    """Return fingers with these radii and receptor depths [m], shape (n, 1); 0 selects the value of `finger`."""
     given = (np.asarray(radius, float), finger.radius), (np.asarray(receptor_depth, float), finger.receptor_depth)
     own = np.broadcast_arrays(*(np.where(value > 0, value, usual) for value, usual in given))
     return Fingertips(own[0][..., None], own[1][..., None], finger.poisson_ratio)
@@ -109,12 +109,12 @@ def fingertips(finger: Finger, radius: ArrayLike, receptor_depth: ArrayLike) -> 
 
 @dataclass(frozen=True)
 class FingerBox:
-    """Range of radius and of receptor depth [m] that tables of stress fields cover, for fingers that vary.
+    """Ranges of fingertip radius and receptor depth [m] covered by the stress-field tables.
 
     Raises
     ------
     InputError
-        If a range is not one of positive lengths.
+        If a range is not positive.
     """
 
     radius: tuple[float, float]
@@ -151,7 +151,7 @@ PLATE_RIGIDITY = FabricModulus("plate", power=2, meaning="bending rigidity of a 
 
 @dataclass(frozen=True, order=True)
 class Indentation:
-    """A touch at a held indentation (approach) `depth` [m]."""
+    """A touch at a fixed indentation (approach) `depth` [m]."""
 
     depth: float
 
@@ -172,7 +172,7 @@ class Indentation:
 
 @dataclass(frozen=True, order=True)
 class Force:
-    """A touch at a held contact force `newton` [N]."""
+    """A touch at a fixed contact force `newton` [N]."""
 
     newton: float
 
@@ -201,7 +201,7 @@ def require_loads(what: str, loads: Sequence[Load]) -> tuple[Load, ...]:
     Raises
     ------
     InputError
-        If this is not a sequence of loads, with what was expected.
+        If this is not a sequence of loads; the message states the expected form.
     """
     if isinstance(loads, (str, bytes, Indentation, Force)) or not hasattr(loads, "__iter__"):
         refuse(what, loads, f"a sequence of {LOAD}, as in [Indentation(2e-3)]")
@@ -219,17 +219,17 @@ class Closure(NamedTuple):
 
 
 class ManyLoads:
-    """The loads of many conditions, one each, closed all at once.
+    """The loads of many conditions, one each, for vectorised contact solutions.
 
     Parameters
     ----------
     loads
-        One for each condition.
+        One load for each condition.
     """
 
     def __init__(self, loads: Sequence[Load]) -> None:
         self._deep = np.array([isinstance(load, Indentation) for load in loads])
-        # what a load does not hold is not a number
+        # NaN for the quantity that a load does not fix
         self._depth = np.array([load.depth if isinstance(load, Indentation) else np.nan for load in loads])
         self._newton = np.array([load.newton if isinstance(load, Force) else np.nan for load in loads])
 
@@ -278,7 +278,7 @@ def _log_scale_of_force(newton: float | Array, finger: Fingertip, displacement: 
 
 
 class Contact(NamedTuple):
-    """The state of the contact, every field of one broadcast shape."""
+    """The state of the contact; all fields have the same broadcast shape."""
 
     skin_modulus: Array
     """E_skin [Pa]."""
@@ -318,7 +318,7 @@ def solve_contact(
     finger: Finger = Finger(),
     displacement: SkinDisplacement = STRAIN,
 ) -> Contact:
-    """Bring a finger and a fabric into contact under one load (model.md 2-3).
+    """Solve the contact of a finger and a fabric under one load (model.md 2-3).
 
     Parameters
     ----------
@@ -327,7 +327,7 @@ def solve_contact(
     load
         `Indentation` or `Force`.
     b, m
-        Skin modulus at rest [Pa] and its exponent ([-] or [1/m], as `displacement` has it).
+        Skin modulus at rest [Pa] and its exponent ([-] or [1/m], depending on `displacement`).
 
     Returns
     -------

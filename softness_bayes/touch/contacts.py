@@ -1,4 +1,4 @@
-"""Contacts of many conditions at once: each condition's fabric under its load, for a batch of fingers' skins."""
+"""Vectorised contacts of many conditions (a fabric under a load each) for a batch of skin parameters."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 
 class Contacts:
-    """The contacts of conditions with one finger, or with fingers like it of other radius and depth.
+    """The contacts of all conditions with one finger, or with fingers that differ from it in radius and depth.
 
     Parameters
     ----------
@@ -32,11 +32,11 @@ class Contacts:
     loads
         The load of each condition.
     finger
-        The usual finger.
+        The default finger.
     displacement
         The reading of the skin's compression.
     skin_box
-        The skin's parameters that most calls have, if they are known.
+        Expected range of the skin's parameters, if known; it speeds up the solution.
     """
 
     def __init__(
@@ -67,9 +67,9 @@ class Contacts:
         b, m
             The skin's modulus at rest [Pa] and exponent, shape (batch,).
         fabric_modulus
-            E_fab [Pa] in place of the conditions' own, shape (batch, conditions), or None.
+            E_fab [Pa] that replaces the conditions' moduli, shape (batch, conditions), or None.
         finger
-            The usual finger, or one for each row.
+            The default finger, or one for each row.
         """
         log_scale, log_k, modulus, start = self._log_scale, self.log_k, self.modulus, None
         if finger is not self.finger:
@@ -86,6 +86,6 @@ class Contacts:
         return self._closing.radius(reduced, finger)
 
     def close(self, b: Array, m: Array, fabric_modulus: Array | None, finger: Fingertip) -> Contact:
-        """Return the contacts, with fields of shape (batch, conditions); arguments as `moduli` takes them."""
+        """Return the contacts, with fields of shape (batch, conditions); arguments as for `moduli`."""
         skin, reduced = self.moduli(b, m, fabric_modulus, finger)
         return Contact(skin, reduced, *self._closing.close(reduced, finger))

@@ -1,4 +1,4 @@
-"""Groups of loads: many that were measured, taken together where tables are judged and results are shown."""
+"""Groups of similar measured loads, which are checked and displayed as one."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ DIGITS = (3, 6, 12)
 
 @dataclass(frozen=True)
 class LoadGroup:
-    """Several loads of a kind that are judged and shown as one.
+    """Several loads of one kind that are checked and displayed as one.
 
     Parameters
     ----------
     load
-        The one nearest to their geometric mean, at which curves are drawn.
+        The load nearest to the group's geometric mean; curves are drawn for it.
     name
         The ends of the group, as in `0.93 to 1.06 N`.
     """
@@ -42,7 +42,7 @@ class LoadGroup:
 
 
 class LoadGroups(NamedTuple):
-    """The groups of some loads: each load alone if there are few."""
+    """The groups of a list of loads; a few loads form one group each."""
 
     of: IntArray
     """Index (loads,) of each load's group."""
@@ -53,7 +53,7 @@ class LoadGroups(NamedTuple):
 
     @property
     def names(self) -> list[str]:
-        """Names of the groups, each another one."""
+        """Unique names of the groups."""
         return [str(one) for one in self.called]
 
     @property
@@ -69,10 +69,10 @@ class LoadGroups(NamedTuple):
 
 
 def groups_of(loads: Sequence[Load], most: int = MOST_SHOWN) -> LoadGroups:
-    """Return each of a few loads alone, and many in groups of neighbours.
+    """Return one group per load if there are few loads, and groups of neighbouring loads if there are many.
 
-    Neighbours are found on a logarithmic scale, for each kind of load, by complete linkage: members of a group differ
-    by less than `NEAR`, or by as little as a share of `most` groups allows.
+    Each kind of load is clustered on a logarithmic scale by complete linkage: members of a group differ by less than
+    `NEAR`, or by more if the kind's share of `most` groups requires it.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def _value(load: Load) -> float:
 
 
 def _most_of(counts: Sequence[int], most: int) -> list[int]:
-    """Return the largest number of groups of each kind: few loads of one kind stay alone beside many of another."""
+    """Return the largest number of groups of each kind; few loads of one kind stay separate if the other has many."""
     fair = max(1, most // len(counts))
     left = most - sum(count for count in counts if count <= fair)
     many = sum(count > fair for count in counts)
@@ -118,7 +118,7 @@ def _most_of(counts: Sequence[int], most: int) -> list[int]:
 
 
 def _clusters(log: NDArray[np.float64], most: int) -> list[IntArray]:
-    """Return the indices of each cluster of rising values."""
+    """Return the indices of each cluster of ascending values."""
     from scipy.cluster.hierarchy import fcluster, linkage  # imported here because few tables need it
 
     if log.size == 1:
@@ -132,7 +132,7 @@ def _clusters(log: NDArray[np.float64], most: int) -> list[IntArray]:
 
 
 def _names(groups: Sequence[Sequence[Load]]) -> list[str]:
-    """Return the ends of each group with its unit, with as few digits as keep names apart."""
+    """Return the range of each group with its unit, with the fewest digits that keep names unique."""
     names: list[str] = []
     for digits in DIGITS:
         ends = [[type(load)(float(f"{_value(load):.{digits}g}")) for load in (one[0], one[-1])] for one in groups]

@@ -31,7 +31,7 @@ Index = NDArray[np.intp]
 WIDE = 0.02
 """Share of the peak stress below which the edge of a patch makes it wide: the pole of M at stress 0 is then close."""
 
-_SEARCH, _SAME = 60, 1e-14  # largest number of steps of a search in y, and the step size that ends it
+_SEARCH, _SAME = 60, 1e-14  # maximum number of steps of a search in y, and its convergence tolerance
 
 
 class Drive(NamedTuple):
@@ -66,9 +66,9 @@ class Population:
     root
         The power of sigma / sigma_peak that gives y (see `StressField`).
     count
-        Number of receptors within a distance.
+        Function that counts the receptors within a distance of the axis.
     nodes
-        Nodes in t for each condition, without the one at the peak.
+        Number of nodes in t for each condition, excluding the one at the peak.
     saturation
         Upper limit of u - u_rheobase. Beyond it the sigmoid is within exp(-saturation) of its limit, and the rest
         of the rate is one term for all receptors.
@@ -76,14 +76,14 @@ class Population:
 
     def __init__(self, root: float, count: ReceptorCount, nodes: int, saturation: float) -> None:
         self.root, self.count, self.saturation = root, count, saturation
-        # M is known at both ends, which Lobatto's rule uses: at the onset it is needed anyway, at the peak it is 0
+        # Lobatto's rule uses M at both ends: at the onset it is needed anyway, and at the peak it is 0
         inside = roots_jacobi(nodes - 1, 1.0, 1.0)[0]
         self.part = np.concatenate([[0.0], 0.5 * (inside + 1.0), [1.0]])
         at_nodes = eval_legendre(nodes, 2.0 * self.part - 1.0)
         self.weight = 1.0 / (nodes * (nodes + 1) * at_nodes**2)
         x, weight = np.polynomial.legendre.leggauss(nodes)
-        # of Gauss's rule the two ends have weight 0: they serve the count of responding receptors, and the rest beyond
-        # saturation
+        # in Gauss's rule the ends have weight 0; they are kept for the count of responding receptors and for the term
+        # beyond saturation
         self.gauss_part = np.concatenate([[0.0], 0.5 * (x + 1.0), [1.0]])
         self.gauss_weight = np.concatenate([[0.0], 0.5 * weight, [0.0]])
 
@@ -97,7 +97,7 @@ class Population:
         drive
             Transduction and firing.
         intervals
-            Whether to sum the inter-spike intervals too, which takes as long again.
+            True to sum the inter-spike intervals as well, which doubles the time.
         """
         onset = _Onset.of(drive)
         reach = onset.beta[:, None] * (fields.peak - onset.stress[:, None])
@@ -111,10 +111,10 @@ class Population:
         return Sums(*(whole.reshape(reach.shape) for whole in sums))
 
     def _firing(self, profile: Profile, onset: _Onset, vector: Index, reach: Array, intervals: bool) -> Sums:
-        """Integrate conditions in which receptors fire, all arrays along one axis, with the vector of each.
+        """Integrate the conditions in which receptors fire, flattened to one axis, with the index of each one's vector.
 
-        Arrays over nodes have the nodes on an axis before that one, so that NumPy's inner loops run over the
-        conditions, of which there are many more than nodes.
+        Arrays over nodes have the node axis first, so that NumPy's inner loops run over the conditions, which far
+        outnumber the nodes.
         """
         root, gain = self._steps(onset, vector, reach)
         extent = profile.squared_distance(self._y(profile, root))
@@ -136,13 +136,13 @@ class Population:
     def _steps(self, onset: _Onset, vector: Index, reach: Array) -> _Steps:
         """Return the nodes of conditions from the onset to the peak, or to saturation and beyond.
 
-        Conditions whose peak is beyond saturation have the same nodes, if they share a parameter vector. Beyond it the
-        gain in u falls like exp(-u), but for terms of exp(-2 u). The last node has that gain too, and lies at the mean
-        of both, which makes the error one of the second order there.
+        Conditions whose peak is beyond saturation have the same nodes if they share a parameter vector. Beyond it the
+        gain in u falls like exp(-u), up to terms of exp(-2 u). The last node also represents that gain and lies at
+        the combined mean position, so that the error there is of second order.
         """
         limit = self.saturation
         shared = self._steps_to(onset, np.full_like(onset.beta, np.sqrt(limit)))
-        # all that is gained beyond saturation, relative to the gain at the last node
+        # total gain beyond saturation, relative to the gain at the last node
         rest = (1.0 + onset.odds * np.exp(-limit)) / (2.0 * limit * self.weight[-1])
         root, gain = (part.take(vector, axis=1) for part in shared)
         beyond = np.maximum(reach - limit, 1e-300)
@@ -163,7 +163,7 @@ class Population:
         return _Steps(self._root(onset.stress_at(t)), gain)
 
     def _root(self, stress: Array) -> Array:
-        """Return the power of stresses whose share of that of the peak is y."""
+        """Return stresses to the power `root`; the ratio to its value at the peak is y."""
         positive = np.maximum(stress, 0.0)
         return np.sqrt(positive) if self.root == 0.5 else positive**self.root
 
@@ -179,7 +179,7 @@ class Population:
         responding: Array,
         intervals: bool,
     ) -> Sums:
-        """Integrate from the first node to the peak, where the patch lies within the pad's first kink."""
+        """Integrate from the first node to the peak, for a patch inside the first kink of the receptor count."""
         t = nodes.t
         extent = profile.squared_distance(self._y(profile, self._root(onset.stress_at(t))))
         within = self.count(extent)
@@ -196,7 +196,7 @@ class Population:
         return Sums(rate, responding, interval)
 
     def _wide(self, profile: Profile, onset: _Onset, reach: Array, intervals: bool) -> Sums:
-        """Integrate, interval by interval, where the patch may reach past the pad's first kink."""
+        """Integrate piecewise for a patch that may extend past the first kink of the receptor count."""
         kinks = self.count.kinks
         t_kinks = np.minimum(self._t_at(profile, onset, kinks), np.sqrt(reach))
         responding = self.count.anywhere(profile.squared_distance(self._y(profile, self._root(onset.stress))))
@@ -269,7 +269,7 @@ class Population:
                 break
             at_y = beyond(y)
             up = at_y > 0.0
-            # an end that stays twice in a row gets half its value, or it would stay forever
+            # halve the value at an end that stays twice in a row; otherwise that end would never move
             at_high = np.where(up, np.where(low_stays, at_high, 0.5 * at_high), at_y)
             at_low = np.where(up, at_y, np.where(low_stays, 0.5 * at_low, at_low))
             low, high, low_stays = np.where(up, y, low), np.where(up, high, y), ~up

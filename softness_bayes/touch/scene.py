@@ -1,4 +1,4 @@
-"""Scenes: fabrics and loads on one finger, compiled once, with the response of a whole batch in one call."""
+"""Scenes: fabrics and loads on one finger, compiled once; one call gives the response of a whole batch."""
 
 from __future__ import annotations
 
@@ -67,23 +67,23 @@ class Scene:
     firing
         Source of the rate curves.
     fabric, load
-        Indices of each condition's fabric and load, shape (conditions,). Left out, the conditions
-        are all pairs, load by load.
+        Indices of each condition's fabric and load, shape (conditions,). By default, the conditions
+        are all pairs, ordered by load.
     finger, readings, discretisation
         Geometry, readings and resolution.
     modulus_range
-        Moduli [Pa] that the stress fields shall cover beside those of the fabrics, for calls with other moduli.
+        Range [Pa] that the stress fields cover in addition to the fabrics' moduli, for calls with other moduli.
     finger_box
-        Radii and receptor depths that the stress fields shall cover, for parameter vectors with fingers of their own;
-        None if all have the scene's finger.
+        Radii and receptor depths that the stress fields cover, for parameter vectors with individual fingers;
+        None if all use the scene's finger.
     skin_box
-        The skin's parameters that most calls have, whose contact then takes less time and is the same.
+        Expected range of the skin's parameters. Within it the contact is solved faster, with the same result.
 
     Raises
     ------
     InputError
         If a modulus is not positive and finite, a Poisson ratio is outside (-1, 0.5], there is no
-        condition, or an index points nowhere.
+        condition, or an index is out of range.
     """
 
     def __init__(
@@ -145,12 +145,12 @@ class Scene:
         return 0 if self._once is None else self.n_conditions - self._once[0].n_conditions
 
     def fingertip(self, parameters: TouchParameters) -> Fingertip:
-        """Return the finger that touches: the scene's, or one for each vector of a batch (n,), of shape (n, 1).
+        """Return the finger: the scene's, or one for each vector of a batch (n,), with arrays of shape (n, 1).
 
         Raises
         ------
         InputError
-            If a vector has a finger of its own and the scene was compiled for one finger.
+            If a vector has an individual finger but the scene was compiled for one finger.
         """
         if self.finger_box is not None:
             return fingertips(self.finger, parameters.radius, parameters.receptor_depth)
@@ -181,7 +181,7 @@ class Scene:
         parameters
             Arrays of one batch shape (...), or scalars.
         modulus
-            E_fab [Pa] of each fabric in place of the scene's own, positive, shape (..., fabrics).
+            Positive E_fab [Pa] of each fabric, shape (..., fabrics), in place of the scene's values.
 
         Returns
         -------
@@ -208,7 +208,7 @@ class Scene:
         return np.concatenate([self._total_rate(*chunk) for chunk in chunks]).reshape(*shape, self.n_conditions)
 
     def _total_rate(self, parameters: TouchParameters, modulus: Array | None) -> Array:
-        """Return the total rates of one chunk, with no more of the contact and of the fields than they need."""
+        """Return the total rates of one chunk; only the required parts of contact and fields are computed."""
         finger, own = self.fingertip(parameters), None if modulus is None else modulus[:, self.fabric]
         _, reduced = self._contacts.moduli(parameters.b, parameters.m, own, finger)
         fields = self._side_by_side.at(reduced, self._contacts.radius(reduced, finger), finger)
@@ -264,7 +264,7 @@ class Scene:
         return profiles(self.fields, self.columns, contact.reduced_modulus, contact.radius, finger)
 
     def refined(self) -> Scene:
-        """Return the same scene at a finer resolution, the reference for this scene's error; made once."""
+        """Return the same scene at a finer resolution, the reference for this scene's error; cached."""
         if self._finer is None:
             d = self.discretisation
             nodes, saturation, tolerance = d.nodes + 12, d.saturation + 8.0, 1e-2 * d.field_tolerance
@@ -281,14 +281,14 @@ class Scene:
 
     @property
     def field_error(self) -> float:
-        """Largest measured error of the tables of the stress fields, on their tolerance's scale."""
+        """Largest measured error of the stress-field tables, defined as their tolerance is."""
         return max(field.reached for field in self.fields)
 
     def error(self, parameters: TouchParameters, modulus: Array | None = None) -> Array:
         """Return the numerical error of each vector's response relative to its largest, shape (...).
 
         It is the largest difference from the same scene at a finer resolution, plus the error of that scene's stress
-        fields, which both scenes might share.
+        fields, because both scenes may share those.
         """
         finer = self.refined()
         fine = finer.total_rate(parameters, modulus)
@@ -297,7 +297,7 @@ class Scene:
         return difference / np.where(peak > 0, peak, 1.0) + finer.field_error
 
     def take(self, conditions: ArrayLike, contact_centre: tuple[float, float] | None = None) -> Scene:
-        """Return the scene of some conditions, optionally with another place of contact, with the same stress fields.
+        """Return the scene of some conditions, optionally with another contact centre, with the same stress fields.
 
         Parameters
         ----------
@@ -309,8 +309,8 @@ class Scene:
         Raises
         ------
         InputError
-            If there is no condition, an index is out of range, or the pad now extends farther from the axis than
-            the fields do.
+            If there is no condition, an index is out of range, or the pad then extends farther from the axis than
+            the fields.
         """
         finger = replace(self.finger, contact_centre=contact_centre or self.finger.contact_centre)
         if kink_distances(finger)[-1] > kink_distances(self.finger)[-1]:
@@ -333,7 +333,7 @@ class Scene:
         return part
 
     def coarser(self, discretisation: Discretisation) -> Scene:
-        """Return the scene at a coarser resolution, with its stress fields cut from the present ones, at no cost.
+        """Return the scene at a coarser resolution; its stress fields are truncated from the present ones at no cost.
 
         Its responses agree with those of a scene compiled at that resolution, within the tolerance of the fields.
         """
@@ -352,17 +352,17 @@ class Scene:
         return part
 
     def on_grid(self, modulus: Array, loads: Sequence[Load] | None = None) -> Scene:
-        """Return the scene of fabrics of these moduli [Pa] and the median Poisson ratio under some loads, or all."""
+        """Return a scene of fabrics with these moduli [Pa] and the median Poisson ratio, under some or all loads."""
         poisson = np.full(modulus.size, np.median(self.poisson))
         loads = self.loads if loads is None else loads
         return self._with(fabric_modulus=modulus, fabric_poisson=poisson, loads=loads, fabric=None, load=None)
 
     def under(self, loads: Sequence[Load], fabric: ArrayLike, load: ArrayLike) -> Scene:
-        """Return the scene of the same fabrics in other conditions: indices of their fabrics and of these loads."""
+        """Return the scene of the same fabrics in other conditions, given by indices of fabrics and new loads."""
         return self._with(loads=loads, fabric=fabric, load=load)
 
     def beside(self, modulus: Array, fabric: ArrayLike, load: ArrayLike) -> Scene:
-        """Return the scene with further fabrics of these moduli [Pa] and the median Poisson ratio after its own ones.
+        """Return the scene with fabrics of these moduli [Pa] and the median Poisson ratio appended to its fabrics.
 
         Parameters
         ----------
@@ -376,13 +376,13 @@ class Scene:
         return self._with(fabric_modulus=moduli, fabric_poisson=poisson, fabric=fabric, load=load)
 
     def _with(self, **changed: Any) -> Scene:
-        """Compile a scene of the same arguments but for some."""
+        """Compile a scene with the same arguments except the given ones."""
         own = {name: getattr(self, name) for name in _KEPT}
         own |= {"fabric_modulus": self._moduli, "fabric_poisson": self._poissons}
         return Scene(**own | changed)
 
     def beyond_hertz(self, parameters: TouchParameters, modulus: Array | None = None) -> BeyondHertz:
-        """Return the shares of draws × conditions whose contact leaves the range of Hertz's geometry."""
+        """Return the shares of draws × conditions with contact outside the range of Hertz's geometry."""
         radius = self.contact(parameters, modulus).radius / self.fingertip(parameters).radius
         return BeyondHertz(float((radius > 0.5).mean()), float((radius >= 1.0).mean()))
 

@@ -1,8 +1,8 @@
-"""Start of the search for the skin's modulus: a polynomial in the skin's parameters for each condition (model.md 2).
+"""Initial value of the search for the skin's modulus: a polynomial in the skin's parameters (model.md 2).
 
-For given fabrics and loads, w of `log_stiffening` is a smooth function of ln b and ln m. Over the range that a prior
-covers, a polynomial comes so close to it that the search takes one step where it otherwise takes three. The root
-is the same, so the polynomial's error costs time alone.
+For given fabrics and loads, w of `log_stiffening` is a smooth function of ln b and ln m. Over the range of a prior, a
+polynomial for each condition approximates it so well that the search takes one step instead of three. The root is
+the same, so an error of the polynomial affects only the run time.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ USEFUL = 0.1
 
 
 class SkinBox(NamedTuple):
-    """Range of the skin's parameters, each with two positive ends."""
+    """Ranges of the skin's parameters, with positive ends."""
 
     b: tuple[float, float]
     """Modulus at rest [Pa]."""
@@ -35,14 +35,14 @@ class SkinBox(NamedTuple):
 
 
 class SkinStart:
-    """Starts for the conditions of a scene.
+    """Initial values of w for the conditions of a scene.
 
     Parameters
     ----------
     box
         The range that the polynomials cover; elsewhere the start is `upper_bound`.
     log_scale, p, log_k
-        As `log_stiffening` takes them, shape (conditions,).
+        As for `log_stiffening`, shape (conditions,).
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class SkinStart:
                 break
 
     def __call__(self, b: Array, m: Array) -> Array:
-        """Return w at which the search begins, shape (batch, conditions), for parameters of shape (batch,)."""
+        """Return the initial w of the search, shape (batch, conditions), for parameters of shape (batch,)."""
         # m may be 0
         x = (np.log([b, np.maximum(m, 1e-300)]) - self._middle) / self._half
         beyond = np.abs(x) > 1.0

@@ -24,8 +24,8 @@ SEARCH_STEPS = 40_000
 TRIED = Channels(c_Na=(0.8, 1.5), c_K=(0.8, 1.5), c_L=(0.5, 2.0), c_A=(0.5, 2.0))
 """Ranges of each multiplier that give a curve while the other multipliers keep the paper's values."""
 
-_CLOSEST_BORN = 0.1  # sqrt(µA/cm²): nearest exact rate to a fold of orbits, whose own rate is known
-_CLOSEST_JUMP = 0.03  # and to another jump, where the rate falls off as a logarithm within some 1e-3 µA/cm²
+_CLOSEST_BORN = 0.1  # sqrt(µA/cm²): distance of the first node from a fold of orbits, where the rate is known
+_CLOSEST_JUMP = 0.03  # and from any other jump, where the rate falls logarithmically within about 1e-3 µA/cm²
 
 
 class CurveError(NamedTuple):
@@ -68,7 +68,7 @@ class RateCurve:
 
     @property
     def s_max(self) -> FloatArray:
-        """Root of the largest current above the rheobase, shape (...); 1 where nothing fires below it."""
+        """sqrt(max_current - rheobase), shape (...); 1 where the membrane does not fire up to that current."""
         excess = self.max_current - self.rheobase
         return np.sqrt(np.where(excess > 0.0, excess, 1.0))
 
@@ -132,7 +132,7 @@ def exact_curve(
     nodes : int
         Number of nodes.
     steps : int
-        Steps of integration that may be taken, those of cells side by side counted once.
+        Largest number of integration steps; a step of several cells in parallel counts once.
 
     Returns
     -------
@@ -144,7 +144,7 @@ def exact_curve(
     InputError
         If a multiplier is not one finite non-negative number, or ``max_current`` not finite.
     NumericalError
-        If the steps do not suffice, as where firing begins so slowly that it is hard to tell from rest.
+        If the steps do not suffice, for example where firing starts so slowly that it is hard to tell from rest.
     """
     if not np.isfinite(max_current) or nodes < 2:
         raise InputError(f"a curve needs a finite largest current and two nodes, not {max_current} and {nodes}")
@@ -175,7 +175,7 @@ def _exact_curve(channels: Channels, membrane: Membrane, max_current: float, nod
     if not through_fold:
         s_min = _CLOSEST_BORN if begin.born else _CLOSEST_JUMP
         s_min = s_min if s_min < 0.1 * s_max else 0.1 * s_max
-    # below the first node, where simulation is slow, the error is smaller still: it is proportional to s
+    # below the first node simulation is slow, but the error is proportional to s and thus smaller
     between = 0.5 * (angles[1:] + angles[:-1])[1:]
     s = s_min + 0.5 * (s_max - s_min) * (1.0 - np.cos(np.concatenate([angles, between])))
     exact = np.zeros_like(s)
@@ -207,7 +207,7 @@ def exact_curves(
     expected: ArrayLike | None = None,
     tolerance: float = TOLERANCE,
 ) -> RateCurve:
-    """Return curves of many channel vectors through exact rates, without a measurement of their error.
+    """Return curves through exact rates for many channel vectors, without measuring their error.
 
     At 14 nodes the curves are within 3e-5 of the rate to 40 µA/cm², and within 3e-6 to 20 (model.md 7).
 
@@ -222,9 +222,9 @@ def exact_curves(
     nodes : int
         Number of nodes.
     expected : array_like, optional
-        Rheobases that are expected [µA/cm²], as :func:`~.onset.onset` takes them.
+        Expected rheobases [µA/cm²], as for :func:`~.onset.onset`.
     tolerance : float
-        Of the rates, as :func:`~.rate.firing_rate` takes it.
+        Tolerance of the rates, as for :func:`~.rate.firing_rate`.
     """
     begin = onset(channels, membrane, expected)
     limit = np.broadcast_to(np.asarray(max_current, dtype=float), begin.rheobase.shape)

@@ -3,7 +3,7 @@
 Over the box of the multipliers, the rheobase, the rate just above it and the coefficients of the curve
 (:class:`~.firing.RateCurve`) are smooth: each is one polynomial of bounded total degree in the multipliers, so that a
 vector's curve costs one row of a matrix product. In a thin corner of the Connor-Stevens box firing begins at a jump
-instead of a fold (model.md 7). Its border is one more polynomial; a channel vector beyond it gets its own exact curve.
+instead of a fold (model.md 7). Its border is another polynomial; channel vectors beyond it have exact curves.
 Vectors outside the box raise an error; nothing is extrapolated.
 
 The tables are built and measured by ``python -m softness_bayes.tools.surface_build``.
@@ -33,8 +33,8 @@ TABLES = "firing_surface.npz"
 ERRORS = "firing_surface.json"
 """Name of the file with the measured errors beside it."""
 
-_CHECKING = 5e-8  # local error where many exact curves are made: within 1e-6 of a rate, and in half the time
-_AT_THE_EDGE = 1e-9  # of the box's half-width: rounding of a multiplier at its prior's end
+_CHECKING = 5e-8  # tolerance for batches of exact curves: relative error of a rate within 1e-6, in half the time
+_AT_THE_EDGE = 1e-9  # relative to the box's half-width: allows for rounding at a prior's end
 
 
 class Summed:
@@ -52,7 +52,7 @@ class Summed:
 
     def __init__(self, terms: TotalDegree, coefficients: FloatArray) -> None:
         others = TotalDegree(terms.variables - 1, terms.degree).exponents
-        # rising in degree, so that the products up to any degree come first
+        # in ascending degree, so that the products up to any degree come first
         self._exponents, self._degree = others[:, np.argsort(others.sum(axis=0), kind="stable")], terms.degree
         row = {tuple(exponent): k for k, exponent in enumerate(terms.exponents.T.tolist())}
         self._parts = []
@@ -77,7 +77,7 @@ class FiringSurface:
     Parameters
     ----------
     design : Design
-        Inputs that the surface was made from.
+        Inputs from which the surface was built.
     table : ndarray, shape (terms, 2 + nodes)
         Polynomial coefficients of the rheobase [µA/cm²], the onset rate [Hz] and the coefficients of the curve.
     border : ndarray, shape (terms,)
@@ -99,7 +99,7 @@ class FiringSurface:
         Raises
         ------
         InputError
-            If there is no surface for the membrane, or it was made from other inputs than are declared now.
+            If there is no surface for the membrane, or it was built from inputs other than those now declared.
         """
         design = DESIGNS.get(membrane.name)
         if design is None or design.membrane != membrane:
@@ -139,7 +139,7 @@ class FiringSurface:
 
     @cached_property
     def _quadratic_rheobase(self) -> tuple[FloatArray, FloatArray]:
-        """Gradient g and matrix H of the rheobase up to second order, g·x + x·H x above that at the box's centre."""
+        """Gradient g and matrix H of the rheobase to second order: g·x + x·H x relative to the box's centre."""
         exponents, coefficients = self._terms.exponents, self.table[:, 0]
         axes = len(exponents)
         gradient, matrix = np.zeros(axes), np.zeros((axes, axes))
@@ -161,7 +161,7 @@ class FiringSurface:
         return float(self.border[order == 0].sum() - np.abs(self.border[order > 1]).sum()), slopes
 
     def corner(self, place: FloatArray) -> NDArray[np.bool_]:
-        """Return whether places of shape (axes, n) lie in the corner or in the strip beside it, which counts too."""
+        """Return True for points of shape (axes, n) in the corner or in the safety strip beside it."""
         found = np.zeros(place.shape[1], dtype=bool)
         if self.design.border is not None:
             # the polynomial is evaluated only where the plane below it does not decide
@@ -172,18 +172,18 @@ class FiringSurface:
         return found
 
     def rheobase_shift(self, channels: Channels) -> FloatArray:
-        """Return the change of the rheobase from that at the box's centre [µA/cm²], to second order."""
+        """Return the rheobase relative to that at the box's centre [µA/cm²], to second order."""
         shape, place = self._places(channels)
         gradient, matrix = self._quadratic_rheobase
         return (gradient @ place + (place * (matrix @ place)).sum(axis=0)).reshape(shape)
 
     def _places(self, channels: Channels) -> tuple[tuple[int, ...], FloatArray]:
-        """Return the batch shape of channel vectors and their places, shape (axes, n), inside the box or not."""
+        """Return the batch shape of channel vectors and their box coordinates, shape (axes, n), not range-checked."""
         values = np.broadcast_arrays(*(np.asarray(c, float) for c in channels))
         return values[0].shape, self.design.place(np.array([v.reshape(-1) for v in values]))
 
     def answers(self, channels: Channels) -> NDArray[np.bool_]:
-        """Return whether channel vectors lie in the box and out of the corner, of their batch shape."""
+        """Return True for channel vectors inside the box and outside the corner, in their batch shape."""
         shape, place = self._places(channels)
         inside = np.flatnonzero((np.abs(place) <= 1.0 + _AT_THE_EDGE).all(axis=0))
         found = np.zeros(place.shape[1], dtype=bool)
@@ -237,7 +237,7 @@ class FiringSurface:
         return self.curve(Channels(*(getattr(parameters, name) for name in Channels._fields)))
 
     def exact(self) -> ExactRates:
-        """Return the source of the curves that the surface stands for."""
+        """Return the source of the exact curves that the surface approximates."""
         return ExactRates(self.design.membrane, self)
 
     def _require_inside(self, channels: FloatArray, place: FloatArray) -> None:
@@ -264,7 +264,7 @@ class ExactRates:
     membrane : Membrane
         Constants.
     near : FiringSurface, optional
-        Surface whose rheobase is where the search begins, which saves most of it.
+        Surface whose rheobase is the initial value of the search, which saves most of its time.
     """
 
     membrane: Membrane
