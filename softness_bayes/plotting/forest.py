@@ -1,4 +1,4 @@
-"""Forest of a study: each table's interval, separately and in its population, above that of the population."""
+"""Forest plot of a study: intervals of each table, fitted separately and pooled, above that of the population."""
 
 from __future__ import annotations
 
@@ -18,34 +18,34 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_ROW, _SPARE = 0.17, 1.0  # height of a row and of what is above and below [in]
-_LONGEST = 26  # letters of a name
+_ROW, _SPARE = 0.17, 1.0  # height of a row, and of the margins above and below [in]
+_LONGEST = 26  # largest number of letters in a name
 
 
 class Forest(NamedTuple):
-    """Intervals of one parameter; each array has low end, middle and high end along its first axis."""
+    """Intervals of one parameter; the first axis of each array is lower end, middle and upper end."""
 
     parameter: str
     label: str
-    """Of the axis."""
+    """Label of the axis."""
     tables: Sequence[str]
     separate: Array
-    """Shape (3, tables)."""
+    """Intervals of the separate fits, shape (3, tables)."""
     shrunken: Array | None = None
-    """The same, or None if the population was refused."""
+    """Intervals of the pooled fit, shape (3, tables); None if no population was fitted."""
     population: Array | None = None
-    """Of the population's mean, shape (3,)."""
+    """Interval of the population mean, shape (3,)."""
     new: Array | None = None
-    """Of a further table, shape (3,)."""
+    """Predicted interval of a new table, shape (3,)."""
 
 
 def forest_figure(forests: Sequence[Forest], style: Style = USUAL) -> Figure:
-    """Draw a panel per parameter and a row per table, with the population's mean and a further table at the foot.
+    """Draw a panel per parameter and a row per table, with the population mean and a new table at the bottom.
 
     Parameters
     ----------
     forests
-        What is shown of each parameter; all have the same tables.
+        Intervals of each parameter; all have the same tables.
     style
         How it looks.
 
@@ -106,7 +106,7 @@ def _draw(axes: Axes, forest: Forest, style: Style) -> None:
 
 
 def _intervals(axes: Axes, ends: Array, place: Array, colour: str, gid: str, label: str = "") -> None:
-    """Draw the lines from low to high ends, and points in the middle."""
+    """Draw a line from the lower to the upper end of each interval, and a point at its middle."""
     axes.hlines(place, ends[0], ends[2], color=colour, linewidth=1.2).set_gid(gid)
     marks = axes.plot(ends[1], place, linestyle="none", marker="o", markersize=3, color=colour)[0]
     marks.set(gid=f"{gid}/middle", label=label or "_")

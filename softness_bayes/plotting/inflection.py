@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from softness_bayes.checking.inflection import Inflection
 
 FEWEST_BINS, MOST_BINS = 60, 240
-"""Smallest and largest number of bins over the whole range: narrow enough to resolve, wide enough to see."""
+"""Smallest and largest number of bins over the whole range."""
 
 MARGIN = 0.2
-"""Height of the turning point's margin above a response panel, as a share of the panel's."""
+"""Height of the margin for the turning point above a response panel, as a fraction of the panel's height."""
 
 
 def inflection_figure(
@@ -36,14 +36,14 @@ def inflection_figure(
 ) -> Figure:
     """Draw the posterior of E_fab at the turning point (maximum), one row per load, with the outcomes' probabilities.
 
-    The left panels show the density per decade over the draws with an interior maximum. Its area is their share, so
-    that rows can be compared. Dot and bar give median and central 95 % of these draws; the range of the fabrics is
-    shaded. The right panels show the probabilities of the three outcomes.
+    The left panels show the density per decade for the draws with an interior maximum. The area under the density is
+    the fraction of such draws, so that rows can be compared. The dot and the bar show the median and the central 95 %
+    of these draws. The range of the fabrics is shaded. The right panels show the probabilities of the three outcomes.
 
     Parameters
     ----------
     inflection
-        As `checking.inflection.find_inflection` returns it.
+        Return value of `checking.inflection.find_inflection`.
     loads
         The load of each row.
     fabric_modulus
@@ -90,14 +90,14 @@ def inflection_figure(
 
 
 def bin_edges(x: Array, places: Array) -> Array:
-    """Return edges of bins over the range of x, equal in the logarithm and suited to the narrowest posterior.
+    """Return bin edges over the range of x, evenly spaced in log x; the narrowest posterior sets the bin width.
 
     Parameters
     ----------
     x
         Values that span the range, in the unit of `places`.
     places
-        Draws of the turning point, shape (draws, loads), NaN where there is none.
+        Draws of the turning point, NaN for draws without one, shape (draws, loads).
     """
     span = np.log10(x.max() / x.min())
     bins = float(FEWEST_BINS)
@@ -105,18 +105,18 @@ def bin_edges(x: Array, places: Array) -> Array:
         known = np.log10(column[np.isfinite(column)])
         spread = np.subtract(*np.quantile(known, [0.75, 0.25])) if known.size > 1 else 0.0
         if spread > 0:
-            bins = max(bins, span * known.size ** (1 / 3) / (2.0 * spread))  # Freedman and Diaconis
+            bins = max(bins, span * known.size ** (1 / 3) / (2.0 * spread))  # rule of Freedman and Diaconis
     return np.geomspace(x.min(), x.max(), int(min(bins, MOST_BINS)) + 1)
 
 
 def density(places: Array, edges: Array) -> Array:
-    """Return the density per decade; its area is the share of draws that are not NaN."""
+    """Return the density per decade; its area is the fraction of draws that are not NaN."""
     counts, _ = np.histogram(places[np.isfinite(places)], edges)
     return counts / (places.size * np.diff(np.log10(edges)))
 
 
 def draw_margin(margin: Axes, inflection: Inflection, index: int, style: Style, gid: str) -> None:
-    """Draw the posterior of the turning point, and its probability, into the margin of a response panel."""
+    """Draw the posterior and the probability of the turning point in the margin of a response panel."""
     from softness_bayes.checking.inflection import Outcome
 
     edges = bin_edges(np.array(margin.get_xlim()), inflection.modulus / 1e3)

@@ -1,4 +1,4 @@
-"""Libraries that every figure needs, imported at once: for a server that processes are forked from."""
+"""Imports of the libraries that every figure needs, for the server from which processes are forked."""
 
 import logging
 

@@ -29,7 +29,7 @@ def membrane_figure(
     *,
     style: Style = USUAL,
 ) -> Figure:
-    """Draw firing rate against current with credible bands, and below it example trains at some currents.
+    """Draw firing rate against current with credible bands, and below it example spike trains at some currents.
 
     Parameters
     ----------
@@ -38,10 +38,10 @@ def membrane_figure(
     rate
         Draws of the rate [Hz], shape (draws, points).
     rheobase, largest
-        Draws of the rheobase and of alpha [µA/cm²], shape (draws,); the rheobase infinite where nothing fires. Bars
-        above the panel hold 95 % of each.
+        Draws of the rheobase and of alpha [µA/cm²], shape (draws,). The rheobase is infinite if the membrane never
+        fires. Bars above the panel show the central 95 % of each.
     spikes
-        Times of the trains' spikes [ms], shape (trains, most spikes), NaN where there are fewer.
+        Spike times [ms], shape (trains, largest number of spikes); shorter trains are padded with NaN.
     train_current
         Current of each train [µA/cm²], shape (trains,).
     duration

@@ -1,4 +1,4 @@
-"""Names of fabrics above a panel: upright, apart from each other, each with a line to its place."""
+"""Names of fabrics above a panel: vertical text without overlap, with a line from each name to its fabric."""
 
 from __future__ import annotations
 
@@ -17,29 +17,29 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 LONGEST = 18
-"""Letters of a name; of a longer one the middle is left out."""
+"""Largest number of letters in a name; the middle of a longer name is omitted."""
 
 MEASURED = 8
-"""Number of the names with most letters that are measured."""
+"""Number of longest names whose length is measured."""
 
 FOREIGN = 1.3
-"""Length of a letter that the usual font lacks, in sizes of the letters."""
+"""Assumed width of a letter that the default font lacks, relative to the font size."""
 
 PITCH = 1.25
-"""Distance of two names, in sizes of their letters."""
+"""Smallest distance between two names, relative to the font size."""
 
 WIDENED = 1.1
-"""Least width of a panel after the layout, relative to that before it."""
+"""Smallest width of a panel after the layout, relative to its width before the layout."""
 
 LEAD, SPARE = 8.0, 6.0
-"""Height of the lines from the panel to the names, and the room above these [pt]."""
+"""Height of the lines from the panel to the names, and space above the names [pt]."""
 
 GUIDE, INK = "#D4D4D4", "#404040"
 """Colours of lines and names."""
 
 
 def short_name(name: str, longest: int = LONGEST) -> str:
-    """Return a name, without its middle if it is long, and without what matplotlib takes for mathematics."""
+    """Return a name in which a long middle part is replaced by an ellipsis and dollar signs are escaped."""
     if len(name) > longest:
         end = (longest - 1) // 2
         name = f"{name[: longest - 1 - end]}…{name[len(name) - end :]}"
@@ -47,7 +47,7 @@ def short_name(name: str, longest: int = LONGEST) -> str:
 
 
 def short_names(names: Sequence[str]) -> list[str]:
-    """Return short names; if two become the same, what all names begin and end with is left out of them."""
+    """Return short names; if two would be equal, the common beginning and ending of all names are omitted."""
     short = [short_name(name) for name in names]
     if len({*short}) == len({*names}):
         return short
@@ -57,13 +57,13 @@ def short_names(names: Sequence[str]) -> list[str]:
 
 
 def _shared(names: Sequence[str]) -> int:
-    """Return the number of letters that all names begin with."""
+    """Return the number of letters in the common beginning of all names."""
     first, last = min(names), max(names)
     return next((k for k, (a, b) in enumerate(zip(first, last, strict=False)) if a != b), min(len(first), len(last)))
 
 
 def room_for(names: Sequence[str], style: Style) -> float:
-    """Return the height that upright names take above a panel [in]; 0 without names."""
+    """Return the height of vertical names above a panel [in]; 0 without names."""
     short = short_names(names)
     several = {*sorted(short, key=len)[-MEASURED:], *sorted(short, key=lambda name: len(name.encode()))[-MEASURED:]}
     longest = max((_length(name, style.small) for name in several), default=0.0)
@@ -72,7 +72,7 @@ def room_for(names: Sequence[str], style: Style) -> float:
 
 @lru_cache(maxsize=4096)
 def _length(text: str, size: float) -> float:
-    """Return the length of a text [pt]; letters that the usual font lacks are drawn by others, and wider."""
+    """Return the length of a text [pt]; letters that the default font lacks have an assumed width."""
     from matplotlib.font_manager import FontProperties, findfont, get_font
     from matplotlib.textpath import TextPath
 
@@ -84,14 +84,14 @@ def _length(text: str, size: float) -> float:
 
 
 def apart(places: ArrayLike, distance: float) -> Array:
-    """Return rising places in [0, 1] moved as little as possible, by least squares, to be a distance apart.
+    """Return positions in [0, 1] that are at least a distance apart and closest to the given ones in least squares.
 
     Parameters
     ----------
     places
-        Rising, shape (n,); n - 1 distances must fit into [0, 1].
+        Given positions in ascending order, shape (n,); n - 1 distances must fit into [0, 1].
     distance
-        Least distance of neighbours.
+        Smallest distance between neighbours.
     """
     from scipy.optimize import isotonic_regression
 
@@ -101,21 +101,20 @@ def apart(places: ArrayLike, distance: float) -> Array:
 
 
 def chosen(count: int, most: int) -> NDArray[np.intp]:
-    """Return which of `count` fabrics in order are named if `most` fit: all, or some at even distances."""
+    """Return the indices of the named fabrics, of `count` in order, if `most` names fit: all, or evenly spaced ones."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.intp))
 
 
 def named_in_words(written: Sequence[int], of: Sequence[int]) -> str:
-    """Say how many fabrics are named in the panel with the fewest of its fabrics named; empty if all are."""
+    """Return a note on the panel with the most unnamed fabrics; empty if all fabrics are named in every panel."""
     least = min(zip(written, of, strict=True), key=lambda pair: pair[0] - pair[1], default=(0, 0))
     return f"{least[0]} of {least[1]} fabrics are named" if least[0] < least[1] else ""
 
 
 def name_fabrics(axes: Axes, places: ArrayLike, names: Sequence[str], style: Style, gid: str) -> int:
-    """Write names above a panel whose limits are set, and return their number.
+    """Write names above a panel whose limits are set, and return the number of names.
 
-    Of more names than fit, some are written, at even distances in the order of their places; of fabrics outside of
-    the panel none is.
+    If not all names fit, an evenly spaced subset is written. Fabrics outside the panel are not named.
 
     Parameters
     ----------
@@ -139,12 +138,12 @@ def name_fabrics(axes: Axes, places: ArrayLike, names: Sequence[str], style: Sty
         return 0
     figure = axes.get_figure(root=True)
     assert figure is not None
-    # the layout makes panels wider than they are before it
+    # the layout widens the panels
     distance = PITCH * style.small / 72.0 / (WIDENED * axes.get_position().width * figure.get_figwidth())
     order = order[chosen(order.size, 1 + int(1.0 / distance))]
     above = offset_copy(axes.transAxes, fig=figure, y=LEAD, units="points")
     lead = {"arrowstyle": "-", "color": GUIDE, "linewidth": 0.6, "shrinkA": 0.0, "shrinkB": 0.0, "relpos": (0.5, 0.0)}
-    lead["patchA"] = None  # cutting the line at the letters' box takes half the time of a figure
+    lead["patchA"] = None  # clipping the line at the text box would take half the time of a figure
     written = short_names(names)
     for k, at in zip(order, apart(share[order], distance), strict=True):
         words = axes.annotate(written[k], (share[k], 1.0), (at, 1.0), "axes fraction", above, lead, rotation=90)

@@ -25,16 +25,16 @@ LEVELS = (0.5, 0.95)
 """Credible levels of bands and regions."""
 
 TINTS = (0.5, 0.22)
-"""Strength of colour of each of them."""
+"""Colour strength of each credible level."""
 
 WIDE = 6.0
 """Smallest width of a figure whose text and legend fit on one line [in]."""
 
 NARROWEST = 1.6
-"""Smallest width of a panel with its own numbers and labels [in]."""
+"""Smallest width of a panel that has separate tick labels and axis labels [in]."""
 
 LEAST_PLAIN, MOST_PLAIN = 0.0005, 2e5
-"""Ends of a logarithmic axis between which ticks are plain numbers."""
+"""Range of a logarithmic axis within which tick labels are plain numbers."""
 
 MODULUS_LABEL = r"fabric modulus $E_\mathrm{fab}$ [kPa]"
 RATIO_LABEL = r"$E_\mathrm{fab}\,/\,E_\mathrm{skin}$ [–]"
@@ -58,14 +58,14 @@ class Grid(NamedTuple):
     figure: Figure
     panels: list[Axes]
     heads: list[Axes]
-    """The uppermost axes of each panel, which takes the title: its margin, or the panel itself."""
+    """Uppermost axes of each panel, which carry the title: its margin, or the panel itself."""
 
 
 def grid_of_panels(count: int, xlabel: str, ylabel: str, style: Style, margin: float = 0.0, above: float = 0.0) -> Grid:
-    """Return a figure of `count` panels with common axes, at most four beside each other, fewer on a narrow page.
+    """Return a figure of `count` panels with common axes, at most four per row, fewer on a narrow page.
 
-    Rows have similar numbers of panels; a single panel takes one column of a page. A `margin`, as a share of
-    a panel's height, adds separate axes above each panel; `above` [in] is the room that each row's names take.
+    Rows have similar numbers of panels. A single panel is as wide as one column of a page. `margin`, a fraction of
+    the panel height, adds separate axes above each panel. `above` [in] is the space for names above each row.
     """
     from matplotlib.figure import Figure
 
@@ -98,7 +98,7 @@ class FreePanels(NamedTuple):
     figure: Figure
     panels: list[Axes]
     columns: int
-    """Panels beside each other."""
+    """Number of panels per row."""
 
     @property
     def lowest(self) -> list[Axes]:
@@ -120,7 +120,7 @@ def free_panels(
     sharey: bool = False,
     narrow: bool = False,
 ) -> FreePanels:
-    """Return a figure of `count` panels over a page, or over a column (`narrow`), with full rows."""
+    """Return a figure of `count` panels in full rows, as wide as a page, or as a column (`narrow`)."""
     from matplotlib.figure import Figure
 
     columns = fitting(columns, style)
@@ -134,7 +134,7 @@ def free_panels(
 
 
 def fitting(columns: int, style: Style) -> int:
-    """Return the number of panels, at most `columns`, that fit beside each other on a page."""
+    """Return the number of panels, at most `columns`, that fit in one row of a page."""
     return max(1, min(columns, int(style.page / NARROWEST)))
 
 
@@ -161,7 +161,7 @@ def draw_bands(axes: Axes, x: Array, draws: Array, colour: str, style: Style, gi
 
 
 def draw_rug(axes: Axes, x: Array, style: Style, gid: str, names: Sequence[str] = ()) -> None:
-    """Mark the fabrics of the data along the foot of the panel."""
+    """Mark the fabrics of the data along the bottom of the panel."""
     (marks,) = axes.plot(
         x,
         np.full(np.shape(x), 0.03),
@@ -178,7 +178,9 @@ def draw_rug(axes: Axes, x: Array, style: Style, gid: str, names: Sequence[str] 
 
 
 def number_ticks(axis: Axis, narrow: bool = False) -> None:
-    """Write the ticks of a logarithmic axis with set limits in one notation: plain numbers, or powers of ten.
+    """Label the ticks of a logarithmic axis in one notation: plain numbers, or powers of ten.
+
+    The limits of the axis must be set.
 
     A narrow panel has fewer ticks.
     """
@@ -201,26 +203,26 @@ def _number(value: float, _: int | None = None) -> str:
 
 
 def _power(value: float, _: int | None = None) -> str:
-    """Return a number as a power of ten, times its first digit unless that is 1."""
+    """Return a number as a power of ten, multiplied by its first digit unless that is 1."""
     exponent = int(np.floor(np.log10(value) + 1e-9))
     first = round(value / 10.0**exponent)
     return rf"$10^{{{exponent}}}$" if first == 1 else rf"${first}\cdot10^{{{exponent}}}$"
 
 
 def short(value: float) -> str:
-    """Return a number to three digits, without an exponent."""
+    """Return a number with three significant digits, without an exponent."""
     return f"{float(f'{value:.3g}'):.12g}"
 
 
 def say_grouped(figure: Figure, groups: LoadGroups, style: Style, curves: bool = True) -> None:
-    """Write at the head of a figure that it shows loads in groups, if it does, and at which its curves are."""
+    """If the loads are grouped, write a note at the top of the figure, including the loads of the curves."""
     if groups.merged:
         at = "; curves are at the middle load of each" if curves else ""
         figure.suptitle(f"{groups.sentence}{at}", fontsize=style.small)
 
 
 def legend_below(figure: Figure, axes: Sequence[Axes], more: str = "") -> None:
-    """Draw a legend of the panels' labelled artists, each label once, below them, and a line of words below it."""
+    """Draw a legend below the panels, with each label once, and a line of text below it."""
     handles: dict[str, Any] = {}
     for panel in axes:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):

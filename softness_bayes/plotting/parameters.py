@@ -1,4 +1,4 @@
-"""Parameters: their posterior by pairs, and each against its prior."""
+"""Posterior of pairs of parameters, and comparison of each parameter with its prior."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ MOST_DRAWS = 5000
 _SHOWN = (0.025, 0.975)
 
 POINTS = 241
-"""Points of the line of a prior."""
+"""Number of points in the density curve of a prior."""
 
 MOST_PARAMETERS = 6
 """Number of parameters in a corner plot of the most informative pairs."""
 
 FEWEST_DRAWS_FOR_CONTOURS = 400
-"""Number of draws below which the corner plot shows points."""
+"""Smallest number of draws for contours in the corner plot; fewer draws are shown as points."""
 
 
 def informative(draws: ArrayLike, most: int = MOST_PARAMETERS) -> list[int]:
@@ -42,7 +42,7 @@ def informative(draws: ArrayLike, most: int = MOST_PARAMETERS) -> list[int]:
     draws
         Shape (draws, parameters).
     most
-        Number of columns, if there are as many.
+        Largest number of columns.
     """
     from scipy.stats import rankdata
 
@@ -68,9 +68,9 @@ def corner_figure(
     labels
         Symbol and unit of each parameter.
     names
-        Titles of the columns in the table of the figure's data; by default the labels.
+        Column titles in the table of the figure's data; by default the labels.
     note
-        Words in the empty corner.
+        Text in the empty corner.
     style
         How it looks.
 
@@ -135,7 +135,7 @@ def _require_varying(values: Array, labels: Sequence[str]) -> None:
 
 
 def _region_legend(figure: Figure, tints: Sequence[tuple[float, float, float]], note: str, style: Style) -> None:
-    """Name the regions, in the empty corner, and write a note there."""
+    """Draw the legend of the regions and a note in the empty corner."""
     from matplotlib.patches import Patch
 
     patches = [
@@ -147,7 +147,7 @@ def _region_legend(figure: Figure, tints: Sequence[tuple[float, float, float]], 
 
 
 def _tidy(figure: Figure, dimension: int, width: float) -> None:
-    """Fit corner's margins, ticks and labels, made for wide panels, to a page."""
+    """Adjust the margins, ticks and labels of the corner package to a page; its defaults suit wide panels."""
     from matplotlib.ticker import FixedLocator, MaxNLocator
 
     margin, gap = 0.64, 0.05  # in
@@ -167,16 +167,16 @@ def _tidy(figure: Figure, dimension: int, width: float) -> None:
         for axis in (axes.xaxis, axes.yaxis) if column < row else (axes.xaxis,) if column == row else ():
             low, high = axis.get_view_interval()
             ticks = np.asarray(MaxNLocator(4 if dimension <= 6 else 3).tick_values(low, high))
-            away = 0.1 * (high - low)  # from the corners, where the numbers of two panels meet
+            away = 0.1 * (high - low)  # distance from the corners, where the tick labels of two panels meet
             axis.set_major_locator(FixedLocator(ticks[(ticks > low + away) & (ticks < high - away)].tolist()))
         axes.xaxis.set_label_coords(0.5, -0.32 / panel)
         axes.yaxis.set_label_coords(-0.32 / panel, 0.5)
 
 
 def _ranges(values: Array, beyond: float) -> list[tuple[float, float]]:
-    """Return limits around the central 99.8 % of each column, so that a stray draw does not shrink a panel.
+    """Return limits around the central 99.8 % of each column, so that outlying draws do not compress a panel.
 
-    They extend by the share `beyond` of that range.
+    The range is extended by the fraction `beyond`.
     """
     low, high = np.quantile(values, [0.001, 0.999], axis=0)
     low, high = np.where(high > low, low, values.min(0)), np.where(high > low, high, values.max(0))
@@ -193,7 +193,7 @@ def prior_figure(
 ) -> Figure:
     """Draw prior and posterior density of each parameter.
 
-    The prior's density is that of its law, and a histogram of its draws only where no law is given.
+    The prior density is that of the given distribution, or else a histogram of the prior draws.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ def prior_figure(
     labels
         Symbol and unit of each parameter.
     laws
-        Law of the prior of each parameter, None where it is not known; by default none is.
+        Prior distribution of each parameter, None where unknown; by default all are unknown.
     style
         How it looks.
 
@@ -222,7 +222,7 @@ def prior_figure(
         for place, (axes, label) in enumerate(zip(grid.panels, labels, strict=True)):
             law = laws[place] if laws else None
             _draw_steps(axes, after[:, place], f"posterior/{place}", fill=True, color=style.tint(style.posterior, 0.5))
-            # a wide prior may be cut outside its central 95 %, so that it does not shrink the posterior to a line
+            # a wide prior may be cut outside its central 95 %, so that the posterior remains visible
             (low, high), (least, most) = (
                 _ranges(after[:, [place]], 0.05)[0],
                 np.quantile(before[:, place], _SHOWN) if law is None else law.quantile(np.array(_SHOWN)),
@@ -249,7 +249,7 @@ def _draw_steps(axes: Axes, values: Array, gid: str, **look: Any) -> None:
 
 
 def _histogram(values: Array) -> tuple[Array, Array]:
-    """Return density and edges over the central 99.8 % of draws, counted against all of them."""
+    """Return the density and bin edges over the central 99.8 % of draws, normalised by all draws."""
     ((low, high),) = _ranges(values[:, None], 0.0)
     if low == high:  # one draw, or a parameter that does not vary
         low, high = low - 0.5 * (abs(low) or 1.0), high + 0.5 * (abs(high) or 1.0)

@@ -31,17 +31,17 @@ class Plots:
         self._result = result
 
     def __call__(self, name: str | Drawing | Callable[..., Figure], style: Style = USUAL) -> Figure:
-        """Draw a figure by its name, or one of your own: a `Drawing`, or a function of a result and a style.
+        """Draw a figure by its name, or a custom one: a `Drawing`, or a function of a result and a style.
 
         Raises
         ------
         InputError
-            If there is no such figure, or the result does not hold what it shows.
+            If there is no such figure, or the result lacks its data.
         """
         require_kind("style", style, Style, "a Style, such as Style.read('mine.mplstyle')")
         drawing = figure_named(name) if isinstance(name, str) else own_drawing("figure", name)
         figure = drawing(self._result, style)
-        # a notebook shows figures of pyplot by itself, but these are made without it
+        # notebooks display pyplot figures automatically, but these figures do not use pyplot
         setattr(figure, "_repr_png_", partial(_png, figure, style))  # noqa: B010
         return figure
 

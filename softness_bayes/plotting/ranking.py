@@ -1,4 +1,4 @@
-"""Fabrics in the order of their predicted softness: the probability of each place, and their ratings."""
+"""Fabrics in the order of their predicted softness: the probability of each rank, and the predicted ratings."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 NAMED = 40
-"""Largest number of fabrics that are all named; of more, about `SOME` are, at even distances."""
+"""Largest number of fabrics that are all named; of more fabrics, about `SOME` evenly spaced ones are named."""
 
 SOME = 24
 WRITTEN = 16
@@ -30,40 +30,40 @@ WRITTEN = 16
 
 LEAST_WRITTEN = 0.05
 KEYED = (0.01, 0.1, 0.5, 1.0)
-"""Probabilities in the key of shades, where none is written into the cells."""
+"""Probabilities in the key of shades, which is drawn if the cells contain no numbers."""
 
 LEAST_FRAMED, LEAST_SAID = 0.02, 0.16
-"""Shares of the fabrics from which on a tie is framed, and its number written into the frame."""
+"""Smallest fractions of the fabrics for which a tie is framed, and for which its number is written in the frame."""
 
-_ROW, _SPARE, _KEY = 0.16, 1.0, 0.6  # height of a named row, of what is above and below, and of the key [in]
-_LONGEST = 26  # letters of a name
+_ROW, _SPARE, _KEY = 0.16, 1.0, 0.6  # height of a named row, of the margins, and of the key [in]
+_LONGEST = 26  # largest number of letters in a name
 
 
 class Order(NamedTuple):
-    """The fabrics under one load, every array in the order of the fabrics, the softest first."""
+    """Fabrics under one load; all arrays are in the order of the fabrics, with the softest first."""
 
     load: Load
     fabrics: Sequence[str]
     probability: Array
-    """Of each place, shape (fabrics, places)."""
+    """Probability of each rank, shape (fabrics, ranks)."""
     rating: Array
-    """Low, middle and high rating, shape (3, fabrics)."""
+    """Lower limit, median and upper limit of the rating, shape (3, fabrics)."""
     silent: NDArray[np.bool_]
-    """Whether receptors are silent in most draws."""
+    """Whether the receptors are silent in most draws, shape (fabrics,)."""
     tie: NDArray[np.intp]
-    """Number of the group of ties, 0 for none."""
+    """Number of the group of tied fabrics, 0 for none, shape (fabrics,)."""
 
 
 def ranking_figure(orders: Sequence[Order], scale: Scale, style: Style = USUAL) -> Figure:
-    """Draw a row of two panels per load: the probability of each fabric's place, and the predicted ratings.
+    """Draw a row of two panels per load: the probability of each fabric's rank, and the predicted ratings.
 
-    The darker a cell, the more probable is the place: among few fabrics the percentage is written into it, among more
-    there is a key of shades. Fabrics that tie are framed; those whose receptors are silent are grey.
+    Darker cells are more probable ranks. If there are few fabrics, the cells contain percentages; otherwise there is
+    a key of shades. Tied fabrics are framed. Fabrics that leave the receptors silent are grey.
 
     Parameters
     ----------
     orders
-        What is shown of each load.
+        Contents for each load.
     scale
         Scale of the ratings.
     style
@@ -101,14 +101,14 @@ def ranking_figure(orders: Sequence[Order], scale: Scale, style: Style = USUAL) 
 
 
 def _draw_places(axes: Axes, order: Order, style: Style) -> None:
-    """Draw the cells, the names and the frames about ties."""
+    """Draw the cells, the names and the frames around ties."""
     from matplotlib.colors import LinearSegmentedColormap, to_hex
     from matplotlib.patches import Rectangle
     from matplotlib.ticker import MaxNLocator
 
     count, gid = len(order.fabrics), str(order.load)
     shades = LinearSegmentedColormap.from_list("places", ["#FFFFFF", to_hex(style.tint(style.posterior, 0.9))])
-    # by the root, so that a place of probability 0.1 is seen beside one of 1
+    # square root, so that a probability of 0.1 is visible beside one of 1
     shown = np.sqrt(order.probability)
     extent = (0.5, count + 0.5, count + 0.5, 0.5)
     cells = axes.imshow(
@@ -145,7 +145,7 @@ def _draw_places(axes: Axes, order: Order, style: Style) -> None:
 
 
 def _add_key(axes: Axes, cells: AxesImage, style: Style) -> None:
-    """Add the key of shades, whose roots of probabilities are written as probabilities."""
+    """Add the key of shades; its axis is the square root of the probability, labelled with probabilities."""
     (figure, most) = (axes.get_figure(root=True), cells.norm.vmax or 1.0)
     assert figure is not None
     ticks = [probability for probability in KEYED if np.sqrt(probability) <= most]
@@ -156,14 +156,14 @@ def _add_key(axes: Axes, cells: AxesImage, style: Style) -> None:
 
 
 def _draw_ratings(axes: Axes, order: Order, scale: Scale, style: Style) -> None:
-    """Draw median and interval of every fabric's rating, silent ones apart."""
+    """Draw the median and interval of every fabric's rating; silent fabrics are drawn separately."""
     gid, y = str(order.load), np.arange(1, len(order.fabrics) + 1)
     low, middle, high = np.clip(order.rating, *scale.drawn)
     size = 3.0 if y.size <= NAMED else 1.2
     tint = style.tint(style.posterior, 0.45)
     if y.size <= NAMED:
         axes.hlines(y, low, high, color=tint, linewidth=1.5, gid=f"band90/{gid}")
-    else:  # many lines with gaps between them would look like a hatch
+    else:  # many lines with gaps between them would look like hatching
         axes.fill_betweenx(y, low, high, step="mid", color=tint, linewidth=0, gid=f"band90/{gid}")
     for what, here, colour in (("rating", ~order.silent, style.posterior), ("silent", order.silent, style.absent)):
         if here.any():
@@ -178,11 +178,11 @@ def _draw_ratings(axes: Axes, order: Order, scale: Scale, style: Style) -> None:
 
 
 def named_rows(count: int) -> NDArray[np.intp]:
-    """Return the rows whose fabrics are named: all, or some at even distances, the first and the last among them."""
+    """Return the rows whose fabrics are named: all, or evenly spaced ones including the first and the last."""
     return np.arange(count) if count <= NAMED else np.linspace(0, count - 1, SOME).round().astype(np.intp)
 
 
 def _short(name: str) -> str:
-    """Return a name that fits beside a panel, without what matplotlib takes for mathematics."""
+    """Return a name that fits beside a panel, with dollar signs escaped."""
     short = name if len(name) <= _LONGEST else f"{name[: _LONGEST - 1]}…"
     return short.replace("$", r"\$")

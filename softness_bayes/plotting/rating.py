@@ -34,28 +34,29 @@ if TYPE_CHECKING:
 
 
 CROWD = 60
-"""Number of points in a panel from which they are drawn small."""
+"""Smallest number of points in a panel for which small points are drawn."""
 
 
 class Observed(NamedTuple):
-    """Ratings of each condition in short, every field of shape (conditions,)."""
+    """Summary of the ratings of each condition; every field has shape (conditions,)."""
 
     modulus: Array
     """E_fab [Pa]."""
     load: NDArray[np.intp]
     """Index of the load."""
     mean: Array
-    """Mean over the participants, geometric unless of z-scores; NaN without ratings."""
+    """Geometric mean over the participants (for z-scores, arithmetic mean); NaN without ratings."""
     low: Array
     """Mean divided by one geometric standard deviation between participants (for z-scores, mean minus one standard
-    deviation); NaN for fewer than two."""
+    deviation); NaN for fewer than two participants."""
     high: Array
-    """Mean times that (for z-scores, plus); NaN for fewer than two participants."""
+    """Mean multiplied by one geometric standard deviation between participants (for z-scores, mean plus one standard
+    deviation); NaN for fewer than two participants."""
     participants: NDArray[np.intp]
     """Number of participants who rated the condition."""
 
     def within(self, least: float, most: float) -> Observed:
-        """Return the same with ratings clipped to two limits."""
+        """Return a copy with ratings clipped to two limits."""
         mean, low, high = (np.clip(value, least, most) for value in (self.mean, self.low, self.high))
         return self._replace(mean=mean, low=low, high=high)
 
@@ -85,8 +86,8 @@ def observed_ratings(
     modulus, load
         E_fab [Pa] and index of the load of each condition, shape (conditions,).
     scale
-        Scale of the ratings. z-scores, which are already standardised, are averaged as they are: means are then
-        arithmetic, and differences between participants are kept.
+        Scale of the ratings. z-scores are already standardised. They are averaged without a transformation: means are
+        arithmetic, and differences between participants remain.
 
     Raises
     ------
@@ -118,7 +119,7 @@ def observed_ratings(
 
 
 def _effects(value: Array, rows: NDArray[np.intp], columns: NDArray[np.intp], shape: tuple[int, int]) -> Array:
-    """Return the s of each participant, by least squares and with the mean 0 among those who rated.
+    """Return the least-squares estimate of each participant's s; the mean over participants with ratings is 0.
 
     Parameters
     ----------
@@ -154,8 +155,8 @@ def rating_figure(
     """Draw predicted and observed ratings against E_fab or E_fab / E_skin, one panel per load.
 
     The bands are credible intervals of the rating that a typical participant (s = 0) gives on
-    average, without the noise of single ratings and the participants' scales. The points are those of
-    `observed_ratings`. Ratings outside `Scale.drawn` are drawn at its ends.
+    average. They exclude the noise of single ratings and the participants' rating scales. The points are
+    those of `observed_ratings`. Ratings outside `Scale.drawn` are drawn at its ends.
 
     Parameters
     ----------
@@ -171,9 +172,9 @@ def rating_figure(
         Scale of the ratings.
     skin_modulus
         E_skin [Pa] of every draw along the grid, shape (draws, loads, points). If given, the axis is
-        E_fab / E_skin: each draw's curve is drawn against its own ratio, the data at the medians of theirs.
+        E_fab / E_skin: the curve of each draw uses the ratio of that draw, and the data use the median ratio.
     names
-        Name of the fabric of each of the observed conditions, written above it; none are by default.
+        Fabric name of each observed condition, written above its point; by default no names are written.
     style
         How it looks.
 
@@ -181,8 +182,8 @@ def rating_figure(
     -------
     Figure
         Artists named ``median/1 mm``, ``band95/1 mm``, ``band50/1 mm``, ``ratings/1 mm`` (points) and
-        ``spread/1 mm`` (bars), and, of names, ``name/1 mm/NAME`` and ``guide/1 mm``; E_fab in kPa, or its ratio
-        to E_skin.
+        ``spread/1 mm`` (bars), and, for names, ``name/1 mm/NAME`` and ``guide/1 mm``. The horizontal axis is E_fab
+        in kPa or its ratio to E_skin.
 
     Raises
     ------
@@ -222,9 +223,9 @@ def rating_figure(
 def _along_axis(
     modulus: Array, draws: Array, observed: Array, skin_modulus: Array | None
 ) -> tuple[Array, Array, Array]:
-    """Return the places of curves and data along a panel's axis: E_fab [kPa] or, given E_skin [Pa], their ratio.
+    """Return a panel's grid, the draws on this grid, and the positions of the data.
 
-    They are the grid, the draws at it, and the places of the data.
+    The axis is E_fab [kPa] or, if E_skin [Pa] is given, their ratio.
     """
     if skin_modulus is None:
         return modulus / 1e3, draws, observed / 1e3
@@ -242,7 +243,7 @@ def _draw_observed(
     gid: str,
     names: Sequence[str] = (),
 ) -> None:
-    # very many points are small, and below the curve
+    # if there are many points, they are small and drawn below the curve
     many = np.size(x) > CROWD
     colour, width = style.tint(style.data, 0.35 if many else 0.6), 0.3 if many else 0.8
     spread = axes.vlines(x, observed.low[here], observed.high[here], color=colour, linewidth=width)

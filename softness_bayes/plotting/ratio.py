@@ -13,14 +13,14 @@ from softness_bayes.plotting.panels import Array
 
 @dataclass(frozen=True)
 class RatioAxis:
-    """A grid of E_fab / E_skin that all draws of one load cover, and the interpolation of their curves to it.
+    """A grid of E_fab / E_skin in the range common to all draws of one load, and interpolation to this grid.
 
     Parameters
     ----------
     log_modulus
-        ln E_fab of the curves' grid, shape (points,).
+        ln E_fab on the grid of the curves, shape (points,).
     log_ratio
-        ln(E_fab / E_skin) there of every draw, shape (draws, points).
+        ln(E_fab / E_skin) of every draw on the same grid, shape (draws, points).
     """
 
     log_modulus: Array
@@ -28,22 +28,22 @@ class RatioAxis:
 
     @classmethod
     def of(cls, modulus: ArrayLike, skin_modulus: ArrayLike) -> Self:
-        """Return the axis of moduli [Pa], shapes (points,) and (draws, points)."""
+        """Return the axis for moduli of fabric and skin [Pa], shapes (points,) and (draws, points)."""
         log_modulus = np.log(np.asarray(modulus, float))
         return cls(log_modulus, log_modulus - np.log(np.asarray(skin_modulus, float)))
 
     @property
     def grid(self) -> Array:
-        """E_fab / E_skin, even in its logarithm, over the range in which every draw has a value, shape (points,)."""
+        """Logarithmically spaced E_fab / E_skin over the range common to all draws, shape (points,)."""
         low, high = self.log_ratio[:, 0].max(), self.log_ratio[:, -1].min()
         return np.exp(np.linspace(low, high, self.log_modulus.size))
 
     def carry(self, curves: Array) -> Array:
-        """Return curves (draws, points) over E_fab as curves over the grid, each by its draw's ratio."""
+        """Interpolate curves over E_fab, shape (draws, points), to the grid, using the ratio of each draw."""
         at = np.log(self.grid)
         return np.stack([np.interp(at, x, y) for x, y in zip(self.log_ratio, curves, strict=True)])
 
     def place(self, modulus: ArrayLike) -> Array:
-        """Return the median over the draws of the ratio at moduli [Pa], shape (n,)."""
+        """Return the posterior median of the ratio at given fabric moduli [Pa], shape (n,)."""
         at = np.log(np.asarray(modulus, float))
         return np.exp(np.median([np.interp(at, self.log_modulus, x) for x in self.log_ratio], axis=0))

@@ -35,10 +35,10 @@ if TYPE_CHECKING:
     from softness_bayes.checking.inflection import Curves, Inflection
 
 QUESTIONABLE = "#EFEFEF"
-"""Ground of a panel where Hertz's contact is questionable."""
+"""Background colour of a panel where Hertz's contact theory is questionable."""
 
 HERTZ_LIMIT = 0.5
-"""Contact radius over fingertip radius above which Hertz's contact is questionable (model.md 11)."""
+"""Ratio of contact radius to fingertip radius above which Hertz's contact theory is questionable (model.md 11)."""
 
 
 def response_figure(
@@ -56,18 +56,18 @@ def response_figure(
     Parameters
     ----------
     curves
-        Draws of the response, as `checking.inflection.response_curves` returns them.
+        Draws of the response: the return value of `checking.inflection.response_curves`.
     loads
         The load of each panel.
     fabric_modulus
-        E_fab of the fabrics of the data [Pa], marked along the foot of each panel.
+        E_fab of the fabrics of the data [Pa], marked along the bottom of each panel.
     inflection
         If given, its posterior is drawn along the top of each panel, with the probability of a turning
         point.
     finger_radius
         Radius R of the fingertip [m]. If given, the panel is grey where the draws' median contact radius exceeds R/2.
     names
-        Names of the fabrics, written above the panels; none are by default.
+        Names of the fabrics, written above the panels; by default no names are written.
     style
         How it looks.
 
@@ -111,11 +111,11 @@ def ratio_figure(
     names: Sequence[str] = (),
     style: Style = USUAL,
 ) -> Figure:
-    """Draw the total rate against E_fab / E_skin, else as `response_figure`.
+    """Draw the total rate against E_fab / E_skin, otherwise like `response_figure`.
 
-    E_skin differs from draw to draw. Every draw's curve is interpolated in the logarithm of its own
-    ratio to a common grid, which spans the range of all draws. The fabrics of the data are drawn at the
-    medians of their ratios.
+    E_skin differs from draw to draw. The curve of each draw is interpolated, in the logarithm of the ratio
+    for that draw, to a grid over the range common to all draws. The fabrics of the data are drawn at their
+    median ratios.
     """
     check_loads(loads, curves.total_rate.shape[1])
     with style.applied():
@@ -142,7 +142,7 @@ def _mark_hertz(axes: Axes, x: Array, radius: Array, finger_radius: float, gid: 
 
 
 def _top(rate: Array) -> float:
-    """Return the upper end of the axis of rates; 1 spike/s if nothing fires."""
+    """Return the upper end of the axis of rates; 1 spike/s if no receptor fires."""
     upper = np.quantile(rate, 0.975, axis=0)
     return 1.12 * float(upper[np.isfinite(upper)].max(initial=0.0)) or 1.0
 
@@ -157,7 +157,7 @@ def _finish(
     names: Sequence[str],
     style: Style,
 ) -> None:
-    """Set the axes of all panels, name the fabrics at their places, and draw the legend."""
+    """Set the axes of all panels, write the names of the fabrics, and draw the legend."""
     written = []
     for axes, load, here in zip(panels, loads, places, strict=True):
         axes.set_xscale("log")

@@ -25,7 +25,7 @@ BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 PURPLE, SKY, YELLOW, BLACK = "#CC79A7", "#56B4E9", "#F0E442", "#000000"
 
 PLOT = "plot"
-"""The verb that figures are listed under."""
+"""Command under which figures are listed in the record of written files."""
 
 METADATA: Mapping[str, Mapping[str, str | None]] = MappingProxyType(
     {
@@ -34,13 +34,13 @@ METADATA: Mapping[str, Mapping[str, str | None]] = MappingProxyType(
         "svg": {"Date": None, "Creator": None},
     }
 )
-"""Metadata of each format of pictures, without date and program, so that equal figures are equal files."""
+"""Metadata of each image format, without date and program, so that equal figures give identical files."""
 
 COMPRESSION = 3
-"""Effort at making PNG files small, from 1 to 9; the usual 6 takes 1.4 times as long and saves 7 %."""
+"""Compression level of PNG files, from 1 to 9; the default 6 takes 1.4 times as long and saves 7 %."""
 
 DATA = "csv"
-"""The format of a figure's data: a table of what it shows."""
+"""File format of the table of a figure's data."""
 
 USUAL_FORMATS = ("png", "pdf", DATA)
 """Formats of a run's figures."""
@@ -50,12 +50,12 @@ OTHER_SCRIPTS = (
     *("Hiragino Sans", "PingFang SC", "Apple SD Gothic Neo", "Yu Gothic", "Microsoft YaHei", "Malgun Gothic"),
     *("Source Han Sans", "IPAexGothic", "WenQuanYi Zen Hei", "Noto Sans Devanagari", "Arial Unicode MS"),
 )
-"""Families of fonts, of those installed, for names with letters that the usual font lacks."""
+"""Font families for letters that the default font lacks; only the installed ones are used."""
 
 RC: Mapping[str, Any] = MappingProxyType(
     {
         "font.family": "sans-serif",
-        "font.sans-serif": ["DejaVu Sans"],  # ships with matplotlib, so that figures agree between machines
+        "font.sans-serif": ["DejaVu Sans"],  # included in matplotlib, so that figures are the same on all machines
         "mathtext.fontset": "dejavusans",
         "font.size": 8,
         "axes.titlesize": 8,
@@ -82,29 +82,29 @@ RC: Mapping[str, Any] = MappingProxyType(
         "legend.handlelength": 1.6,
         "figure.dpi": 150,
         "savefig.dpi": 300,
-        "pdf.fonttype": 42,  # text stays text, as journals ask
+        "pdf.fonttype": 42,  # keep text as text, as journals require
         "svg.hashsalt": "softness-bayes",
     }
 )
-"""matplotlib's settings of the usual style, over its own defaults."""
+"""matplotlib settings of the default style, which override matplotlib's defaults."""
 
 
 @dataclass(frozen=True)
 class Style:
-    """Colours, widths and matplotlib's settings of every figure; `dataclasses.replace` makes another.
+    """Colours, widths and matplotlib settings of all figures; `dataclasses.replace` makes a modified style.
 
     Parameters
     ----------
     posterior, prior, data, inflection, absent
-        Colours of what was inferred, assumed and measured, of the turning point and of its absence.
+        Colours of the posterior, the prior, the data, the turning point, and the absence of a turning point.
     ensembles
         Colours of the independent ensembles, taken in turn.
     column, page
         Width of a figure of one column and of a full page [in].
     small
-        Size of the words inside panels [pt].
+        Font size of text inside panels [pt].
     rc
-        Settings of matplotlib, applied over its defaults.
+        matplotlib settings that override its defaults.
     """
 
     posterior: str = BLUE
@@ -119,17 +119,17 @@ class Style:
     rc: Mapping[str, Any] = field(default_factory=lambda: RC)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # a mapping proxy cannot travel to a worker
+        # a mapping proxy cannot be pickled for a worker process
         values = {one.name: getattr(self, one.name) for one in fields(self)}
         return type(self), tuple((values | {"rc": dict(self.rc)}).values())
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
-        """Return the usual style with the settings of a matplotlib style file.
+        """Return the default style with the settings of a matplotlib style file.
 
-        The file's settings replace the usual ones. Its ``axes.prop_cycle`` gives the colours of posterior, data and
-        inflection, in that order, and those of the ensembles. The width of its ``figure.figsize`` is that of a page,
-        and of a column if it is narrower.
+        The settings in the file replace the default ones. Its ``axes.prop_cycle`` gives the colours of posterior, data
+        and inflection, in that order, and those of the ensembles. The width of its ``figure.figsize`` becomes the page
+        width; if it is narrower than a column, it becomes the column width too.
 
         Parameters
         ----------
@@ -183,7 +183,7 @@ class Style:
 
 @cache
 def _other_families() -> tuple[str, ...]:
-    """Return the families of `OTHER_SCRIPTS` that are installed; only letters that the usual font lacks take them."""
+    """Return the installed families of `OTHER_SCRIPTS`, which are used only for letters that the default font lacks."""
     from matplotlib.font_manager import fontManager
 
     installed = set(fontManager.get_font_names())
@@ -207,7 +207,7 @@ def _complaints(logger: str) -> Iterator[list[str]]:
 
 
 USUAL = Style()
-"""The style of every figure unless another is given."""
+"""The default style of all figures."""
 
 
 def require_formats(formats: Sequence[str]) -> None:
@@ -225,16 +225,16 @@ def require_formats(formats: Sequence[str]) -> None:
 
 
 def save(figure: Figure, path: str | Path, formats: Sequence[str] = ("png", "pdf"), style: Style = USUAL) -> list[Path]:
-    """Write a figure once per format, the same bytes for the same figure; one saved there before is replaced.
+    """Write a figure in each format, replacing an earlier figure; equal figures give identical files.
 
     Parameters
     ----------
     figure
-        What to write.
+        The figure to write.
     path
-        Where, without a suffix.
+        Path of the files, without a suffix.
     formats
-        Suffixes out of `METADATA`, or `DATA`.
+        Suffixes in `METADATA`, or `DATA`.
     style
         Resolution and fonts of the files.
 
@@ -246,7 +246,7 @@ def save(figure: Figure, path: str | Path, formats: Sequence[str] = ("png", "pdf
     Raises
     ------
     InputError
-        If a format is unknown, or another file stands there.
+        If a format is unknown, or the path belongs to an unrelated file.
     """
     path = Path(path)
     return write_outputs(path.parent, files_of(figure, path.name, formats, style), PLOT)
@@ -255,7 +255,7 @@ def save(figure: Figure, path: str | Path, formats: Sequence[str] = ("png", "pdf
 def files_of(
     figure: Figure, stem: str, formats: Sequence[str] = ("png", "pdf"), style: Style = USUAL
 ) -> dict[str, bytes]:
-    """Return the contents of the files that `save` writes, by their names: the stem and a suffix."""
+    """Return the contents of the files that `save` writes, by file name (stem and suffix)."""
     require_formats(formats)
     contents: dict[str, bytes] = {}
     with style.applied(), _laid_out(figure):
@@ -272,7 +272,7 @@ def files_of(
 
 @contextmanager
 def _laid_out(figure: Figure) -> Iterator[None]:
-    """Lay out a figure once inside the block, instead of once for each format."""
+    """Lay out a figure once for all formats that are written inside the ``with`` block."""
     engine = figure.get_layout_engine()
     if engine is None:
         yield

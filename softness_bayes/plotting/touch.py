@@ -1,4 +1,4 @@
-"""A touch: pressure and stress under the pad, and its receptors by their rate (model.md 4-8)."""
+"""Figure of a touch: pressure and stress under the finger pad, and firing rates of its receptors (model.md 4-8)."""
 
 from __future__ import annotations
 
@@ -18,36 +18,36 @@ if TYPE_CHECKING:
     from matplotlib.gridspec import GridSpec
 
 SEEN = 0.02
-"""Share of the largest stress below which the axis of distances ends."""
+"""Fraction of the largest stress at which the axis of distances ends."""
 
 MARGIN = 1.25
-"""Half of the shown part of the pad, in radii of the largest contact."""
+"""Half-width of the shown part of the pad, relative to the largest contact radius."""
 
 COLOURS = "viridis"
-"""Colour map of rates: even in lightness and safe for the colour-blind."""
+"""Colour map of rates, which is perceptually uniform and suitable for colour-blind readers."""
 
 
 class Touches(NamedTuple):
-    """Touches of some fabrics under some loads; limits are lower, middle and upper ones over draws."""
+    """Touches of some fabrics under some loads; limits are lower limit, median and upper limit over the draws."""
 
     distance: Array
-    """From the contact's axis [m], shape (distances,)."""
+    """Distances from the axis of the contact [m], shape (distances,)."""
     pressure: Array
     """Limits of the pressure [Pa], shape (3, loads, fabrics, distances)."""
     stress: Array
     """Limits of the stress at the receptors' depth [Pa], same shape."""
     rate: Array
-    """Middle rate of a receptor [Hz], shape (loads, fabrics, distances)."""
+    """Median rate of a receptor [Hz], shape (loads, fabrics, distances)."""
     radius: Array
-    """Middle contact radius [m], shape (loads, fabrics)."""
+    """Median contact radius [m], shape (loads, fabrics)."""
     loads: Sequence[str]
     """Names of the loads."""
     fabrics: Sequence[str]
     """Names of the fabrics."""
     modulus: Array
-    """Their E_fab [Pa]."""
+    """E_fab of the fabrics [Pa]."""
     receptors: Array
-    """Places of receptors along and across the finger [m], shape (receptors, 2)."""
+    """Positions of the receptors along and across the finger [m], shape (receptors, 2)."""
     pad: Array
     """Length and width of the pad [m]."""
     centre: Array
@@ -55,17 +55,19 @@ class Touches(NamedTuple):
 
 
 def touch_figure(touches: Touches, *, style: Style = USUAL) -> Figure:
-    """Draw pressure, stress and firing rate against the distance from the axis, and below them the pad's receptors.
+    """Draw pressure, stress and firing rate against the distance from the axis, and maps of the pad's receptors below.
 
-    Each column is a load; a narrow page shows the smallest and the largest. Lines are medians over the draws, bands
-    their central 95 %. Receptors are drawn at random from their density, in the colour of the median rate at their
-    distance; open ones are silent. The circle is the edge of the contact; the part of the pad about it is shown.
+    Each column is a load; a narrow page shows the smallest and the largest. Lines are medians over the draws, and
+    bands are their central 95 %. Receptor positions are sampled from the receptor density. Their colour is the median
+    rate at their distance; open symbols are silent receptors. The circle is the edge of the contact. Only the part
+    of the pad around the contact is shown.
 
     Returns
     -------
     Figure
         Artists named ``stress/1 mm/0``, ``pressure/1 mm/0``, ``band95/1 mm/0``, ``rate/1 mm/0``, ``firing/1 mm/0``,
-        ``silent/1 mm/0`` and ``contact/1 mm/0``, the last number that of the fabric; lengths in mm, stresses in kPa.
+        ``silent/1 mm/0`` and ``contact/1 mm/0``. The last number is the index of the fabric. Lengths are in mm,
+        stresses in kPa.
 
     Raises
     ------
@@ -81,9 +83,9 @@ def touch_figure(touches: Touches, *, style: Style = USUAL) -> Figure:
     touches = _under(touches, np.unique(np.linspace(0, shape[0] - 1, columns).round().astype(int)))
     with style.applied():
         width = style.column if columns == 1 else style.page
-        # the pad's panels have its proportions, which fixes the height
+        # the maps have the proportions of the pad, which determines the height
         tall = (width - 0.9) / columns * touches.pad[1] / touches.pad[0]
-        words = 0.0 if width >= WIDE else 0.5  # of the legend
+        words = 0.0 if width >= WIDE else 0.5  # height of the legend
         figure = Figure(figsize=(width, 3.6 + words + rows * (tall + 0.12) + 0.8), layout="constrained")
         grid = figure.add_gridspec(rows + 2, columns, height_ratios=[1.7 / tall, 1.4 / tall, *[1.0] * rows])
         _draw_profiles(figure, grid, touches, style)
@@ -168,7 +170,7 @@ def _rates(touches: Touches, load: int, fabric: int) -> Array:
 
 
 def _ends_of_rates(touches: Touches) -> tuple[float, float]:
-    """Return the least and the largest rate of a receptor that fires: the ends of the colours."""
+    """Return the smallest and largest rates of the firing receptors, which are the limits of the colour map."""
     every = [_rates(touches, k, f) for k in range(len(touches.loads)) for f in range(len(touches.fabrics))]
     rates = np.concatenate(every)
     firing = rates[rates > 0]
@@ -177,7 +179,7 @@ def _ends_of_rates(touches: Touches) -> tuple[float, float]:
 
 
 def _window(touches: Touches) -> tuple[Array, Array]:
-    """Return the ends of the shown part of the pad [m]: it has the pad's proportions and holds every contact."""
+    """Return the limits of the shown part of the pad [m], with the proportions of the pad and all contacts inside."""
     half = min(MARGIN * float(touches.radius.max()), 0.5 * float(touches.pad[1]))
     size = np.array([half * touches.pad[0] / touches.pad[1], half])
     middle = np.clip(touches.centre, size, touches.pad - size)
@@ -207,7 +209,7 @@ def _draw_pad(axes: Axes, touches: Touches, load: int, fabric: int, ends: tuple[
 
 
 def _key_of_receptors(figure: Figure, style: Style) -> None:
-    """Say below the maps what their marks are."""
+    """Draw the legend of the receptor symbols below the maps."""
     from matplotlib import colormaps
     from matplotlib.lines import Line2D
 
