@@ -123,6 +123,14 @@ def command(*arguments, cwd):
     )
 
 
+def test_a_table_whose_name_is_not_utf8_is_read(tmp_path):
+    (tmp_path / FOREIGN).write_bytes((DATA / "ratings.csv").read_bytes())
+    done = command("check", "--data", FOREIGN, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert b"1059" in done.stdout
+
+
+@pytest.mark.slow
 def test_names_of_files_need_not_be_utf8(tmp_path):
     (tmp_path / FOREIGN).write_bytes((DATA / "compression.csv").read_bytes())
     out = os.fsdecode(b"r\xe9sults")
