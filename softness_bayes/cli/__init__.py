@@ -1,4 +1,4 @@
-"""The command line: one file per verb, imported when the verb is called."""
+"""The command line: one module per command, imported when the command is called."""
 
 from __future__ import annotations
 
@@ -48,19 +48,19 @@ VERBS: Mapping[str, str] = {
 """Verb -> its one-line help; `softness_bayes.cli.<verb>` holds the click command `command`."""
 
 PRINTING = ("check", "plan", "status", "readings", "priors", "figures", "predict", "target")
-"""Verbs whose result is what they print, unless they have an --out; others write it to files."""
+"""Commands that print their result unless --out is given; the others write files."""
 
 TYPED = f"{__name__}.typed"
-"""Key of the words of a command line."""
+"""Key under which the words of the command line are stored."""
 LESS_MEMORY = "try fewer --processes, because each needs memory"
-"""Advice where memory ran out."""
+"""Advice when memory is exhausted."""
 
 
 class VerbGroup(click.Group):
-    """A group that imports a verb only to run it, and turns errors into a message and an exit code."""
+    """A command group that imports commands on demand and converts errors to a message and an exit code."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return the verbs in the order of their table."""
+        """Return the commands in the order of their table."""
         return list(VERBS)
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
@@ -73,7 +73,7 @@ class VerbGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Return the verb and its arguments; a misspelt one is refused with the nearest."""
+        """Return the command and its arguments; the error for an unknown command suggests the closest name."""
         if args and args[0] not in VERBS and not args[0].startswith("-"):
             near = difflib.get_close_matches(args[0], VERBS, n=1)
             advice = (
@@ -88,7 +88,7 @@ class VerbGroup(click.Group):
             formatter.write_dl(list(VERBS.items()))
 
     def main(self, args: Sequence[str] | None = None, *more: Any, **extra: Any) -> Any:
-        """Run the command line: signals may end it, its output may be closed, all that it prints is visible."""
+        """Run the command line; handle signals, closed output streams and invisible characters."""
         open_closed_streams()
         with guarded(last=args is None), tolerant_streams() as out, visible_streams():
             try:
@@ -103,7 +103,7 @@ class VerbGroup(click.Group):
                 raise
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Read the words of a command line, which are kept for advice."""
+        """Parse the words of the command line and store them for later advice."""
         ctx.meta[TYPED] = list(args)
         return super().parse_args(ctx, args)
 
@@ -135,7 +135,7 @@ class VerbGroup(click.Group):
 
 
 def _prints(words: Sequence[str]) -> bool:
-    """Return whether a command line asks for something printed rather than for files."""
+    """Return True if a command line prints its result instead of writing files."""
     verb = next((word for word in words if word in VERBS), None)
     helped = verb is None or "--help" in words or "-h" in words
     to_file = any(word.partition("=")[0] == "--out" for word in words)

@@ -1,4 +1,4 @@
-"""Commands that would work, for the errors of beginners: the last line of such an error."""
+"""Suggestions of working commands, printed as the last line of common errors."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from softness_bayes.files.run_files import CHECKPOINT
 
 PROGRAM = "softness-bayes"
 TRY = "try: "
-"""Beginning of the line that gives the command."""
+"""Beginning of the line with the suggested command."""
 
 RATINGS, FABRICS, RUN, OTHER, NEW, OUT = "{ratings}", "{fabrics}", "{run}", "{other}", "{new}", "{out}"
-"""Places of names in advised commands: of files that are there, and of directories that are not."""
+"""Placeholders in suggested commands, for existing files and runs and for new directories."""
 
 WORKS: Mapping[str, tuple[str, ...]] = {
     "check": ("--data", RATINGS),
@@ -36,7 +36,7 @@ WORKS: Mapping[str, tuple[str, ...]] = {
     "explore": (RUN,),
     "new": (NEW,),
 }
-"""Words after a verb with which it works."""
+"""Command -> arguments with which it works."""
 
 LISTS: Mapping[str, str] = {
     "--reading": "readings",
@@ -44,11 +44,11 @@ LISTS: Mapping[str, str] = {
     "--prior": "priors",
     "--priors": "priors",
 }
-"""Verbs that list what may follow an option."""
+"""Option -> command that lists its possible values."""
 
 
 def of_usage(error: click.UsageError, typed: Sequence[str]) -> str:
-    """Return the advice on a command line that cannot be understood; empty if there is none."""
+    """Return the advice for a usage error of the command line; empty if there is none."""
     verb = error.ctx.info_name if error.ctx is not None else None
     if isinstance(error, click.BadParameter) and not isinstance(error, click.MissingParameter):
         option = next(iter(error.param.opts), "") if error.param is not None else ""
@@ -61,21 +61,21 @@ def of_usage(error: click.UsageError, typed: Sequence[str]) -> str:
 
 
 def of_input(message: str, typed: Sequence[str]) -> str:
-    """Return the advice on an error of files and values: a command for it, or else the page of the verb."""
+    """Return the advice for an error in files or values: a suggested command, or else the help of the command."""
     found = [(match, advise) for pattern, advise in ADVICE if (match := re.search(pattern, message))]
     each = [words for match, advise in found if (words := advise(match, typed))]
     if not each:
         verb = next((word for word in typed if word in WORKS), None)
         return "" if verb is None else f"{TRY}{PROGRAM} {verb} --help"
-    # a command of its own stands alone; others are words to add to the one that was typed
+    # the advice is either a complete command, or words to add to the typed command
     own = next((words for words in each if words[0] == PROGRAM), None)
     return TRY + shlex.join(own or [PROGRAM, *typed, *(word for words in each for word in words)])
 
 
 def _working(verb: str, typed: Sequence[str] = ()) -> list[str]:
-    """Return a verb with words with which it works here; where a file is lacking, the command that makes it.
+    """Return a command with arguments that work in this directory, or a command that creates the missing file.
 
-    Runs among the words that were typed come before others.
+    Runs that were named on the command line are preferred to others.
     """
     words = WORKS[verb]
     runs = [*dict.fromkeys([*filter(is_run, typed), *runs_at_hand()])] if RUN in words else []
@@ -102,14 +102,14 @@ def _added(*words: str) -> Callable[[re.Match[str], Sequence[str]], list[str]]:
 
 
 def _load(match: re.Match[str], typed: Sequence[str]) -> list[str]:
-    """Return the option that names a column of the table, where one may hold the load, else one that gives it."""
+    """Return the option for a column of the table that may contain the load, else an option for the load itself."""
     if named := re.search(r"--column ((?:indentation_mm|force_n)=(?:'[^']*'|\S+)) takes", match.string):
         return ["--column", named[1].replace("'", "")]
     return [] if "--indentation-mm" in typed else ["--indentation-mm", "2"]
 
 
 def _fabrics(match: re.Match[str], typed: Sequence[str]) -> list[str]:
-    """Return the option that names a table of fabrics that is there, else the command that writes one."""
+    """Return the option for an existing table of fabrics, else the command that writes such a table."""
     if "--fabrics" in typed:
         return []
     data = typed[typed.index("--data") + 1] if "--data" in typed[:-1] else ""
@@ -119,15 +119,15 @@ def _fabrics(match: re.Match[str], typed: Sequence[str]) -> list[str]:
 
 
 def _named(match: re.Match[str], typed: Sequence[str]) -> list[str]:
-    """Return the options that name columns as a message says."""
+    """Return the options for the columns that are named in a message."""
     found = re.findall(r"--column (\w+=(?:'[^']*'|[^\s;]+)) takes", match.string)
-    if "no load column" in match.string:  # which has advice of its own
+    if "no load column" in match.string:  # this option has separate advice
         found = [one for one in found if not one.startswith(("indentation_mm=", "force_n="))]
     return [word for one in found[:4] for word in ("--column", one.replace("'", ""))]
 
 
 def _other_kind(match: re.Match[str], typed: Sequence[str]) -> list[str]:
-    """Return the command for a table of fabrics or of forces that was given as one of ratings."""
+    """Return the command for a table of fabrics or of forces that was passed as a table of ratings."""
     if "--data" not in typed[:-1] or "--column rating=" in match.string.replace("--column rating=...", ""):
         return []
     at = typed.index("--data")
@@ -194,4 +194,4 @@ ADVICE: Sequence[tuple[str, Callable[[re.Match[str], Sequence[str]], list[str]]]
     (r"^compare: 1 result", _compared),
     (r"^figures: there is no ", _instead("figures")),
 )
-"""Patterns of messages, and the words to add to what was typed, or the command in its place."""
+"""Patterns of messages, with words to add to the typed command or with a command that replaces it."""

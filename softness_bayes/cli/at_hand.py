@@ -1,4 +1,4 @@
-"""Files of the working directory that advised commands may name: tables that can be read, and finished runs."""
+"""Files in the working directory for suggested commands: readable tables and finished runs."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from softness_bayes.errors import SoftnessError
 from softness_bayes.files.run_files import POSTERIOR
 
 MOST = 30
-"""Files, or directories, that are looked at."""
+"""Largest number of files or directories that are examined."""
 
 LARGEST = 1_000_000
-"""Bytes of the largest table that is tried."""
+"""Size of the largest table that is read [bytes]."""
 
 _TABLES = (".csv", ".tsv", ".txt", ".xlsx", ".parquet")
 
 
 def ratings_at_hand(fabrics: str | None = None) -> str | None:
-    """Return the name of a table of ratings that can be sampled without another option, None if there is none.
+    """Return the name of a table of ratings that can be sampled without further options, None if there is none.
 
     Parameters
     ----------
     fabrics
-        A table of fabrics for it, if it is to be given one.
+        A table of fabrics to use with it, if any.
     """
     from softness_bayes.data import read_experiment
 
@@ -33,19 +33,21 @@ def ratings_at_hand(fabrics: str | None = None) -> str | None:
 
 
 def fabrics_at_hand(rated: str = "", columns: Mapping[str, str] = MappingProxyType({})) -> str | None:
-    """Return the name of a table of fabrics, which has those of a table of ratings if one is named; else None.
+    """Return the name of a table of fabrics, or None if there is none.
+
+    If a table of ratings is given, the table must contain all rated fabrics.
 
     Parameters
     ----------
     rated
         The table of ratings.
     columns
-        Names of its columns, as `Ratings.read` takes them.
+        Names of its columns, in the form accepted by `Ratings.read`.
     """
     from softness_bayes.data import Fabrics, Ratings
 
     names: set[str] = set()
-    for depth in (2.0, None) if rated else ():  # with a load for all, or loads of its own
+    for depth in (2.0, None) if rated else ():  # a common load for all ratings, or loads from the table
         with suppress(SoftnessError, OSError):
             names |= {*Ratings.read(rated, columns=columns, indentation_mm=depth).fabrics}
     return _first(_tables("fabrics.csv"), lambda path: names <= {*Fabrics.read(path).names})
@@ -69,12 +71,12 @@ def runs_at_hand() -> list[str]:
 
 
 def is_run(path: str) -> bool:
-    """Return whether a directory of this name holds a finished run."""
+    """Return True if a directory of this name contains a finished run."""
     return os.path.isfile(os.path.join(path, POSTERIOR))
 
 
 def vacant(name: str) -> str:
-    """Return a name that nothing has yet, this one if it is free."""
+    """Return the given name if it is unused, else the first unused name of the form NAME-2, NAME-3 and so on."""
     return next(one for one in (name, *(f"{name}-{k}" for k in range(2, 10_000))) if not os.path.lexists(one))
 
 

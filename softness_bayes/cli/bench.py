@@ -56,7 +56,7 @@ def command(quick: bool, out: Path, force: bool) -> None:
 
 
 def _measure(quick: bool, out: Path) -> None:
-    """Measure everything, say it, and write it."""
+    """Measure, print and write everything."""
     import pandas as pd
 
     from softness_bayes.bench.limit import limit
@@ -115,7 +115,7 @@ def _stages(effort: Effort) -> list[Point]:
 
 
 def _peers(work: Work, effort: Effort, points: list[Point]) -> tuple[list[Point], dict[str, Ratio]]:
-    """Measure and print other ways to compute the response, and their times over the likelihood's among `points`."""
+    """Measure and print other ways to compute the response, and the ratio of their times to those in `points`."""
     from softness_bayes.bench.brian import ABSENT, brian_peers
     from softness_bayes.bench.peers import PEERS, faster, measure_peer
 

@@ -168,7 +168,9 @@ _WITH_LIKE = ("replicates", "like", "max_steps", "processes", "dask", "so_far", 
 
 
 def _require_no_design() -> None:
-    """Raise an error for an option of the design or the model beside --like, whose run has both.
+    """Raise an error if --like is combined with an option of the design or the model.
+
+    The run that --like names determines both.
 
     Raises
     ------
@@ -203,7 +205,7 @@ def _report(found: Calibrated, out: Path) -> None:
 
 
 def _kept(out: Path, asked: int) -> str:
-    """Say how many replicates are kept and what continues them; nothing before there is one."""
+    """Return the number of saved replicates and the command that continues them; empty without replicates."""
     from softness_bayes.runs.calibrate import finished_replicates
 
     finished = finished_replicates(out)

@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from softness_bayes.parameters.fabric_moduli import FabricModuli
 
 CHECK = "check"
-"""The command under which its figure is listed."""
+"""Command under which the figure is listed in the record of written files."""
 
 PRIOR_DRAWS = 200
-"""Prior draws whose response is drawn."""
+"""Number of prior draws for the bands of the response."""
 
 
 @click.command()
@@ -136,7 +136,7 @@ def _show_tables(experiment: Experiment, asked: ModelOptions) -> None:
 
 
 def _show_model(given: AsGiven, direction: Choice, found: list[str]) -> None:
-    """Print what looks wrong, what the numbers stand for, and their direction."""
+    """Print warnings, and the meaning and direction of the ratings."""
     for note in found:
         click.echo(f"note: {note}")
     click.echo(f"\nWhat do the numbers say?\n{given.note}\n{given.errors_note}")
@@ -171,7 +171,7 @@ def _require_figure(figure: Path, files: DataFiles, force: bool) -> None:
 
 
 def _draw(figure: Path, experiment: Experiment, asked: ModelOptions, given: AsGiven) -> None:
-    """Draw data and fabrics beside the prior's response."""
+    """Draw data and fabrics with the response predicted by the prior."""
     import numpy as np
 
     from softness_bayes.files.outputs import write_outputs
@@ -195,7 +195,7 @@ def _draw(figure: Path, experiment: Experiment, asked: ModelOptions, given: AsGi
 
 
 def _show_compression(compression: Compression) -> None:
-    """Print whose fingers were pressed, how deep and how hard."""
+    """Print the fingers of the compression data, with ranges of indentation and force."""
     import numpy as np
 
     lines = {

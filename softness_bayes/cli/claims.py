@@ -128,7 +128,7 @@ def command(
 
 
 def _readings(names: tuple[str, ...], overrides: Mapping[str, str]) -> dict[str, Readings]:
-    """Return the sets asked for, named with what departs from them."""
+    """Return the requested sets of readings, with names that include individual changes."""
     from softness_bayes.touch.readings import NAMED_READINGS, readings_named
 
     chosen = [readings_named(name, overrides) for name in (names or NAMED_READINGS)]
@@ -143,7 +143,7 @@ def _materials(
     indentation_mm: tuple[float, ...],
     force_n: tuple[float, ...],
 ) -> tuple[Fabrics, Ratings | None, tuple[Load, ...]]:
-    """Return the fabric set, its ratings if there are any, and the loads asked for."""
+    """Return the fabric set, its ratings if there are any, and the requested loads."""
     from softness_bayes.claims import CLOTH
     from softness_bayes.data import Fabrics, loads_of, read_experiment
 
@@ -166,7 +166,7 @@ def _materials(
 
 
 def _by_kind(loads: tuple[Load, ...]) -> dict[str, tuple[Load, ...]]:
-    """Return the loads by what is held, sorted; claims compare loads of one kind."""
+    """Return the sorted loads of each kind, indentation or force; claims compare loads of one kind."""
     from softness_bayes.touch.contact import Force, Indentation
 
     kinds = {"indentation": Indentation, "force": Force}

@@ -24,7 +24,7 @@ HELD = {
     "c_L": 1,
     "c_A": 1.5,
 }
-"""Parameters that are held at the values behind the example, so that it takes seconds."""
+"""Parameters fixed at the values used to simulate the example, so that sampling takes seconds."""
 STEPS = 3000
 """Largest number of steps; the example needs about 350."""
 

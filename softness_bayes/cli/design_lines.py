@@ -1,4 +1,4 @@
-"""Lines that say what a design can tell."""
+"""Text lines on the expected information from a design."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import Any
 from softness_bayes.readable import percent
 
 SPREADS = frozenset({"tau", "varsigma", "omega", "tau_b", "tau_m", "varsigma_f"})
-"""Spreads of people, fabrics and ratings, which more of any of them narrows."""
+"""Standard deviations of participants, fabrics and ratings, which are estimated better with more of each."""
 
 MOST_OTHERS = 6
-"""Number of other designs that are named."""
+"""Largest number of alternative designs that are listed."""
 
 
 def design_lines(told: dict[str, Any]) -> list[str]:
-    """Return what `model.understanding.foreseen` found, in lines."""
+    """Return the result of `model.understanding.foreseen` as lines of text."""
     lines = [
         "How precise is this design?",
         f"Expected posterior sd / prior sd at {told['truths']} true values from the prior: median (10 % to 90 "

@@ -65,7 +65,7 @@ def guarded(last: bool) -> Iterator[None]:
 
     def stop(number: int, frame: FrameType | None) -> None:
         if asked:
-            _end(number)  # asked for twice: at once
+            _end(number)  # a second signal ends the process at once
         asked.append(number)
         # errors that the interrupt causes in a callback or another thread are not shown
         sys.unraisablehook = threading.excepthook = _quiet
@@ -77,7 +77,7 @@ def guarded(last: bool) -> Iterator[None]:
         for number in before:
             signal.signal(number, stop)
         reading, writing = os.pipe()
-        if hasattr(os, "set_blocking"):  # Windows has it from Python 3.12 on
+        if hasattr(os, "set_blocking"):  # available on Windows since Python 3.12
             os.set_blocking(writing, False)
         woken = signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
         threading.Thread(target=_watch, args=(reading, done), daemon=True).start()
@@ -97,7 +97,7 @@ def guarded(last: bool) -> Iterator[None]:
 
 
 def _watch(reading: int, done: threading.Event) -> None:
-    """End the process some time after a signal; without a signal, the pipe's other end is closed."""
+    """End the process `GRACE` seconds after a signal; return when the other end of the pipe is closed."""
     while numbers := os.read(reading, 64):
         asked = [number for number in numbers if number in SIGNALS]
         if asked and not done.wait(GRACE):
@@ -110,18 +110,18 @@ _ending = threading.Lock()
 
 def _end(number: int) -> NoReturn:
     """Print that the command was interrupted, and end the workers and then this process."""
-    if not _ending.acquire(blocking=False):  # somebody is at it already
+    if not _ending.acquire(blocking=False):  # another thread is already ending the process
         time.sleep(GRACE)
         os._exit(128 + number)
     with suppress(BaseException):
         for other in SIGNALS:
-            signal.signal(other, signal.SIG_IGN)  # refused outside of the main thread, where it matters little
+            signal.signal(other, signal.SIG_IGN)  # raises an error outside the main thread, which can be ignored
     with suppress(BaseException):
         _end_workers()
     with suppress(BaseException):
         _tell("\rinterrupted" if sys.stderr.isatty() else "interrupted")
         tell_kept()
-    # what the interpreter does at its end, but for the wait for other threads
+    # the usual cleanup of the interpreter, without waiting for other threads
     last = threading.Thread(target=_clean, daemon=True)
     with suppress(BaseException):
         last.start()
@@ -143,7 +143,8 @@ def _end_workers() -> None:
 def _beginning() -> list[int]:
     """Return the numbers of the processes of the server that forks workers.
 
-    One that is only beginning is not among the active children. It would find what it is sent cut off, and say so.
+    Processes that are still starting are not among the active children. They would print an error about truncated
+    input.
     """
     module = sys.modules.get("multiprocessing.forkserver")
     server = getattr(getattr(module, "_forkserver", None), "_forkserver_pid", None)

@@ -14,7 +14,7 @@ from softness_bayes.errors import InputError
 
 NEW = "new"
 EXAMPLE = ("ratings.csv", "fabrics.csv", "analysis.sh", "analysis.py", "README.md")
-"""The files, which `softness_bayes/example` holds; a script in Python is kept there as text."""
+"""Files in `softness_bayes/example`; Python scripts are stored there as text."""
 
 
 def example() -> dict[str, str]:

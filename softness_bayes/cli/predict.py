@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 PREDICT = "predict"
 
 REACHED = 16
-"""Posterior draws at which it is judged what lies within the model's reach."""
+"""Number of posterior draws for judging which ratings the model can reach."""
 
 
 @click.command()
@@ -126,7 +126,7 @@ def command(
         write_outputs(out.parent, {out.name: csv_of(table, index=False)}, PREDICT)
         click.echo(f"{out}: {len(table)} rows", err=True)
     of = "of the rows" if posterior is None else "of rows and draws"
-    # the warning says more of the same
+    # the warning already contains this information
     if not reached and (note := _geometry_note(scene, parameters, of)):
         click.echo(f"note: {note}", err=True)
 
@@ -140,7 +140,7 @@ def _of_run(
     raters: int | None,
     seed: int,
 ) -> tuple[pd.DataFrame, Scene, TouchParameters, str]:
-    """Return what a finished run predicts, the scene, the draws, and a note if most of it is out of reach.
+    """Return the predictions of a finished run, the scene, the draws, and a note if most are out of reach.
 
     Raises
     ------
@@ -190,7 +190,7 @@ def _accurate(
 
 
 def _geometry_note(scene: Scene, parameters: TouchParameters, of: str) -> str:
-    """Say in which share, and of what, the contact leaves the range of Hertz's geometry (model.md 3)."""
+    """Return a note on how often the contact is outside the range of Hertz's geometry (model.md 3)."""
     beyond = scene.beyond_hertz(parameters)
     if not beyond.questionable:
         return ""

@@ -1,4 +1,4 @@
-"""Printed account of a finished run."""
+"""Printed summary of a finished run."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def print_result(result: Result, out: Path, times: str = "") -> None:
     faults = [] if fit is None else [f"the fit failed: {fault}" for fault in fit.faults]
     for fault in faults:
         click.echo(fault)
-    left_out = ("contraction", "psens_prior_mcse", "psens_likelihood_mcse")  # said in words, or kept in the file
+    left_out = ("contraction", "psens_prior_mcse", "psens_likelihood_mcse")  # printed as text or only stored
     shown = summary.drop(columns=[*left_out])
     shown.insert(list(shown).index("prior_sd") + 1, "sd/prior_sd", summary["sd"] / summary["prior_sd"])
     click.echo(shown.to_string(float_format=lambda x: f"{x:.4g}", na_rep="–"))
@@ -47,7 +47,7 @@ def print_result(result: Result, out: Path, times: str = "") -> None:
 
 
 def _turning(result: Result) -> str:
-    """Return where the response turns over, with what counts as that, the prior's probability and sampling errors."""
+    """Return the table of turning points with their definition, prior probabilities and sampling errors."""
     from softness_bayes.checking.turning_points import with_errors
 
     columns = ["p_interior", "prior_p_interior", "p_inside", "p_none", "p_silent"]
@@ -66,7 +66,7 @@ def _turning(result: Result) -> str:
 
 
 def _print_ratings(result: Result, fit: Fit) -> None:
-    """Print turning points and checks of what the ratings say."""
+    """Print the turning points and the checks of the ratings."""
     from softness_bayes.checking.check_table import check_sentences
     from softness_bayes.provenance import NOT_ASKED
 

@@ -20,13 +20,14 @@ if TYPE_CHECKING:
 
 
 LONG = 60.0
-"""Time [s] to go from which a look at the chains is told in a line of its own."""
+"""Remaining time [s] above which a convergence check prints a separate line."""
 
 
 class Bar:
     """Progress on the terminal: steps against the estimate of what it takes to converge, then a line for each stage.
 
-    Where much is left to do, a line says so as soon as the chains have been looked at, and again if it becomes more.
+    If the remaining time is long, a separate line reports it after the first convergence check, and again if the
+    estimate increases.
     """
 
     def __init__(self) -> None:
@@ -52,9 +53,9 @@ class Bar:
         return self._stage is not None and self._stage.number == len(type(self._stage))
 
     def show(self, progress: Progress) -> None:
-        """Move the bar; its end moves too when a look changes the estimate."""
+        """Update the bar; its length changes when a convergence check changes the estimate."""
         self._sampled = progress.seconds - self._before
-        if self._bar is None:  # not before there is progress: an input error comes first and stands alone
+        if self._bar is None:  # no bar before there is progress, so that input errors are printed without it
             from tqdm import tqdm
 
             self._begun = time.monotonic() - self._sampled
@@ -69,9 +70,9 @@ class Bar:
             self._bar.write(said, file=sys.stderr)
 
     def _foreseen(self, progress: Progress) -> str:
-        """Say what the run will need, if that is long and was not said; empty otherwise."""
+        """Return a note on the time that the run will need, if it is long and was not printed before; else empty."""
         start = self._start
-        if start is None or progress.steps <= start.steps:  # the pace is that of the walk, not that of a pilot
+        if start is None or progress.steps <= start.steps:  # measure the speed of the main walk, not of a pilot
             self._start = progress
             return ""
         verdict = progress.verdict
@@ -85,7 +86,7 @@ class Bar:
         return f"after {verdict.steps} steps: {needed(verdict, pace)}"
 
     def times(self) -> str:
-        """Say how long the command took, and what for."""
+        """Return the total time of the command and the time of each stage, in words."""
         begun, whole = self._begun - STARTED, time.monotonic() - STARTED
         return (
             f"took {whole:.1f} s: {begun:.1f} s to start, {self._sampled:.1f} s to sample, "

@@ -22,7 +22,7 @@ ORDER, PLACES, PAIRS, AGREEMENT, FIGURE = "ranking.csv", "places.csv", "pairs.cs
 MADE = (ORDER, PLACES, PAIRS, *(f"{FIGURE}.{suffix}" for suffix in FORMATS))
 
 SHOWN = 20
-"""Rows of an order that are printed: the first and the last ones of more."""
+"""Largest number of printed rows; of longer tables, the first and the last rows are printed."""
 
 
 @click.command()
@@ -77,7 +77,7 @@ def command(directory: Path, touches: Touches, against: Path | None, seed: int, 
 
 
 def _show(found: Ranking) -> None:
-    """Print the order under each load, long ones without their middle, and what ties."""
+    """Print the order of the fabrics under each load, without the middle of long tables, and the ties."""
     columns = ["order", "fabric", "e_fab_kpa", "typical_rating", "place_low", "place", "place_high", "tie", "p_silent"]
     for one, (load, rows) in zip(found.loads, found.table.groupby("load", sort=False), strict=True):
         click.echo(f"{load}, the softest first (the highest predicted rating):")

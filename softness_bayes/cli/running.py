@@ -33,7 +33,7 @@ def command_line() -> str:
 
 @contextmanager
 def executor_of(dask: str | None, shared: Path | None = None) -> Iterator[Executor | None]:
-    """Connect to the cluster that was asked for, if one was; its workers must share a directory, if one is given."""
+    """Connect to the requested cluster, if any; its workers must have access to the shared directory, if given."""
     if dask is None:
         yield None
         return
@@ -45,12 +45,12 @@ def executor_of(dask: str | None, shared: Path | None = None) -> Iterator[Execut
 
 @contextmanager
 def reading(*directories: Path) -> Iterator[list[Result]]:
-    """Read results for a verb; whatever it finds missing in them is an input error.
+    """Read results for a command; missing data in them raise an input error.
 
     Raises
     ------
     InputError
-        If one cannot be read, or lacks what the verb looks for.
+        If a result cannot be read, or lacks data that the command needs.
     """
     from softness_bayes.results.result import Result
 
@@ -81,7 +81,7 @@ def in_numbers(verdict: Verdict, seconds: float) -> str:
 
 
 def needed(verdict: Verdict, pace: float) -> str:
-    """Return how many steps and how much time a run needs in all, in words; `pace` in seconds for a step."""
+    """Return the total number of steps and the total time of a run in words; `pace` is in seconds per step."""
     steps, most = verdict.foreseen
     if not math.isfinite(most):
         left = _time(pace * (steps - verdict.steps))
@@ -100,16 +100,16 @@ def _time(seconds: float) -> str:
 
 
 def recorded_files(record: dict[str, Any], directory: Path) -> DataFiles:
-    """Return the files that the run in a directory was begun with."""
+    """Return the input files of the run in a directory."""
     home, paths = directory.resolve(), {name: record[name] for name in _PATHS}
     found = {name: None if path is None else Path(os.path.normpath(home / path)) for name, path in paths.items()}
     return DataFiles(**{**record, **found})
 
 
 def record_of(files: DataFiles, directory: Path) -> dict[str, Any]:
-    """Return files as JSON holds them: from the run's directory on, so that both may move together."""
+    """Return file paths for JSON, relative to the run's directory, so that the run and its files can move together."""
     home, paths = directory.resolve(), {name: getattr(files, name) for name in _PATHS}
-    # the file itself may be a link, and the fabrics lie beside that
+    # the file may be a link; the table of fabrics is in the directory of the link
     found = {name: None if path is None else path.parent.resolve() / path.name for name, path in paths.items()}
     return {
         **{name: None if path is None else os.path.relpath(path, home) for name, path in found.items()},

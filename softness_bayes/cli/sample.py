@@ -107,7 +107,7 @@ def command(
 
     if processes != 1:
         drawing = () if no_figures else ("softness_bayes.plotting.libraries",)
-        workers.prepare("softness_bayes.runs.run", *drawing)  # they import what they need while this process does
+        workers.prepare("softness_bayes.runs.run", *drawing)  # workers import modules in parallel
     from softness_bayes.checkpoints.checkpoint import Checkpoint
     from softness_bayes.data import Compression
     from softness_bayes.likelihood.scales import scale_named
@@ -134,7 +134,7 @@ def command(
 
 
 def require_drawn(own: Sequence[str] | None) -> None:
-    """Raise an error for figures of the user's own that cannot be drawn; None if no figure is wanted.
+    """Raise an error for custom figures that cannot be drawn; the argument is None if no figures are requested.
 
     Raises
     ------
@@ -151,12 +151,12 @@ def require_drawn(own: Sequence[str] | None) -> None:
 
 
 def _model_of_forces(model: ModelChoice) -> ModelChoice:
-    """Return the model of compression data alone: with wide priors unless others were asked for.
+    """Return the model of compression data alone, with wide priors unless others were requested.
 
     Raises
     ------
     InputError
-        If an option of ratings was given.
+        If an option for ratings was given.
     """
     source = click.get_current_context().get_parameter_source
     of_ratings = ("scale", "direction", "accuracy", "noise", "exact_reweight", "errors", "resolution")
@@ -210,14 +210,14 @@ def run(
     request: Request,
     own_figures: Sequence[str] | None,
 ) -> None:
-    """Build the model and sample it, from the start or from where the checkpoint is; write and print the results.
+    """Build the model, sample it from the start or from the checkpoint, and write and print the results.
 
-    Figures of the user's own are drawn beside the others; None for `own_figures` draws none at all.
+    Custom figures are drawn in addition to the standard ones. If `own_figures` is None, no figures are drawn.
 
     Raises
     ------
     NotConvergedError
-        If a limit was reached first; everything is written all the same.
+        If a limit was reached before convergence; all results are written nevertheless.
     """
     from softness_bayes.model.build import ExperimentModel
     from softness_bayes.model.pressed import people_note
@@ -257,9 +257,9 @@ def run(
 
 
 def _kept(checkpoint: Checkpoint, drawing: bool = False) -> str:
-    """Say how far a run is kept and how to continue it, and release the directory of one that kept nothing.
+    """Return the saved progress of a run and the command to continue it; release the directory if nothing was saved.
 
-    `drawing` says that only figures are missing.
+    `drawing` is True if only figures are missing.
     """
     status = checkpoint.status
     if drawing:

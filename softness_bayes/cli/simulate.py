@@ -160,7 +160,7 @@ def _resolution(
     finger: Finger,
     accuracy: float,
 ) -> Discretisation:
-    """Return the discretisation that keeps to an accuracy at these parameters."""
+    """Return a discretisation that achieves the accuracy at these parameters."""
     from softness_bayes.model.resolution import given_draws, scene_with_accuracy
     from softness_bayes.model.scenes import scene_of, touch_parameters
 
@@ -175,13 +175,13 @@ def _resolution(
 def _forces(
     seed: int, values: Mapping[str, float], readings: Readings, fingers: int, shape: Finger
 ) -> tuple[str, int, dict[str, Any]]:
-    """Return a table of forces on simulated fingers, their number, and the fingers' effects as JSON holds them."""
+    """Return the table of forces on simulated fingers, the number of rows, and the finger effects for JSON."""
     import numpy as np
 
     from softness_bayes.data import compression_csv
     from softness_bayes.model.simulated_forces import simulate_compression
 
-    # numbers of its own, so that the ratings do not depend on whether fingers are pressed
+    # a separate random stream, so that the ratings are the same with and without simulated fingers
     made = simulate_compression(np.random.default_rng([seed, 1]), values, readings, fingers, shape=shape)
     names = made.compression.participants
     effects = {"log_b_effect": made.log_b_effect, "m_effect": made.m_effect}
@@ -190,11 +190,11 @@ def _forces(
 
 
 def _truth(simulation: Simulation, names: tuple[str, ...], loads: tuple[Load, ...]) -> dict[str, Any]:
-    """Return what the ratings were made of, as JSON holds it."""
+    """Return the true parameters and total rates behind the simulated ratings, for JSON."""
     return {
         "truth": simulation.truth,
         "total_rate": {
-            # digits that do not hang on the machine
+            # rounded to digits that are the same on all machines
             str(load): {name: float(f"{x:.8g}") for name, x in zip(names, simulation.total_rate[:, k], strict=True)}
             for k, load in enumerate(loads)
         },

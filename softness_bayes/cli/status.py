@@ -45,7 +45,7 @@ def command(directory: Path) -> None:
 
 
 def _of_a_study(directory: Path, runs: dict[str, Status]) -> None:
-    """Print how many runs of a study are done, and how each is getting on."""
+    """Print the number of finished runs of a study, and the progress of each run."""
     done = [one for one in runs.values() if one.ended and one.written and not one.running]
     good = sum(one.verdict is not None and one.verdict.converged for one in done)
     under_way = sum(one.running for one in runs.values())
@@ -60,7 +60,7 @@ def _of_a_study(directory: Path, runs: dict[str, Status]) -> None:
 
 
 def _what(status: Status) -> str:
-    """Say whether a run is under way, has ended or was interrupted."""
+    """Return the state of a run: under way, ended or interrupted."""
     if status.running:
         return "a process is running it" + (", in its pilot phase" if status.piloting else "")
     if status.ended and status.written and status.quick:

@@ -1,4 +1,4 @@
-"""Standard output and errors that may be closed or full: `| head` is quiet, and no finished run fails for it."""
+"""Tolerance of closed or full standard streams: `| head` prints no error, and a finished run still succeeds."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ class Tolerant:
 
     def _give_up(self, error: OSError) -> None:
         self.failure = self.failure or error
-        with suppress(OSError, ValueError, AttributeError):  # a stream in memory has no number
+        with suppress(OSError, ValueError, AttributeError):  # a stream in memory has no file descriptor
             nowhere = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(nowhere, self._stream.fileno())  # what is left in buffers goes there too
+            os.dup2(nowhere, self._stream.fileno())  # remaining buffered text is discarded too
             os.close(nowhere)
             self._stream.flush()
 
@@ -53,19 +53,19 @@ class Tolerant:
 
 
 def open_closed_streams() -> None:
-    """Open standard streams that were closed before the program began: otherwise the next files take their numbers."""
+    """Open standard streams that were closed at program start; otherwise other files would get their descriptors."""
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
             os.fstat(number)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number, this one
+            os.open(os.devnull, os.O_RDWR)  # this takes the lowest free descriptor, which is the closed one
         if getattr(sys, name) is None:
             setattr(sys, name, os.fdopen(number, "w" if number else "r", encoding="utf-8", closefd=False))
 
 
 @contextmanager
 def tolerant_streams() -> Iterator[Tolerant]:
-    """Make standard output and errors tolerant in here; yields the output."""
+    """Make standard output and error tolerant inside the ``with`` block; yield the output stream."""
     before = sys.stdout, sys.stderr
     for stream in before:
         if isinstance(stream, io.TextIOWrapper):

@@ -138,12 +138,12 @@ def command(
 
 
 def _files_of(one: Listed, files: DataFiles) -> DataFiles:
-    """Return the files of one table, read as all are."""
+    """Return the files of one table, with the same reading options as for all tables."""
     return replace(files, data=one.data, fabrics=one.fabrics or files.fabrics, compression=one.compression)
 
 
 def _read(listed: list[Listed], files: DataFiles) -> tuple[dict[str, Experiment | Compression], dict[str, str]]:
-    """Return the tables that can be read, and why the others cannot."""
+    """Return the readable tables, and the error message for each unreadable one."""
     tables, refused = {}, {}
     for one in listed:
         try:
@@ -157,7 +157,7 @@ def _read(listed: list[Listed], files: DataFiles) -> tuple[dict[str, Experiment 
 
 
 def _end(found: Study) -> None:
-    """Raise the error that tells what is missing, if anything is."""
+    """Raise an error if tables were refused, have not converged or were not pooled."""
     from softness_bayes.runs.study import REFUSED, UNCONVERGED
 
     if bad := found.named(REFUSED):

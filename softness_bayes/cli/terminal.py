@@ -1,4 +1,4 @@
-"""Output to the terminal, with control and invisible characters (as in names from files) as escapes."""
+"""Terminal output in which control characters and invisible characters, such as in file names, are escaped."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, TextIO
 
-# line ends, tabs and the carriage return of progress bars stay; marks of direction and of no width go
+# keeps line ends, tabs and the carriage returns of progress bars; escapes direction marks and zero-width characters
 _UNSEEN = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u061c\u200b-\u200f\u202a-\u202e\u2060-\u2069\ufeff]")
 
 
@@ -19,7 +19,7 @@ def visible(text: str) -> str:
 
 
 class _Visible:
-    """A stream that writes `visible` text to another one, and otherwise acts like that one."""
+    """A stream that writes `visible` text to another stream, and otherwise behaves like that stream."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
@@ -34,7 +34,7 @@ class _Visible:
 
 @contextmanager
 def visible_streams() -> Iterator[None]:
-    """Make all printed text visible, from any part of the program."""
+    """Escape invisible characters in all printed text, from any part of the program."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="surrogateescape")  # names of files need not be UTF-8

@@ -30,7 +30,7 @@ class Source:
     """The message if it is missing."""
 
     def is_in(self, result: Drawable) -> bool:
-        """Return whether a result has the variable."""
+        """Return True if a result contains the variable."""
         group, name = self.place.split("/")
         return group in result.tree.children and name in result.tree[group].data_vars
 

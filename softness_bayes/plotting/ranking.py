@@ -49,7 +49,7 @@ class Order(NamedTuple):
     rating: Array
     """Lower limit, median and upper limit of the rating, shape (3, fabrics)."""
     silent: NDArray[np.bool_]
-    """Whether the receptors are silent in most draws, shape (fabrics,)."""
+    """True for fabrics that leave the receptors silent in most draws, shape (fabrics,)."""
     tie: NDArray[np.intp]
     """Number of the group of tied fabrics, 0 for none, shape (fabrics,)."""
 

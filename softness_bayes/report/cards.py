@@ -1,4 +1,4 @@
-"""Findings as text: a question, an answer and some sentences each."""
+"""Findings as text, each with a question, an answer and some sentences."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ DOUBTS: Mapping[Doubt, str] = MappingProxyType(
         Doubt.MODEL_FAILED: "The model does not follow these ratings: see the first finding.",
     }
 )
-"""Sentences on the doubts in findings that would be good otherwise."""
+"""Sentences on reservations about otherwise favourable findings."""
 
 REPRODUCED: Mapping[bool | None, str] = MappingProxyType(
     {True: "reproduced", False: "not reproduced", None: "not shown by the ratings"}
@@ -154,5 +154,5 @@ def _turning(finding: TurningPoints) -> tuple[str, list[str]]:
 
 
 def _likely(row: Any, name: str) -> str:
-    """Return a probability in per cent with its Monte-Carlo error."""
+    """Return a probability in per cent with its Monte Carlo error."""
     return with_error(100 * row[name], 100 * row[f"{name}_mcse"], "\u00a0%")

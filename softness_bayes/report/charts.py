@@ -1,4 +1,4 @@
-"""Interactive charts of response and rating with credible bands, whose contents are switched by a script."""
+"""Interactive charts of response and rating with credible bands; a script switches their contents."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from softness_bayes.plotting.style import USUAL
 from softness_bayes.report.curves import AXES, Shown
 
 HEIGHT = 360
-"""Height of a chart [CSS pixels]; its width is the page's."""
+"""Height of a chart [CSS pixels]; its width is that of the page."""
 
 TURN_TINT = 0.18
-"""Strength of colour of the turning point's interval."""
+"""Colour strength of the turning point's interval."""
 
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'DejaVu Sans', sans-serif"
 INK, LINES = "#1f2933", "#d9dee3"
@@ -30,22 +30,22 @@ class Charts(NamedTuple):
     """HTML elements embedded in the page."""
 
     library: str
-    """Element with the whole JavaScript library of the charts."""
+    """Element that contains the complete JavaScript library of the charts."""
     script: str
     """Element that draws the charts."""
     places: dict[str, str]
-    """Element that each chart is drawn into, by the chart's name."""
+    """Chart name -> element in which the chart is drawn."""
 
 
 def charts(first: Shown, every: list[Shown], scale: Scale) -> Charts:
-    """Return the charts of response and rating in their first state.
+    """Return the charts of response and rating in their initial state.
 
     Parameters
     ----------
     first
         Initial contents.
     every
-        All possible contents, which determine common axes so that loads can be compared.
+        All possible contents. They determine the common axes, so that loads can be compared.
     scale
         Scale of the ratings.
     """
@@ -64,7 +64,7 @@ def charts(first: Shown, every: list[Shown], scale: Scale) -> Charts:
 
 
 def _reach(every: list[Shown], what: str) -> tuple[float, float]:
-    """Return the ends of all bands and, for ratings, of the data."""
+    """Return the common range of all bands and, for ratings, of the data."""
     values = [getattr(one, what)[name] for one in every for name in ("low95", "high95")]
     if what == "rating":
         values += [one.fabrics[name] for one in every for name in ("mean", "low", "high")]
@@ -73,8 +73,8 @@ def _reach(every: list[Shown], what: str) -> tuple[float, float]:
 
 
 def _chart(name: str, first: Shown, label: str, ends: tuple[float, float], axis: Literal["log", "linear"]) -> figure:
-    """Return a chart of one quantity; its models are named after it, as in ``rate/band``."""
-    # by name, because Bokeh's own types do not know those that it gives to axes and tools
+    """Return a chart of one quantity; the names of its Bokeh models begin with this quantity, as in ``rate/band``."""
+    # by name, because Bokeh's type hints lack the attributes of axes and tools
     options: dict[str, Any] = {
         "x_axis_type": "log",
         "y_axis_type": axis,
@@ -121,7 +121,7 @@ def plain_ticks(chart: figure) -> None:
 
 
 def _fabrics(chart: figure, first: Shown, foot: bool) -> None:
-    """Mark the fabrics along the foot of a chart, or at their ratings with the spread between participants."""
+    """Mark the fabrics along the bottom of a chart, or at their ratings with the spread between participants."""
     source = ColumnDataSource(dict(first.fabrics), name=f"{chart.name}/fabrics")
     if foot:
         marks = chart.scatter(x="x", y="foot", source=source, marker="triangle", size=9, color=INK)
@@ -135,7 +135,7 @@ def _fabrics(chart: figure, first: Shown, foot: bool) -> None:
 
 
 def dress(chart: figure) -> None:
-    """Style a chart like the page."""
+    """Apply the style of the page to a chart."""
     chart.background_fill_color = chart.border_fill_color = None
     chart.outline_line_color = None
     chart.xaxis.formatter = BasicTickFormatter(use_scientific=False)

@@ -18,14 +18,14 @@ from softness_bayes.results.result import Result
 Array = NDArray[np.float64]
 
 QUANTILES: Mapping[str, float] = {"median": 0.5, "low50": 0.25, "high50": 0.75, "low95": 0.025, "high95": 0.975}
-"""Columns of a band by name: the middle and the limits of 50 % and 95 % of the draws."""
+"""Column name -> quantile: the median and the limits of the central 50 % and 95 % of the draws."""
 
 DIGITS = 5
-"""Significant digits of the numbers of a chart."""
+"""Number of significant digits in the data of a chart."""
 
 
 class Axis(NamedTuple):
-    """An axis that the fabrics may be laid out on."""
+    """A possible horizontal axis of a chart."""
 
     name: str
     label: str
@@ -33,11 +33,11 @@ class Axis(NamedTuple):
 
 
 AXES = (Axis("e_fab", "Fabric modulus E_fab [kPa]", "kPa"), Axis("ratio", "E_fab / E_skin", "times the skin"))
-"""E_fab, and its ratio to the modulus of the pressed skin."""
+"""The horizontal axes: E_fab, and its ratio to the modulus of the compressed skin."""
 
 
 class Shown(NamedTuple):
-    """Contents of a chart for one load and axis, every list a column."""
+    """Contents of a chart for one load and axis; every list is a column."""
 
     title: str
     ends: tuple[float, float]
@@ -45,22 +45,22 @@ class Shown(NamedTuple):
     rate: dict[str, list[float]]
     """Response [spikes/s]: x, and a column for each of `QUANTILES`."""
     rating: dict[str, list[float]]
-    """Rating of a typical participant, the same columns."""
+    """Rating of a typical participant, with the same columns."""
     fabrics: dict[str, list[Any]]
-    """x, name, mean rating and its spread between participants, NaN where nobody rated; `foot` is 0."""
+    """Columns x, name, mean rating (NaN without ratings) and its spread between participants; `foot` is 0."""
     turn: dict[str, list[float]]
-    """left, middle and right of the turning point's 90 % interval; empty where no draw has one."""
+    """Columns left, middle and right: 90 % interval of the turning point; empty if no draw has a turning point."""
     told: str
-    """The turning point in words."""
+    """Description of the turning point in words."""
 
 
 def shown(result: Result) -> dict[str, list[Shown]]:
-    """Return the contents under each load, by the name of the axis.
+    """Return the contents for each load, by the name of the axis.
 
     Parameters
     ----------
     result
-        A finished run on ratings; the curves are those it stores. Of a group of loads they are at its middle load.
+        A finished run on ratings, which stores the curves. The curves of a group of loads are those of its middle load.
     """
     curves, table, groups = result.curves(), result.inflection(), result.load_groups
     typical = result.typical_ratings()

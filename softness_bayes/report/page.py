@@ -1,4 +1,4 @@
-"""HTML page of a result: contents of the other modules in a template, with everything embedded."""
+"""HTML page of a result: a template filled by the other modules, with all figures and scripts embedded."""
 
 from __future__ import annotations
 
@@ -37,18 +37,18 @@ from softness_bayes.report.words import unbroken
 from softness_bayes.results.result import Result
 
 RESOLUTION = 150
-"""Of the figures on the page [dots per inch]: sharp on a screen, and small."""
+"""Resolution of the figures on the page [dots per inch]: sharp on a screen, with small files."""
 
 COARSE = 100
-"""Of the figures in `SAMPLING`, whose many lines make large files."""
+"""Resolution of the figures in `SAMPLING` [dots per inch], whose many lines make large files."""
 
 GENERATOR = '<meta name="generator" content="softness-bayes">'
-"""Element of the page's head that names the program."""
+"""Element of the HTML head that names the program."""
 
 TITLE = "Report of a run"
 
 REPORT = "report"
-"""The verb that the page is listed under."""
+"""Command under which the page is listed in the record of written files."""
 
 CAPTIONS: Mapping[str, str] = MappingProxyType(
     {
@@ -74,16 +74,16 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
         "compression": "Force of a rigid plate on the typical finger with credible bands, and the data.",
     }
 )
-"""Captions of figures by name, which a screen reader reads out."""
+"""Figure name -> caption, which is also the text for screen readers."""
 
 SWITCHED = ("rating", "rating_ratio", "response", "response_ratio")
-"""Figures that replace the interactive charts on paper and without scripts."""
+"""Figures that replace the interactive charts in print and in browsers without scripts."""
 
 CHECKING = ("predictive_checks", "category_counts", "psychometric", "loo_pit")
-"""Figures of what the model reproduces."""
+"""Figures of the predictive checks."""
 
 SAMPLING = ("trace", "rank")
-"""Figures for those who doubt the sampler."""
+"""Figures for checking the convergence of the sampler."""
 
 
 class Picture(NamedTuple):
@@ -93,24 +93,24 @@ class Picture(NamedTuple):
     source: str
     caption: str
     alternative: str = ""
-    """What is read out in place of the figure; by default the caption."""
+    """Alternative text for screen readers; by default the caption."""
 
 
 def write_report(
     result: Result, path: str | Path, own_figures: Sequence[str] = (), title: str = "", author: str = ""
 ) -> Path:
-    """Write the report of a run; the file appears whole or not at all, and an earlier report is replaced.
+    """Write the report of a run in one atomic step, replacing an earlier report.
 
     Parameters
     ----------
     result
         A finished run.
     path
-        The file; directories on the way to it are made.
+        Path of the file; missing parent directories are created.
     own_figures
-        Importable names of figures of the user's own, which are shown too.
+        Importable names of custom figures to include.
     title, author
-        Heading of the page, by default "Report of a run", and who stands for it.
+        Heading of the page, by default "Report of a run", and its author.
 
     Returns
     -------
@@ -120,7 +120,7 @@ def write_report(
     Raises
     ------
     InputError
-        If it is a directory, or a file that is not a report, or a report that was changed since it was written.
+        If the path is a directory, a file that is not a report, or a report that was changed after it was written.
     """
     path = Path(path)
     if path.is_dir():
@@ -131,7 +131,7 @@ def write_report(
 
 
 def report_page(result: Result, own_figures: Sequence[str] = (), title: str = "", author: str = "") -> str:
-    """Return the report of a run as one HTML document that loads nothing from elsewhere; arguments as above."""
+    """Return the report of a run as one self-contained HTML document; arguments as in `write_report`."""
     require_figures(own_figures)
     environment = Environment(
         loader=PackageLoader("softness_bayes.report"),
@@ -181,7 +181,7 @@ def report_page(result: Result, own_figures: Sequence[str] = (), title: str = ""
 
 
 def _with_tables(result: Result) -> Result:
-    """Return a result with its missing tables computed anew from its draws."""
+    """Return a result whose missing tables are recomputed from its draws."""
     made = dict(result.tables)
     if "directions" not in made:
         made["directions"] = direction_table(result.tree)
@@ -193,7 +193,7 @@ def _with_tables(result: Result) -> Result:
 
 
 def subject(result: Result) -> str:
-    """Return the data of the run in one line."""
+    """Return a one-line description of the data of the run."""
     parts = []
     if result.has_ratings:
         people = result.group("log_likelihood_participant").sizes["participant"]
@@ -221,12 +221,12 @@ def picture(result: Result, name: str) -> Picture:
 
 
 def _as_link(text: str) -> str:
-    """Return a text as an address that holds it."""
+    """Return a text as a data URL."""
     return f"data:text/csv;charset=utf-8;base64,{base64.b64encode(text.encode()).decode('ascii')}"
 
 
 def _switched(result: Result) -> dict[str, Any]:
-    """Return the interactive charts, the choices of their switches, and the data behind them."""
+    """Return the interactive charts, the options of their switches, and the data of all options."""
     every = shown(result)
     flat = [one for loads in every.values() for one in loads]
     drawn = charts(every[AXES[0].name][0], flat, result.scale)
@@ -246,7 +246,7 @@ def _switched(result: Result) -> dict[str, Any]:
 
 
 def _json(one: Shown) -> dict[str, Any]:
-    """Return the contents of a chart as JSON holds them: None for NaN and infinity."""
+    """Return the contents of a chart in a form suitable for JSON, with None for NaN and infinity."""
 
     def plain(value: Any) -> Any:
         if isinstance(value, dict):

@@ -22,7 +22,7 @@ from softness_bayes.results.result import Result
 
 
 class Table(NamedTuple):
-    """A table of words; the first cell of a row is its heading."""
+    """A table of text; the first cell of each row is the row heading."""
 
     name: str
     caption: str
@@ -35,10 +35,10 @@ TOLD = {
     DROP: "drop beyond the turning point",
     FALL: "fall beyond the turning point / expected",
 }
-"""Descriptions of test quantities that files call by the paper's names."""
+"""Descriptions of test quantities whose names in files are those of the paper."""
 
 LEVELS_MEANING = {"mu": "mean log rating of a typical participant", "c0": "intercept", "c1": "slope"}
-"""Meaning of the levels, which are drawn after a run and are not declared as parameters."""
+"""Descriptions of the levels, which are sampled after a run and are not declared as parameters."""
 
 
 def of_parameters(result: Result) -> Table:
@@ -82,7 +82,7 @@ def _prior(prior: Prior | None) -> str:
 
 
 def of_directions(result: Result) -> Table:
-    """Return the combinations of parameters from best to least known."""
+    """Return the combinations of parameters, ordered from best to worst constrained."""
     table = result.tables["directions"]
     rows = [
         [str(k), number(np.sqrt(max(1.0 - row["contraction"], 0.0)), 2), str(row["meaning"])]
@@ -126,14 +126,14 @@ def _interval(row: pd.Series, name: str) -> str:
 
 
 MOST_FABRICS = 60
-"""Rows of the table of fabrics beyond which only those with the largest differences are shown."""
+"""Largest number of rows in the table of fabrics; longer tables show only the largest differences."""
 
 NOTABLE = 2.0
 """Number of standard deviations above which a difference is marked."""
 
 
 def of_fabrics(result: Result) -> Table:
-    """Return rated and predicted softness of every fabric under every load."""
+    """Return the rated and predicted softness of every fabric under every load."""
     table = result.tables[FABRIC_RATINGS].reset_index()
     shown = table
     if len(table) > MOST_FABRICS:
@@ -164,7 +164,7 @@ def of_fabrics(result: Result) -> Table:
 
 
 def _signed(value: Any) -> str:
-    """Return a difference with its sign, marked where it is notable."""
+    """Return a difference with its sign, and with a mark if it is large."""
     value = float(value)
     return f"{value:+.1f}{' ✱' if abs(value) >= NOTABLE else ''}" if np.isfinite(value) else "–"
 
