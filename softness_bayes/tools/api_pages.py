@@ -1,8 +1,8 @@
-"""One site of guide and API reference: ``python -m softness_bayes.tools.api_pages DIR``.
+"""Builder of the HTML site of guide and API reference: ``python -m softness_bayes.tools.api_pages DIR``.
 
-The guide is made of the README and the pages in ``docs``, the reference of the docstrings. Run it in a clone. It needs
-pdoc, which the extra ``dev`` installs. Whatever pdoc warns of, a name that does not exist or a docstring that
-does not parse, ends the building.
+The guide is built from the README and the pages in ``docs``, the reference from the docstrings. Run it in a clone. It
+needs pdoc, which the extra ``dev`` installs. Any pdoc warning, such as an unknown name or a docstring that does not
+parse, stops the build.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ TEMPLATES = Path(__file__).parent / "templates"
 
 
 def modules() -> list[str]:
-    """Return what pdoc is to make pages of: all modules but those of the command line, which explains itself.
+    """Return the names to pass to pdoc: all modules except those of the command line, which has its own help.
 
-    A package that lists its public names would hide its modules, so that these are named; those of other packages
-    come with them.
+    pdoc hides the modules of a package that lists its public names, so these are named explicitly. It finds the
+    modules of other packages itself.
     """
     root = softness_bayes.__name__
     found = (module.name for module in pkgutil.walk_packages(softness_bayes.__path__, f"{root}."))
@@ -37,7 +37,7 @@ def build(directory: Path) -> None:
     Parameters
     ----------
     directory
-        Where to; made if it does not exist.
+        Output directory; created if it does not exist.
 
     Raises
     ------
@@ -46,15 +46,15 @@ def build(directory: Path) -> None:
     FileNotFoundError
         If a page of the guide links to a file that does not exist.
     ValueError
-        If a link of the guide leads nowhere.
+        If a link of the guide has no target.
     """
     import pdoc
 
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        # mypy checks annotations; pdoc evaluates them where names that were imported for checking do not exist
+        # pdoc evaluates annotations, but names imported only for type checking are undefined at run time
         warnings.filterwarnings("ignore", "Error parsing type annotation")
-        # pdoc looks for what a module has, and these are imported on first use
+        # pdoc inspects a module's attributes, but these are imported only on first use
         vars(softness_bayes).update({name: getattr(softness_bayes, name) for name in softness_bayes.__all__})
         pdoc.render.configure(
             docformat="numpy",
@@ -69,7 +69,7 @@ def build(directory: Path) -> None:
 
 
 def main() -> None:
-    """Build the pages into the directory that is named."""
+    """Build the pages into the given directory."""
     parser = argparse.ArgumentParser(description="Build the guide and the API reference.")
     parser.add_argument("directory", type=Path, metavar="DIR", help="directory to write to")
     directory = parser.parse_args().directory

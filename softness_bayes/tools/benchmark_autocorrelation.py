@@ -1,10 +1,10 @@
-"""Estimators of the autocorrelation time on walks of known time.
+"""Benchmark of estimators of the autocorrelation time, on simulated chains with a known one.
 
 ``python -m softness_bayes.tools.benchmark_autocorrelation [FILE.csv]``. A run ends when its slowest quantity has 50
-autocorrelation times, so the estimator decides how long it really is. Walks of independent walkers are simulated, of
-which the time is known: processes with one time, and sums of a quick and a slow process, in which the slow one decides.
-For each estimator the table has what it says of one quantity and of the slowest of several, relative to the truth, and
-how many true times a walk has when it ends by that estimator.
+autocorrelation times, so the estimator determines the length of a run. Chains of independent walkers are simulated with
+a known autocorrelation time: processes with one time constant, and sums of a fast and a slow process, whose slow part
+dominates. For each estimator the table lists the estimate relative to the truth, for one quantity and for the slowest
+of several, and the length of a run that ends by this estimator, in true autocorrelation times.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ ESTIMATORS: Mapping[str, Estimator] = {
 
 
 class Process(NamedTuple):
-    """A sum of independent AR(1) processes of variances that sum to 1."""
+    """A sum of independent AR(1) processes whose variances add up to 1."""
 
     times: tuple[float, ...]
     """Autocorrelation time of each [steps]."""
@@ -84,7 +84,7 @@ PROCESSES: Mapping[str, Process] = {
 
 
 class Found(NamedTuple):
-    """Answers of an estimator for walks of one length, over the true time."""
+    """Estimates for walks of one length, divided by the true time."""
 
     one: float
     """Mean of all quantities."""
@@ -95,7 +95,7 @@ class Found(NamedTuple):
 
 
 def measure(process: Process, lengths: int, estimator: Estimator, replicates: int, seed: int = 1) -> Found:
-    """Estimate the time of walks of a length in true times."""
+    """Estimate the autocorrelation time of walks whose length is given in true times."""
     rng = np.random.default_rng(seed)
     steps = round(lengths * process.time)
     said = np.array([estimator(process.walks(rng, steps)) for _ in range(replicates)]) / process.time
@@ -103,9 +103,9 @@ def measure(process: Process, lengths: int, estimator: Estimator, replicates: in
 
 
 def length_at_end(walks: FloatArray, time: float, estimator: Estimator, goal: Goal = GOAL) -> float:
-    """Return the true times in a walk when it ends by the goal's length and stability; infinite if it does not end.
+    """Return the length of a walk that ends by the goal's length and stability, in true times; infinite without an end.
 
-    Looks are a share of the walk apart, as those of a run; the first is made at 0.7 of the goal.
+    As in a run, the interval between checks is a fraction of the length; the first check is at 0.7 of the goal.
     """
     steps, before, passed = round(0.7 * goal.lengths * time), np.inf, 0
     while steps <= walks.shape[-2]:
@@ -123,7 +123,7 @@ COLUMNS = ("walks", "estimator", *(f"at_{n}" for n in LENGTHS), "slowest_at_50",
 
 
 def row(name: str, estimator: str, replicates: int = REPLICATES) -> tuple[str, ...]:
-    """Return what an estimator says of a process."""
+    """Return the table row of an estimator for a process."""
     process, of, rng = PROCESSES[name], ESTIMATORS[estimator], np.random.default_rng(2)
     said = [measure(process, n, of, replicates) for n in LENGTHS]
     steps = round(1.8 * GOAL.lengths * process.time)
@@ -134,7 +134,7 @@ def row(name: str, estimator: str, replicates: int = REPLICATES) -> tuple[str, .
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the table, and write it to a CSV file if one is named."""
+    """Print the table, and write it to a CSV file if one is given."""
     parser = argparse.ArgumentParser(description="Compare estimators of the autocorrelation time on known walks.")
     parser.add_argument("file", type=Path, nargs="?", metavar="FILE.csv", help="file to write")
     kept, table = parser.parse_args(arguments).file, [row(*both) for both in product(PROCESSES, ESTIMATORS)]

@@ -44,7 +44,7 @@ def redraws(subject: Subject, rng: np.random.Generator, moves: int = MOVES) -> N
 
 
 def errors(subject: Subject, rng: np.random.Generator, states: int = STATES) -> NDArray[np.float64]:
-    """Return the largest error of each state's curves, relative to their highest point; silent states are left out."""
+    """Return the largest error of each state's curves, relative to their maximum; states without firing are skipped."""
     exact, found = subject.curves.exact(), []
     for _ in range(states):
         values = {s.name: s.value(rng.uniform(s.place(s.low), s.place(s.high))) for s in subject.spans}
@@ -56,7 +56,7 @@ def errors(subject: Subject, rng: np.random.Generator, states: int = STATES) -> 
 
 
 def main() -> None:
-    """Measure, and print two lines."""
+    """Measure time and error, and print a line for each."""
     reader = argparse.ArgumentParser(description=__doc__)
     reader.add_argument("run", nargs="?", type=Path, help="directory of a finished run")
     run = reader.parse_args().run

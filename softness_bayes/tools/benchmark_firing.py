@@ -1,11 +1,11 @@
-"""Exact firing rates against Brian2's, in time and error: ``python -m softness_bayes.tools.benchmark_firing``.
+"""Comparison of exact firing rates with Brian2 in time and error: ``python -m softness_bayes.tools.benchmark_firing``.
 
 Prints, for one batch of currents into the Connor-Stevens membrane at the paper's multipliers, the processor time for
 each current and the largest relative error of the exact rate, of the same method with looser tolerances, and of
-Brian2's simulations (Runge-Kutta of fourth order) at several step lengths; and how many times longer Brian2 takes than
-the fastest of ours that is at least as accurate. Brian2 comes with the extra ``peers``, in an environment of its own
-while it needs an older NumPy. It is given its best: crossings of the spike voltage are interpolated within a step, and
-what it takes to compile is left out.
+Brian2's simulations (fourth-order Runge-Kutta) at several step lengths. It also prints the ratio of Brian2's time to
+that of the fastest setting of this package with at least the same accuracy. Brian2 comes with the extra ``peers``; it
+needs a separate environment as long as it requires an older NumPy. The comparison favours Brian2: crossings of the
+spike voltage are interpolated within a step, and its compilation time is excluded.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ LOOSER = ((TOLERANCE, AGREEMENT), (3e-8, 1e-7), (3e-7, 1e-6), (3e-6, 1e-5), (3e-
 """Local errors and agreements of periods with which the exact method is measured."""
 STEPS = (0.04, 0.02)
 TARGETS = ("cython", "numpy")
-DURATION, SETTLING = 400.0, 200.0  # ms of a simulation, and of its beginning that is not counted
+DURATION, SETTLING = 400.0, 200.0  # [ms] length of a simulation, and of its discarded initial part
 
 _A_GATES = """
 ainf = (0.0761*exp((v+94.22)/31.84)/(1+exp((v+1.17)/28.93)))**(1.0/3.0) : 1
@@ -77,7 +77,7 @@ _GATES = {"m": "m", "h": "h", "n": "n", "A": "a", "B": "b"}
 
 
 class Peer(NamedTuple):
-    """One way to compute the rates of a batch."""
+    """One method of computing the rates of a batch."""
 
     simulator: str
     setting: str
@@ -114,11 +114,11 @@ def brian2_rates(
     channels : Channels
         Scalar multipliers [-].
     membrane : Membrane
-        Constants, of a membrane in `EQUATIONS`.
+        Constants of a membrane in `EQUATIONS`.
     step : float
         Length of a step [ms].
     target : str
-        Brian2's way to run its code: ``cython`` or ``numpy``.
+        Brian2's code generation target: ``cython`` or ``numpy``.
 
     Raises
     ------
@@ -157,7 +157,7 @@ def brian2_rates(
 
 
 def _constants(channels: Channels, membrane: Membrane) -> dict[str, float]:
-    """Return the constants that the equations name."""
+    """Return the constants used in the equations."""
     conductances = {
         f"g_{ion}": multiplier * getattr(membrane, f"g_{ion}")
         for ion, multiplier in zip(("na", "k", "l", "a"), channels, strict=True)
@@ -169,16 +169,16 @@ def _constants(channels: Channels, membrane: Membrane) -> dict[str, float]:
 def firing_peers(
     currents: int = CURRENTS, steps: tuple[float, ...] = STEPS, targets: tuple[str, ...] = TARGETS
 ) -> list[Peer]:
-    """Time and error of the exact rate, of looser ones and of Brian2's, for one batch of currents in one run.
+    """Return time and error of exact rates, of rates with looser tolerances and of Brian2's, for one batch of currents.
 
     Parameters
     ----------
     currents : int
-        Their number, evenly over `CURRENT_RANGE`.
+        Number of currents, evenly spaced over `CURRENT_RANGE`.
     steps : tuple of float
         Brian2's step lengths [ms].
     targets : tuple of str
-        Brian2's ways to run its code.
+        Brian2's code generation targets.
 
     Raises
     ------

@@ -1,8 +1,8 @@
 """Cost of many loads: ``python -m softness_bayes.tools.benchmark_loads [FILE.csv]``.
 
 Compiles scenes of 3 to 3000 distinct forces or indentations, with one table for all of them and with a table for each,
-and times a call. A scene has 360 conditions, or one for each load if these are more. Errors of the response are those
-at the worst of some loads, the ends of the range among them, against tables of single loads that are far closer.
+and times a call. A scene has 360 conditions, or one per load if there are more loads. The error of the response is the
+largest over a sample of loads that includes both ends of the range, relative to much more accurate single-load tables.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ COMPILED, USED, CLOSE = (Discretisation(9, 6.0, tolerance) for tolerance in (1e-
 
 
 class Measured(NamedTuple):
-    """One scene."""
+    """Measurements of one scene."""
 
     kind: str
     loads: int
@@ -66,7 +66,7 @@ class Measured(NamedTuple):
 
 
 def measured(kind: str, count: int, apart: bool, parameters: TouchParameters) -> Measured:
-    """Return cost and error of a scene of so many loads, with a table for each (`apart`) or one for many."""
+    """Return cost and error of a scene with this number of loads: one table per load (`apart`) or one for all."""
     made, low, high = KINDS[kind]
     loads: list[Load] = [made(float(x)) for x in np.linspace(low, high, count)]
     n = max(CONDITIONS, count)
@@ -96,7 +96,7 @@ def measured(kind: str, count: int, apart: bool, parameters: TouchParameters) ->
 
 
 def _error(used: Scene, rate: Array, pairs: NDArray[np.intp], parameters: TouchParameters) -> float:
-    """Return the largest difference from tables of single loads that are far closer, relative to each peak."""
+    """Return the largest difference from much more accurate single-load tables, relative to each peak."""
     count = len(used.loads)
     some = np.unique(np.r_[np.linspace(0, count - 1, min(count, 5)), 1, count - 2].round().astype(int))
     here = np.flatnonzero(np.isin(pairs[0], some))
@@ -117,7 +117,7 @@ def _error(used: Scene, rate: Array, pairs: NDArray[np.intp], parameters: TouchP
 
 
 def every(counts: Sequence[int] = COUNTS, batch: int = BATCH) -> list[Measured]:
-    """Return all measurements, printed as they come."""
+    """Return all measurements, and print each one when it is done."""
     space = parameter_space(fix=PAPER_CHANNELS._asdict())
     parameters, found = first(prior_draws(space).parameters, batch), []
     for kind in KINDS:
@@ -140,7 +140,7 @@ def written(rows: Sequence[Measured], path: Path) -> None:
 
 
 def main() -> None:
-    """Measure, and write a table if a file is named."""
+    """Measure, and write a table if a file is given."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("file", nargs="?", type=Path, help="CSV file to write")
     path = parser.parse_args().file

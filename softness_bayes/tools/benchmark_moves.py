@@ -1,12 +1,12 @@
-"""Moves compared on several data sets: ``python -m softness_bayes.tools.benchmark_moves [FILE.csv]``.
+"""Comparison of sampler moves on several data sets: ``python -m softness_bayes.tools.benchmark_moves [FILE.csv]``.
 
-Prints, for each set of simulated ratings and each way to walk, the autocorrelation time of the worst quantity and
-the effective draws for each second of processor time, pilot included, after a fixed number of steps. A run shorter
-than the `lengths` of `sampler.diagnostics.Goal` underestimates its autocorrelation times: those are marked, and their
-draws are upper limits.
+Prints, for each set of simulated ratings and each combination of moves, the autocorrelation time of the worst quantity
+and the effective draws per second of processor time, including the pilot run, after a fixed number of steps. A run
+shorter than the `lengths` of `sampler.diagnostics.Goal` underestimates its autocorrelation times: such values are
+marked, and their effective draws are upper limits.
 
-emcee's snooker move is not compared: up to emcee 3.1.6 its acceptance takes half of the Jacobian's exponent, so that
-what it draws has another law.
+emcee's snooker move is excluded: up to emcee 3.1.6 its acceptance uses half the Jacobian's exponent, so it samples the
+wrong distribution.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ STEPS, ENSEMBLES = 1200, 2
 
 
 class Way(NamedTuple):
-    """A way to walk."""
+    """A combination of moves."""
 
     moves: Moves
     pilot: tuple[int, ...] = ()
@@ -59,7 +59,7 @@ WAYS: Mapping[str, Way] = {
 
 
 class Measured(NamedTuple):
-    """Efficiency of a way to walk."""
+    """Efficiency of a combination of moves."""
 
     tau: float
     """Longest autocorrelation time [steps] of any quantity in any ensemble."""
@@ -70,7 +70,7 @@ class Measured(NamedTuple):
 
 
 def measure(target: Target, way: Way, steps: int, seed: int = 1) -> Measured:
-    """Walk a fixed number of steps in this process."""
+    """Sample a fixed number of steps in this process."""
     settings = Settings(
         ensembles=ENSEMBLES,
         processes=1,
@@ -82,7 +82,7 @@ def measure(target: Target, way: Way, steps: int, seed: int = 1) -> Measured:
         goal=Goal(lengths=np.inf),
     )
     states = walk(target, settings, seed)
-    next(states)  # the starts are the same for all
+    next(states)  # all combinations start from the same points
     begun = time.process_time()
     verdict = deque(states, maxlen=1).pop().verdict
     spent = time.process_time() - begun
@@ -94,7 +94,7 @@ def measure(target: Target, way: Way, steps: int, seed: int = 1) -> Measured:
 def _posterior(
     moduli: tuple[float, ...], loads: tuple[Load, ...], participants: int, options: ModelOptions, **given: float
 ) -> Callable[[], Target]:
-    """Return what makes the posterior of ratings simulated at the priors' medians, some replaced."""
+    """Return a function that builds the posterior of ratings simulated at the priors' medians with some replaced."""
 
     def make() -> Target:
         cloth = Fabrics(tuple(f"F{k}" for k in range(len(moduli))), effective_modulus=np.array(moduli))
@@ -126,7 +126,7 @@ COLUMNS = ("ratings", "way", "too_short", "tau_steps", "effective_draws_per_seco
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print a table for each data set, and write all of it to a CSV file if one is named."""
+    """Print a table for each data set, and write all of them to a CSV file if one is given."""
     parser = argparse.ArgumentParser(description="Compare moves of the sampler on simulated ratings.")
     parser.add_argument("file", type=Path, nargs="?", metavar="FILE.csv", help="file to write")
     kept, rows = parser.parse_args(arguments).file, []

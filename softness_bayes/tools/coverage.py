@@ -1,4 +1,4 @@
-"""Common parts of the programs that count coverage in simulated laboratories."""
+"""Shared functions of the programs that measure coverage in simulated laboratories."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ PARAMETERS = ("b", "m", "sigma_0", "gamma", "tau_b", "tau_sigma")
 
 
 def sampled_draws(model: ExperimentModel, seed: int) -> tuple[Array, dict[str, int]]:
-    """Return evenly spaced draws of a model's posterior, and how the walk ended."""
+    """Return evenly spaced draws of a model's posterior, and the final state of the sampler run."""
     sampled = sample_until(model.posterior, Settings(ensembles=2, processes=1), seed)
     kept = sampled.chains.kept(sampled.verdict.burn_in)
     theta = model.posterior.natural(kept.coordinates).reshape(-1, model.posterior.space.dimension)
@@ -44,11 +44,11 @@ def sampled_draws(model: ExperimentModel, seed: int) -> tuple[Array, dict[str, i
 
 
 def weighted_draws(model: ExperimentModel, seed: int, start: Mapping[str, float]) -> tuple[Array, dict[str, float]]:
-    """Return draws of a model's posterior by importance sampling, for many fits of one scene: a tenth of a walk's time.
+    """Return draws of a model's posterior by importance sampling, in about a tenth of the time of MCMC.
 
-    Proposals are multivariate t laws (Cappé and colleagues, J. Comp. Graph. Stat. 13, 907, 2004): the first has the
-    prior's spread about `start`, each of the next the mean and covariance of its predecessor's weighted draws, with
-    weights flattened while few draws have them all. Weights of the last are Pareto-smoothed.
+    Proposals are multivariate t distributions (Cappé and colleagues, J. Comp. Graph. Stat. 13, 907, 2004). The first
+    has the prior's spread about `start`; each later one has the mean and covariance of the previous weighted draws.
+    Weights are flattened as long as a few draws dominate. The final weights are Pareto-smoothed.
 
     Returns
     -------
@@ -78,7 +78,7 @@ def weighted_draws(model: ExperimentModel, seed: int, start: Mapping[str, float]
 def _proposed(
     rng: np.random.Generator, posterior: Posterior, mean: Array, covariance: Array, size: int
 ) -> tuple[Array, Array]:
-    """Return draws of the proposal and the logs of posterior over proposal."""
+    """Return draws of the proposal and the log ratios of posterior to proposal density."""
     law = multivariate_t(mean, covariance, df=TAILS)
     z = law.rvs(size, random_state=rng)
     return z, np.concatenate([posterior(part) for part in np.array_split(z, -(-size // 64))]) - law.logpdf(z)
@@ -91,7 +91,7 @@ def _effective(log_weight: Array) -> float:
 
 
 def compared(model: ExperimentModel, theta: Array, truth: Mapping[str, float]) -> Iterator[dict[str, Any]]:
-    """Yield the place of the truth among the draws, for each quantity."""
+    """Yield the rank of the true value among the draws, for each quantity."""
     for name, (drawn, value) in quantities(model, theta, truth).items():
         known = drawn[np.isfinite(drawn)]
         yield {
@@ -104,7 +104,7 @@ def compared(model: ExperimentModel, theta: Array, truth: Mapping[str, float]) -
 def quantities(
     model: ExperimentModel, theta: Array, truth: Mapping[str, float], others: Sequence[str] = ()
 ) -> dict[str, tuple[Array, float]]:
-    """Return draws and truth of `PARAMETERS`, other parameters and turning points, in logarithms."""
+    """Return draws and true values of `PARAMETERS`, other parameters and turning points, as logarithms."""
     names, counted = model.posterior.names, (*PARAMETERS, *others)
     found = {n: (np.log(theta[:, names.index(n)]), float(np.log(truth[n]))) for n in counted if n in names}
     touch = TouchParameters(*(np.broadcast_to(v, len(theta)) for v in model.posterior.space.touch(theta)))
@@ -124,7 +124,7 @@ def keep(
     cases: Iterable[str],
     fit: Callable[[int, str], Iterable[dict[str, Any]]],
 ) -> None:
-    """Write the rows of all fits to a file, except those of fits that it holds."""
+    """Append the rows of all fits to a file, skipping fits that it already contains."""
     done: set[tuple[int, str]] = set()
     if path.is_file():
         with path.open(encoding="utf-8", newline="") as file:

@@ -1,8 +1,8 @@
 """Table and figure of coverage with uncertain inputs: ``python -m softness_bayes.tools.coverage_page [--results DIR]``.
 
-The kept tables of `input_coverage` and `finger_coverage` are counted: how often 90 % intervals held the truth, with the
-95 % limits of that share. The table is printed as it stands in `docs/calibration.md`; the figure is written beside the
-tables, as `coverage_with_uncertain_inputs.png`.
+The program reads the stored tables of `input_coverage` and `finger_coverage` and computes the share of 90 % intervals
+that contain the true value, with its 95 % confidence limits. It prints the table in the form used in
+`docs/calibration.md` and writes the figure next to the tables, as `coverage_with_uncertain_inputs.png`.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ WANTED = 0.85, 0.95
 
 
 class Share(NamedTuple):
-    """Share of the laboratories whose intervals held the truth, and its limits."""
+    """Share of laboratories whose intervals contain the true value, and its confidence limits."""
 
     situation: str
     quantity: str
@@ -62,7 +62,7 @@ class Share(NamedTuple):
 
 
 def counted(folder: Path) -> list[Share]:
-    """Return the shares of all kept tables in a folder of results, in the order of `KEPT`."""
+    """Return the shares for all stored tables in a results folder, in the order of `KEPT`."""
     found = []
     for name, situations in KEPT.items():
         path = folder / name / "coverage.csv"
@@ -80,7 +80,7 @@ def counted(folder: Path) -> list[Share]:
 
 
 def _share(situation: str, quantity: str, below: Sequence[float], noticed: float) -> Share:
-    # a turning point that no draw has is not held
+    # a turning point that occurs in no draw counts as not covered
     hits, n = sum(INSIDE[0] <= share <= INSIDE[1] for share in below), len(below)
     low = float(betaincinv(hits, n - hits + 1, 0.025)) if hits else 0.0
     high = float(betaincinv(hits + 1, n - hits, 0.975)) if hits < n else 1.0
@@ -88,7 +88,7 @@ def _share(situation: str, quantity: str, below: Sequence[float], noticed: float
 
 
 def page_lines(found: Sequence[Share]) -> list[str]:
-    """Return the table in Markdown: a row for each situation, the quantities as columns."""
+    """Return the table in Markdown: one row per situation, one column per quantity."""
     quantities = list(dict.fromkeys(share.quantity for share in found))
     lines = ["| situation | laboratories | noticed | " + " | ".join(quantities) + " |"]
     lines.append("|" + "---|" * (3 + len(quantities)))
@@ -105,7 +105,7 @@ def _cell(share: Share | None) -> str:
 
 
 def draw(found: Sequence[Share], path: Path) -> None:
-    """Draw all shares with their limits, one panel for each quantity, to a PNG file."""
+    """Plot all shares with their limits, one panel per quantity, to a PNG file."""
     import matplotlib as mpl
 
     mpl.use("agg")
@@ -130,7 +130,7 @@ def draw(found: Sequence[Share], path: Path) -> None:
     panels[0].set_yticks(range(len(situations)), [situation.replace("`", "") for situation in situations], fontsize=8)
     panels[0].invert_yaxis()
     figure.supxlabel("share of 90 % intervals that hold the truth, with its 95 % limits", fontsize=8)
-    # without the version of the library, so that the same numbers give the same file
+    # omit the library's version, so that the same numbers give an identical file
     figure.savefig(path, metadata={"Software": None})
     plt.close(figure)
 

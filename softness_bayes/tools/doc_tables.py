@@ -1,7 +1,7 @@
-"""Tables of the guide, filled in from the kept results: ``python -m softness_bayes.tools.doc_tables``.
+"""Update of the guide's tables from the stored results: ``python -m softness_bayes.tools.doc_tables``.
 
-Run it in a clone after a command has written new results to ``notebooks/results``. On a page, each table stands between
-``<!-- name -->`` and ``<!-- /name -->``; what is between these marks is replaced, the rest of the page is left alone.
+Run it in a clone after a command has written new results to ``notebooks/results``. On a page, each table is enclosed by
+``<!-- name -->`` and ``<!-- /name -->``; only the text between these marks is replaced.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def bench(results: Path) -> str:
 
 
 def moves(results: Path) -> str:
-    """Return the effective draws of each way to walk, data set by data set, from ``tools.benchmark_moves``."""
+    """Return the effective draws of each combination of moves and data set, from ``tools.benchmark_moves``."""
     rows = _rows(results / "moves.csv")
     ways, sets = (list(dict.fromkeys(row[key] for row in rows)) for key in ("way", "ratings"))
     cells = {(row["ratings"], row["way"]): _walked(row) for row in rows}
@@ -53,19 +53,19 @@ def _walked(row: Mapping[str, str]) -> str:
 
 
 def hard_cases(results: Path) -> str:
-    """Return the worst errors of the hard cases, as the program among the tests writes them."""
+    """Return the largest errors of the hard cases, as written by the program in the tests folder."""
     rows = _rows(results / "hard_cases.csv")
     return table(list(rows[0]), (list(row.values()) for row in rows))
 
 
 def autocorrelation(results: Path) -> str:
-    """Return what estimators say of walks of known autocorrelation time, from ``tools.benchmark_autocorrelation``."""
+    """Return the estimates for walks of known autocorrelation time, from ``tools.benchmark_autocorrelation``."""
     head = ["walks", "estimator", "at 20", "at 50", "at 100", "slowest at 50", "true times at the end", "least"]
     return table(head, (list(row.values()) for row in _rows(results / "autocorrelation.csv")))
 
 
 def loads(results: Path) -> str:
-    """Return compiling and calling with many loads, from ``tools.benchmark_loads``."""
+    """Return the times of compiling and calling scenes of many loads, from ``tools.benchmark_loads``."""
     head = ["kind", "distinct loads", "table", "conditions", "compiled in [s]", "call [ms per vector]", "error / peak"]
     rows = _rows(results / "loads.csv")
     first = {row["kind"]: row for row in reversed(rows)}
@@ -74,14 +74,14 @@ def loads(results: Path) -> str:
 
 
 def _ratios(row: Mapping[str, str], first: Mapping[str, str]) -> list[str]:
-    """Return times of a row over those of the first of its kind, measured in one run: of compiling, and of a call."""
+    """Return compile and call times of a row relative to the first row of its kind in the same run."""
     compiled = float(row["compile_s"]) / float(first["compile_s"])
     called, least = (float(one["call_ms"]) / float(one["conditions"]) for one in (row, first))
     return [f"{compiled:.1f}", f"{called / least:.1f}"]
 
 
 def calibration(results: Path) -> str:
-    """Return the verdict of the kept calibration, and how often its intervals hold the truth."""
+    """Return the verdict of the stored calibration, and the coverage of its intervals."""
     rows = _rows(results / "calibration" / "coverage.csv")
     expected = {row["mass"]: float(row["expected"]) for row in rows}
     shares = {(row["quantity"], row["mass"]): float(row["share"]) for row in rows}
@@ -94,7 +94,7 @@ def calibration(results: Path) -> str:
 
 
 def injected_faults(results: Path) -> str:
-    """Return which check finds each injected fault, as ``tools.injected_faults`` writes it."""
+    """Return the check that detects each injected fault, as ``tools.injected_faults`` writes it."""
     rows = _rows(results / "injected_faults.csv")
     cells = (
         [row["fault"], row["check"], row["replicates"], row["found"].split("; ")[0], row["seconds"]] for row in rows
@@ -116,16 +116,16 @@ TABLES: Mapping[tuple[str, str], Callable[[Path], str]] = {
 
 
 def filled(page: str, text: str, results: Path = RESULTS) -> str:
-    """Return the text of a page with its tables as the kept results have them.
+    """Return the text of a page with its tables updated from the stored results.
 
     Parameters
     ----------
     page
         Name of the page's file.
     text
-        What is in it.
+        Its present content.
     results
-        Directory of the kept results.
+        Directory of the stored results.
 
     Raises
     ------
@@ -138,7 +138,7 @@ def filled(page: str, text: str, results: Path = RESULTS) -> str:
             parts = re.split(f"{begin}.*?{end}", text, flags=re.DOTALL)
             if len(parts) != 2:
                 raise ValueError(f"{page}: expected {begin} and {end} once, found them {len(parts) - 1} times")
-            # a table follows an empty line: some readers of Markdown need it
+            # some Markdown parsers need an empty line before a table
             text = f"{begin}\n\n{made(results)}\n{end}".join(parts)
     return text
 

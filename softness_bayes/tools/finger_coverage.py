@@ -1,9 +1,9 @@
 """Coverage where raters' fingers differ: ``python -m softness_bayes.tools.finger_coverage FILE.csv [--labs N]``.
 
-Simulated laboratories rate the fabrics of `data/` with the truth of `data/truth.json`, but each rater has a finger of
-their own. Each table is fitted, with held channels, as if all had the typical finger, and with fingers of their own.
-The control is the same laboratory with the typical finger for all. The file gets a row per laboratory, case and
-quantity, and keeps those that it has.
+Simulated laboratories rate the fabrics of `data/` with the parameters of `data/truth.json`, but each rater has an
+individual finger. Each table is fitted with fixed channels, once with the typical finger for all raters and once with
+individual fingers. The control is the same laboratory with the typical finger for all. The file gets a row per
+laboratory, case and quantity; existing rows are kept.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def _check(model: ExperimentModel, theta: Array, rng: np.random.Generator) -> fl
 
 
 def main() -> None:
-    """Fit the laboratories that the file lacks."""
+    """Fit the laboratories that are missing in the file."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("file", type=Path, help="CSV file of the fits; what it holds is kept")
     parser.add_argument("--labs", type=int, default=200, help="number of laboratories")

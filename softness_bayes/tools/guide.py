@@ -1,7 +1,7 @@
-"""Pages of the guide: the Markdown files of a clone as HTML, with links that lead to each other and to the reference.
+"""Conversion of the guide's Markdown files to HTML, with links to each other and to the API reference.
 
-A link in a Markdown file names another file of the clone, so that it works wherever the files are read. On the site a
-Markdown file is a page, a module is its page in the API reference, and every other file is copied.
+Links in the Markdown files point to other files of the clone. On the site, a link to a Markdown file leads to its
+page, a link to a module to its page in the API reference; every other linked file is copied.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ REFERENCE = f"{NAME}.html"
 
 
 def pages(clone: Path = CLONE) -> dict[str, str]:
-    """Return the file of each page of the guide and the page's place on the site: first the front page, then the rest.
+    """Return the file and the site path of each page of the guide, the front page first.
 
     The order is that of the front page's table of pages.
     """
@@ -36,12 +36,12 @@ def pages(clone: Path = CLONE) -> dict[str, str]:
 
 
 def _place(file: str) -> str:
-    """Return where a Markdown file's page is on the site."""
+    """Return the site path of a Markdown file's page."""
     return "index.html" if file == FRONT else file.removeprefix(f"{DOCS}/").removesuffix(".md") + ".html"
 
 
 def place_of(file: str, reference: Collection[str]) -> str:
-    """Return where a file of the clone is on the site.
+    """Return the site path of a file of the clone.
 
     Parameters
     ----------
@@ -62,20 +62,20 @@ def build(directory: Path, reference: Collection[str], draw: Callable[..., str],
     Parameters
     ----------
     directory
-        Where to.
+        Output directory.
     reference
-        The pages of the API reference, as paths from there.
+        Pages of the API reference, as paths relative to it.
     draw
-        Fills in the template of a page.
+        Function that fills in a page's template.
     clone
-        Where the Markdown files are.
+        Directory of the Markdown files.
 
     Raises
     ------
     FileNotFoundError
         If a page links to a file that is not in the clone.
     ValueError
-        If a link leads to no page of the site, or to no place in it.
+        If the target page or anchor of a link does not exist.
     """
     from pdoc.render_helpers import to_html
 
@@ -107,7 +107,7 @@ def build(directory: Path, reference: Collection[str], draw: Callable[..., str],
 
 
 def _relinked(text: str, file: str, place: str, reference: Collection[str], linked: set[str]) -> str:
-    """Return a page with its links as they are on the site, and note the files that are to be copied."""
+    """Return a page with its links rewritten for the site, and record the files to copy."""
 
     def moved(match: re.Match[str]) -> str:
         attribute, link = match.groups()
@@ -131,7 +131,7 @@ def _copy(source: Path, target: Path, page: str) -> None:
 
 
 def _with_reference(text: str, root: str, reference: Collection[str], directory: Path) -> str:
-    """Return a page on which names in the code lead to their places in the API reference."""
+    """Return a page on which code names link to their entries in the API reference."""
 
     def led(match: re.Match[str]) -> str:
         parts = match[1].removeprefix(f"{NAME}.").split(".")
@@ -146,14 +146,14 @@ def _with_reference(text: str, root: str, reference: Collection[str], directory:
 
 
 def lead_to_guide(directory: Path, reference: Iterable[str]) -> None:
-    """Make links of the sections of the guide that docstrings cite, as in `model.md 3`.
+    """Turn citations of the guide in docstrings, such as `model.md 3`, into links.
 
     Parameters
     ----------
     directory
-        Where the site is.
+        Directory of the site.
     reference
-        The pages of the API reference, as paths from there.
+        Pages of the API reference, as paths relative to it.
     """
     sections = {}
     for path in (directory / place for place in pages().values()):

@@ -1,8 +1,8 @@
-"""Faults injected into the inference on purpose, and the check that finds each.
+"""Faults injected into the inference on purpose, and the check that detects each of them.
 
-A calibration that raises no alarm says little until it has found faults that are there. Each of these is patched into
-the package's own code while posteriors are computed, never while ratings are simulated. The controls are changes that
-alter no posterior, and that nothing may find.
+A calibration without alarms is convincing only if it detects known faults. Each fault is patched into the package's
+code while posteriors are computed, but not while ratings are simulated. The controls are changes that leave all
+posteriors unchanged; no check may report them.
 
 ``python -m softness_bayes.tools.injected_faults``, in a clone, writes ``notebooks/results/injected_faults.csv``, from
 which ``tools.doc_tables`` makes the table of the page on calibration.
@@ -52,13 +52,13 @@ FloatArray = NDArray[np.float64]
 TABLE = Path("notebooks/results/injected_faults.csv")
 
 REPLICATES = 300
-"""Simulated tables of a calibration with draws on grids, unless a fault shows in fewer."""
+"""Number of simulated tables of a calibration with draws on grids; some faults need fewer."""
 
 CHANCE = 1e-4
-"""P-value below which a walk contradicts the law that it should have."""
+"""P-value below which the draws of a sampler run contradict their target distribution."""
 
-_SIDE, _NEGLIGIBLE = 25, 1e-5  # of the grids: points along a parameter, share of the peak that is left out
-_TEMPERED = 30.0, 4.0, 1.0, 1.0  # what log densities are divided by: points may miss a narrow peak
+_SIDE, _NEGLIGIBLE = 25, 1e-5  # grid points per parameter; densities below this share of the peak are ignored
+_TEMPERED = 30.0, 4.0, 1.0, 1.0  # divisors of the log density in successive, ever narrower grids
 _COARSE = Discretisation(nodes=8, saturation=6.0, field_tolerance=1e-3)
 _SAMPLED = ("gamma", "varsigma")
 
@@ -76,13 +76,13 @@ class Fault(NamedTuple):
     """Simulated tables, if the check is a calibration."""
 
     def found(self) -> str:
-        """Return what the check says; empty if it finds nothing."""
+        """Return the message of the check; empty if it detects nothing."""
         return CHECKS[self.check](self)
 
 
 @cache
 def _model(raters: int, fabrics: int) -> Posterior:
-    """Return the posterior of the exponent and the errors, all else held, given ratings that are to be replaced."""
+    """Return the posterior of exponent and error size, all else fixed, with placeholder ratings."""
     values = usual_values(ModelOptions().readings)
     held = {name: value for name, value in values.items() if name not in _SAMPLED}
     names = tuple("abcdefgh"[:fabrics])
@@ -109,7 +109,7 @@ def on_grid(density: Callable[[FloatArray], FloatArray], low: FloatArray, high: 
 
 
 def calibration(posterior: Posterior, fault: Fault, count: int, seed: int = 0) -> Calibration:
-    """Return the ranks of true values among draws of posteriors that are computed with a fault."""
+    """Return the ranks of true values among draws of posteriors computed with a fault."""
     found, space = [], posterior.space
     prior = space.coordinates(space.draw_prior(np.random.default_rng(1), 4000))
     low, high = prior.min(axis=0) - 1.0, prior.max(axis=0) + 1.0
@@ -139,7 +139,7 @@ def _by_ranks(raters: int, fabrics: int) -> Callable[[Fault], str]:
 
 
 class _KnownLaw:
-    """A standard normal coordinate beside the logarithm of a gamma variable, independent of each other."""
+    """Joint distribution of two independent coordinates: a standard normal and the logarithm of a gamma variable."""
 
     names = ("normal", "log gamma")
     laws = norm(), loggamma(2.0)
@@ -155,7 +155,7 @@ class _KnownLaw:
 
 
 def _by_a_walk(fault: Fault) -> str:
-    """Compare the draws of a walk with a known law."""
+    """Compare the draws of a sampler run with a known distribution."""
     target, rng = _KnownLaw(), np.random.default_rng(0)
     goal = Goal(lengths=50.0, tau_change=np.inf, looks=1)
     settings = Settings(ensembles=2, pilot=(), optima=1, round_steps=5, max_steps=300, processes=1, goal=goal)
@@ -172,12 +172,12 @@ MANY, FEW, WALK = "ranks, many ratings", "ranks, few ratings", "a walk over a kn
 CHECKS: Mapping[str, Callable[[Fault], str]] = MappingProxyType(
     {MANY: _by_ranks(6, 6), FEW: _by_ranks(2, 3), WALK: _by_a_walk}
 )
-"""Checks by name: calibrations of the exponent and the errors where ratings are many, and where the prior counts, with
-draws on grids in place of walks; and draws of a walk beside the law that it walks over."""
+"""Checks by name: grid-based calibrations of exponent and error size with many ratings and with an influential prior,
+and comparisons of a sampler run with its known target distribution."""
 
 
 def _changed(owner: Any, name: str, change: Callable[..., Any]) -> Callable[[], tuple[AbstractContextManager[Any]]]:
-    """Return what patches a function: ``change`` takes the original's value, and then its arguments."""
+    """Return a patch of a function; ``change`` receives the original's return value, followed by its arguments."""
     original = getattr(owner, name)
 
     def changed(*arguments: Any, **named: Any) -> Any:
@@ -274,9 +274,9 @@ CONTROLS: tuple[Fault, ...] = (
 
 
 def measured() -> list[dict[str, str]]:
-    """Return a row for each fault and control: what it is, what must find it, what that said, and the time it took."""
+    """Return a row for each fault and control: description, intended check, its message and its run time."""
     rows = []
-    CONTROLS[-1].found()  # imports libraries, which no fault takes time for
+    CONTROLS[-1].found()  # warm-up: library imports do not count in the time of any fault
     for fault in (*FAULTS, *CONTROLS):
         begun = time.process_time()
         said = fault.found()

@@ -1,9 +1,9 @@
 """Coverage where moduli have errors: ``python -m softness_bayes.tools.input_coverage FILE.csv [--labs N] [--first K]``.
 
-Simulated laboratories rate the fabrics of `data/` with the truth of `data/truth.json`, but know each modulus only with
-a relative error. Each table is fitted three times, with held channels: with the true moduli (the control), with the
-measured moduli taken as exact, and with their errors declared. The file gets a row per laboratory, case and quantity,
-and keeps those that it has: a second call goes on where the first one ended.
+Simulated laboratories rate the fabrics of `data/` with the parameters of `data/truth.json`, but measure each modulus
+with a relative error. Each table is fitted three times with fixed channels: with the true moduli (the control), with
+the measured moduli taken as exact, and with their errors declared. The file gets a row per laboratory, case and
+quantity. Existing rows are kept, so that a second call continues where the first one ended.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ ERROR = 0.15
 """Relative standard error of every modulus."""
 
 CASES: Mapping[str, float | None] = {"true moduli": 0.0, "taken as exact": 0.0, "errors declared": ERROR}
-"""What is said of the moduli's errors in each fit."""
+"""Declared relative error of the moduli in each fit."""
 
 COLUMNS = ("lab", "case", "quantity", "below", "z", "steps", "converged", "modulus_p", "fabric_p")
 """`below`: share of draws below the truth; `z`: posterior mean minus truth, in posterior standard deviations."""
@@ -50,7 +50,7 @@ def laboratory(folder: Path, number: int) -> tuple[Ratings, Fabrics, Fabrics, di
     true = Fabrics(fabrics.names, effective_modulus=modulus, poisson_ratio=fabrics.poisson_ratio)
     error = float(log_sd(np.array(ERROR)))
     measured = replace(true, effective_modulus=modulus * np.exp(error * rng.standard_normal(modulus.size)))
-    # ratings list fabrics in the order of their names
+    # ratings list fabrics in alphabetical order
     ratings = simulate_ratings(rng, true, LOADS, truth, mu=truth["mu"]).ratings
     return ratings, true.take(ratings.fabrics), measured.take(ratings.fabrics), truth
 
@@ -68,7 +68,7 @@ def fitted(number: int, case: str, folder: Path) -> Iterator[dict[str, Any]]:
 
 
 def _checks(model: ExperimentModel, theta: Array, rng: np.random.Generator) -> dict[str, float]:
-    """Return what the checks of residuals find."""
+    """Return the results of the residual checks."""
     posterior = model.posterior
     rate, parameters = posterior.response(theta), posterior.rating_parameters(theta)
     effects = posterior.observation.draw_effects(rng, rate, parameters)
@@ -80,7 +80,7 @@ def _checks(model: ExperimentModel, theta: Array, rng: np.random.Generator) -> d
 
 
 def main() -> None:
-    """Fit the laboratories that the file lacks."""
+    """Fit the laboratories that are missing in the file."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("file", type=Path, help="CSV file of the fits; what it holds is kept")
     parser.add_argument("--labs", type=int, default=200, help="number of laboratories")

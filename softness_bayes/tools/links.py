@@ -1,4 +1,4 @@
-"""Links of a directory of HTML pages, and those that lead nowhere."""
+"""Check for broken links in a directory of HTML pages."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 
 class _Page(HTMLParser):
-    """The links of a page, and the places in it that links can lead to."""
+    """The links of a page, and its anchors."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -17,7 +17,7 @@ class _Page(HTMLParser):
         self.links = list[str]()
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Note a tag's links and its name."""
+        """Record a tag's links and anchor names."""
         given = {name: value for name, value in attrs if value}
         self.places |= {given[name] for name in ("id", "name") if name in given}
         self.links += [given[name] for name in ("href", "src") if name in given]
@@ -31,14 +31,14 @@ def _page(path: Path) -> _Page:
 
 
 def unresolved(pages: Iterable[Path]) -> list[str]:
-    """Return the links within a site that lead to no file, or to no place in a page, each with its page.
+    """Return the links within a site whose target file or anchor is missing, each with its page.
 
     Parameters
     ----------
     pages
         The pages whose links are followed; links to other hosts are not.
     """
-    _page.cache_clear()  # files may have been written anew
+    _page.cache_clear()  # files may have been rewritten since the last call
     found = []
     for path in pages:
         for link in _page(path).links:

@@ -1,10 +1,10 @@
 """Coverage with outliers: ``python -m softness_bayes.tools.outlier_coverage FILE.csv [--labs N] [--first K]``.
 
-Each simulated laboratory has the design and the truth of the shipped ratings (`data/truth.json`), and 3 % of its
-ratings are multiplied by ten, as by a slipped decimal point. It is fitted with held channels: untouched with normal
-errors (the control), then with the outliers under two laws. The shipped ratings themselves are fitted with outliers
-elsewhere for each laboratory. Posteriors are importance-sampled. The file gets a row per laboratory, case and quantity,
-and keeps those that it has: a second call goes on where the first one ended.
+Each simulated laboratory has the design and the true parameters of the shipped ratings (`data/truth.json`), and 3 % of
+its ratings are multiplied by ten, as by a misplaced decimal point. It is fitted with fixed channels: without outliers
+under normal errors (the control), then with the outliers under two error laws. The shipped ratings themselves are also
+fitted, with outliers at other positions for each laboratory. Posteriors are importance-sampled. The file gets a row per
+laboratory, case and quantity. Existing rows are kept, so that a second call continues where the first one ended.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def laboratory(folder: Path, number: int, case: Case) -> tuple[Experiment, dict[
 
 
 def _anew(shipped: Experiment, truth: Mapping[str, float], rng: np.random.Generator) -> Ratings:
-    """Return simulated ratings in the cells of the shipped ones."""
+    """Return newly simulated ratings for the same raters, fabrics and loads as the shipped ones."""
     ratings = shipped.ratings
     people = len(ratings.participants)
     made = simulate_ratings(rng, shipped.fabrics, ratings.loads, truth, participants=people, mu=truth["mu"]).ratings
@@ -94,7 +94,7 @@ def fitted(number: int, case: str, folder: Path) -> Iterator[dict[str, Any]]:
 
 
 def placed(experiment: Experiment, truth: Mapping[str, float], errors: ErrorLaw, seed: int) -> Iterator[dict[str, Any]]:
-    """Yield the place of the truth among the draws of one fit, for each quantity."""
+    """Yield the rank of the true value among the draws of one fit, for each quantity."""
     held = {name: truth[name] for name in Channels._fields}
     model = build(experiment, ModelOptions(fix=held, errors=errors))
     theta, verdict = weighted_draws(model, seed, truth)
@@ -111,7 +111,7 @@ def placed(experiment: Experiment, truth: Mapping[str, float], errors: ErrorLaw,
 
 
 def main() -> None:
-    """Fit the laboratories that the file lacks."""
+    """Fit the laboratories that are missing in the file."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("file", type=Path, help="CSV file of the fits; what it holds is kept")
     parser.add_argument("--labs", type=int, default=30, help="number of laboratories")

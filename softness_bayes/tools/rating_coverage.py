@@ -1,9 +1,9 @@
 """Coverage of predicted ratings: ``python -m softness_bayes.tools.rating_coverage FILE.csv [--labs N] [--first K]``.
 
 Simulated laboratories rate the fabrics of `data/`. Every fourth fabric and ten of the raters are left out, the rest
-is fitted with held channels, and what was left out is compared with its predictions. The parameters of each laboratory
-are drawn from the prior until receptors fire in half of the conditions and ratings scatter by at least a tenth. The
-file gets a row per laboratory, case and kind of what was left out, and keeps those that it has.
+is fitted with fixed channels, and the left-out ratings are compared with their predictions. The parameters of each
+laboratory are drawn from the prior until receptors fire in half of the conditions and ratings scatter by at least a
+tenth. The file gets a row per laboratory, case and kind of left-out ratings; existing rows are kept.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def without(whole: Ratings, fabrics: NDArray[np.bool_]) -> Ratings:
 
 
 def fitted(number: int, case: str, folder: Path) -> Iterator[dict[str, Any]]:
-    """Yield what the predictions of one fit hold of what was left out."""
+    """Yield the coverage of the left-out ratings by the predictions of one fit."""
     every = Fabrics.read(folder / "fabrics.csv")
     made = laboratory(every, number, CASES[case])
     whole = made.ratings
@@ -92,7 +92,7 @@ def fitted(number: int, case: str, folder: Path) -> Iterator[dict[str, Any]]:
 
 
 def _held(whole: Ratings, kept: NDArray[np.bool_], found: OtherRatings, scale: Scale) -> Iterator[dict[str, Any]]:
-    """Yield how many values there are of each kind that was left out, and how many of them their intervals hold."""
+    """Yield the number of values of each left-out kind, and the number inside their prediction intervals."""
     condition = whole.load * len(whole.fabrics) + whole.fabric
     new_rater, new_fabric = whole.participant >= RATERS, ~kept[whole.fabric]
     single = found.new.reshape(-1, found.new.shape[-1])
@@ -108,14 +108,14 @@ def _held(whole: Ratings, kept: NDArray[np.bool_], found: OtherRatings, scale: S
 
 
 def _inside(drawn: Array, values: Array, column: NDArray[np.intp]) -> dict[str, int]:
-    """Return how many values there are, and how many lie in the central intervals of the draws of their column."""
+    """Return the number of values, and the number inside the central intervals of their column's draws."""
     ends = np.quantile(drawn, [0.05, 0.25, 0.75, 0.95], axis=0)[:, column]
     inside = (int(((low <= values) & (values <= high)).sum()) for low, high in (ends[1:3], ends[::3]))
     return dict(zip(("values", "held_50", "held_90"), (values.size, *inside), strict=True))
 
 
 def main() -> None:
-    """Fit the laboratories that the file lacks."""
+    """Fit the laboratories that are missing in the file."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("file", type=Path, help="CSV file of the fits; what it holds is kept")
     parser.add_argument("--labs", type=int, default=20, help="number of laboratories")

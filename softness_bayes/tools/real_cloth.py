@@ -1,4 +1,4 @@
-"""Reach of the chain over real cloth: ``python -m softness_bayes.tools.real_cloth FILE`` prints the page's table.
+"""Validity of the model for real cloth: ``python -m softness_bayes.tools.real_cloth FILE`` prints the guide's table.
 
 FILE is a table of bending rigidities of real fabrics, which is not part of this project (see docs/cloth.md).
 """
@@ -42,7 +42,7 @@ def table_of(fabrics: Fabrics) -> list[tuple[str, ...]]:
     for skin in SKINS:
         values = usual_values(MENDED, skin)
         parameters = touch_parameters(values)
-        # without channels the rates come from their surface, which is at hand
+        # without channels the rates come from the shipped surface
         named = {name: x for name, x in values.items() if name not in Channels._fields}
         scene = scene_of(fabrics, LOADS, named, MENDED, discretisation=COARSE)
         shares, depth = reach(scene, parameters), scene.contact(parameters).indentation.ravel() * 1e3
@@ -54,12 +54,12 @@ def table_of(fabrics: Fabrics) -> list[tuple[str, ...]]:
 
 
 def lines_of(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return rows as the page writes them."""
+    """Return rows in the format of the guide's page."""
     return [f"| {' | '.join(row)} |" for row in (HEAD, ["---"] * len(HEAD), *rows)]
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Print the table of a file; say so where there is none."""
+    """Print the table of a file, or a message if there is no file."""
     path = Path(arguments[0]) if arguments else Path("cloth.csv")
     if not path.is_file():
         print(f"{path}: no such file; skipped, since the table of real cloth is not part of this project")

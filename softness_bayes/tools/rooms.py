@@ -1,7 +1,7 @@
-"""Drawing of the rooms, and the list of their modules: ``python -m softness_bayes.tools.rooms``.
+"""Diagram of the package's folders ("rooms") and list of modules: ``python -m softness_bayes.tools.rooms``.
 
-A room is a folder of the package or a module at its top. The drawing has one row for each floor: a room stands one
-floor above the highest room that it imports. Lines that others imply are left out.
+A room is a folder of the package or a module at its top level. The diagram has one row per floor: a room is one
+floor above the highest room that it imports. Lines implied by other lines are omitted.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def floors(imported: Imports) -> list[list[str]]:
 
 
 def needed(imported: Imports) -> dict[str, list[str]]:
-    """Return the imports that no longer way through other rooms implies."""
+    """Return the direct imports that are not implied by a path through other rooms."""
     below: dict[str, frozenset[str]] = {}
 
     def all_below(name: str) -> frozenset[str]:
@@ -84,7 +84,7 @@ def needed(imported: Imports) -> dict[str, list[str]]:
 
 
 def _places(rows: Sequence[Sequence[str]], lines: Sequence[Sequence[str]]) -> dict[str, float]:
-    """Return the middle of everything in a row [px], each row ordered by the mean place of what leads to it."""
+    """Return the centre of every item in a row [px], rows ordered by the mean position of connected items above."""
     widest = max(map(len, rows))
     places: dict[str, float] = {}
     above: dict[str, list[str]] = {}
@@ -109,7 +109,7 @@ def drawing(imported: Imports) -> str:
     floor = {name: k for k, row in enumerate(rows) for name in row}
     lines = []
     for upper, others in needed(imported).items():
-        for lower in others:  # a line that passes a floor has a place there, between the boxes
+        for lower in others:  # a line that crosses a floor gets a slot there, between the boxes
             bends = [f"{upper}>{lower}>{k}" for k in range(floor[upper] + 1, floor[lower])]
             for k, bend in enumerate(bends, floor[upper] + 1):
                 rows[k].append(bend)
@@ -139,7 +139,7 @@ def drawing(imported: Imports) -> str:
 
 
 def listing() -> str:
-    """Return the page that says what each module holds, in the first paragraph of its docstring."""
+    """Return the page that describes each module by the first paragraph of its docstring."""
     modules, rooms = _modules(), [name for floor in reversed(floors(imports())) for name in floor]
     parts = [
         "# Modules\n\nWhat each file holds, room by room from the bottom up, in the words of its own first line. "

@@ -46,13 +46,13 @@ TABLES_AT = Path(neuron.__file__).parent
 Say = Callable[[str], None]
 Spread = Callable[..., Iterable[Any]]
 
-_BORDER_SEARCH = (-2.0, 1.6)  # places of c_K between which the border is looked for
-_BORDER_USED = 1.3  # places of c_K up to which it is fitted: a little beyond the box
+_BORDER_SEARCH = (-2.0, 1.6)  # range of c_K coordinates in which the border is searched
+_BORDER_USED = 1.3  # limit of the c_K coordinate for the fit: slightly outside the box
 _HALVINGS = 24
-_SCOUTS = 100  # channel vectors whose onset is looked for everywhere
-_SCOUT_DEGREE = 5  # total degree of what they say of the others' rheobase
-_ONSETS_TOGETHER = 71  # of the others: parts that processes share
-_LOOSE = 1e-5  # agreement of periods that suffices to tell firing from silence
+_SCOUTS = 100  # channel vectors whose onset is searched over all currents
+_SCOUT_DEGREE = 5  # total degree of the polynomial that predicts the others' rheobase from these
+_ONSETS_TOGETHER = 71  # batch size for the other vectors, which are shared among processes
+_LOOSE = 1e-5  # tolerance of periods, sufficient to tell firing from rest
 _UNMEASURED = CurveError(np.nan, np.nan, np.nan)
 
 ONSET_VECTORS = 200
@@ -61,14 +61,14 @@ ONSET_VECTORS = 200
 NEAR_JUMP = 1e-3
 """Currents from a jump [µA/cm²] within which the error of the onset is what is measured."""
 
-_MEASURED_TOGETHER = 2000  # points simulated side by side
+_MEASURED_TOGETHER = 2000  # points simulated in parallel
 
 NEAR_BORDER = 0.1
 """Places of c_K from the corner's border, in half-widths of the box, that count as near: 1 % of the multiplier."""
 
 
 def low_discrepancy(variables: int, points: int) -> FloatArray:
-    """Points that fill the cube [-1, 1] with the density of Chebyshev points, shape (variables, points).
+    """Return points that fill the cube [-1, 1] with the density of Chebyshev points, shape (variables, points).
 
     The additive recurrence of the roots of ``x^(d+1) = x + 1``, mapped by the cosine.
     """
@@ -80,7 +80,7 @@ def low_discrepancy(variables: int, points: int) -> FloatArray:
 
 
 def build(design: Design, say: Say, spread: Spread = map) -> FiringSurface:
-    """Make one surface."""
+    """Build one surface."""
     axes = len(design.axes)
     place = low_discrepancy(axes, design.points)
     border = np.zeros(0) if design.border is None else _border(design, design.border)
@@ -125,7 +125,7 @@ def _begin_at_fold(design: Design, channels: Channels) -> Onset:
 
 
 def _begin_at_births(design: Design, channels: Channels, spread: Spread) -> Onset:
-    """Return the onset of membranes that begin to fire at a fold of orbits, searched near the onsets of others."""
+    """Return the onset of membranes that begin to fire at a fold of orbits; searches start near known onsets."""
     some, others = (Channels(*(c[part] for c in channels)) for part in (slice(_SCOUTS), slice(_SCOUTS, None)))
     scouted = onset(some, design.membrane)
     terms = TotalDegree(len(design.axes), _SCOUT_DEGREE)
@@ -147,7 +147,7 @@ def _parts(size: int, together: int) -> list[slice]:
 
 @contextmanager
 def spread_over(processes: int) -> Iterator[Spread]:
-    """A map over arguments that several processes share."""
+    """Provide a map function that distributes its arguments over several processes."""
     if processes == 1:
         yield map
     else:
@@ -161,7 +161,7 @@ def _padded(coefficients: ArrayLike, size: int) -> FloatArray:
 
 
 def _border(design: Design, border: Border) -> FloatArray:
-    """Polynomial for the place of c_K at which firing stops beginning at the fold, by bisection at every point."""
+    """Fit a polynomial to the c_K coordinate beyond which firing no longer begins at the fold (by bisection)."""
     others = low_discrepancy(3, border.points)
     low, high = (np.full(border.points, place) for place in _BORDER_SEARCH)
     for _ in range(_HALVINGS):
@@ -194,18 +194,18 @@ def measure(
     surface : FiringSurface
         The surface.
     say : callable
-        Takes lines of progress.
+        Callback for progress messages.
     points : int
         Random points (channels and current together), a tenth of them near the border of the corner. Where there is no
         corner, all of them anywhere in the box.
     corner : int
-        Channel vectors within the corner whose own curves are measured besides.
+        Number of channel vectors in the corner whose individual curves are also measured.
     seed : int
-        Of the points.
+        Seed of the points.
     onsets : int
-        Channel vectors whose onset is compared with the exact one, where it is a jump.
+        Number of channel vectors whose onset is compared with the exact one, where it is a jump.
     spread : callable
-        What maps over parts of the points, as :func:`spread_over`; the numbers do not depend on it.
+        Map function for parts of the points, as from :func:`spread_over`; it does not affect the results.
 
     Returns
     -------
@@ -251,7 +251,7 @@ def _currents(rng: np.random.Generator, begin: FloatArray, count: int, design: D
 def _exact_rates(
     surface: FiringSurface, current: FloatArray, channels: Channels, begin: FloatArray, say: Say, spread: Spread
 ) -> FloatArray:
-    """Exact rates of all points, some at a time."""
+    """Compute exact rates of all points in batches."""
     parts = _parts(current.size, _MEASURED_TOGETHER)
     exact = np.empty_like(current)
     found = spread(
@@ -278,7 +278,7 @@ def _measure_onset(surface: FiringSurface, rng: np.random.Generator, vectors: in
 
 
 def _anywhere(surface: FiringSurface, rng: np.random.Generator, points: int) -> FloatArray:
-    """Uniform places in the box, those in the corner (which have curves of their own) drawn again."""
+    """Uniform random points in the box outside the corner, where vectors have individual curves."""
     place = rng.uniform(-1.0, 1.0, (len(surface.design.axes), points))
     while (bad := np.flatnonzero(surface.corner(place))).size:
         place[:, bad] = rng.uniform(-1.0, 1.0, (len(place), bad.size))
@@ -304,7 +304,7 @@ def _inside_corner(surface: FiringSurface, rng: np.random.Generator, vectors: in
 
 
 def _measure_own(design: Design, place: FloatArray, rng: np.random.Generator, say: Say) -> CurveError:
-    """Error of a vector's own exact curve at random currents beyond 1e-3 µA/cm² above its onset."""
+    """Error of a vector's individual exact curve at random currents more than 1e-3 µA/cm² above its onset."""
     channels = Channels(*(float(c[0]) for c in design.channels_at(place[:, None])))
     curve = exact_curve(channels, design.membrane, design.max_current, design.nodes)
     current = np.append(
@@ -332,7 +332,7 @@ def _quantiles(difference: FloatArray, exact: FloatArray) -> dict[str, float]:
 
 
 def write(surfaces: Mapping[str, FiringSurface], path: Path) -> None:
-    """Write surfaces as a NumPy archive whose bytes depend on nothing but its arrays."""
+    """Write surfaces as a NumPy archive whose bytes depend only on its arrays."""
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, surface in sorted(surfaces.items()):
             for key, array in (
