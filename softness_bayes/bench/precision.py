@@ -29,7 +29,7 @@ DIAL = 1e-3
 """The dial's usual setting."""
 
 EXACT = Errors(np.array(0.0), np.array(0.0))
-"""Error of held rate curves, which the references share, so that only other errors are measured."""
+"""Error of fixed rate curves. The references share it, so that only the other errors are measured."""
 
 
 class Point(NamedTuple):

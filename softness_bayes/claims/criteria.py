@@ -46,7 +46,7 @@ class Claim:
     speaks: Callable[[Numbers], Booleans]
     """The draws and loads with a response to judge, shape (draws, loads)."""
     holds: Callable[[Numbers, Booleans], Booleans]
-    """Whether the claim holds for each draw, from the loads that can be judged, shape (draws,)."""
+    """Test of the claim for each draw, from the loads that can be evaluated, shape (draws,)."""
     tell: Callable[[Numbers], str]
     """The numbers behind the verdict on one draw, load by load."""
     of_ratings: bool = False

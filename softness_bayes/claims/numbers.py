@@ -41,7 +41,7 @@ class Numbers(NamedTuple):
     largest: Array
     """Largest total rate along the grid [spikes/s]; 0 where no receptor fires."""
     interior: NDArray[np.bool_]
-    """Whether the maximum lies inside the grid: above both its ends by three times the numerical error."""
+    """True if the maximum lies inside the grid: above both ends by three times the numerical error."""
     modulus: Array
     """E_fab at the maximum [Pa]; this and the next three are at the grid's end where that is the largest."""
     ratio: Array

@@ -41,7 +41,7 @@ MODULUS = "E_fab"
 """Name of the modulus among the sliders."""
 
 LEAST_RATE = 1e-9
-"""Rate from which a receptor has a colour: a silent one is an open circle [Hz]."""
+"""Lowest rate drawn in colour [Hz]: receptors that do not fire are open circles."""
 
 WRAPPED = "white-space: pre-wrap; overflow-wrap: anywhere; user-select: text"
 """Style of a command, of which no word is out of sight."""

@@ -52,7 +52,7 @@ class Picture(NamedTuple):
     receptors: Array
     """Firing rate of each receptor of the pad [Hz]."""
     told: tuple[str, ...]
-    """What the response does, and what lies out of reach, a sentence each."""
+    """Sentences about the response and about limits of validity."""
     command: str
     """The lines that repeat the quantities of the touch."""
 

@@ -25,7 +25,7 @@ FAR = 6.0
 """Normal score of both ends beyond which probabilities are computed from logarithms."""
 
 OPEN = 1e40
-"""Error that stands for an end without bound."""
+"""Finite error used in place of an infinite end."""
 
 MOST_OTHERS = 0.5
 """Largest share of rows that are left to distribution functions; beyond it all are."""
@@ -40,7 +40,7 @@ class Rows(NamedTuple):
     """Intervals on the additive scale, and the ranges of their raters' lapses."""
 
     low: FloatArray
-    """Lower ends, shape (rows,), or (draws, rows) if parameters decide; minus infinity where there is none."""
+    """Lower ends, shape (rows,), or (draws, rows) if they depend on parameters; minus infinity if unbounded."""
     high: FloatArray
     """Upper ends; that of an exact number is its lower end."""
     lapse: FloatArray

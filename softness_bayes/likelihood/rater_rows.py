@@ -70,7 +70,7 @@ class Group(NamedTuple):
     raters: IndexArray
     """Raters who have any."""
     times: FloatArray | None
-    """How often each row counts; None if all count once."""
+    """Multiplicity of each row; None if all count once."""
 
     def of_raters(self, values: FloatArray) -> FloatArray:
         """Return the sums of these rows (..., rows) by rater, shape (..., raters)."""

@@ -32,7 +32,7 @@ KEPT: Mapping[str, Mapping[str, str]] = {
         "own fingers": "raters' own b, `--individual b`",
     },
 }
-"""What each case of a kept table stands for, by the folder of the table."""
+"""Description of each case of a stored table, by the folder of the table."""
 
 CHECKED: Mapping[str, str] = {"input_errors": "modulus_p", "finger_spreads": "finger_p"}
 """Column of the p-value of the check that is to notice, by the folder of the table."""

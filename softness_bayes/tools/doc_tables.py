@@ -112,7 +112,7 @@ TABLES: Mapping[tuple[str, str], Callable[[Path], str]] = {
     ("calibration.md", "calibration"): calibration,
     ("calibration.md", "injected-faults"): injected_faults,
 }
-"""What makes each table, by page and name."""
+"""Function that builds each table, by page and name."""
 
 
 def filled(page: str, text: str, results: Path = RESULTS) -> str:

@@ -67,7 +67,7 @@ class Fault(NamedTuple):
     """A fault, or a control."""
 
     what: str
-    """What is wrong, in words."""
+    """Description of the fault."""
     check: str
     """Name of the check that must find it, one of `CHECKS`."""
     patches: Callable[[], tuple[AbstractContextManager[Any], ...]]

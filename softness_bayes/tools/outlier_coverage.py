@@ -37,7 +37,7 @@ class Case(NamedTuple):
     """One fit of a laboratory."""
 
     shipped: bool
-    """Whether the ratings are the shipped ones, or simulated anew."""
+    """True for the shipped ratings, false for newly simulated ones."""
     outliers: bool
     errors: ErrorLaw
 

@@ -37,7 +37,7 @@ HELD = PAPER_CHANNELS._asdict()
 RATERS, LEFT_OUT = 20, 10
 """Raters of each laboratory, and those of them who are left out besides."""
 EACH = 4
-"""One of so many fabrics is left out, in the order of their moduli, another one in the next laboratory."""
+"""One fabric out of this number is left out, in the order of their moduli; the next laboratory omits another one."""
 LEAST_FIRING, LEAST_NOISE = 0.5, 0.1
 
 COLUMNS = ("lab", "case", "left_out", "values", "held_50", "held_90", "steps", "converged")

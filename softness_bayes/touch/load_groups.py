@@ -47,7 +47,7 @@ class LoadGroups(NamedTuple):
     of: IntArray
     """Index (loads,) of each load's group."""
     at: IntArray
-    """Index (groups,) of the load that stands for each group."""
+    """Index of the load that represents each group, shape (groups,)."""
     called: tuple[Load | LoadGroup, ...]
     """Load, or group of several, whose text is the name of each."""
 
