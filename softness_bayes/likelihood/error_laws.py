@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 _LOG_ROOT_TWO_PI = 0.5 * np.log(2.0 * np.pi)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ErrorLaw:
     """Distribution of one observation's error on the additive scale (logs or log odds of ratings).
 
@@ -203,60 +203,53 @@ def _gumbel_slopes(errors: FloatArray, parameters: Any) -> tuple[FloatArray, ...
 
 
 NORMAL = ErrorLaw(
-    "normal",
-    "normal",
-    (),
-    _draw_normal,
-    _same,
-    _log_normal_density,
-    _normal_slopes,
-    _equal,
-    _normal_kernel,
-    _one,
-    _unbounded,
+    name="normal",
+    meaning="normal",
+    needs=(),
+    draw=_draw_normal,
+    normal_scores=_same,
+    log_density=_log_normal_density,
+    slopes=_normal_slopes,
+    weight=_equal,
+    kernel=_normal_kernel,
+    smooth=_one,
+    steepest=_unbounded,
 )
 """Normal errors: log-normal about a magnitude estimate or a force, normal about a z-score."""
 STUDENT = ErrorLaw(
-    "student",
-    "Student's t with sampled degrees of freedom",
-    ("nu",),
-    _draw_student,
-    _student_score,
-    _log_student_density,
-    _student_slopes,
-    _student_weight,
-    _student_kernel,
-    _student_smooth,
-    _student_steepest,
+    name="student",
+    meaning="Student's t with sampled degrees of freedom",
+    needs=("nu",),
+    draw=_draw_student,
+    normal_scores=_student_score,
+    log_density=_log_student_density,
+    slopes=_student_slopes,
+    weight=_student_weight,
+    kernel=_student_kernel,
+    smooth=_student_smooth,
+    steepest=_student_steepest,
 )
 """Errors with heavy tails: Student's t with `nu` degrees of freedom."""
-LAPSES = ErrorLaw(
-    "lapses",
-    "normal, mixed with a share of lapses over the rater's range",
-    ("lapse",),
-    _draw_normal,
-    _same,
-    _log_normal_density,
-    _normal_slopes,
-    _equal,
-    _normal_kernel,
-    _one,
-    _unbounded,
+LAPSES = replace(
+    NORMAL,
+    name="lapses",
+    meaning="normal, mixed with a share of lapses over the rater's range",
+    needs=("lapse",),
     lapses=True,
 )
 """Normal errors, but for a share `lapse` of observations that are uniform over the range of their rater's numbers."""
 GUMBEL = ErrorLaw(
-    "gumbel",
-    "Gumbel's, as in the Plackett-Luce model of orders",
-    (),
-    _draw_gumbel,
-    _gumbel_score,
-    _log_gumbel_density,
-    _gumbel_slopes,
-    _gumbel_weight,
-    _gumbel_kernel,
-    _one,
-    _unbounded,
+    name="gumbel",
+    meaning="Gumbel's, as in the Plackett-Luce model of orders",
+    needs=(),
+    draw=_draw_gumbel,
+    normal_scores=_gumbel_score,
+    log_density=_log_gumbel_density,
+    slopes=_gumbel_slopes,
+    weight=_gumbel_weight,
+    kernel=_gumbel_kernel,
+    smooth=_one,
+    steepest=_unbounded,
 )
 """Errors of orders: Gumbel's law of largest values, with mean 0 and standard deviation 1."""
 ERROR_LAWS: Mapping[str, ErrorLaw] = MappingProxyType({law.name: law for law in (NORMAL, STUDENT, LAPSES)})

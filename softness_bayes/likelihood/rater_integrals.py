@@ -21,7 +21,7 @@ from softness_bayes.likelihood.interval_law import derivatives, log_probability,
 from softness_bayes.likelihood.mu_nodes import log_sum
 from softness_bayes.likelihood.pieces import blocks
 from softness_bayes.likelihood.quadrature import FAST, FINE, ROUGHLY, Quadrature, gauss_hermite, to_chebyshev
-from softness_bayes.likelihood.rater_rows import WIDE, Given, Group, groups_of
+from softness_bayes.likelihood.rater_rows import WIDE, Given, Group, groups_by_width
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
@@ -129,7 +129,7 @@ class RaterIntegrals:
         self.law, self.rater, self.mean, self.sd = law, rater, mean, sd
         self._first = np.flatnonzero(np.diff(rater, prepend=-1))
         self.count = np.diff(np.append(self._first, rater.size)).astype(float)
-        self._groups = groups_of(rater, width, times)
+        self._groups = groups_by_width(rater, width, times)
         self._narrow = width <= WIDE
         self._wide = [group for group in self._groups if not self._narrow[group.rows[0]]]
         self._weight = np.where(self._narrow, weight, 0.0)

@@ -77,7 +77,7 @@ class Group(NamedTuple):
         return np.add.reduceat(values if self.times is None else values * self.times, self.first, axis=-1)
 
 
-def groups_of(rater: IndexArray, width: FloatArray, times: FloatArray) -> list[Group]:
+def groups_by_width(rater: IndexArray, width: FloatArray, times: FloatArray) -> list[Group]:
     """Return groups of rows with intervals of similar width; rows with multiplicity 0 are omitted.
 
     Parameters
