@@ -24,7 +24,7 @@ def require_kind(what: str, value: object, kind: type | tuple[type, ...], such_a
     kind
         Expected class or classes.
     such_as
-        What was expected, with an example.
+        Expected kind of value, with an example.
 
     Raises
     ------

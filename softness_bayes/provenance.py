@@ -63,7 +63,7 @@ class Ending:
     failures: int
     """Number of evaluations that were not finite."""
     quick: bool = False
-    """Whether this is a first look, which stops on purpose before convergence."""
+    """True if this is a first look, which stops on purpose before convergence."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class DirectionTaken:
 
     direction: RatingDirection
     direction_asked: bool = True
-    """Whether the user chose it, rather than the data or the default."""
+    """True if the user chose it, rather than the data or the default."""
     direction_note: str = ""
     firing_rises: float = 1.0
     """Share of prior draws for which firing increases with stiffness across the fabrics."""

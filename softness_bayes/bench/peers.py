@@ -83,7 +83,7 @@ class Ratio(NamedTuple):
 
     ratio: float
     setting: str
-    """The likelihood's."""
+    """Setting of that likelihood."""
 
 
 def faster(peer: Point, ours: list[Point]) -> Ratio | None:

@@ -25,9 +25,9 @@ class Integrated(NamedTuple):
 
     model: str
     seconds: float
-    """Of a whole likelihood, response included, for each vector."""
+    """Time of a whole likelihood for each vector, including the response [s]."""
     ratio: float
-    """That over the time of the closed form."""
+    """The same relative to the time of the closed form."""
     largest_error: float
     """Largest error of the log-likelihood, against finer integrals, over vectors near the simulated truth."""
     prior_error: float

@@ -178,7 +178,7 @@ def posterior_quantities(tree: xr.DataTree, quantities: Sequence[Quantity] = QUA
     tree
         The groups of a result.
     quantities
-        Which of them.
+        The quantities to compare.
     """
     layout = layout_of(tree)
     fit = layout.fit(_values(tree, "observed_data", "rating"))

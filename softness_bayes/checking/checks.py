@@ -55,7 +55,7 @@ class FabricCheck(NamedTuple):
     unit: str = MAGNITUDE.unit
     """Unit of deviations, for sentences."""
     remedy: bool = True
-    """Whether a model with an effect per fabric is available; there is none for z-scores."""
+    """True if a model with an effect per fabric is available; there is none for z-scores."""
 
     def sentence(self, conditions: Sequence[str]) -> str:
         """One line for the user; `conditions` names each condition."""

@@ -87,7 +87,7 @@ class Choice(NamedTuple):
 
     direction: RatingDirection
     asked: bool
-    """Whether the user chose it; otherwise it is inferred from the data, or is the default if these do not decide."""
+    """True if the user chose it; otherwise it is inferred from the data, or is the default if these do not decide."""
     evidence: Evidence
 
     @property

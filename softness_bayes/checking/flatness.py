@@ -37,7 +37,7 @@ class Explained(NamedTuple):
     visible: float
     """Standard deviation between fabrics that would have been detected."""
     matters: bool
-    """Whether these differences are more than a tenth of those under all loads."""
+    """True if these differences are more than a tenth of those under all loads."""
 
     @property
     def flat(self) -> bool:

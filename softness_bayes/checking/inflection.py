@@ -71,7 +71,7 @@ class Inflection(NamedTuple):
     drop: Array
     """Fall from the maximum to the stiff end of the range, as a share of the maximum [-]."""
     inside: NDArray[np.bool_]
-    """Whether an interior maximum lies within the moduli of the fabrics themselves."""
+    """True if an interior maximum lies within the moduli of the fabrics themselves."""
 
 
 def curve_scene(scene: Scene, points: int = 161, loads: Sequence[Load] | None = None) -> Scene:

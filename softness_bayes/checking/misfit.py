@@ -43,7 +43,7 @@ class Fit(NamedTuple):
     silent_conditions: float
     """Share of draws and conditions in which no receptor fires."""
     fabric_effects: bool
-    """Whether fabrics have random effects in addition to the response."""
+    """True if fabrics have random effects in addition to the response."""
     scale: str
     """The quantity whose standard deviations are given: log rating or z-score."""
 

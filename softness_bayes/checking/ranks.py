@@ -52,7 +52,7 @@ class Replicate(NamedTuple):
     tau: float
     """Longest autocorrelation time, in steps."""
     converged: bool
-    """Whether the run met its goal."""
+    """True if the run met its goal."""
 
 
 class Judged(NamedTuple):

@@ -38,7 +38,7 @@ def raters_apart(layout: Layout, ratings: FloatArray) -> Apart:
     Parameters
     ----------
     layout
-        Who rated what.
+        Rater, fabric and load of each rating.
     ratings
         Shape (rows,).
     """

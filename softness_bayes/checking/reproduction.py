@@ -44,7 +44,7 @@ def alternative(tree: xr.DataTree, layout: Layout, replicates: Additive) -> Alte
     tree
         The groups of a result.
     layout
-        Who rated what.
+        Rater, fabric and load of each rating.
     replicates
         Fits of the posterior's replicated ratings.
     """

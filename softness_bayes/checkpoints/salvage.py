@@ -18,7 +18,7 @@ from softness_bayes.sampler.serial import as_json, state_arrays, state_values, u
 from softness_bayes.sampler.state import RunState
 
 MOST_EARLIER = 8
-"""Largest number of earlier states kept in a checkpoint that share the pieces of the last one."""
+"""Number of earlier states with the first piece of the last state's chains above which every second one is dropped."""
 
 _VALUES = "values"
 
@@ -50,8 +50,9 @@ def whole_state(state: RunState, found: Mapping[str, Any]) -> dict[str, NDArray[
 def kept_states(earlier: Sequence[Earlier], pieces: Sequence[str]) -> list[Earlier]:
     """Return the earlier states to be kept in addition to a state with some pieces.
 
-    Of states with the same pieces as this one, the first is kept, and every second one if there are too many. Of states
-    with other pieces, from before the chains were thinned or restarted, the last is kept, and one without any.
+    States whose chains begin with the same piece as those of this one are kept, but only every second one if there are
+    more than `MOST_EARLIER`. Of the others, from before the chains were thinned or restarted, the last state with
+    pieces is kept, and the first one without any.
     """
     own = [one for one in earlier if one.pieces and one.pieces[0] == pieces[0]] if pieces else []
     others = [one for one in earlier if one not in own]

@@ -17,9 +17,9 @@ class Status(NamedTuple):
     """Status of a run, read without interfering with it."""
 
     running: bool
-    """Whether a process is using the directory."""
+    """True if a process is using the directory."""
     piloting: bool
-    """Whether the run is still in its pilot stage."""
+    """True if the run is still in its pilot stage."""
     steps: int
     """Number of steps in the present phase."""
     missing: int
@@ -29,15 +29,15 @@ class Status(NamedTuple):
     failures: int
     """Points at which the density could not be computed."""
     ended: bool
-    """Whether the run has converged or reached a limit."""
+    """True if the run has converged or reached a limit."""
     written: bool
-    """Whether the results next to the checkpoint are those of these steps."""
+    """True if the results next to the checkpoint are those of these steps."""
     max_steps: int
     """Largest number of steps, in whole strides."""
     verdict: Verdict | None
     """The last convergence check."""
     quick: bool = False
-    """Whether it is a first look started from the command line."""
+    """True if it is a first look started from the command line."""
 
 
 def read_status(directory: str | Path) -> Status:

@@ -69,7 +69,7 @@ def _known(name: str) -> Callable[[Numbers], Booleans]:
 
 
 def _clear(numbers: Numbers) -> Booleans:
-    # the response at the soft end is nearly 0, so a maximum with this drop to the stiff end exceeds both ends by it
+    # no receptor fires at the soft end, so that a maximum with this drop to the stiff end exceeds both ends by it
     return np.asarray(numbers.interior & (numbers.drop >= LEAST_DROP))
 
 

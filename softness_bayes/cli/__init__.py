@@ -45,7 +45,7 @@ VERBS: Mapping[str, str] = {
     "study": "Fit many tables separately, then pool parameters across them.",
     "calibrate": "Test the inference by simulation: whether credible intervals have their stated coverage.",
 }
-"""Verb -> its one-line help; `softness_bayes.cli.<verb>` holds the click command `command`."""
+"""Command -> its one-line help; `softness_bayes.cli.<verb>` holds the click command `command`."""
 
 PRINTING = ("check", "plan", "status", "readings", "priors", "figures", "predict", "target")
 """Commands that print their result unless --out is given; the others write files."""

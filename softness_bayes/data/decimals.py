@@ -63,7 +63,7 @@ class Reading(NamedTuple):
     unclear: Cell | None = None
     """An ambiguous number, with decimals or grouped thousands, if no other number decides."""
     grouped: bool = False
-    """Whether the other mark groups thousands, as shown by an unambiguous number."""
+    """True if the other mark groups thousands, as shown by an unambiguous number."""
 
 
 def decimal_mark(columns: Iterable[Sequence[Cell]], between_commas: bool = False) -> Reading:

@@ -23,7 +23,7 @@ class Joined(NamedTuple):
 
     titles: list[str]
     note: str
-    """What was made of the second row."""
+    """Interpretation of the second row, as a note."""
 
 
 def joined(header: Sequence[str], below: Sequence[str]) -> Joined | None:

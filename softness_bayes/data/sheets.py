@@ -50,7 +50,7 @@ class Sheet:
     padded: Counter[tuple[int, str]] = field(default_factory=Counter)
     """Number of cells with spaces at their ends, by column and by text without the spaces."""
     between_commas: bool = False
-    """Whether commas separate the cells."""
+    """True if commas separate the cells."""
     notes: tuple[str, ...] = ()
     columns: Sequence[str] = ()
     """Title of the column that each row is from, if it was a wide table."""

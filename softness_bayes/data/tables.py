@@ -52,7 +52,7 @@ class Table:
     """Line of each row in the file; the header is line 1."""
     decimal: str
     grouped: bool
-    """Whether the other mark may group thousands: the user named the decimal mark, or a number shows it."""
+    """True if the other mark may group thousands: the user named the decimal mark, or a number shows it."""
     notes: tuple[str, ...]
     columns: Sequence[str] = ()
     """Title of the column that each row is from, if the file has one for each fabric."""
@@ -61,7 +61,7 @@ class Table:
     others: Mapping[str, Sequence[str]] = field(default_factory=dict)
     """Title of a column that is not used -> its cells."""
     faults: Faults = field(default_factory=Faults)
-    """What is wrong in the table, as far as it has been looked at."""
+    """Problems found in the table so far."""
 
     def __len__(self) -> int:
         return len(self.rows)

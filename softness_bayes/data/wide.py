@@ -27,7 +27,7 @@ class Form(NamedTuple):
     """The form of a table of ratings, as far as it is known."""
 
     wide: bool = False
-    """Whether the user called it wide."""
+    """True if the user called it wide."""
     fabrics: Callable[[], Collection[str] | None] = lambda: None
     """Returns the names of the fabrics, None where they are not known."""
 

@@ -59,7 +59,7 @@ def write_outputs(directory: Path, contents: Mapping[str, bytes | str], by: str)
     Parameters
     ----------
     directory
-        Where to write.
+        Directory of the files.
     contents
         Contents by the files' names; text is written in UTF-8.
     by
@@ -127,7 +127,7 @@ def survey(directory: Path, by: Collection[str], inputs: Iterable[Path] = (), bu
     Parameters
     ----------
     directory
-        Where to look.
+        Directory to examine.
     by
         The commands.
     inputs

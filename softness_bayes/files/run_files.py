@@ -20,7 +20,7 @@ MODULI = "fabric_moduli"
 """The table of moduli that were not known exactly, if there are any."""
 
 MODULUS_ERRORS = "modulus_errors"
-"""The table of what errors of the moduli that are taken as exact would do, if there are any."""
+"""The table of the consequences of errors in moduli that are taken as exact, if there are any."""
 
 FINGERS = "rater_fingers"
 """The table of raters' own fingers, if they differ."""

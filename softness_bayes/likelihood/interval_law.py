@@ -28,10 +28,10 @@ OPEN = 1e40
 """Finite error used in place of an infinite end."""
 
 MOST_OTHERS = 0.5
-"""Largest share of rows that are left to distribution functions; beyond it all are."""
+"""Largest share of rows computed by distribution functions; if it is exceeded, all rows are."""
 
 SIGNS = -1.0, 1.0, -1.0, 1.0
-"""Of derivatives with respect to the expectation, over those with respect to the error."""
+"""Signs of derivatives with respect to the expectation, relative to those with respect to the error."""
 
 _TINY = 1e-290
 

@@ -21,14 +21,14 @@ from softness_bayes.likelihood.error_laws import ErrorLaw
 FloatArray = NDArray[np.float64]
 
 ORDERS = 4
-"""Derivatives at each end, the density itself being the first."""
+"""Number of derivatives used at each end, including the density itself."""
 
 
 class Reach(NamedTuple):
     """Limits of the intervals for which a given number of inner points is accurate to 1e-7."""
 
     inside: int
-    """Points inside of the interval."""
+    """Number of points inside the interval."""
     widest: float
     """Width of the widest interval, in the smooth length of the law."""
     steepest: float
@@ -38,7 +38,7 @@ class Reach(NamedTuple):
 REACHES = Reach(1, 0.8, 2.5), Reach(2, 1.6, 5.0), Reach(4, 2.8, 10.0), Reach(8, 5.0, 16.0)
 
 LEAST = 1e-250
-"""Smallest probability, over the density at 0: below it digits may be lost."""
+"""Smallest probability that the rule computes, relative to the density at 0; below it, digits may be lost."""
 
 
 class Served(NamedTuple):
@@ -47,7 +47,7 @@ class Served(NamedTuple):
     probability: FloatArray
     """Shape (..., rows)."""
     slopes: tuple[FloatArray, ...]
-    """First four derivatives of it with respect to the expectation in spreads, each (..., rows)."""
+    """Its first four derivatives with respect to the expectation, in units of the spread, each (..., rows)."""
     good: NDArray[np.bool_]
     """True for rows in which the rule is accurate at all points, shape (rows,)."""
 

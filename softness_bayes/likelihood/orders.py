@@ -175,7 +175,7 @@ class OrderRatings(RatingsLikelihood):
         Place of every row of the design, shape (rows,): of two touches in a list, the one rated softer has the larger
         number. Equal numbers are ties, whose order is unknown.
     design
-        Who rated what.
+        Rater and condition of each rating.
     model
         The model.
     over

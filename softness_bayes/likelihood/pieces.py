@@ -14,8 +14,9 @@ ROOM = 1_000_000
 """Largest number of elements of an array in a chunk; about a dozen such arrays exist at once."""
 
 BLOCK = 30_000
-"""Elements of the arrays of a block: these stay in the processor's cache, and their memory is used again and again.
-Larger arrays are given back and taken anew at each operation, which costs several times the operation itself."""
+"""Number of elements of the arrays of a block, which stay in the processor's cache and are used again and again. The
+memory of larger arrays is released and allocated anew at each operation, which takes several times as long as the
+operation itself."""
 
 
 def blocks(draws: int, width: int) -> list[slice]:

@@ -34,9 +34,9 @@ class Places:
     group: IndexArray
     """Index of each slot's group of tied places, from the top down, same shape."""
     present: NDArray[np.bool_]
-    """Whether the slot holds a touch, same shape."""
+    """True if the slot holds a touch, same shape."""
     filled: NDArray[np.bool_]
-    """Whether the slot held a touch before any were left out, same shape."""
+    """True if the slot held a touch before any were left out, same shape."""
     ties: tuple[Tie, ...]
     """The groups of tied places, by size."""
 
@@ -118,7 +118,8 @@ class Places:
         Returns
         -------
         above, lower : ndarray, shape (..., lists)
-            Log probability of coming below all groups above its own, and of also coming below the next group present.
+            Log probability that the touch comes below all groups above its own; and that it also comes below its own
+            group and the next one, minus infinity if there is no next one.
         """
         own = self.group[:, [slot]]
         each = self.log_factors(worth, worth[..., slot]) - self.log_factors(worth)

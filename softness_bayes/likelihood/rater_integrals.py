@@ -28,11 +28,11 @@ IndexArray = NDArray[np.intp]
 
 
 LEVELS = 33
-"""Levels at which the level's law is computed to draw from it."""
+"""Number of levels at which the level's density is computed to draw from it."""
 
 ROUGH = 1.0
 """Largest change of a rater's log density by its third and fourth derivative, three standard deviations from its mode,
-for which `FAST` is used; beyond it `ROUGHLY` takes its place."""
+for which `FAST` is used; otherwise `ROUGHLY` is used."""
 
 SMOOTH = 0.2
 """As `ROUGH`, for draws of effects, whose grids reach twice as far."""
@@ -44,12 +44,12 @@ REACH = 6.0
 """Extent of the Chebyshev points to either side of the mode, in standard deviations."""
 
 GRID = 41
-"""Points of the grids on which rows are left out."""
+"""Number of points of the grids on which rows are left out."""
 
 _STEPS = 12  # limit for Newton's method
 _LEAST_CURVATURE = 0.1  # in Newton steps, relative to that of as many normal errors
 _NO_CURVATURE = 0.002  # same ratio, for the normal approximation about the mode
-_NO_WEIGHT = 1e-3  # smallest total weight of a rater, reached without narrow intervals
+_NO_WEIGHT = 1e-3  # replaces the total weight 0 of a rater without narrow intervals as a divisor
 _LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 
 

@@ -154,7 +154,7 @@ class RatingsLikelihood(Likelihood):
     ratings
         y of every row of the design, shape (rows,).
     design
-        Who rated what.
+        Rater and condition of each rating.
     model
         The rating model.
     over

@@ -205,7 +205,7 @@ class RaterSpreads(Likelihood):
     ) -> SpreadEffects:
         """Return draws of the scatter given the standard deviations, one for each point of the batch.
 
-        They are drawn from the density at the nodes, interpolated linearly in log u.
+        Their cumulative distribution at the nodes is inverted, with linear interpolation in log u.
         """
         nodes = self._nodes(mean_rate, parameters, finer=4)
         log_density = nodes.log_density

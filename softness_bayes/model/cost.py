@@ -27,7 +27,7 @@ class Setting(NamedTuple):
     discretisation: Discretisation
     errors: Errors
     seconds: float
-    """Error for each parameter vector."""
+    """Time of the scene for each parameter vector [s]."""
     chosen: bool
 
 

@@ -46,7 +46,7 @@ class Draws(NamedTuple):
     eps: float | None
     """eps, added to N/N_ref in the logarithm [Hz] (its median if it varies); None if there is no logarithm."""
     usual_channels: bool
-    """Whether all channel multipliers vary under their default priors."""
+    """True if all channel multipliers vary under their default priors."""
 
     def firing(self, scene: Scene) -> Errors:
         """Return the error of a scene's firing-rate surface."""

@@ -40,7 +40,7 @@ def work_precision_figure(
     machine
         Description of the machine on which the times were measured.
     style
-        How it looks.
+        Style of the figure.
 
     Returns
     -------

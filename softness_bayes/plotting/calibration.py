@@ -33,7 +33,7 @@ def rank_ecdf_figure(ranks: ArrayLike, draws: int, labels: Sequence[str], *, sty
     labels
         Names of the quantities.
     style
-        How it looks.
+        Style of the figure.
 
     Returns
     -------

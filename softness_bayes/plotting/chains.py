@@ -31,7 +31,7 @@ def trace_figure(draws: ArrayLike, ensemble: ArrayLike, labels: Sequence[str], *
     labels
         Symbol and unit of each parameter.
     style
-        How it looks.
+        Style of the figure.
 
     Returns
     -------

@@ -75,7 +75,7 @@ def checks_figure(
     scale
         Unit of the means.
     style
-        How it looks.
+        Style of the figure.
 
     Returns
     -------
@@ -189,7 +189,7 @@ def loo_pit_figure(values: ArrayLike, points: ArrayLike, probability: float = 0.
     probability
         Probability that independent uniform values stay inside the limits everywhere.
     style
-        How it looks.
+        Style of the figure.
 
     Returns
     -------

@@ -128,7 +128,7 @@ def categories_figure(counts: Sequence[Counts], *, style: Style = USUAL) -> Figu
     counts
         One panel for each load.
     style
-        How it looks.
+        Style of the figure.
 
     Returns
     -------
@@ -163,7 +163,7 @@ def psychometric_figure(wins: Sequence[Wins], *, style: Style = USUAL) -> Figure
     wins
         One panel for each load.
     style
-        How it looks.
+        Style of the figure.
 
     Returns
     -------

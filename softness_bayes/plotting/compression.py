@@ -37,7 +37,7 @@ def compression_figure(
     finger
         Index of each row's finger, shape (rows,).
     style
-        How it looks.
+        Style of the figure.
 
     Returns
     -------

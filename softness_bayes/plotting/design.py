@@ -64,7 +64,7 @@ def design_figure(
     scale
         Scale of the ratings.
     style
-        How it looks.
+        Style of the figure.
 
     Returns
     -------

@@ -147,13 +147,13 @@ def draw_figures(
     result
         A finished run, which contains all data of the figures.
     directory
-        Where to write.
+        Directory of the figures.
     names
         Names as `figure_named` takes them; by default those of `figures_of`.
     formats
         File formats, as `save` takes them.
     style
-        How they look.
+        Style of the figures.
     processes
         Number of parallel processes.
 

@@ -47,7 +47,7 @@ def forest_figure(forests: Sequence[Forest], style: Style = USUAL) -> Figure:
     forests
         Intervals of each parameter; all have the same tables.
     style
-        How it looks.
+        Style of the figure.
 
     Returns
     -------

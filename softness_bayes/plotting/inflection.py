@@ -49,7 +49,7 @@ def inflection_figure(
     fabric_modulus
         E_fab of the fabrics of the data [Pa].
     style
-        How it looks.
+        Style of the figure.
 
     Returns
     -------

@@ -47,7 +47,7 @@ def membrane_figure(
     duration
         Length of the trains [ms].
     style
-        How it looks.
+        Style of the figure.
 
     Returns
     -------

@@ -72,7 +72,7 @@ def corner_figure(
     note
         Text in the empty corner.
     style
-        How it looks.
+        Style of the figure.
 
     Returns
     -------
@@ -204,7 +204,7 @@ def prior_figure(
     laws
         Prior distribution of each parameter, None where unknown; by default all are unknown.
     style
-        How it looks.
+        Style of the figure.
 
     Returns
     -------

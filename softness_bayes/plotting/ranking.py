@@ -67,7 +67,7 @@ def ranking_figure(orders: Sequence[Order], scale: Scale, style: Style = USUAL) 
     scale
         Scale of the ratings.
     style
-        How it looks.
+        Style of the figure.
 
     Returns
     -------

@@ -176,7 +176,7 @@ def rating_figure(
     names
         Fabric name of each observed condition, written above its point; by default no names are written.
     style
-        How it looks.
+        Style of the figure.
 
     Returns
     -------

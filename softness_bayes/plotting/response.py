@@ -69,7 +69,7 @@ def response_figure(
     names
         Names of the fabrics, written above the panels; by default no names are written.
     style
-        How it looks.
+        Style of the figure.
 
     Returns
     -------

@@ -49,7 +49,7 @@ class Skin(NamedTuple):
     high: float
     """90 % interval, in natural units."""
     informed: bool
-    """Whether the interval is clearly narrower than the prior's."""
+    """True if the interval is clearly narrower than the prior's."""
 
 
 class Facts(NamedTuple):
@@ -60,11 +60,11 @@ class Facts(NamedTuple):
     other_direction: str | None = None
     """The direction supported by the data, if the run used the other one."""
     flat: bool = False
-    """Whether the prediction is flat although ratings differ between fabrics."""
+    """True if the prediction is flat although ratings differ between fabrics."""
     silent: bool = False
-    """Whether most of the posterior predicts no firing."""
+    """True if most of the posterior predicts no firing."""
     differ: bool = True
-    """Whether ratings differ between fabrics beyond noise."""
+    """True if ratings differ between fabrics beyond noise."""
     exact: bool = True
     """Effect of the fast forward model on the posterior."""
     unreproduced: tuple[str, ...] = ()
@@ -79,9 +79,9 @@ class Facts(NamedTuple):
     moved: MovedMost | None = None
     """Largest shift due to errors of moduli assumed to be exact, if relevant."""
     quick: bool = False
-    """Whether this is a first look, which ended before the chains had converged."""
+    """True if this is a first look, which ended before the chains had converged."""
     settled: bool = False
-    """Whether the ensembles of a first look agree well enough to report its findings."""
+    """True if the ensembles of a first look agree well enough to report its findings."""
 
     @property
     def failed(self) -> bool:

@@ -119,7 +119,7 @@ class FastModel(Finding):
     firing_error: float
     """Errors of the response, from the integration and from the firing rates, relative to its peak."""
     reweighted: bool
-    """Whether the result is that of draws weighted by the exact likelihood."""
+    """True if the result uses draws weighted by the exact likelihood."""
 
     @property
     def outcome(self) -> Standing:
@@ -169,13 +169,13 @@ class InputErrors(Finding):
     """Dependence of the conclusions on errors of the fabrics' moduli, and whether loads were taken as exact."""
 
     assumed: bool
-    """Whether moduli were taken as exact although nobody said that they are."""
+    """True if moduli were taken as exact without having been declared exact."""
     p_value: float
-    """Of the check whether mean ratings deviate as wrong moduli would have it."""
+    """p-value of the check whether mean ratings deviate in the way that wrong moduli would cause."""
     largest: MovedMost | None
-    """What errors of the moduli would move most; None where nothing is moved beyond Monte-Carlo error."""
+    """The quantity that errors of the moduli would shift most; None if no shift exceeds its Monte-Carlo error."""
     remarks: tuple[str, ...]
-    """What the run said."""
+    """The run's own sentences about errors of moduli and loads."""
 
     @property
     def sensitive(self) -> bool:

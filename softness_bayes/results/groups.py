@@ -71,7 +71,7 @@ def sampled_groups(density: Density, kept: Chains, theta: Array, data: str) -> G
     Parameters
     ----------
     density
-        What was sampled.
+        The sampled density.
     kept, theta
         The draws, and their points theta, shape (chains, draws, dimension).
     data

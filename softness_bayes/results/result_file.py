@@ -35,7 +35,7 @@ class Stored(NamedTuple):
     tree: xr.DataTree
     tables: dict[str, pd.DataFrame]
     verified: bool
-    """Whether the checksums show no change."""
+    """True if the checksums show no change."""
 
 
 def sealed(tree: xr.DataTree, tables: Mapping[str, pd.DataFrame]) -> xr.DataTree:

@@ -32,7 +32,7 @@ POINTS = 401
 """Number of moduli of the curve to be inverted, with interpolation linear in the log modulus."""
 
 BRANCHES = {True: "rises", False: "falls"}
-"""Whether the rating rises or falls with E_fab at a solution."""
+"""Direction of the rating with E_fab at a solution."""
 
 
 class Cloth(NamedTuple):

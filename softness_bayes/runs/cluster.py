@@ -42,7 +42,7 @@ class Worker(NamedTuple):
 
     versions: Mapping[str, str]
     shares: bool
-    """Whether it sees the client's directory."""
+    """True if it sees the client's directory."""
     threads: int
 
 

@@ -54,7 +54,7 @@ def replicate(
     posterior
         The model.
     settings
-        How to sample.
+        Settings of the sampler.
     seed, index
         Seeds of the parameters, the ratings and the sampler.
     assume

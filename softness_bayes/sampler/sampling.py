@@ -209,7 +209,7 @@ def walk(
     target
         Density to sample; it is sent to the worker processes once.
     settings
-        How to sample.
+        Settings of the sampler.
     seed
         Seed of the draws, which do not depend on the number of processes.
     begin

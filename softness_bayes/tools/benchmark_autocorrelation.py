@@ -26,7 +26,7 @@ from softness_bayes.sampler.schedule import APART
 
 FloatArray = NDArray[np.float64]
 Estimator = Callable[[FloatArray], FloatArray]
-"""From walks of shape (quantities, ensembles, steps, walkers) to a time for each quantity."""
+"""Function from walks of shape (quantities, ensembles, steps, walkers) to a time for each quantity."""
 
 ENSEMBLES, WALKERS, QUANTITIES = 4, 52, 8
 """Size of the walks: that of the main job, with as many independent quantities as its correlated ones amount to."""

@@ -59,7 +59,7 @@ EQUATIONS: Mapping[str, str] = MappingProxyType(
         "printed": f"dv/dt = (drive + {_IONIC} + g_a*a**3*b*(e_a-v))/ms : 1 {_HODGKIN_HUXLEY} {_A_GATES}",
     }
 )
-"""The membranes in Brian2's words, in mV, ms, mS/cm² and µA/cm² (model.md 7), by name."""
+"""The membranes in Brian2's syntax, in mV, ms, mS/cm² and µA/cm² (model.md 7), by name."""
 
 _BOOKKEEPING = """
 drive : 1
@@ -86,7 +86,8 @@ class Peer(NamedTuple):
     error: float
     """Largest, relative to the exact rate; of the exact rate itself, to one with a tolerance a tenth as large."""
     ratio: float
-    """Time over that of the fastest of our ways that is at least as accurate; NaN where none is, 1 for these."""
+    """Ratio of its time to that of the fastest of our methods that is at least as accurate; NaN if there is none, 1 for
+    these methods."""
 
 
 class Simulated(NamedTuple):

@@ -24,11 +24,12 @@ Array = NDArray[np.float64]
 
 LOADS = (Indentation(1e-3), Indentation(2e-3), Indentation(3e-3))
 DRAWS = 1000
-"""Draws of the posterior that quantiles, turning points and checks are of."""
+"""Number of posterior draws for quantiles, turning points and checks."""
 
 PROPOSED, ROUNDS, LAST, TAILS, LEAST_EFFECTIVE = 1000, 8, 8, 6.0, 100.0
-"""Proposals of each round of importance sampling, rounds, times as many proposals in the last, degrees of freedom, and
-the least effective number of draws that a round's mean and covariance are of."""
+"""Settings of importance sampling: proposals of each round, number of rounds, factor for the proposals of the last
+round, degrees of freedom, and the smallest effective number of draws from which the mean and covariance of a round are
+computed."""
 
 PARAMETERS = ("b", "m", "sigma_0", "gamma", "tau_b", "tau_sigma")
 """Parameters whose coverage is counted, where they are sampled."""

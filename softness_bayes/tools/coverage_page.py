@@ -35,16 +35,16 @@ KEPT: Mapping[str, Mapping[str, str]] = {
 """Description of each case of a stored table, by the folder of the table."""
 
 CHECKED: Mapping[str, str] = {"input_errors": "modulus_p", "finger_spreads": "finger_p"}
-"""Column of the p-value of the check that is to notice, by the folder of the table."""
+"""Column with the p-value of the check that should detect the problem, by the folder of the table."""
 
 LEVEL = 0.05
-"""p-value below which a check has noticed something."""
+"""p-value below which a check reports a problem."""
 
 INSIDE = 0.05, 0.95
-"""Shares of the draws below the truth between which a 90 % interval holds it."""
+"""Shares of the draws below the truth between which the truth lies in the 90 % interval."""
 
 WANTED = 0.85, 0.95
-"""Coverage of 90 % intervals that is asked for."""
+"""Required coverage of 90 % intervals."""
 
 
 class Share(NamedTuple):
@@ -55,7 +55,7 @@ class Share(NamedTuple):
     tables: int
     share: float
     noticed: float
-    """Share of the laboratories in which the run's own check noticed something."""
+    """Share of the laboratories in which the run's own check reported a problem."""
     low: float
     """Lower 95 % limit of the share (Clopper and Pearson)."""
     high: float

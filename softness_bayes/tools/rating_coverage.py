@@ -35,13 +35,13 @@ Array = NDArray[np.float64]
 CASES = {scale.name: scale for scale in (MAGNITUDE, STANDARDISED)}
 HELD = PAPER_CHANNELS._asdict()
 RATERS, LEFT_OUT = 20, 10
-"""Raters of each laboratory, and those of them who are left out besides."""
+"""Number of raters of each laboratory whose ratings are fitted, and number of further raters who are left out."""
 EACH = 4
 """One fabric out of this number is left out, in the order of their moduli; the next laboratory omits another one."""
 LEAST_FIRING, LEAST_NOISE = 0.5, 0.1
 
 COLUMNS = ("lab", "case", "left_out", "values", "held_50", "held_90", "steps", "converged")
-"""`held_90`: how many of the values that were left out lie in their 90 % interval."""
+"""`held_90`: number of left-out values that lie in their 90 % interval."""
 
 
 def laboratory(fabrics: Fabrics, number: int, scale: Scale) -> Simulation:

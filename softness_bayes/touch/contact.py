@@ -20,10 +20,10 @@ PLATE_LENGTH = 1e-3
 """Length l [m] that turns a rigidity into a modulus, E_fab = D / l³ (the paper's number implies 1 mm)."""
 
 INDENTATIONS = Range(1e-9, 0.1, "m")
-"""Indentations at which a fingertip may be held: the model gives numbers far beyond sensible values."""
+"""Permitted indentations of a fingertip; the model itself would compute far larger ones."""
 
 FORCES = Range(1e-9, 1e3, "N")
-"""Contact forces at which a fingertip may be held."""
+"""Permitted contact forces of a fingertip."""
 
 
 @dataclass(frozen=True)

@@ -43,8 +43,8 @@ MODULUS_NODES = (24, 48, 96, 160)
 """Chebyshev nodes in ln(E_star + shift), likewise."""
 
 ROUNDING = 1e-2
-"""Share of a field's tolerance that may be lost where its series in T_k are made series in powers, and where that of
-the peak is cut."""
+"""Share of a field's tolerance that may be lost when its series in T_k are converted to powers, and when that of the
+peak is truncated."""
 
 
 class Profile(NamedTuple):
@@ -57,7 +57,7 @@ class Profile(NamedTuple):
     y_least: Array
     """Lower end of that range, of a shape that broadcasts with the peak's."""
     powers: bool = False
-    """Whether the coefficients are those of powers instead, which take less time."""
+    """True if the coefficients are those of powers instead, which take less time."""
 
     def among(self, mask: NDArray[np.bool_]) -> tuple[NDArray[np.intp], Profile]:
         """Return indices into the flattened batch of the elements of a mask, and their profile along one axis."""

@@ -16,10 +16,10 @@ from softness_bayes.touch.contact import Force, Indentation, Load
 IntArray = NDArray[np.intp]
 
 NEAR = 1.3
-"""Largest ratio of two loads of a group, where that makes no more groups than are shown."""
+"""Largest ratio of two loads of a group, unless that makes more groups than are shown."""
 
 DIGITS = (3, 6, 12)
-"""Significant digits of the ends of groups: as few as tell them apart."""
+"""Significant digits of the ends of groups; the first number that makes names unique is used."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class LoadGroups(NamedTuple):
     at: IntArray
     """Index of the load that represents each group, shape (groups,)."""
     called: tuple[Load | LoadGroup, ...]
-    """Load, or group of several, whose text is the name of each."""
+    """The load or, for several, the `LoadGroup` of each group; its text is the name of the group."""
 
     @property
     def names(self) -> list[str]:

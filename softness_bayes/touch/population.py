@@ -281,10 +281,10 @@ class _Steps(NamedTuple):
     """Nodes of some conditions; arrays of shape (nodes, n)."""
 
     root: Array
-    """The stress to the power that makes y of its share of the peak."""
+    """The stress at each node to the power `Population.root`; its ratio to that of the peak is y."""
     gain: Array
-    """What the rate of a receptor gains from node to node [Hz]: the number of receptors within each node's stress
-    times its gain sums to the total rate."""
+    """Part of a receptor's rate due to each node [Hz]; the total rate is the sum over nodes of this part times the
+    number of receptors with at least the node's stress."""
 
 
 class _Nodes(NamedTuple):

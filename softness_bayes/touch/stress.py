@@ -176,7 +176,7 @@ class Component:
     name: str
     select: Callable[..., Array]
     needs_plane: bool
-    """Whether all three plane stresses are needed, which the axisymmetric kernel does not provide."""
+    """True if all three plane stresses are needed, which the axisymmetric kernel does not provide."""
     far_power: float | None
     """Exponent n of the decay rho^-n of the stress far from the contact; None if the kernel defines it."""
     meaning: str = field(default="", repr=False, compare=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import itertools
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,12 +17,24 @@ QUESTION = re.compile(r"(What|Whether|Where|Which|How|Who|Whose|Whom|Why|When)\b
 
 
 def docstrings(source: str) -> Iterator[tuple[str, str]]:
-    """Yield name and docstring of a module and of every class and function in it."""
+    """Yield name and docstring of a module and of every class, function, field and constant in it."""
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)):
             text = ast.get_docstring(node)
             if text is not None:
                 yield getattr(node, "name", "module"), text
+        if isinstance(node, (ast.Module, ast.ClassDef)):
+            yield from described(node.body)
+
+
+def described(body: list[ast.stmt]) -> Iterator[tuple[str, str]]:
+    """Yield name and docstring of the assignments that a docstring follows."""
+    for assigned, text in itertools.pairwise(body):
+        if isinstance(assigned, (ast.Assign, ast.AnnAssign)):
+            match text:
+                case ast.Expr(ast.Constant(str(words))):
+                    target = assigned.targets[0] if isinstance(assigned, ast.Assign) else assigned.target
+                    yield ast.unparse(target), words
 
 
 def questions(source: str) -> list[str]:
@@ -35,5 +48,15 @@ def test_no_docstring_opens_with_a_question(module):
 
 
 def test_a_question_would_be_found():
-    source = '"""How it goes."""\nclass A:\n    """What it is."""\n    def f(self):\n        """Return whether."""\n'
-    assert questions(source) == ["module: How it goes.", "A: What it is."]
+    source = '''"""How it goes."""
+N, M = 1, 2
+"""What they count."""
+class A:
+    """What it is."""
+    x: int
+    """Whether it is."""
+    def f(self):
+        """Return whether."""
+'''
+    found = ["module: How it goes.", "(N, M): What they count.", "A: What it is.", "x: Whether it is."]
+    assert sorted(questions(source)) == sorted(found)

@@ -62,7 +62,7 @@ set_values = click.option(
     metavar="NAME=VALUE",
     help="Value of a parameter, such as b=80; the others are at their medians. Repeatable.",
 )
-"""Gives a verb `values`, name -> number."""
+"""Passes `values` to a command: name -> number."""
 
 fix = click.option(
     "--fix",
@@ -73,7 +73,7 @@ fix = click.option(
     metavar="NAME=VALUE",
     help="Fix a parameter at a value, such as m=2. Repeatable.",
 )
-"""Gives a verb `fixed`, name -> number."""
+"""Passes `fixed` to a command: name -> number."""
 
 prior = click.option(
     "--prior",
@@ -85,7 +85,7 @@ prior = click.option(
     help="Prior of a parameter, such as b='lognormal(100,0.5)' (median, sd of the log); 'priors' lists the "
     "distributions. Repeatable.",
 )
-"""Gives a verb `priors`, name -> `Prior`."""
+"""Passes `priors` to a command: name -> `Prior`."""
 
 spreads = click.option(
     "--spread",
@@ -96,7 +96,7 @@ spreads = click.option(
     help="Prior of the spread of a pooled parameter between tables, such as b='halfnormal(0.3)'; by default "
     "half-normal with the width of the prior of the parameter. Repeatable.",
 )
-"""Gives a verb `spreads`, name -> `Prior`."""
+"""Passes `spreads` to a command: name -> `Prior`."""
 
 prior_set = click.option(
     "--priors",
@@ -107,7 +107,7 @@ prior_set = click.option(
     metavar="SET",
     help="Named set of priors: default, in-vivo or wide. --prior changes single ones.",
 )
-"""Gives a verb `prior_set`, the name of one of the sets."""
+"""Passes `prior_set` to a command: the name of one of the sets."""
 
 _READING = click.option(
     "--reading",
@@ -170,7 +170,7 @@ finger = click.option(
     "poisson_ratio, pad_length_mm, pad_width_mm, contact_x_mm or contact_y_mm. Repeatable. A --prior of "
     "radius or receptor_depth samples it instead.",
 )
-"""Gives a verb `finger`, name -> number, from which `model.fingers.finger_of` makes a `Finger`."""
+"""Passes `finger` to a command: name -> number, from which `model.fingers.finger_of` makes a `Finger`."""
 
 
 def _law(ctx: click.Context, param: click.Parameter, text: str | None) -> Prior | None:
@@ -194,7 +194,7 @@ modulus_cv = click.option(
     help="Relative standard error of moduli for which the fabric table gives none, such as 0.15; 0 means that "
     "they are exact.",
 )
-"""Gives a verb `modulus_cv`, a number or None."""
+"""Passes `modulus_cv` to a command: a number or None."""
 
 unknown_modulus = click.option(
     "--unknown-modulus",
@@ -203,7 +203,7 @@ unknown_modulus = click.option(
     metavar="PRIOR",
     help="Prior of the moduli [kPa] of fabrics without a modulus in their table; lognormal(100,2) by default.",
 )
-"""Gives a verb `unknown_modulus`, a `Prior` or None."""
+"""Passes `unknown_modulus` to a command: a `Prior` or None."""
 
 load_cv = click.option(
     "--load-cv",
@@ -213,7 +213,7 @@ load_cv = click.option(
     help="Relative standard error of loads for which the table gives none, such as 0.05, independent for each "
     "rating; 0 means that they are exact.",
 )
-"""Gives a verb `load_cv`, a number or None."""
+"""Passes `load_cv` to a command: a number or None."""
 
 shared_load_cv = click.option(
     "--shared-load-cv",
@@ -223,7 +223,7 @@ shared_load_cv = click.option(
     help="Relative standard error that all ratings at a load share, such as 0.03 for a press that is set "
     "once: one factor for each load.",
 )
-"""Gives a verb `shared_load_cv`, a number or None."""
+"""Passes `shared_load_cv` to a command: a number or None."""
 
 
 def _individual(context: click.Context, parameter: click.Parameter, text: str | None) -> tuple[str, ...]:
@@ -246,7 +246,7 @@ individual = click.option(
     "and sigma_0, such as b,sigma_0; or gamma (a separate exponent for each), varsigma (a separate noise "
     "level for each) or both. By default none.",
 )
-"""Gives a verb `individual`, a tuple of names."""
+"""Passes `individual` to a command: a tuple of names."""
 
 accuracy = click.option(
     "--accuracy",
@@ -258,7 +258,7 @@ accuracy = click.option(
     "cheapest resolution within this limit over the relevant parameters is used; 'plan' shows the "
     "choice.",
 )
-"""Gives a verb `accuracy`."""
+"""Passes `accuracy` to a command."""
 
 
 @dataclass(frozen=True)

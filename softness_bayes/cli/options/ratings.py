@@ -25,7 +25,7 @@ errors = click.option(
     "freedom) or lapses (normal, mixed with a share of lapses over the range of the rater). auto chooses "
     "student if the residuals of the table have heavier tails than normal ones.",
 )
-"""Gives a verb `errors`, a name or `AUTO`."""
+"""Passes `errors` to a command: a name or `AUTO`."""
 
 simulated_errors = click.option(
     "--errors",
@@ -36,7 +36,7 @@ simulated_errors = click.option(
     help="Distribution of the errors of log ratings: normal, student (Student's t, nu by --set) or lapses "
     "(--set lapse=0.03).",
 )
-"""Gives a verb `errors`, a name."""
+"""Passes `errors` to a command: a name."""
 
 resolution = click.option(
     "--resolution",
@@ -46,7 +46,7 @@ resolution = click.option(
     help="Rounding of ratings: 1 for whole numbers; 0 treats ratings as exact numbers. By default the "
     "rounding of each rater is detected.",
 )
-"""Gives a verb `resolution`, a number or None."""
+"""Passes `resolution` to a command: a number or None."""
 
 
 class _Direction(click.Choice[str]):
@@ -67,7 +67,7 @@ direction = click.option(
     show_default=True,
     help="Whether ratings rise or fall with the response.",
 )
-"""Gives a verb `direction`, the name of a reading of what is rated."""
+"""Passes `direction` to a command: the name of a reading of what is rated."""
 
 direction_of_data = click.option(
     "--direction",
@@ -77,7 +77,7 @@ direction_of_data = click.option(
     help=f"Whether ratings rise or fall with the response. auto chooses from the data, or {RISES.name} if they "
     f"do not decide it; {FREE.name} samples both, each with prior probability 1/2.",
 )
-"""Gives a verb `direction`, a name or `AUTO`."""
+"""Passes `direction` to a command: a name or `AUTO`."""
 
 
 def _ends(context: click.Context, parameter: click.Parameter, text: str) -> tuple[float, float]:
@@ -97,7 +97,7 @@ categories = click.option(
     metavar="K",
     help="Number of ordered categories (--ratings categories); by default the largest number in the table.",
 )
-"""Gives a verb `n_categories`, a number or None."""
+"""Passes `n_categories` to a command: a number or None."""
 
 slider = click.option(
     "--slider",
@@ -108,7 +108,7 @@ slider = click.option(
     metavar="LOW,HIGH",
     help="Numbers of the two ends of a slider (--ratings slider).",
 )
-"""Gives a verb `slider_ends`, two numbers."""
+"""Passes `slider_ends` to a command: two numbers."""
 
 
 class _Scale(click.Choice[str]):
@@ -136,4 +136,4 @@ rating_scale = click.option(
     help=f"Whether ratings are {', or '.join(scale.meaning for scale in RATING_SCALES.values())}; or a custom "
     "scale, such as mymodule:SCALE.",
 )
-"""Gives a verb `scale`, the name of a reading of the rating scale."""
+"""Passes `scale` to a command: the name of a reading of the rating scale."""

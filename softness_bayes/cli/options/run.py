@@ -31,7 +31,7 @@ max_time = click.option(
     help="Longest time of the run, such as 90 (seconds), 10m or 2h; it then ends even if it has not "
     "converged. By default no limit.",
 )
-"""Gives a verb `max_time` [s]."""
+"""Passes `max_time` to a command [s]."""
 
 processes = click.option(
     "--processes",
@@ -39,7 +39,7 @@ processes = click.option(
     metavar="N",
     help="Processes that share the ensembles; by default one for each core. Draws do not depend on it.",
 )
-"""Gives a verb `processes`."""
+"""Passes `processes` to a command."""
 
 dask = click.option(
     "--dask",
@@ -48,10 +48,10 @@ dask = click.option(
     "tcp://10.0.0.1:8786, or its scheduler file. Workers must have this version, one thread each, and "
     "share --out.",
 )
-"""Gives a verb `dask`, an address or a file, or None."""
+"""Passes `dask` to a command: an address or a file, or None."""
 
 no_figures = click.option("--no-figures", is_flag=True, help="Draw no figures.")
-"""Gives a verb `no_figures`."""
+"""Passes `no_figures` to a command."""
 
 own_figures = click.option(
     "--figure",
@@ -62,7 +62,7 @@ own_figures = click.option(
     help="Also draw this custom figure, a function of a result and a style. Repeatable. Figures of installed "
     "packages are always drawn.",
 )
-"""Gives a verb `own_figures`, importable names."""
+"""Passes `own_figures` to a command: importable names."""
 
 seed = click.option(
     "--seed",
@@ -71,7 +71,7 @@ seed = click.option(
     show_default=True,
     help="Seed of the random numbers: the same seed gives the same results.",
 )
-"""Gives a verb `seed`."""
+"""Passes `seed` to a command."""
 
 out = click.option(
     "--out",
@@ -81,7 +81,7 @@ out = click.option(
     show_default=True,
     help="Directory to write to; it must be empty or not exist.",
 )
-"""Gives a verb `out`."""
+"""Passes `out` to a command."""
 
 force = click.option("--force", is_flag=True, help="Replace the files in --out that this command wrote, and no others.")
-"""Gives a verb `force`."""
+"""Passes `force` to a command."""

@@ -27,7 +27,7 @@ column = click.option(
     metavar="NAME=ACTUAL",
     help="Name of a column in your files, such as rating=softness. Repeatable.",
 )
-"""Gives a verb `columns`, name -> name in the files."""
+"""Passes `columns` to a command: name -> name in the files."""
 
 
 def _marks(ctx: click.Context, param: click.Parameter, given: tuple[str, ...]) -> Marks:
@@ -54,7 +54,7 @@ decimal = click.option(
     help="Decimal mark of the files (, or .), if their numbers do not show it; the other mark then separates "
     "thousands. If tables differ: ratings=, or fabrics=. or compression=, each with its mark.",
 )
-"""Gives a verb `decimal`: a mark, or table -> mark, or None."""
+"""Passes `decimal` to a command: a mark, or table -> mark, or None."""
 
 
 def _fabrics(required: bool, text: str) -> Decorator:

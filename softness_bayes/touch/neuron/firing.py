@@ -19,7 +19,7 @@ FloatArray = NDArray[np.float64]
 
 
 SEARCH_STEPS = 40_000
-"""Most steps of integration for an exact curve: some ten seconds. The paper's multipliers take 3000."""
+"""Largest number of integration steps for an exact curve: about ten seconds. The paper's multipliers take 3000."""
 
 TRIED = Channels(c_Na=(0.8, 1.5), c_K=(0.8, 1.5), c_L=(0.5, 2.0), c_A=(0.5, 2.0))
 """Ranges of each multiplier that give a curve while the other multipliers keep the paper's values."""

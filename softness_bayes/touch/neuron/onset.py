@@ -56,7 +56,7 @@ class Onset(NamedTuple):
     prefactor: FloatArray
     """Rate divided by the square root of the excess current at a fold of equilibria [Hz/sqrt(µA/cm²)]; NaN at a jump"""
     born: NDArray[np.bool_]
-    """Whether firing starts at a fold of periodic orbits, where the rate is smooth in that square root"""
+    """True where firing starts at a fold of periodic orbits; the rate is then smooth in that square root"""
 
 
 def rheobase(channels: Channels = PAPER_CHANNELS, membrane: Membrane = CONNOR_STEVENS) -> FloatArray:
