@@ -71,6 +71,14 @@ if TYPE_CHECKING:
 )
 @dask
 @click.option(
+    "--from",
+    "earlier",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Also take the replicates of an earlier calibration of the same problem from this directory, or from the "
+    "ranks.csv and manifest.json kept of it; it is only read.",
+)
+@click.option(
     "--finished",
     "so_far",
     is_flag=True,
@@ -99,6 +107,7 @@ def command(
     max_steps: int,
     processes: int | None,
     dask: str | None,
+    earlier: Path | None,
     so_far: bool,
     seed: int,
     out: Path,
@@ -114,10 +123,16 @@ def command(
 
     --like DIR draws the parameters from the posterior of a finished run instead. It simulates ratings by new raters
     under the loads of the run, with its missing cells and observation model, and fits them together with the ratings
-    of the run. Exit code 3: some replicates have not converged; 4: not calibrated.
+    of the run.
+
+    --from DIR goes on from a stored result: --replicates 1000 then runs the rest. Design, model, priors and seed must
+    be the same, and true values that are drawn again must agree. Where only settings of the fits differ, such as the
+    largest number of steps, the verdict says so.
 
     --design predicts in some seconds, by linearisation, how much a fit would narrow every parameter and which other
     design would help most. Use it before a calibration, which takes hours.
+
+    Exit code 3: some replicates have not converged; 4: not calibrated.
     """
     from softness_bayes.data import Fabrics, loads_of
     from softness_bayes.likelihood.scales import scale_named
@@ -131,6 +146,8 @@ def command(
     )
     from softness_bayes.runs.calibration_scene import USUAL_FABRICS, USUAL_LOADS, CalibrationScene
 
+    if so_far and earlier is not None:
+        raise InputError("--from: cannot be combined with --finished, which writes no replicates")
     run = RunOptions(max_steps=max_steps, processes=processes, seed=seed)
     if like is not None:
         _require_no_design()
@@ -151,7 +168,7 @@ def command(
     bar = _Bar(replicates)
     with keeping(lambda: _kept(out, replicates)), executor_of(None if so_far else dask, out) as executor:
         try:
-            judge = end if so_far else partial(begin, progress=bar.show, executor=executor)
+            judge = end if so_far else partial(begin, progress=bar.show, executor=executor, earlier=earlier)
             found = judge(run, replicates, out)
         finally:
             bar.close()
@@ -164,7 +181,7 @@ def command(
         raise NotConvergedError(f"{found.unconverged} replicates have not converged within --max-steps {max_steps}")
 
 
-_WITH_LIKE = ("replicates", "like", "max_steps", "processes", "dask", "so_far", "seed", "out")
+_WITH_LIKE = ("replicates", "like", "max_steps", "processes", "dask", "earlier", "so_far", "seed", "out")
 
 
 def _require_no_design() -> None:
@@ -206,7 +223,7 @@ def _report(found: Calibrated, out: Path) -> None:
 
 def _kept(out: Path, asked: int) -> str:
     """Return the number of saved replicates and the command that continues them; empty without replicates."""
-    from softness_bayes.runs.calibrate import finished_replicates
+    from softness_bayes.runs.calibration_files import finished_replicates
 
     finished = finished_replicates(out)
     if not finished:

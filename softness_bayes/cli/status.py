@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from softness_bayes.cli.running import in_numbers, needed
+from softness_bayes.files.asked import read_asked
 
 if TYPE_CHECKING:
     from softness_bayes.checkpoints.status import Status
+    from softness_bayes.runs.calibration_files import Progress
 
 
 @click.command()
@@ -20,10 +23,15 @@ def command(directory: Path) -> None:
 
     Prints the number of steps, the result of the last check of the chains, the verdict, and whether a process is
     running it. Reads one small file of DIR, which the run replaces every few seconds. For a study it prints one line
-    for each run that has begun.
+    for each run that has begun; for a calibration the numbers of finished replicates and of those that are left.
     """
     from softness_bayes.checkpoints.status import read_status
     from softness_bayes.files.run_files import CHECKPOINT, MANIFEST, RUNS
+    from softness_bayes.runs.calibration_files import is_calibration, progress_of
+
+    if is_calibration(directory):
+        _of_a_calibration(directory, progress_of(directory))
+        return
 
     if (directory / RUNS).is_dir() and not (directory / CHECKPOINT).exists():
         begun = sorted(path.parent.parent for path in (directory / RUNS).glob(f"*/{CHECKPOINT}/{MANIFEST}"))
@@ -44,14 +52,30 @@ def command(directory: Path) -> None:
     click.echo(status.verdict.sentence())
 
 
+def _of_a_calibration(directory: Path, found: Progress) -> None:
+    """Print the numbers of finished replicates and of those that are left."""
+    left = found.asked - found.finished
+    asked = f" of {found.asked}" if found.asked else ""
+    click.echo(f"{directory}: {found.finished}{asked} replicates are finished, {found.unconverged} did not converge")
+    if found.running:
+        seconds = "" if math.isnan(found.seconds) else f", about {found.seconds:.0f} s to go"
+        click.echo(f"a process is running it{seconds}")
+    elif left:
+        click.echo(f"interrupted, no process is running it; the same 'softness-bayes calibrate' runs the other {left}")
+    else:
+        click.echo("no process is running it")
+
+
 def _of_a_study(directory: Path, runs: dict[str, Status]) -> None:
     """Print the number of finished runs of a study, and the progress of each run."""
     done = [one for one in runs.values() if one.ended and one.written and not one.running]
     good = sum(one.verdict is not None and one.verdict.converged for one in done)
     under_way = sum(one.running for one in runs.values())
+    waiting = read_asked(directory).tasks - len(runs)
+    more = f"; {waiting} more have not begun" if waiting > 0 else ""
     click.echo(
         f"{directory}: of {len(runs)} runs that have begun, {len(done)} have ended ({good} converged), "
-        f"{under_way} are running, and {len(runs) - len(done) - under_way} are interrupted"
+        f"{under_way} are running, and {len(runs) - len(done) - under_way} are interrupted{more}"
     )
     for name, one in runs.items():
         rate = one.seconds / max(one.steps, 1)

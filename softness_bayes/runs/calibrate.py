@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 from collections.abc import Callable
 from concurrent.futures import Executor
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from softness_bayes import __version__, ranges
 from softness_bayes.checking.ranks import DRAWS, Replicate
 from softness_bayes.errors import InputError
+from softness_bayes.files.asked import write_asked
 from softness_bayes.files.lock import Lock
-from softness_bayes.files.outputs import require_outputs
-from softness_bayes.files.whole import sweep, write_whole
-from softness_bayes.likelihood.directions import RISES, direction_named
+from softness_bayes.files.whole import sweep
+from softness_bayes.likelihood.directions import RISES
 from softness_bayes.model.build import build
 from softness_bayes.model.fingers import values_of
 from softness_bayes.model.options import ModelOptions
@@ -27,14 +27,23 @@ from softness_bayes.model.posterior import Posterior
 from softness_bayes.results.from_result import experiment_of, options_of
 from softness_bayes.results.request import Request, RunOptions
 from softness_bayes.results.result import Result
-from softness_bayes.runs.calibrated import CALIBRATE, COVERAGE, FIGURE, RANKS, VERDICT, Calibrated
+from softness_bayes.runs.calibrated import Calibrated
+from softness_bayes.runs.calibration_files import (
+    LOCK,
+    REPLICATES,
+    earlier_of,
+    finished_in,
+    made_folder,
+    require_alike,
+    take,
+    write_manifest,
+    write_replicate,
+)
 from softness_bayes.runs.calibration_scene import CalibrationScene
-from softness_bayes.runs.replicate import replicate
+from softness_bayes.runs.replicate import replicate, true_values
 from softness_bayes.sampler.diagnostics import Goal
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.sampler.workers import Workers, available_processors
-
-MANIFEST, REPLICATES, LOCK = "manifest.json", "replicates", "lock"
 
 TRUTHS = 4000
 """Largest number of posterior draws of a run from which the true values of its replicates are chosen."""
@@ -56,6 +65,7 @@ def calibrate(
     progress: Callable[[int, Replicate], None] | None = None,
     settings: Settings | None = None,
     executor: Executor | None = None,
+    earlier: Path | None = None,
 ) -> Calibrated:
     """Calibrate the model of a scene; replicates that are already in a directory are not repeated.
 
@@ -83,12 +93,15 @@ def calibrate(
     executor
         Executor that runs the replicates instead of local processes, one task per replicate, with the same ranks; its
         workers must share the directory (see `runs.cluster`).
+    earlier
+        Directory of an earlier calibration of the same problem, whose replicates are taken over. The settings of its
+        fits may differ (`runs.calibration_files.FITS`); the verdict then says so.
 
     Raises
     ------
     InputError
         If the directory contains anything but a calibration with the same settings, apart from the numbers of
-        replicates and processes.
+        replicates and processes, or the earlier calibration is of another problem.
     LockedError
         If another process is calibrating there.
     """
@@ -98,7 +111,7 @@ def calibrate(
     model.posterior.space.require_sampled()
     settings = settings or _usual(run)
     manifest = _manifest(scene, Request(model.options, run), settings)
-    return _calibrated(Source(model.posterior), manifest, run, count, directory, progress, settings, executor)
+    return _calibrated(Source(model.posterior), manifest, run, count, directory, progress, settings, executor, earlier)
 
 
 def calibrate_like(
@@ -109,6 +122,7 @@ def calibrate_like(
     progress: Callable[[int, Replicate], None] | None = None,
     settings: Settings | None = None,
     executor: Executor | None = None,
+    earlier: Path | None = None,
 ) -> Calibrated:
     """Calibrate the inference in the region of the posterior of a finished run (posterior SBC).
 
@@ -120,7 +134,7 @@ def calibrate_like(
     ----------
     result
         A run on ratings that has converged.
-    run, count, directory, progress, settings, executor
+    run, count, directory, progress, settings, executor, earlier
         As for `calibrate`.
 
     Raises
@@ -133,7 +147,7 @@ def calibrate_like(
     ranges.REPLICATES.require("calibration: number of replicates", count)
     settings = settings or _usual(run)
     source, manifest = _like(result, run, settings)
-    return _calibrated(source, manifest, run, count, directory, progress, settings, executor)
+    return _calibrated(source, manifest, run, count, directory, progress, settings, executor, earlier)
 
 
 def finished_like(
@@ -181,15 +195,18 @@ def _calibrated(
     progress: Callable[[int, Replicate], None] | None,
     settings: Settings,
     executor: Executor | None,
+    earlier: Path | None,
 ) -> Calibrated:
     """Run the replicates missing in a directory."""
-    folder = _made_folder(directory, manifest)
+    folder = made_folder(directory, manifest)
     with Lock(directory / LOCK) as lock:
-        _require_alike(directory, manifest)
-        if not (directory / MANIFEST).exists():
-            write_whole(directory / MANIFEST, (json.dumps(manifest, indent=1) + "\n").encode())
+        require_alike(directory, manifest)
+        write_manifest(directory, manifest)
         sweep(folder)
-        done = _finished(folder, count)
+        if earlier is not None:
+            take(earlier, directory, manifest, partial(_true_values, source, run.seed))
+        write_asked(directory, count)
+        done = finished_in(folder, count)
         missing = [index for index in range(count) if index not in done]
         if missing:
             processes = min(run.processes or available_processors(), len(missing))
@@ -200,18 +217,11 @@ def _calibrated(
                     if progress is not None:
                         progress(len(done), one)
         lock.vanish()
-    return Calibrated({index: done[index] for index in range(count)})
+    return Calibrated({index: done[index] for index in range(count)}, earlier=earlier_of(directory))
 
 
-def _made_folder(directory: Path, manifest: dict[str, Any]) -> Path:
-    """Return the folder of the replicates, created if necessary, in a writable directory."""
-    folder = directory / REPLICATES
-    _require_alike(directory, manifest)
-    require_outputs(directory, (RANKS, COVERAGE, VERDICT, f"{FIGURE}.png"), CALIBRATE)
-    if folder.is_symlink():
-        raise InputError(f"{folder}: is a symbolic link, and files are not written through links; move it away")
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
+def _true_values(source: Source, seed: int, index: int) -> dict[str, float]:
+    return true_values(source.posterior, seed, index, source.truths)
 
 
 def finished(
@@ -237,61 +247,23 @@ def finished(
 
 def _so_far(manifest: dict[str, Any], count: int, directory: Path) -> Calibrated:
     """Return the replicates that are finished."""
-    _require_alike(directory, manifest)
-    done = _finished(directory / REPLICATES, count)
+    require_alike(directory, manifest)
+    done = finished_in(directory / REPLICATES, count)
     if not done:
         raise InputError(f"{directory}: no finished replicate of a calibration in this directory")
-    return Calibrated(done, tuple(index for index in range(count) if index not in done))
+    missing = tuple(index for index in range(count) if index not in done)
+    return Calibrated(done, missing, earlier_of(directory))
 
 
 def _usual(run: RunOptions) -> Settings:
     return Settings(ensembles=ENSEMBLES, max_steps=run.max_steps, processes=1, goal=RANKED)
 
 
-def _finished(folder: Path, count: int) -> dict[int, Replicate]:
-    """Return the replicates with a file, by index."""
-    return {index: _read(path) for index in range(count) if (path := _path(folder, index)).is_file()}
-
-
 def _run(source: Source, settings: Settings, seed: int, index: int, folder: str) -> tuple[int, Replicate]:
     """Run one replicate and write its file."""
     one = replicate(source.posterior, settings, seed, index, truths=source.truths)
-    write_whole(_path(Path(folder), index), (json.dumps(one._asdict(), indent=1) + "\n").encode())
+    write_replicate(Path(folder), index, one)
     return index, one
-
-
-def finished_replicates(directory: Path) -> int:
-    """Return the number of replicates in a directory."""
-    return sum(1 for _ in (directory / REPLICATES).glob("*.json"))
-
-
-def _path(folder: Path, index: int) -> Path:
-    return folder / f"{index:05d}.json"
-
-
-def _read(path: Path) -> Replicate:
-    fields = _json(path, "replicate")
-    try:
-        return Replicate(
-            names=tuple(fields["names"]),
-            rank=tuple(fields["rank"]),
-            truth=tuple(fields["truth"]),
-            steps=int(fields["steps"]),
-            tau=float(fields["tau"]),
-            converged=bool(fields["converged"]),
-        )
-    except (TypeError, KeyError, ValueError) as error:
-        raise InputError(f"{path}: not the file of a replicate ({error!r})") from None
-
-
-def _json(path: Path, what: str) -> dict[str, Any]:
-    try:
-        fields = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise InputError(f"{path}: not the file of a {what} ({error})") from None
-    if not isinstance(fields, dict):
-        raise InputError(f"{path}: not the file of a {what}")
-    return fields
 
 
 def _manifest(scene: CalibrationScene, request: Request, settings: Settings) -> dict[str, Any]:
@@ -318,21 +290,3 @@ def _manifest(scene: CalibrationScene, request: Request, settings: Settings) -> 
     }
     # scale, errors, resolution, and all other settings that define the model
     return {**options.record(), **named}
-
-
-def _require_alike(directory: Path, manifest: dict[str, Any]) -> None:
-    """Raise an error unless a directory is empty or contains a calibration with the same settings."""
-    manifest = json.loads(json.dumps(manifest))
-    path = directory / MANIFEST
-    if path.is_file():
-        before = _json(path, "calibration")
-        if "direction" in before:  # by its present name
-            before["direction"] = direction_named(str(before["direction"])).name
-        for name in dict.fromkeys([*before, *manifest]):
-            if before.get(name) != manifest.get(name):
-                raise InputError(
-                    f"{path}: {name} was {before.get(name)} and is now {manifest.get(name)}; choose another "
-                    "--out, or use the earlier value"
-                )
-    elif directory.is_dir() and any(entry.name not in (LOCK, REPLICATES) for entry in directory.iterdir()):
-        raise InputError(f"{directory}: is not empty and contains no calibration; choose another --out")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from softness_bayes.checking.rank_words import verdict
 from softness_bayes.checking.ranks import Calibration, Replicate
@@ -17,11 +17,23 @@ if TYPE_CHECKING:
 
 RANKS, COVERAGE, VERDICT, FIGURE = "ranks.csv", "coverage.csv", "verdict.txt", "ecdf"
 
+TRUE = "true_"
+"""Prefix of the columns of true values in the table of ranks."""
+
 CALIBRATE = "calibrate"
 """Command under which the files are listed."""
 
 LONG = 2_000
 """Number of steps above which a replicate is counted as long."""
+
+
+class Earlier(NamedTuple):
+    """Replicates taken from an earlier calibration of the same problem."""
+
+    replicates: tuple[int, ...]
+    """Their indices."""
+    settings: Mapping[str, str]
+    """Settings of their fits that differ from those of the other replicates, by name."""
 
 
 @dataclass(frozen=True)
@@ -34,10 +46,13 @@ class Calibrated:
         By index.
     unfinished
         Indices of requested replicates that are missing.
+    earlier
+        Replicates whose fits had other settings.
     """
 
     replicates: Mapping[int, Replicate]
     unfinished: tuple[int, ...] = ()
+    earlier: tuple[Earlier, ...] = ()
 
     @property
     def calibration(self) -> Calibration:
@@ -71,7 +86,7 @@ class Calibrated:
         rows = {}
         for index, one in self.replicates.items():
             found = dict(zip(one.names, one.rank, strict=True))
-            true = {f"true_{name}": value for name, value in zip(one.names, one.truth, strict=True)}
+            true = {f"{TRUE}{name}": value for name, value in zip(one.names, one.truth, strict=True)}
             rows[index] = {
                 "steps": one.steps,
                 "autocorrelation_time": one.tau,
@@ -94,8 +109,14 @@ class Calibrated:
         size = len(self.replicates)
         asked = f"{size} of {size + len(self.unfinished)}" if self.unfinished else f"{size}"
         left = f"; unfinished: {', '.join(map(str, self.unfinished))}" if self.unfinished else ""
-        walks = f"{self.longer} ran longer than {LONG} steps, {self.unconverged} did not converge{left}"
+        walks = f"{self.longer} ran longer than {LONG} steps, {self.unconverged} did not converge{left}{self._taken()}"
         return verdict(self.calibration, f"{asked} replicates ({walks})", self.decided)
+
+    def _taken(self) -> str:
+        """Describe the replicates whose fits had other settings."""
+        taken = {index for one in self.earlier for index in one.replicates} & {*self.replicates}
+        names = sorted({name for one in self.earlier for name in one.settings})
+        return f"; {len(taken)} were fitted earlier with other settings of {', '.join(names)}" if taken else ""
 
     def save(self, directory: Path) -> None:
         """Write ranks, coverage and verdict, either all or none; those of an earlier calibration are replaced."""

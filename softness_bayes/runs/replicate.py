@@ -27,6 +27,8 @@ from softness_bayes.sampler.sampling import Sampled, Settings, sample_until
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
+_MADE, _WALK = 0, 1  # parts of a replicate with random numbers of their own
+
 ROUNDING = 1e-12
 """Relative difference up to which two values of a quantity are treated as tied."""
 
@@ -63,14 +65,10 @@ def replicate(
         Draws of the posterior in natural units, shape (draws, dimension), one of which is used instead of a prior draw.
         The raters of the simulated ratings are new.
     """
-    made, walk = (np.random.SeedSequence(seed, spawn_key=(index, part)) for part in (0, 1))
-    rng = np.random.default_rng(made)
-    theta = posterior.space.draw_prior(rng, 1)[0] if truths is None else truths[rng.integers(len(truths))]
-    observation, true_effects = simulate(posterior.observation, posterior, theta, rng)
-    fitted = posterior.with_term(assume(observation))
-    if truths is not None:
-        fitted = replace(fitted, terms=(*fitted.terms, posterior.observation))
-    sampled = sample_until(fitted, settings, walk)
+    rng = np.random.default_rng(_seeds(seed, index, _MADE))
+    theta, observation, true_effects = _simulated(posterior, rng, truths)
+    fitted = _fitted(posterior, assume(observation), truths)
+    sampled = sample_until(fitted, settings, _seeds(seed, index, _WALK))
     draws = fitted.natural(independent(sampled, DRAWS, rng))
     effects = observation.draw_effects(rng, fitted.response(draws), fitted.rating_parameters(draws))
     true = quantities(fitted, theta[None], true_effects)
@@ -79,6 +77,31 @@ def replicate(
     rank = tuple(int(r) for r in ranks(truth, np.column_stack([*among.values()]), rng))
     tau = float(sampled.verdict.tau.max())
     return Replicate((*true,), rank, tuple(truth.tolist()), sampled.verdict.steps, tau, sampled.verdict.converged)
+
+
+def true_values(posterior: Posterior, seed: int, index: int, truths: FloatArray | None = None) -> dict[str, float]:
+    """Return the true values that `replicate` ranks, by name, without any fit; arguments as there."""
+    theta, observation, effects = _simulated(posterior, np.random.default_rng(_seeds(seed, index, _MADE)), truths)
+    found = quantities(_fitted(posterior, observation, truths), theta[None], effects)
+    return {name: float(values[0]) for name, values in found.items()}
+
+
+def _seeds(seed: int, index: int, part: int) -> np.random.SeedSequence:
+    return np.random.SeedSequence(seed, spawn_key=(index, part))
+
+
+def _simulated(
+    posterior: Posterior, rng: np.random.Generator, truths: FloatArray | None
+) -> tuple[FloatArray, Likelihood, Effects]:
+    """Return true parameters, ratings simulated there, and their effects."""
+    theta = posterior.space.draw_prior(rng, 1)[0] if truths is None else truths[rng.integers(len(truths))]
+    return theta, *simulate(posterior.observation, posterior, theta, rng)
+
+
+def _fitted(posterior: Posterior, observation: Likelihood, truths: FloatArray | None) -> Posterior:
+    """Return the posterior of simulated ratings, together with those of the run that the truths are drawn from."""
+    fitted = posterior.with_term(observation)
+    return fitted if truths is None else replace(fitted, terms=(*fitted.terms, posterior.observation))
 
 
 def simulate(

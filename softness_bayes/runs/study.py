@@ -17,6 +17,7 @@ from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.checkpoints.identity import identity
 from softness_bayes.data import Compression, Experiment
 from softness_bayes.errors import InputError, LockedError, ResourceError, SoftnessError
+from softness_bayes.files.asked import write_asked
 from softness_bayes.files.lock import Lock
 from softness_bayes.files.outputs import require_outputs, write_outputs
 from softness_bayes.files.run_files import CHECKPOINT, MANIFEST, POSTERIOR, RUNS
@@ -225,6 +226,7 @@ def study(
     (directory / RUNS).mkdir(parents=True, exist_ok=True)
     found = {name: Outcome(name, REFUSED, why) for name, why in refused.items()}
     with Lock(directory / LOCK) as lock:
+        write_asked(directory, len(tables))
         home = directory if executor is None else directory.resolve()
         tasks = [
             (name, data, str(home / RUNS / name), (kept or {}).get(name), executor is not None)

@@ -22,6 +22,7 @@ from softness_bayes.cli.compare import COMPARISON
 from softness_bayes.cli.interrupts import SIGNALS
 from softness_bayes.cli.report import REPORT
 from softness_bayes.data import LABELS, NUMBERS
+from softness_bayes.files.asked import ASKED
 from softness_bayes.files.listing import LISTING
 from softness_bayes.files.run_files import CHECKPOINT, FILES, RUNS
 from softness_bayes.likelihood.directions import FREE
@@ -35,7 +36,7 @@ from softness_bayes.plotting.data import data_of
 from softness_bayes.plotting.figures import FIGURES
 from softness_bayes.results.result import Result
 from softness_bayes.results.result_file import SCHEMA
-from softness_bayes.runs import calibrate, study
+from softness_bayes.runs import calibrated, calibration_files, study
 from softness_bayes.runs.comparison import compare
 from softness_bayes.runs.run import sample
 from softness_bayes.sampler.moves import MOVES
@@ -206,9 +207,9 @@ def test_files_of_commands(tmp_path):
     assert rows["compare"] == [COMPARISON]
     assert rows["rank"] == [*rank.MADE, rank.AGREEMENT, "--against"]
     assert rows["report"] == [REPORT]
-    assert {*rows["study"]} == {*study.MADE, f"{RUNS}/"}
-    names = ("RANKS", "COVERAGE", "VERDICT", "MANIFEST")
-    kept = {*(getattr(calibrate, name) for name in names), f"{calibrate.FIGURE}.png", f"{calibrate.REPLICATES}/"}
+    assert {*rows["study"]} == {*study.MADE, f"{RUNS}/", ASKED}
+    kept = {calibrated.RANKS, calibrated.COVERAGE, calibrated.VERDICT, f"{calibrated.FIGURE}.png", ASKED}
+    kept |= {calibration_files.MANIFEST, f"{calibration_files.REPLICATES}/", calibration_files.EARLIER, "--from"}
     assert {*rows["calibrate"]} == kept
 
 
@@ -407,8 +408,8 @@ def test_calibration(rng):
         k: Replicate(("b", "mu"), (int(rng.integers(DRAWS)), int(rng.integers(DRAWS))), (1.0, 2.0), 10, 2.0, True)
         for k in range(20)
     }
-    found: Any = calibrate.Calibrated(made)
-    (said,) = re.findall(r"^`ranks\.csv` of .+", sections(PAGE)["11"], re.M | re.S)
+    found: Any = calibrated.Calibrated(made)
+    (said,) = re.findall(r"^`ranks\.csv` of .+?\n\n", sections(PAGE)["11"], re.M | re.S)
     ranks, _, coverage = said.partition("`coverage.csv`")
     names = {*re.findall(r"`([a-z_]+)`", ranks)} - {"calibrate"}
     assert {*found.ranks().reset_index().columns} == {*names, "b", "mu", "true_b", "true_mu"}

@@ -15,7 +15,8 @@ from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.results.request import RunOptions
 from softness_bayes.runs import replicate as replicates
-from softness_bayes.runs.calibrate import MANIFEST, _like, calibrate_like, finished_like
+from softness_bayes.runs.calibrate import _like, calibrate_like, finished_like
+from softness_bayes.runs.calibration_files import MANIFEST
 from softness_bayes.runs.ranked_quantities import LOG_LIKELIHOOD, turning_point
 from softness_bayes.runs.replicate import independent, ranks, replicate, right
 from softness_bayes.sampler.diagnostics import Goal

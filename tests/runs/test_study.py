@@ -14,6 +14,7 @@ from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.cli.study import _end
 from softness_bayes.data.study_tables import Listed, list_tables
 from softness_bayes.errors import InputError, LockedError, NotConvergedError, NumericalError
+from softness_bayes.files.asked import write_asked
 from softness_bayes.files.lock import Lock
 from softness_bayes.files.run_files import RUNS
 from softness_bayes.model.build import build_skin
@@ -177,6 +178,10 @@ def test_status_of_a_study(done):
     said = call("status", done.directory).stdout
     assert "of 3 runs that have begun, 3 have ended (3 converged), 0 are running" in said
     assert "B: it has ended and its results are written" in said
+    assert "have not begun" not in said
+    write_asked(done.directory, 5)
+    assert "0 are interrupted; 2 more have not begun" in call("status", done.directory).stdout
+    write_asked(done.directory, 3)
 
 
 def test_a_study_under_way_is_not_disturbed(done):
