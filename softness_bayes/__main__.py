@@ -13,11 +13,15 @@ from typing import NoReturn
 
 from softness_bayes.defaults import GARBAGE
 
+THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
+"""Environment variables with the number of threads of NumPy's and SciPy's linear algebra, read at their import."""
+
 
 def run() -> None:
     """Run the command line."""
     heed_signals()
     quieten_libraries()
+    limit_threads()
     gc.set_threshold(*GARBAGE)
     from softness_bayes.cli import main
 
@@ -34,6 +38,16 @@ def quieten_libraries() -> None:
         os.environ["PYTHONWARNINGS"] = "ignore"
         logging.lastResort = logging.NullHandler()  # prints messages from loggers without a handler
     logging.getLogger().addHandler(logging.NullHandler())
+
+
+def limit_threads() -> None:
+    """Limit linear algebra to one thread in this process and those that it starts, unless the user chose a number.
+
+    The cores are used by worker processes, so that more threads spend their time waiting for each other, and the last
+    bits of results would depend on their number.
+    """
+    for name in THREADS:
+        os.environ.setdefault(name, "1")
 
 
 def heed_signals() -> None:

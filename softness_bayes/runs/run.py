@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -43,7 +43,11 @@ from softness_bayes.results.stages import Beginning, Listener, Stage, unheard
 from softness_bayes.results.versions import versions
 from softness_bayes.sampler.sampling import Progress, progress_of, sampled_of, walk
 from softness_bayes.sampler.state import RunState
-from softness_bayes.sampler.workers import Workers
+from softness_bayes.sampler.workers import Workers, one_thread
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
 
 
 def walked(
@@ -215,7 +219,7 @@ def sample_model(
     }
     arviz_bridge.require_storable(asked, labels_of(experiment))
     arviz_bridge.prepare()
-    with nullcontext(workers) if workers is not None else run.settings.workers(posterior) as workers:
+    with one_thread(), nullcontext(workers) if workers is not None else run.settings.workers(posterior) as workers:
         state = walked(experiment, posterior, request, progress, checkpoint, workers)
         sampled, rng = sampled_of(state), rng_after(run)
         tree, summary, shifts = assembled(
@@ -231,7 +235,12 @@ def sample_model(
             figures,
             exact=not run.quick,
         )
-    listener(Stage.TABLES)
+        listener(Stage.TABLES)
+        return Result(tree, summary.join(information_table(tree)), tables_of(experiment, tree, shifts))
+
+
+def tables_of(experiment: Experiment, tree: xr.DataTree, shifts: pd.DataFrame | None) -> dict[str, pd.DataFrame]:
+    """Return the tables of a result by name, apart from its summary; `shifts` are the effects of errors in moduli."""
     tables = {"directions": direction_table(tree), "predictive_checks": check_table(tree)}
     tables[FABRIC_RATINGS] = fabric_rating_table(tree)
     if (moduli := modulus_table(tree)) is not None:
@@ -244,4 +253,4 @@ def sample_model(
         tables[RATERS] = raters
     if shifts is not None:
         tables[MODULUS_ERRORS] = shifts
-    return Result(tree, summary.join(information_table(tree)), tables)
+    return tables

@@ -11,7 +11,7 @@ import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from functools import lru_cache
 from itertools import islice
 from multiprocessing import get_context, parent_process, resource_tracker
@@ -301,9 +301,13 @@ def _in_worker(work: Callable[..., Result], task: tuple[Any, ...]) -> Result:
 
 
 def _on_one_thread(work: Callable[..., Result], resident: Any, task: tuple[Any, ...]) -> Result:
-    """Run a task with one BLAS thread: more threads would compete, and could change the last bits of results."""
-    with _libraries(len(sys.modules)).limit(limits=1):
+    with one_thread():
         return work(resident, *task)
+
+
+def one_thread() -> AbstractContextManager[Any]:
+    """Use one BLAS thread: more threads would compete with the workers, and could change the last bits of results."""
+    return _libraries(len(sys.modules)).limit(limits=1)
 
 
 @lru_cache(maxsize=1)
