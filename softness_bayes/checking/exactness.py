@@ -143,6 +143,11 @@ def compare_likelihoods(
     return Exactness(difference, log_weight, float(k), shift, names, rates)
 
 
+def largest_pareto_k(draws: int) -> float:
+    """Return the largest reliable Pareto k for a number of draws (Vehtari et al., JMLR 25, 72, 2024)."""
+    return float(min(1.0 - 1.0 / np.log10(max(draws, 11)), LARGEST_K))
+
+
 def resample(log_weight: Array, size: int) -> NDArray[np.intp]:
     """Return indices of draws in proportion to their weights, by systematic resampling at the midpoints of strata."""
     cumulative = np.cumsum(np.exp(log_weight - log_weight.max()))

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp, ndtr
 
 from softness_bayes import arviz_bridge
-from softness_bayes.checking.exactness import LARGEST_K
-from softness_bayes.checking.ranking import largest_pareto_k
+from softness_bayes.checking.exactness import LARGEST_K, largest_pareto_k
 from softness_bayes.errors import InputError
 from softness_bayes.parameters.coordinates import Coordinate
 from softness_bayes.parameters.priors import Prior

@@ -1,29 +1,13 @@
-"""Sheets: rows of cells as they stand in a file, read from delimited text."""
+"""Sheets: a header and rows of cells as they stand in a file."""
 
 from __future__ import annotations
 
-import csv
-import hashlib
-import io
-import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from softness_bayes.data.second_headers import joined
 from softness_bayes.errors import InputError, quoted
-
-_CONTROL = re.compile("[\x00-\x08\x0e-\x1f]")
-_JAPANESE = re.compile("[\u3041-\u30fe\u4e00-\u9fff]{2}")
-_TOLD = re.compile('"?sep=([,;\t])"?\n')  # Excel's own line before the header
-_STARTS = {
-    b"PK\x03\x04": "this is a workbook: give it a name that ends in .xlsx",
-    b"PAR1": "this is a Parquet file: give it a name that ends in .parquet",
-    b"\xd0\xcf\x11\xe0": "this is an old workbook: save it as .xlsx",
-    b"\x1f\x8b": "this is a compressed file: unpack it",
-}
-_END = "\x1f"  # end mark behind the last row, a character that occurs in no table
 
 
 class Number(str):
@@ -111,93 +95,3 @@ def sheet_of(
             )
     body = [[*record[:used], *[""] * (used - len(record))] for record in body]
     return Sheet(place, label, digest, header[:used], body, rows[1:], titled, padded, between_commas, tuple(notes))
-
-
-def text_sheet(path: Path, content: bytes) -> Sheet:
-    """Return the sheet of a text file with commas, semicolons or tabs between cells.
-
-    Raises
-    ------
-    InputError
-        If it is not such a file; the message names file and row.
-    """
-    text, notes = _decode(path, content)
-    if told := _TOLD.match(text):
-        text = f"\n{text[told.end() :]}"  # a blank row keeps the numbers of the others
-    separator = told[1] if told else _separator(text)
-    digest = hashlib.sha256(content).hexdigest()
-    lines = _rows(path, text, separator)
-    return sheet_of(lines, str(path), path.name, digest, between_commas=separator == ",", notes=notes)
-
-
-def _decode(path: Path, content: bytes) -> tuple[str, list[str]]:
-    """Return the text of a file, each newline one character, and notes."""
-    notes: list[str] = []
-    wide = content[:2] in (b"\xff\xfe", b"\xfe\xff")
-    try:
-        text = content.decode("utf-16" if wide else "utf-8-sig")
-    except UnicodeDecodeError as error:
-        if wide:
-            raise InputError(f"{path}: {error.reason} in UTF-16, expected a table saved as CSV") from None
-        if _is_shift_jis(content):
-            line = 1 + content.count(b"\n", 0, error.start)
-            raise InputError(
-                f"{path}: row {line}: the text is encoded in Shift-JIS, expected UTF-8; save the table as 'CSV UTF-8'"
-            ) from None
-        text = content.decode("latin-1")
-        notes.append("not UTF-8: read as Latin-1")
-    if control := _CONTROL.search(text):
-        line = 1 + text.count("\n", 0, control.start())
-        remedy = next((f"; {said}" for start, said in _STARTS.items() if content.startswith(start)), "")
-        if not remedy and content.count(0) > len(content) // 4:
-            remedy = "; is it UTF-16 without a byte-order mark? Save it as UTF-8"
-        raise InputError(
-            f"{path}: not a text file, expected a table saved as CSV: control character {control[0]!r} in line {line}"
-            f"{remedy}"
-        )
-    if not text.strip():
-        raise InputError(f"{path}: the file is empty, expected a header and rows")
-    return text.replace("\r\n", "\n").replace("\r", "\n"), notes
-
-
-def _is_shift_jis(content: bytes) -> bool:
-    """Return whether bytes that are not UTF-8 are Japanese text in Shift-JIS.
-
-    Latin-1 has letters where Shift-JIS has second bytes, and typographic quotes of Windows where it has first ones:
-    two Japanese characters side by side, one of them of two bytes beyond ASCII, do not occur in it.
-    """
-    try:
-        text = content.decode("cp932")
-    except UnicodeDecodeError:
-        return False
-    pairs = (match[0].encode("cp932") for match in _JAPANESE.finditer(text))
-    return any(max(pair[1], pair[3]) >= 0x80 and min(pair[0], pair[2]) < 0xA0 for pair in pairs)
-
-
-def _separator(text: str) -> str:
-    """Return the separator of the header's cells."""
-    header = re.sub(r'"[^"]*"', "", text.lstrip().partition("\n")[0])
-    return max(",;\t", key=header.count)
-
-
-def _rows(path: Path, text: str, separator: str) -> Iterator[tuple[list[str], int]]:
-    """Yield the cells of each row, as many as it has, and the line where it starts.
-
-    Raises
-    ------
-    InputError
-        If a quotation mark is never closed, or a cell is too long.
-    """
-    reader = csv.reader(io.StringIO(f"{text}\n{_END}"), delimiter=separator, skipinitialspace=True)
-    line, record = 1, [_END]
-    try:
-        for record in reader:
-            if record == [_END]:
-                return
-            if record and record[-1].endswith(_END):
-                break
-            yield record, line
-            line = reader.line_num + 1
-    except csv.Error as error:
-        raise InputError(f"{path}: row {line}: {error} (is a quotation mark never closed?)") from None
-    raise InputError(f"{path}: row {line}: a quotation mark is never closed")

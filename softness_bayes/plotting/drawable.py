@@ -22,6 +22,10 @@ class Drawable(Protocol):
         """The groups of the result."""
 
     @property
+    def is_first_look(self) -> bool:
+        """True if the run ended on purpose before convergence."""
+
+    @property
     def scale(self) -> Scale:
         """The scale of the ratings."""
 

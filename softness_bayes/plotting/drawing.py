@@ -77,9 +77,7 @@ class Drawing:
         if reason := self.lacks(result):
             raise InputError(f"figure: cannot show {self.shows}: {reason}")
         figure = self.draw(result, style)
-        from softness_bayes.provenance import is_first_look  # imports everything that a result may contain
-
-        if is_first_look(result.tree.attrs):
+        if result.is_first_look:
             figure.text(0.99, 0.99, FIRST_LOOK, ha="right", va="top", color="firebrick")
         return figure
 

@@ -24,7 +24,7 @@ from softness_bayes.files.run_files import ANSWERS, FINGERS, MODULI, MODULUS_ERR
 from softness_bayes.files.spreadsheet import csv_of
 from softness_bayes.kinds import require_kind
 from softness_bayes.likelihood.scales import Scale
-from softness_bayes.provenance import Provenance
+from softness_bayes.provenance import Provenance, is_first_look
 from softness_bayes.results.answers import Answers
 from softness_bayes.results.read_back import (
     curves_in,
@@ -129,6 +129,11 @@ class Result(Answers):
     def readings(self) -> Readings:
         """The readings of the run."""
         return self.provenance.readings
+
+    @property
+    def is_first_look(self) -> bool:
+        """True if the run ended on purpose before convergence (`--quick`)."""
+        return is_first_look(self.tree.attrs)
 
     @property
     def scale(self) -> Scale:

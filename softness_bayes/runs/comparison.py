@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.checking.ranking import clustered_error, largest_pareto_k, stacking_weights
+from softness_bayes.checking.exactness import largest_pareto_k
+from softness_bayes.checking.model_comparison import clustered_error, stacking_weights
 from softness_bayes.errors import InputError
 from softness_bayes.kinds import require_kind, require_mapping
 from softness_bayes.results.constants import RATING_HIGH, RATING_LOW

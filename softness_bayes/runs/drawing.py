@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 from softness_bayes.files.outputs import write_outputs
 from softness_bayes.plotting.figures import FIGURES, drawn, every_figure, figures_of
 from softness_bayes.plotting.style import PLOT
-from softness_bayes.provenance import is_first_look
 from softness_bayes.results.result import Result
 from softness_bayes.sampler.workers import Workers
 
@@ -81,7 +80,7 @@ class FiguresUnderWay:
         return formats_in(self._directory)
 
     def _begin(self, result: Result, names: Iterable[str]) -> None:
-        first = is_first_look(result.tree.attrs)
+        first = result.is_first_look
         for name in names:
             if name not in self._begun and not (first and name in FIGURES and name not in FIRST_FIGURES):
                 shown = replace(result, tree=_needed(result.tree, name)) if name in FIGURES else result

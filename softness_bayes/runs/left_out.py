@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from softness_bayes import arviz_bridge
-from softness_bayes.checking.ranking import largest_pareto_k
+from softness_bayes.checking.exactness import largest_pareto_k
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.group_conditionals import block_log_likelihood
 from softness_bayes.model.build import build

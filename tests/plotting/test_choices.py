@@ -82,7 +82,7 @@ def run(scale, rating, **columns):
     }
     tree = xr.DataTree.from_dict(groups)
     loads = (Indentation(1e-3), Indentation(2e-3))
-    return SimpleNamespace(tree=tree, scale=scale, loads=loads, group=lambda name: groups[name])
+    return SimpleNamespace(tree=tree, is_first_look=False, scale=scale, loads=loads, group=lambda name: groups[name])
 
 
 def test_a_run_shows_what_its_scale_has():

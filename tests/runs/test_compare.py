@@ -12,7 +12,7 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
 
 from softness_bayes import arviz_bridge
-from softness_bayes.checking.ranking import clustered_error, stacking_weights
+from softness_bayes.checking.model_comparison import clustered_error, stacking_weights
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.defaults import LEFT_OUT
 from softness_bayes.errors import InputError

@@ -1,11 +1,9 @@
-"""Ranking of models by predictive accuracy: clustered errors of summed differences, and stacking weights."""
+"""Comparison of models by predictive accuracy: clustered errors of summed differences, and stacking weights."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-
-from softness_bayes.checking.exactness import LARGEST_K
 
 FloatArray = NDArray[np.float64]
 
@@ -34,11 +32,6 @@ def clustered_error(values: FloatArray, cluster: NDArray[np.intp]) -> float:
     _, place = np.unique(cluster, return_inverse=True)
     sums = np.bincount(place, values - values.mean())
     return float(np.sqrt(sums.size / (sums.size - 1) * (sums**2).sum())) if sums.size > 1 else float("nan")
-
-
-def largest_pareto_k(draws: int) -> float:
-    """Return the largest reliable Pareto k for a number of draws (Vehtari et al., JMLR 25, 72, 2024)."""
-    return float(min(1.0 - 1.0 / np.log10(max(draws, 11)), LARGEST_K))
 
 
 def stacking_weights(log_density: FloatArray) -> FloatArray:
