@@ -35,7 +35,14 @@ LAYERS = (
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
 HOMES = {
     "arviz": {"arviz_bridge"},
-    "bokeh": {"explore.page", "explore.relay", "explore.server", "report.charts", "tools.benchmark_explore"},
+    "bokeh": {
+        "explore.charts",
+        "explore.page",
+        "explore.relay",
+        "explore.server",
+        "report.charts",
+        "tools.benchmark_explore",
+    },
     "dask": {"runs.cluster"},
     "distributed": {"runs.cluster"},
     "emcee": {"sampler.moves", "sampler.sampling"},
