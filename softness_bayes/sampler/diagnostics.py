@@ -34,7 +34,7 @@ class Goal:
     lengths
         Kept steps of each ensemble, in autocorrelation times of its worst quantity.
     tau_change
-        Largest relative change of that time since the previous check.
+        Largest relative change of that time since the previous check; see `tau_change`.
     r_hat
         Largest R-hat between ensembles.
     ess
@@ -86,7 +86,7 @@ class Verdict:
         Autocorrelation time of each quantity in steps, about the mean of the walkers of all ensembles, shape
         (quantities,).
     tau_change
-        Relative change of the worst quantity's time since the previous check; infinite at the first.
+        Relative change of the longest time since the previous check; infinite at the first.
     r_hat
         R-hat between ensembles, shape (quantities,).
     ess_bulk, ess_tail
@@ -290,7 +290,9 @@ def look(
         names = (*names, *(f"the share of mode {k}" for k in range(1, len(shares) + 1)))
         tau = np.concatenate([tau, times])
         r_hat = np.concatenate([r_hat, apart])
-    kept, change = stored - first, _tau_change(tau, stride, before)
+    kept, change = stored - first, math.inf
+    if before is not None and np.isfinite(tau).all():
+        change = tau_change(tau * stride, before.tau)
     missing = np.full(len(names), math.nan)
     ess = (missing, missing)
     # effective sample sizes take longest, and are computed only if all other criteria hold
@@ -339,12 +341,19 @@ def _burn_in(walks: FloatArray, goal: Goal) -> int:
     return int(min(math.ceil(goal.burn_in * min(reach, stored)), stored // 2))
 
 
-def _tau_change(tau: FloatArray, stride: int, before: Verdict | None) -> float:
-    """Return the relative change of the worst quantity's time since the last check; infinite at the first."""
-    if before is None or not np.isfinite(tau).all():
-        return math.inf
+def tau_change(tau: FloatArray, before: FloatArray) -> float:
+    """Return the relative change of the longest autocorrelation time between two checks.
+
+    Two quantities with almost the same time take turns as the slowest. The time of each may change although the longest
+    does not, and the longest may change although the time of its quantity does not: the smaller change counts.
+
+    Parameters
+    ----------
+    tau, before
+        Time of each quantity at the two checks [steps], shape (quantities,).
+    """
     worst = int(tau.argmax())
-    return float(abs(tau[worst] * stride / before.tau[worst] - 1.0))
+    return float(min(abs(tau[worst] / before[worst] - 1.0), abs(tau[worst] / before.max() - 1.0)))
 
 
 def _shares(inside: NDArray[np.bool_]) -> tuple[tuple[Share, ...], FloatArray, FloatArray]:

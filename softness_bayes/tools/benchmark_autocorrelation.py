@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from softness_bayes.sampler.autocorrelation import autocorrelation_time, own_time
-from softness_bayes.sampler.diagnostics import Goal
+from softness_bayes.sampler.diagnostics import Goal, tau_change
 from softness_bayes.sampler.schedule import APART
 
 FloatArray = NDArray[np.float64]
@@ -107,15 +107,15 @@ def length_at_end(walks: FloatArray, time: float, estimator: Estimator, goal: Go
 
     As in a run, the interval between checks is a fraction of the length; the first check is at 0.7 of the goal.
     """
-    steps, before, passed = round(0.7 * goal.lengths * time), np.inf, 0
+    steps, passed = round(0.7 * goal.lengths * time), 0
+    before = np.full(len(walks), np.inf)
     while steps <= walks.shape[-2]:
         said = estimator(walks[..., :steps, :])
-        worst = int(said.argmax())
-        fits = steps >= goal.lengths * said.max() and np.all(np.abs(said[worst] / before - 1.0) <= goal.tau_change)
+        fits = steps >= goal.lengths * said.max() and tau_change(said, before) <= goal.tau_change
         passed = passed + 1 if fits else 0
         if passed == goal.looks:
             return steps / time
-        before, steps = said[worst], steps + round(APART * steps)
+        before, steps = said, steps + round(APART * steps)
     return float(np.inf)
 
 

@@ -8,7 +8,7 @@ import pytest
 from oracles.autoregressive import autoregressive, walks
 from softness_bayes import arviz_bridge
 from softness_bayes.sampler.chain_statistics import r_hat_between
-from softness_bayes.sampler.diagnostics import Goal, look
+from softness_bayes.sampler.diagnostics import Goal, look, tau_change
 from softness_bayes.sampler.serial import _verdict_values, verdict_of
 
 NAMES = ("b", "log posterior")
@@ -103,6 +103,20 @@ def test_each_part_of_the_goal_can_fail_alone():
         assert not verdict.converged
         assert verdict.more_steps > 0
         assert verdict.sentence().startswith("Not converged")
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "expected"),
+    [
+        ([13.0, 9.2], [12.0, 12.94], 0.06 / 13.0),  # they take turns as the slowest: the longest time is stable
+        ([9.5, 8.8], [8.9, 9.0], 0.2 / 8.8),  # the slowest of before is quicker now; the slowest of now is stable
+        ([10.0, 9.0], [14.0, 9.0], 0.4),
+        ([10.0, 9.0], [9.0, 13.0], 0.3),
+        ([10.0, 9.0], [10.0, 9.0], 0.0),
+    ],
+)
+def test_the_longest_time_is_stable_if_it_or_that_of_its_quantity_is(before, after, expected):
+    assert tau_change(np.array(after), np.array(before)) == pytest.approx(expected)
 
 
 def test_a_short_run_says_what_is_missing_and_how_much():
