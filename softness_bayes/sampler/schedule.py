@@ -38,8 +38,8 @@ class Schedule:
         Number of times that a slow run may become one more stage of the pilot.
     slow, growing
         Criteria of a slow run: retained steps, in autocorrelation times about the means of individual walkers, below
-        `slow`; or a change of the time about the common mean since the previous check above `growing`, which shows that
-        walkers are still entering tails not covered by the map.
+        `slow`; or, before half of the goal's length, a change of the time about the common mean since the previous
+        check above `growing`, which shows that walkers are still entering tails not covered by the map.
     round_steps
         The first check is made after three times this number of steps, the others at multiples of a quarter of it.
     stored
@@ -84,11 +84,15 @@ class Schedule:
         again, found = state.phase - len(self.pilot), state.before
         if not 0 <= again < self.relearning or found is None or found.steps != state.steps:
             return state
-        growing = self.growing < found.tau_change < math.inf and found.lengths < self.goal.lengths
+        if state.steps < 2 * state.relearnt:  # a map that is no better needs a longer run to learn from
+            return state
+        # with half of the goal a new run would take longer than the rest of this one
+        growing = self.growing < found.tau_change < math.inf and 2 * found.lengths < self.goal.lengths
         # by the times about individual means, because differences between walkers are not due to the map
         if not found.kept < self.slow * found.own and not growing:
             return state
-        return replace(_learn(target, state), stride=1, due=2 * state.steps, before=None, verdict=None)
+        new = replace(_learn(target, state), stride=1, due=self.first_look, relearnt=state.steps)
+        return replace(new, before=None, verdict=None)
 
     def in_pilot(self, state: RunState) -> bool:
         """Return whether a run is still in its pilot stage, whose draws are not used."""

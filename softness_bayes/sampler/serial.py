@@ -107,7 +107,7 @@ def state_arrays(state: RunState) -> dict[str, NDArray[Any]]:
 
 def state_values(state: RunState) -> dict[str, Any]:
     """Return the numbers of a state and its verdicts as JSON data."""
-    plain = ("phase", "steps", "stride", "due", "seconds", "ended")
+    plain = ("phase", "steps", "stride", "due", "seconds", "ended", "relearnt")
     return {
         **{name: getattr(state, name) for name in plain},
         "modes": len(state.modes),
@@ -156,6 +156,7 @@ def state_of(values: Mapping[str, Any], arrays: Arrays, segments: Sequence[Array
         starts=Starts(**values["starts"]),
         nonfinite=Nonfinite(values["evaluations"], values["failures"], failures),
         **{name: values[name] for name in ("phase", "steps", "stride", "due", "seconds", "ended")},
+        relearnt=values.get("relearnt", 0),  # checkpoints of earlier versions do not have it
     )
 
 

@@ -63,6 +63,8 @@ class RunState:
         Time spent so far, including earlier sessions.
     ended
         Whether the run has converged or reached a limit.
+    relearnt
+        Number of steps of the slow run from which the map was learnt; 0 if it was learnt from the pilot run.
     """
 
     phase: int
@@ -79,6 +81,7 @@ class RunState:
     nonfinite: Nonfinite = field(default_factory=Nonfinite)
     seconds: float = 0.0
     ended: bool = False
+    relearnt: int = 0
 
     @property
     def chains(self) -> Chains:

@@ -46,7 +46,7 @@ def kill(process):
 
 def same(one, other):
     """Assert that two states are bit by bit the same, time apart."""
-    for name in ("phase", "steps", "stride", "due", "ended", "nonfinite"):
+    for name in ("phase", "steps", "stride", "due", "ended", "relearnt", "nonfinite"):
         assert getattr(one, name) == getattr(other, name), name
     for a, b in zip(one.ensembles, other.ensembles, strict=True):
         np.testing.assert_array_equal(a.coordinates, b.coordinates)

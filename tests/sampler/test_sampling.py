@@ -1,5 +1,6 @@
 """Ensembles: bitwise continuation, seeds, workers, known targets, and runs that must not converge."""
 
+import itertools
 import os
 import subprocess
 import sys
@@ -240,6 +241,10 @@ def test_a_slow_walk_becomes_one_more_stage_of_the_pilot():
     assert states[again].steps < states[again - 1].steps
     assert states[again].chains.coordinates.shape[1] == states[again].steps
     assert states[again].before is None
+    # it is checked as early as the first one, and may be learnt from again only when it is twice as long
+    assert states[again].due == settings.first_look
+    ends = [a.steps for a, b in itertools.pairwise(states) if b.phase > a.phase >= 1]
+    assert all(2 * a <= b for a, b in itertools.pairwise(ends))
     # from there on nothing is learnt but by another look
     later = [state.map for state in states if state.phase == states[-1].phase]
     assert all(map is later[0] for map in later)
@@ -255,6 +260,18 @@ def test_a_slow_walk_becomes_one_more_stage_of_the_pilot():
     assert ended.phase == 1
     *_, resumed = walk(Target(bent), settings, 1, ended)
     np.testing.assert_array_equal(resumed.chains.coordinates, states[-1].chains.coordinates)
+
+
+@pytest.mark.parametrize(("lengths", "again"), [(20.0, True), (40.0, False)])
+def test_a_growing_time_costs_a_run_its_draws_before_half_of_the_goal_alone(lengths, again):
+    settings = Settings(ensembles=2, walkers=12, pilot=(50,), round_steps=20, max_steps=60, processes=1)
+    *_, state = walk(Target(normal), settings, 1)
+    tau = state.verdict.kept / lengths * np.ones_like(state.verdict.tau)
+    found = replace(state.verdict, tau=tau, tau_change=0.3, own=1.0)
+    assert found.lengths == pytest.approx(lengths)
+    new = settings.relearned(Target(normal), replace(state, before=found, verdict=found))
+    assert (new.phase > state.phase) == again
+    assert new.steps == (0 if again else state.steps)
 
 
 def test_a_quick_walk_keeps_its_map():
