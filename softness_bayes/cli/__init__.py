@@ -64,7 +64,7 @@ class VerbGroup(click.Group):
         return list(VERBS)
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        """Import a verb."""
+        """Import a command."""
         if name not in VERBS:
             return None
         command: click.Command = importlib.import_module(f"{__name__}.{name}").command
@@ -83,7 +83,7 @@ class VerbGroup(click.Group):
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the verbs and their one-line helps."""
+        """Write the commands and their one-line helps."""
         with formatter.section("Commands"):
             formatter.write_dl(list(VERBS.items()))
 
@@ -108,7 +108,7 @@ class VerbGroup(click.Group):
         return super().parse_args(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run a verb."""
+        """Run a command."""
         try:
             return super().invoke(ctx)
         except click.UsageError as error:

@@ -112,7 +112,7 @@ def command(
 
 
 def _show_tables(experiment: Experiment, asked: ModelOptions) -> None:
-    """Print what was read: who rated what, the fabrics, forces, and notes."""
+    """Print a description of the data: ratings, fabrics, forces and notes."""
     import numpy as np
 
     from softness_bayes.model.build import moduli_of
@@ -209,7 +209,7 @@ def _show_compression(compression: Compression) -> None:
 
 
 def _summary(experiment: Experiment, modulus: NDArray[np.float64], own_units: bool) -> list[str]:
-    """Return lines that say who rated what, under which loads; moduli in kPa, scales of the raters' own or not."""
+    """Return lines on participants, fabrics (moduli in kPa), loads and the rating scale."""
     import numpy as np
 
     from softness_bayes.model.build import raters_told
@@ -246,7 +246,7 @@ def _summary(experiment: Experiment, modulus: NDArray[np.float64], own_units: bo
 
 
 def _loads(ratings: Ratings) -> str:
-    """Return the loads and their numbers of ratings; of many of a kind, how many there are, and their groups."""
+    """Return the loads with their numbers of ratings; of many loads of one kind, their number and groups."""
     import numpy as np
 
     from softness_bayes.data import LOAD_COLUMNS
@@ -269,7 +269,7 @@ def _loads(ratings: Ratings) -> str:
 
 
 def _fabric_table(experiment: Experiment, moduli: FabricModuli) -> list[str]:
-    """Return a table of the fabrics: modulus, its 90 % limits, what it is from, Poisson ratio, number of ratings."""
+    """Return a table of the fabrics: modulus, its 90 % limits, its source, Poisson ratio, number of ratings."""
     import numpy as np
 
     ratings, fabrics = experiment.ratings, experiment.fabrics
@@ -296,5 +296,5 @@ def _span(names: tuple[str, ...]) -> str:
 
 
 def _extent(counts: NDArray[np.intp]) -> str:
-    """Return the least and the greatest of some counts."""
+    """Return the range of some counts as text."""
     return " to ".join(dict.fromkeys((str(counts.min()), str(counts.max()))))

@@ -73,6 +73,6 @@ def _shown(*words: Any) -> None:
 
 
 def _run(verb: click.Command, *words: Any) -> None:
-    """Run a verb after showing its command."""
+    """Print a command, then run it."""
     _shown(*words)
     verb.main([str(word) for word in words[1:]], prog_name=f"softness-bayes {words[0]}", standalone_mode=False)

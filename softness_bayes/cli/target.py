@@ -101,7 +101,7 @@ def command(
 
 
 def _said(rows: pd.DataFrame) -> str:
-    """Return in words if the rating can be reached under one load, and at which moduli."""
+    """Return in words whether the rating can be reached under one load, and at which moduli."""
     one = rows.iloc[0]
     reach = f"a rating of {one['rating']:g} is reachable with probability {chance(one['p_reachable'])}"
     span = (

@@ -130,7 +130,7 @@ _READING_SET = click.option(
 
 @dataclass(frozen=True)
 class ReadingChoice:
-    """The readings asked for on the command line."""
+    """The readings requested on the command line."""
 
     set_name: str | None
     overrides: Mapping[str, str]
@@ -148,7 +148,7 @@ class ReadingChoice:
 
 
 def readings(verb: Verb) -> Verb:
-    """Give a verb the options that choose readings; it receives `choice`, a `ReadingChoice`."""
+    """Add the options for readings to a command, which receives `choice`, a `ReadingChoice`."""
 
     @_READING_SET
     @_READING
@@ -263,7 +263,7 @@ accuracy = click.option(
 
 @dataclass(frozen=True)
 class ModelChoice:
-    """The model to fit, as asked for on the command line."""
+    """The model to fit, as requested on the command line."""
 
     fixed: Mapping[str, float]
     priors: Mapping[str, Prior]
@@ -313,7 +313,7 @@ class ModelChoice:
 
 
 def model_choice(verb: Verb) -> Verb:
-    """Give a verb the options of a model that is fitted; it receives `model`, a `ModelChoice`."""
+    """Add the options of a fitted model to a command, which receives `model`, a `ModelChoice`."""
 
     @fix
     @prior

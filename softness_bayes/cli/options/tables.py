@@ -91,7 +91,7 @@ def load_options(multiple: bool, text: str) -> Decorator:
 
 @dataclass(frozen=True)
 class DataFiles:
-    """The files of an experiment and how to read them, as asked for on the command line."""
+    """The files of an experiment and how to read them, as requested on the command line."""
 
     data: Path | None
     fabrics: Path | None
@@ -118,9 +118,9 @@ class DataFiles:
         Raises
         ------
         UsageError
-            If there is neither table.
+            If neither table is given.
         InputError
-            If there is an option of ratings without them.
+            If an option for ratings is given without ratings.
         """
         from softness_bayes.data import Compression, read_experiment
 
@@ -149,7 +149,7 @@ class DataFiles:
 
 
 def data_files(verb: Verb) -> Verb:
-    """Give a verb the options that name an experiment; it receives `files`, a `DataFiles`."""
+    """Add the options for the files of an experiment to a command, which receives `files`, a `DataFiles`."""
 
     @click.option("--data", type=FILE, metavar="FILE", help="Table of ratings (CSV, Excel or Parquet).")
     @click.option(
@@ -168,7 +168,7 @@ def data_files(verb: Verb) -> Verb:
 
 
 def reading_options(verb: Verb) -> Verb:
-    """Give a verb the options about how tables are read; it receives `files`, a `DataFiles` without ratings."""
+    """Add the options for the reading of tables to a command, which receives `files`, a `DataFiles` without ratings."""
 
     @_fabrics(
         False,
@@ -213,7 +213,7 @@ def reading_options(verb: Verb) -> Verb:
 
 @dataclass(frozen=True)
 class Touches:
-    """Fabrics and the loads to touch them under, as asked for on the command line."""
+    """Fabrics and loads of touches, as requested on the command line."""
 
     fabrics: Path | None
     columns: Mapping[str, str]
@@ -232,7 +232,7 @@ class Touches:
         Raises
         ------
         InputError
-            If no load was asked for.
+            If no load is given.
         """
         loads = self._loads()
         if not loads:
@@ -243,12 +243,12 @@ class Touches:
         return fabrics, loads
 
     def of_run(self, result: Result) -> tuple[Fabrics, tuple[Load, ...]]:
-        """Return the fabrics and the distinct loads, those of a run where none are asked for.
+        """Return the fabrics and the distinct loads, by default those of a run.
 
         Raises
         ------
         InputError
-            If columns are named of a table that is not given.
+            If columns are named for a table that is not given.
         """
         return self.among(result.fabrics, result.loads)
 
@@ -258,12 +258,12 @@ class Touches:
         return bool(self.fabrics or self.columns or self.indentation_mm or self.force_n or self.decimal)
 
     def among(self, fabrics: Fabrics, loads: tuple[Load, ...]) -> tuple[Fabrics, tuple[Load, ...]]:
-        """Return the fabrics and the distinct loads, or these where none are asked for.
+        """Return the fabrics and the distinct loads, by default the given ones.
 
         Raises
         ------
         InputError
-            If columns are named of a table that is not given.
+            If columns are named for a table that is not given.
         """
         if self.columns and self.fabrics is None:
             raise InputError("--column applies to the fabric table: give --fabrics, or omit --column")
@@ -281,12 +281,12 @@ class Touches:
 
 
 def touches(verb: Verb) -> Verb:
-    """Give a verb the options that name fabrics and loads; it receives `touches`, a `Touches`."""
+    """Add the options for fabrics and loads to a command, which receives `touches`, a `Touches`."""
     return _touches(True, "Fabric table (CSV, Excel or Parquet).", " of the touch. Repeatable.")(verb)
 
 
 def touches_of_run(verb: Verb) -> Verb:
-    """Give a verb the same options, without which fabrics and loads are those of a run."""
+    """Add the same options to a command; by default fabrics and loads are those of a run."""
     return _touches(
         False,
         "Fabric table (CSV, Excel or Parquet); by default the fabrics of the run.",
@@ -295,7 +295,7 @@ def touches_of_run(verb: Verb) -> Verb:
 
 
 def touches_or_example(verb: Verb) -> Verb:
-    """Give a verb the same options, without which fabrics and loads are those of an example."""
+    """Add the same options to a command; by default fabrics and loads are those of an example."""
     return _touches(
         False,
         "Fabric table (CSV, Excel or Parquet); by default six example fabrics.",

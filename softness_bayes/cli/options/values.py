@@ -52,9 +52,9 @@ def named(
     Parameters
     ----------
     convert
-        Makes a value of its text; raises ValueError saying what it expected.
+        Converts the text of a value; raises ValueError with the expected form.
     check
-        Raises ValueError where names and values do not suit one another.
+        Raises ValueError if names and values are incompatible.
     """
 
     def callback(ctx: click.Context, param: click.Parameter, texts: tuple[str, ...]) -> dict[str, Value]:
