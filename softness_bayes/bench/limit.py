@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.bench.subject import BATCH, Effort, Subject, quickest
-from softness_bayes.model.resolution import first
 from softness_bayes.touch.field import SeveralFields, StressField
+from softness_bayes.touch.resolution import first
 
 Array = NDArray[np.float64]
 

@@ -11,10 +11,10 @@ import numpy as np
 
 from softness_bayes.bench.subject import BATCH, Effort, Subject, quickest, subject
 from softness_bayes.errors import InputError
-from softness_bayes.model.resolution import first
 from softness_bayes.touch.accuracy import QUADRATURES, REFERENCE, TOLERANCES, Errors, choose, errors
 from softness_bayes.touch.firing_sample import FiringSample
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS
+from softness_bayes.touch.resolution import first
 from softness_bayes.touch.scene import Discretisation, Scene
 
 FIELD, POPULATION, RATES, LIKELIHOOD = "stress field", "population integral", "firing rates", "whole likelihood"

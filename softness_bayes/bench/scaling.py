@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from softness_bayes.bench.subject import BATCH, LOADS, Effort, Subject, quickest
-from softness_bayes.model.resolution import first
 from softness_bayes.sampler.diagnostics import Goal
 from softness_bayes.sampler.sampling import Settings, walk
+from softness_bayes.touch.resolution import first
 from softness_bayes.touch.scene import Scene
 
 BATCHES = (1, 4, 16, 64, 256, 1024)

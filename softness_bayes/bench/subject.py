@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.model.build import ExperimentModel, build
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.model.resolution import Draws, prior_draws
-from softness_bayes.model.scenes import usual_values
+from softness_bayes.model.scenes import prior_draws, usual_values
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
 from softness_bayes.touch.readings import MENDED
+from softness_bayes.touch.resolution import Draws
 from softness_bayes.touch.scene import Discretisation
 
 Array = NDArray[np.float64]

@@ -30,7 +30,8 @@ def command(files: DataFiles, model: ModelChoice, scale: str) -> None:
     from softness_bayes.likelihood.scales import scale_named
     from softness_bayes.model.build import build
     from softness_bayes.model.cost import BATCH, ladder, left_out, seconds
-    from softness_bayes.model.resolution import DRAWS, prior_draws
+    from softness_bayes.model.scenes import prior_draws
+    from softness_bayes.touch.resolution import DRAWS
     from softness_bayes.touch.scene import Scene
 
     data = files.read()

@@ -181,7 +181,7 @@ def _accurate(
     compiled: Callable[..., Scene], named: Mapping[str, ArrayLike], parameters: TouchParameters, accuracy: float
 ) -> Scene:
     """Return the scene at the resolution that the accuracy needs."""
-    from softness_bayes.model.resolution import given_draws, scene_with_accuracy
+    from softness_bayes.touch.resolution import given_draws, scene_with_accuracy
 
     scene, _ = scene_with_accuracy(
         lambda discretisation: compiled(discretisation=discretisation), given_draws(named, parameters), accuracy

@@ -161,8 +161,8 @@ def _resolution(
     accuracy: float,
 ) -> Discretisation:
     """Return a discretisation that achieves the accuracy at these parameters."""
-    from softness_bayes.model.resolution import given_draws, scene_with_accuracy
     from softness_bayes.model.scenes import scene_of, touch_parameters
+    from softness_bayes.touch.resolution import given_draws, scene_with_accuracy
 
     _, choice = scene_with_accuracy(
         lambda discretisation: scene_of(fabrics, loads, values, readings, discretisation=discretisation, finger=finger),

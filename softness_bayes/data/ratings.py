@@ -233,12 +233,7 @@ class Ratings:
         filed = table.numbers(RATING)
         whole, (rated, used, notes) = table, _rated_rows(table, filed, drop_zeros)
         table = table.take(used)
-        if "participant" in table:
-            by = table.labels("participant")
-        else:
-            by = [SOLE_PARTICIPANT if cells is None else PANEL] * len(table)
-            if cells is None:
-                notes.append("no column 'participant': all ratings are treated as those of one participant")
+        by = table.labels("participant") if "participant" in table else _one_participant(table, cells, notes)
         what = _fabrics_in(table, fabrics)
         loads = loads_in(table, given)
         load_cv, resolution = (table.numbers(c) if c.name in table else None for c in (LOAD_CV, RESOLUTION))
@@ -280,6 +275,13 @@ class Ratings:
             covariates=covariates,
             cells=None if cells is None else cells.take(used),
         )
+
+
+def _one_participant(table: Table, cells: Cells | None, notes: list[str]) -> list[str]:
+    """Return the participant of each row of a table without a column of participants, with a note for ratings."""
+    if cells is None:
+        notes.append("no column 'participant': all ratings are treated as those of one participant")
+    return [SOLE_PARTICIPANT if cells is None else PANEL] * len(table)
 
 
 def _index(values: Sequence[object], distinct: Sequence[object]) -> IntArray:

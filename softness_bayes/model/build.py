@@ -34,8 +34,7 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.other_loads import beside, touched_in
 from softness_bayes.model.posterior import Density, Posterior
 from softness_bayes.model.pressed import pressed_raters
-from softness_bayes.model.resolution import prior_draws, resolution_for
-from softness_bayes.model.scenes import scene_of, skin_of_priors
+from softness_bayes.model.scenes import prior_draws, scene_of, skin_of_priors
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.coordinates import Bent, Coordinate, Scaled
 from softness_bayes.parameters.declared import ERROR_PARAMETERS, FINGER_PARAMETERS, PARAMETERS, SHAPE_PARAMETERS
@@ -43,6 +42,7 @@ from softness_bayes.parameters.fabric_moduli import FabricModuli
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.touch import accuracy
 from softness_bayes.touch.load_groups import groups_of
+from softness_bayes.touch.resolution import resolution_for
 from softness_bayes.touch.scene import Discretisation, Scene
 
 COARSE = Discretisation(8, 6.0, 1e-4)

@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from softness_bayes.model.build import ExperimentModel
-from softness_bayes.model.resolution import Draws, first
 from softness_bayes.touch.accuracy import QUADRATURES, TOLERANCES, Choice, Errors, errors, thinned
 from softness_bayes.touch.load_field import LoadField
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.resolution import Draws, first
 from softness_bayes.touch.scene import Discretisation, Scene
 
 BATCH, REPEATS = 64, 12

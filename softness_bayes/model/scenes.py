@@ -13,7 +13,13 @@ from softness_bayes.errors import InputError
 from softness_bayes.kinds import require_kind, require_mapping
 from softness_bayes.model.fingers import box_of_values
 from softness_bayes.parameters.choice import parameter_space
-from softness_bayes.parameters.declared import ANSWER_PARAMETERS, ERROR_PARAMETERS, EVERY_PARAMETER, SHAPE_PARAMETERS
+from softness_bayes.parameters.declared import (
+    ANSWER_PARAMETERS,
+    ERROR_PARAMETERS,
+    EVERY_PARAMETER,
+    PARAMETERS,
+    SHAPE_PARAMETERS,
+)
 from softness_bayes.parameters.fabric_moduli import FabricModuli
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.touch.contact import Finger, FingerBox, Load
@@ -22,6 +28,7 @@ from softness_bayes.touch.neuron.membrane import Channels, Membrane
 from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import Readings
+from softness_bayes.touch.resolution import DRAWS, Draws
 from softness_bayes.touch.scene import Discretisation, Scene
 from softness_bayes.touch.skin_start import SkinBox
 
@@ -186,3 +193,14 @@ def skin_of_priors(space: ParameterSpace) -> SkinBox | None:
 
     box = SkinBox(ends("b"), ends("m"))
     return box if min(box.b[0], box.m[0]) > 0.0 else None
+
+
+def prior_draws(space: ParameterSpace, size: int = DRAWS, seed: int = 0) -> Draws:
+    """Return prior draws at which the errors of a scene are measured, the same for every seed of a run."""
+    parameters = space.touch(space.draw_prior(np.random.default_rng(seed), size))
+    values = space.values(space.median)
+    priors = {p.name: p.prior for p in space.sampled}
+    usual = all(priors.get(name) == PARAMETERS[name].prior for name in Channels._fields)
+    eps = values.get("eps")
+    whole = TouchParameters(*(np.broadcast_to(value, (size,)) for value in parameters))
+    return Draws(whole, None if eps is None else float(eps), usual)

@@ -20,14 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.bench.subject import BATCH
-from softness_bayes.model.resolution import first, prior_draws
-from softness_bayes.model.scenes import curve_of_held
+from softness_bayes.model.scenes import curve_of_held, prior_draws
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.touch import shared_fields
 from softness_bayes.touch.contact import Force, Indentation, Load
 from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import MENDED
+from softness_bayes.touch.resolution import first
 from softness_bayes.touch.scene import Discretisation, Scene
 
 Array = NDArray[np.float64]

@@ -17,9 +17,9 @@ from softness_bayes.bench.scaling import Drawing, Size, scaling
 from softness_bayes.bench.subject import BATCH, QUICK, machine, quickest, subject
 from softness_bayes.bench.words import summary
 from softness_bayes.errors import InputError
-from softness_bayes.model.resolution import first
 from softness_bayes.plotting.benchmark import work_precision_figure
 from softness_bayes.touch.neuron.rate import firing_rate
+from softness_bayes.touch.resolution import first
 from softness_bayes.touch.scene import Discretisation
 from support.command_line import call, refused
 from support.paths import ROOT

@@ -12,8 +12,7 @@ from softness_bayes.model import resolution
 from softness_bayes.model.build import build
 from softness_bayes.model.cost import ladder, left_out
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.model.resolution import given_draws, prior_draws, scene_with_accuracy
-from softness_bayes.model.scenes import firing_of, touch_parameters, usual_values
+from softness_bayes.model.scenes import firing_of, prior_draws, touch_parameters, usual_values
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.touch.accuracy import Errors, choose, errors, references, sampled_rates, thinned
 from softness_bayes.touch.contact import Force, Indentation
@@ -24,6 +23,7 @@ from softness_bayes.touch.neuron.rate import firing_rate
 from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import MENDED
+from softness_bayes.touch.resolution import given_draws, scene_with_accuracy
 from softness_bayes.touch.scene import Discretisation, Scene
 from support.command_line import call, refused
 from support.paths import DATA

@@ -1,4 +1,4 @@
-"""Choice of the resolution of a scene for a required accuracy, from errors measured at prior draws."""
+"""Resolution of a scene for a required accuracy, chosen by errors at given parameter vectors."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.parameters.declared import PARAMETERS
-from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.ranges import ACCURACIES
 from softness_bayes.touch.accuracy import (
     COARSEST,
@@ -24,7 +22,6 @@ from softness_bayes.touch.accuracy import (
     thinned,
 )
 from softness_bayes.touch.firing_sample import FiringSample
-from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Discretisation, Scene
@@ -32,7 +29,7 @@ from softness_bayes.touch.scene import Discretisation, Scene
 Array = NDArray[np.float64]
 
 DRAWS = 256
-"""Number of prior draws at which errors are measured; the draws are the same for every seed of a run."""
+"""Number of parameter vectors at which errors are measured."""
 
 EXACT_DRAWS = 16
 """Number of these for which exact rate curves are computed if none are stored, which takes a second or two."""
@@ -55,17 +52,6 @@ class Draws(NamedTuple):
         if kept is not None:
             return sampled_rates(scene, kept, kept.put_into(self.parameters), self.eps)
         return sampled_rates(scene, scene.firing.exact(), first(self.parameters, EXACT_DRAWS), self.eps)
-
-
-def prior_draws(space: ParameterSpace, size: int = DRAWS, seed: int = 0) -> Draws:
-    """Return prior draws for the measurement of errors, the same for every run."""
-    parameters = space.touch(space.draw_prior(np.random.default_rng(seed), size))
-    values = space.values(space.median)
-    priors = {p.name: p.prior for p in space.sampled}
-    usual = all(priors.get(name) == PARAMETERS[name].prior for name in Channels._fields)
-    eps = values.get("eps")
-    whole = TouchParameters(*(np.broadcast_to(value, (size,)) for value in parameters))
-    return Draws(whole, None if eps is None else float(eps), usual)
 
 
 def given_draws(values: Mapping[str, ArrayLike], parameters: TouchParameters) -> Draws:
