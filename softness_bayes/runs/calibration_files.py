@@ -65,7 +65,7 @@ class Progress(NamedTuple):
     unconverged: int
     """Number of finished replicates that did not converge."""
     running: bool
-    """Whether a process is calibrating."""
+    """True if a process is calibrating."""
     seconds: float
     """Estimated remaining time [s], from the replicates finished since the last call; nan without any."""
 

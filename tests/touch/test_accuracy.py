@@ -8,12 +8,12 @@ import pytest
 
 from softness_bayes.data import read_experiment
 from softness_bayes.errors import InputError
-from softness_bayes.model import resolution
 from softness_bayes.model.build import build
 from softness_bayes.model.cost import ladder, left_out
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import firing_of, prior_draws, touch_parameters, usual_values
 from softness_bayes.parameters.choice import parameter_space
+from softness_bayes.touch import resolution
 from softness_bayes.touch.accuracy import Errors, choose, errors, references, sampled_rates, thinned
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.firing_sample import FiringSample
