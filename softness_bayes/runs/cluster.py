@@ -7,6 +7,7 @@ import json
 import pickle
 import secrets
 import socket
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError, Executor, Future
 from contextlib import contextmanager, suppress
@@ -97,8 +98,14 @@ def cluster(scheduler: str, directory: Path | None = None) -> Iterator[Cluster]:
         than one thread each, or another disk.
     """
     with _client(scheduler) as client:
-        found = _workers(client, directory)
-        require_workers(scheduler, found, directory)
+        missing = [path for path in (directory, *directory.parents) if not path.exists()] if directory else []
+        try:
+            require_workers(scheduler, _workers(client, directory), directory)
+        except InputError:
+            for path in missing:  # made for the check alone
+                with suppress(OSError):
+                    path.rmdir()
+            raise
         yield Cluster(client)
 
 
@@ -147,6 +154,7 @@ def require_workers(scheduler: str, found: Mapping[str, Worker | BaseException],
 def _client(scheduler: str) -> Iterator[Client]:
     try:
         from distributed import Client
+        from distributed.versions import VersionMismatchWarning
     except ImportError:
         raise InputError(f"--dask needs Dask: {INSTALL}") from None
     asked: dict[str, Any] = {"address": scheduler}
@@ -158,7 +166,10 @@ def _client(scheduler: str) -> Iterator[Client]:
         asked = {"scheduler_file": scheduler}
     try:
         _knock(_address(scheduler))
-        client = Client(**asked, timeout=TIMEOUT, set_as_default=False)
+        with warnings.catch_warnings():
+            # Dask's warning of other versions: they are refused, each by name
+            warnings.simplefilter("ignore", VersionMismatchWarning)
+            client = Client(**asked, timeout=TIMEOUT, set_as_default=False)
     except (OSError, ValueError, KeyError, TypeError, ImportError, RuntimeError) as error:
         why = next(iter(str(error).splitlines()), type(error).__name__)
         raise InputError(

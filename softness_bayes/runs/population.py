@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,7 +98,8 @@ def pool_results(
     Parameters
     ----------
     results
-        Finished runs by the names of their tables, at least two, all with the same prior of each parameter.
+        Finished runs by the names of their tables, at least two, all with the same prior of each parameter. Each is
+        looked up once, so that a mapping that loads results on demand needs the memory of one.
     parameters
         Names; by default those of `USUAL` that are sampled in all.
     spreads
@@ -109,19 +110,19 @@ def pool_results(
     InputError
         If there are fewer than two results, nothing to pool, or a parameter is not sampled in all under the same prior.
     """
-    sampled = {name: {*map(str, result.group("posterior").data_vars)} for name, result in results.items()}
-    chosen = tuple(parameters) or tuple(one for one in USUAL if all(one in names for names in sampled.values()))
-    require_parameters((*chosen, *(spreads or {})))
+    require_parameters((*parameters, *(spreads or {})))
+    drawn = {table: _drawn(result, parameters or USUAL) for table, result in results.items()}
+    chosen = tuple(parameters) or tuple(one for one in USUAL if all(one in of_table for of_table in drawn.values()))
     if not chosen:
         raise InputError(f"study: none of {', '.join(USUAL)} is sampled in every table; name parameters to pool")
     if odd := [name for name in spreads or {} if name not in chosen]:
         raise InputError(f"study: a prior for the spread of {odd[0]} is given, but {odd[0]} is not pooled")
     found = {}
     for name in chosen:
-        if held := [table for table, names in sampled.items() if name not in names]:
+        if held := [table for table, of_table in drawn.items() if name not in of_table]:
             raise InputError(f"study: {name} is not sampled in {held[0]}, and cannot be pooled")
-        prior = population_of(name, _prior(results, name), (spreads or {}).get(name))
-        tables = {table: separate_of(result, name, prior) for table, result in results.items()}
+        prior = population_of(name, _prior(drawn, name), (spreads or {}).get(name))
+        tables = {table: of_table[name].on(prior) for table, of_table in drawn.items()}
         found[name] = PooledParameter(EVERY_PARAMETER[name], prior, pool(tables, prior))
     return found
 
@@ -158,9 +159,37 @@ def population_of(name: str, prior: Prior, spread: Prior | None = None) -> Popul
     return Population(mean, spread, scale)
 
 
-def _prior(results: Mapping[str, Result], name: str) -> Prior:
+class _Drawn(NamedTuple):
+    """A parameter of one result: what pooling needs of it."""
+
+    prior: Prior
+    values: Array
+    """At most `DRAWS` draws."""
+    log_prior: Array
+    effective: float
+
+    def on(self, prior: Population) -> Separate:
+        """Return the draws on the population's scale."""
+        z = prior.scale.coordinate(self.values)
+        return Separate(z, self.log_prior + prior.scale.log_slope(z), min(self.effective, float(z.size)))
+
+
+def _drawn(result: Result, names: Sequence[str]) -> dict[str, _Drawn]:
+    """Return those of some parameters that a result has sampled."""
+    posterior, log_prior, found = result.group("posterior"), result.group("log_prior"), {}
+    for name in names:
+        if name in posterior:
+            some = slice(None, None, -(-posterior[name].size // DRAWS))
+            # copies, because views would keep all draws in memory
+            values, density = (group[name].values.ravel()[some].copy() for group in (posterior, log_prior))
+            effective = float(result.table.loc[name, "ess_bulk"])  # type: ignore[arg-type]
+            found[name] = _Drawn(result.provenance.priors[name], values, density, effective)
+    return found
+
+
+def _prior(drawn: Mapping[str, Mapping[str, _Drawn]], name: str) -> Prior:
     """Return the prior of a parameter, which must be the same in all results."""
-    priors = {table: result.provenance.priors[name] for table, result in results.items()}
+    priors = {table: of_table[name].prior for table, of_table in drawn.items()}
     first, *others = priors
     for other in others:
         if str(priors[other]) != str(priors[first]):
@@ -169,15 +198,6 @@ def _prior(results: Mapping[str, Result], name: str) -> Prior:
                 "population needs the same in all"
             )
     return priors[first]
-
-
-def separate_of(result: Result, name: str, prior: Population) -> Separate:
-    """Return the draws of a parameter of one result, on the population's scale."""
-    values, log_prior = (result.group(group)[name].values.ravel() for group in ("posterior", "log_prior"))
-    some = slice(None, None, -(-values.size // DRAWS))
-    z = prior.scale.coordinate(values[some])
-    effective = min(float(result.table.loc[name, "ess_bulk"]), float(z.size))  # type: ignore[arg-type]
-    return Separate(z, log_prior[some] + prior.scale.log_slope(z), effective)
 
 
 def individual_table(pooled: Mapping[str, PooledParameter]) -> pd.DataFrame:

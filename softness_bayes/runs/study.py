@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -295,8 +295,7 @@ def _pooled(
     import pandas as pd
 
     good = [name for name, one in found.items() if one.outcome == CONVERGED]
-    results = {name: Result.load(directory / RUNS / name) for name in good}
-    populations = pool_results(results, pool, spreads) if len(results) >= LEAST_TABLES else {}
+    populations = pool_results(_Stored(directory / RUNS, good), pool, spreads) if len(good) >= LEAST_TABLES else {}
     rows = [
         {
             "table": name,
@@ -307,6 +306,22 @@ def _pooled(
         for name, one in found.items()
     ]
     return Study(tuple(found.values()), populations, directory, pd.DataFrame(rows))
+
+
+class _Stored(Mapping[str, Result]):
+    """Results of a study, each loaded when it is looked up and not kept: thousands would not fit into memory."""
+
+    def __init__(self, home: Path, names: Sequence[str]) -> None:
+        self._home, self._names = home, names
+
+    def __getitem__(self, name: str) -> Result:
+        return Result.load(self._home / name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
 
 
 def _forest(name: str, one: PooledParameter) -> Forest:

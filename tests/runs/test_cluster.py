@@ -187,9 +187,9 @@ def test_no_scheduler(monkeypatch, tmp_path):
 # a real scheduler and two workers
 
 
-def started(*command):
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
-    program = [sys.executable, "-m", *map(str, command)]
+def started(*command, prefix=(), paths=()):
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, (*paths, ROOT))), "OMP_NUM_THREADS": "1"}
+    program = [*prefix, sys.executable, "-m", *map(str, command)]
     return subprocess.Popen(program, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=ROOT)
 
 
@@ -205,9 +205,9 @@ def real_cluster(tmp_path):
     pytest.importorskip("distributed")
     file, processes = tmp_path / "scheduler.json", []
 
-    def worker():
+    def worker(**options):
         where = ["--scheduler-file", file, "--local-directory", tmp_path / "scratch"]
-        processes.append(started("dask", "worker", *where, "--nthreads", 1, "--no-nanny", "--no-dashboard"))
+        processes.append(started("dask", "worker", *where, "--nthreads", 1, "--no-nanny", "--no-dashboard", **options))
         return processes[-1]
 
     processes.append(started("dask", "scheduler", "--port", 0, "--no-dashboard", "--scheduler-file", file))
@@ -216,6 +216,48 @@ def real_cluster(tmp_path):
     for process in processes:
         process.kill()
         process.wait()
+
+
+OLD_NUMPY = """
+import importlib.metadata as metadata
+real = metadata.version
+metadata.version = lambda name: "1.0" if name == "numpy" else real(name)
+"""
+
+
+def own_disk(directory):
+    """Command prefix of a process that has another disk at a directory; empty where this is not permitted."""
+    prefix = ["unshare", "--mount", "sh", "-c", f'mount -t tmpfs none {directory} && exec "$@"', "sh"]
+    try:
+        permitted = subprocess.run([*prefix, "true"], capture_output=True, check=False).returncode == 0
+    except FileNotFoundError:
+        permitted = False
+    return prefix if permitted else []
+
+
+@pytest.mark.slow
+def test_workers_that_cannot_be_used_on_the_command_line(real_cluster, tmp_path):
+    """None, one of another version, one with another disk: each is named, and nothing is left in --out."""
+    file, worker = real_cluster
+    out = tmp_path / "made" / "out"
+    asked = ["calibrate", "--replicates", 1, "--dask", file, "--out"]
+    refused(call(*asked, out), "the scheduler has no workers")
+    assert not out.parent.exists()
+    (tmp_path / "site").mkdir()
+    (tmp_path / "site" / "sitecustomize.py").write_text(OLD_NUMPY)
+    process = worker(paths=[tmp_path / "site"])
+    until(lambda: "has no workers" not in (done := call(*asked, out)).stderr or done.returncode != 2)
+    refused(call(*asked, out), "worker tcp://", "has numpy 1.0 (here ")
+    assert not out.parent.exists()
+    process.kill()
+    process.wait()
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    if prefix := own_disk(elsewhere):
+        worker(prefix=prefix)
+        until(lambda: "cannot read" in call(*asked, elsewhere).stderr)
+        refused(call(*asked, elsewhere), f"cannot read {elsewhere}: the workers must share this directory")
+        assert not list(elsewhere.iterdir())
 
 
 @pytest.mark.slow
