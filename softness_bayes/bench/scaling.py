@@ -52,7 +52,7 @@ def _size(what: str, scene: Scene, batch: int, of: Subject, effort: Effort) -> S
     return Size(what, n if what == "conditions" else batch, n, batch, spent, spent / n)
 
 
-class Drawing(NamedTuple):
+class SamplerSpeed(NamedTuple):
     """Speed of the sampler in one process."""
 
     steps: int
@@ -66,7 +66,7 @@ class Drawing(NamedTuple):
     """Effective draws of the worst quantity for each second, the learning of the moves included."""
 
 
-def sampler(of: Subject, effort: Effort) -> Drawing | None:
+def sampler(of: Subject, effort: Effort) -> SamplerSpeed | None:
     """Time a fixed number of sampler steps on the posterior of simulated ratings."""
     if not effort.sampler_steps:
         return None
@@ -77,4 +77,4 @@ def sampler(of: Subject, effort: Effort) -> Drawing | None:
     verdict = state.verdict
     assert verdict is not None, "a walk that has ended was looked at"
     ess = settings.ensembles * verdict.walkers * verdict.lengths
-    return Drawing(steps, float(verdict.tau.max()), verdict.lengths, state.seconds, ess, ess / state.seconds)
+    return SamplerSpeed(steps, float(verdict.tau.max()), verdict.lengths, state.seconds, ess, ess / state.seconds)

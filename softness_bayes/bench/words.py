@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from softness_bayes.bench.limit import Limit
 from softness_bayes.bench.peers import PEER, Ratio
 from softness_bayes.bench.precision import LIKELIHOOD, Point
-from softness_bayes.bench.scaling import Drawing, Size
+from softness_bayes.bench.scaling import SamplerSpeed, Size
 
 
 def summary(
@@ -15,7 +15,7 @@ def summary(
     ratios: Mapping[str, Ratio],
     sizes: Sequence[Size],
     bare: Limit,
-    drawing: Drawing | None,
+    speed: SamplerSpeed | None,
     machine: str,
 ) -> str:
     """Return tables of likelihood and peers, then the other measurements.
@@ -28,7 +28,7 @@ def summary(
         Time ratios of the peers, by setting.
     sizes
         Timings of larger scenes and batches.
-    bare, drawing
+    bare, speed
         Time of the necessary operations alone, and the sampler's speed if it ran.
     machine
         Description of the machine.
@@ -61,10 +61,10 @@ def summary(
         f"{largest.size} conditions take {1e3 * largest.seconds:.1f} ms for each vector, "
         f"{1e9 * largest.per_condition:.0f} ns each.",
     ]
-    if drawing is not None:
+    if speed is not None:
         said.append(
-            f"One process draws {_short(drawing.ess_per_second)} effective draws of all parameters in a second "
-            f"(autocorrelation time {drawing.tau:.0f} steps)."
+            f"One process draws {_short(speed.ess_per_second)} effective draws of all parameters in a second "
+            f"(autocorrelation time {speed.tau:.0f} steps)."
         )
     return "\n".join([*rows, "", *said]) + "\n"
 

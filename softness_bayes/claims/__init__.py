@@ -152,7 +152,7 @@ def evaluate_claims(
     if freed := [name for name in SHAPE_PARAMETERS if name in (priors or {})]:
         raise InputError(f"{', '.join(freed)}: claims are tested on one finger of known shape; omit the prior")
     held = {**PAPER_CHANNELS._asdict(), **(fix or {})}
-    asked = Asked(tuple(prior_sets), touches, fabrics, ratings, draws, seed, held, priors)
+    asked = TrialInputs(tuple(prior_sets), touches, fabrics, ratings, draws, seed, held, priors)
     # readings with the same membrane share its rates: the multipliers are the same under every prior set
     firing: dict[Membrane, Firing] = {}
     tasks = []
@@ -164,7 +164,7 @@ def evaluate_claims(
         return tuple(trial for some in workers.map(_judge, tasks) for trial in some)
 
 
-class Asked(NamedTuple):
+class TrialInputs(NamedTuple):
     """Inputs shared by the trials under all readings."""
 
     prior_sets: tuple[str, ...]
@@ -177,13 +177,13 @@ class Asked(NamedTuple):
     priors: Mapping[str, Prior] | None
 
 
-def _spaces(asked: Asked, readings: Readings) -> dict[str, ParameterSpace]:
+def _spaces(asked: TrialInputs, readings: Readings) -> dict[str, ParameterSpace]:
     """Return the parameter space of each prior set under the given readings."""
     displacement = readings.skin_displacement
     return {of: parameter_space((), asked.held, asked.priors, of, displacement) for of in asked.prior_sets}
 
 
-def _judge(asked: Asked, name: str, readings: Readings, rates: Firing) -> list[Trial]:
+def _judge(asked: TrialInputs, name: str, readings: Readings, rates: Firing) -> list[Trial]:
     """Return the trials under one set of readings."""
     loads = asked.touches.items()
     benches = {control: Bench(readings, some, asked.fabrics, rates, asked.ratings) for control, some in loads}

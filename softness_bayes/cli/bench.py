@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from softness_bayes.bench.peers import Ratio, Work
     from softness_bayes.bench.precision import Point
     from softness_bayes.bench.ratings import Integrated
-    from softness_bayes.bench.scaling import Drawing, Size
+    from softness_bayes.bench.scaling import SamplerSpeed, Size
     from softness_bayes.bench.subject import Effort, Subject
 
 PRECISION, SCALING, FACTS, WORDS = "work_precision.csv", "scaling.csv", "bench.json", "summary.md"
@@ -78,11 +78,11 @@ def _measure(quick: bool, out: Path) -> None:
     peers, ratios = _peers(work, effort, points)
     points += peers
     sizes = _sizes(held, effort)
-    bare, drawing = limit(held, effort), sampler(free, effort)
+    bare, speed = limit(held, effort), sampler(free, effort)
     ratings = _ratings(free, effort)
     click.echo(f"\n{_limit_sentence(bare)}")
-    if drawing is not None:
-        click.echo(_sampler_sentence(drawing))
+    if speed is not None:
+        click.echo(_sampler_sentence(speed))
     facts: dict[str, Any] = {
         "machine": about,
         "quick": quick,
@@ -90,13 +90,13 @@ def _measure(quick: bool, out: Path) -> None:
         "ratios": {name: ratio._asdict() for name, ratio in ratios.items()},
         "ratings": [one._asdict() for one in ratings],
         "limit": bare._asdict() | {"over_bare": bare.over_bare},
-        "sampler": None if drawing is None else drawing._asdict(),
+        "sampler": None if speed is None else speed._asdict(),
     }
     tables = {PRECISION: pd.DataFrame(points), SCALING: pd.DataFrame(sizes)}
     contents: dict[str, bytes | str] = {
         **{name: csv_of(table, index=False) for name, table in tables.items()},
         FACTS: json.dumps(facts, indent=1) + "\n",
-        WORDS: summary(points, ratios, sizes, bare, drawing, name),
+        WORDS: summary(points, ratios, sizes, bare, speed, name),
         **_drawn(points, chosen, name),
     }
     write_outputs(out, contents, BENCH)
@@ -167,14 +167,14 @@ def _limit_sentence(bare: Limit) -> str:
     )
 
 
-def _sampler_sentence(drawing: Drawing) -> str:
+def _sampler_sentence(speed: SamplerSpeed) -> str:
     """Return the sampler's speed in words, with a warning if its walk was too short to measure it."""
     from softness_bayes.sampler.diagnostics import Goal
 
     return (
-        f"sampler, all parameters free, one process: {drawing.ess_per_second:.3g} effective draws/s "
-        f"(autocorrelation time {drawing.tau:.0f} steps, kept {drawing.lengths:.0f} times"
-        + (", too few to trust)" if drawing.lengths < Goal().lengths else ")")
+        f"sampler, all parameters free, one process: {speed.ess_per_second:.3g} effective draws/s "
+        f"(autocorrelation time {speed.tau:.0f} steps, kept {speed.lengths:.0f} times"
+        + (", too few to trust)" if speed.lengths < Goal().lengths else ")")
     )
 
 

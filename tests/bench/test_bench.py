@@ -13,7 +13,7 @@ from softness_bayes.bench.brian import ABSENT, brian_peers
 from softness_bayes.bench.limit import Limit, limit
 from softness_bayes.bench.peers import PEERS, Peer, Ratio, Work, faster, measure_peer, solve_each, step_all
 from softness_bayes.bench.precision import FIELD, LIKELIHOOD, POPULATION, RATES, Point
-from softness_bayes.bench.scaling import Drawing, Size, scaling
+from softness_bayes.bench.scaling import SamplerSpeed, Size, scaling
 from softness_bayes.bench.subject import BATCH, QUICK, machine, quickest, subject
 from softness_bayes.bench.words import summary
 from softness_bayes.errors import InputError
@@ -160,5 +160,5 @@ def test_the_kept_words_are_those_of_the_kept_measurements():
     bare = Limit(**{name: value for name, value in facts["limit"].items() if name in Limit._fields})
     about = facts["machine"]
     machine = f"{about['processor']}, {about['cores']} cores, Python {about['python']}, NumPy {about['numpy']}"
-    words = summary(points, ratios, sizes, bare, Drawing(**facts["sampler"]), machine)
+    words = summary(points, ratios, sizes, bare, SamplerSpeed(**facts["sampler"]), machine)
     assert words == (kept / "summary.md").read_text(encoding="utf-8")
