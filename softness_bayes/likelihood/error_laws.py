@@ -54,6 +54,8 @@ class ErrorLaw:
         Largest slope of the log density, infinite if it is unbounded.
     lapses
         True if some observations are lapses, uniform over their rater's own range, with the share `lapse`.
+    log_slopes
+        Log density of errors and its first to fourth derivative; None to take them from `slopes`.
     """
 
     name: str
@@ -68,6 +70,7 @@ class ErrorLaw:
     smooth: Callable[[Any], FloatArray]
     steepest: Callable[[Any], float]
     lapses: bool = False
+    log_slopes: Callable[[FloatArray, Any], tuple[FloatArray, ...]] | None = None
 
 
 def _draw_normal(rng: np.random.Generator, shape: tuple[int, ...], parameters: Any) -> FloatArray:
@@ -134,6 +137,36 @@ def _student_slopes(errors: FloatArray, parameters: Any) -> tuple[FloatArray, ..
     three = one * odd * (square - 3.0)
     four = even * odd * ((square - 6.0) * (square * ((1.0 + 4.0 * t) / (1.0 + 2.0 * t))) + 3.0)
     return one, two, three, four
+
+
+def _student_log_slopes(errors: FloatArray, parameters: Any) -> tuple[FloatArray, ...]:
+    """Return log density and derivatives: polynomials in p = 1/(1 + t u²), t = 1/nu, times u for the odd ones."""
+    nu = _nu(parameters)
+    t, count = 1.0 / nu, 1.0 + 1.0 / nu  # count is (nu + 1) t
+    p = errors * errors
+    p *= t
+    value = np.log1p(p)
+    value *= -0.5 * (nu + 1.0)
+    value += student.log_constant(nu)
+    p += 1.0
+    np.divide(1.0, p, out=p)
+    one = errors * p
+    three = one * p
+    one *= -count
+    four = p - 1.0
+    four *= p
+    two = four + 0.5 * p
+    two *= -2.0 * count
+    four *= 8.0
+    four += 1.0
+    four *= p
+    four *= p
+    four *= 6.0 * t * count
+    p *= 4.0
+    p -= 1.0
+    three *= p
+    three *= 2.0 * t * count
+    return value, one, two, three, four
 
 
 def _student_weight(errors: FloatArray, parameters: Any) -> FloatArray:
@@ -228,6 +261,7 @@ STUDENT = ErrorLaw(
     kernel=_student_kernel,
     smooth=_student_smooth,
     steepest=_student_steepest,
+    log_slopes=_student_log_slopes,
 )
 """Errors with heavy tails: Student's t with `nu` degrees of freedom."""
 LAPSES = replace(

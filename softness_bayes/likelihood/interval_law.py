@@ -90,6 +90,9 @@ def scaled_derivatives(
     law: ErrorLaw, rows: Rows, expected: FloatArray, spread: FloatArray, parameters: Any
 ) -> tuple[FloatArray, ...]:
     """Return the same as `derivatives`, with the expectation in units of the spread."""
+    if law.log_slopes and not law.lapses and (rows.low == rows.high).all():
+        value, one, two, three, four = law.log_slopes((rows.low - expected) / spread, parameters)
+        return value - np.log(spread), -one, two, -three, four
     attentive, *slopes = _attentive(law, rows, expected, spread, parameters, 4)
     value, share = _with_lapses(law, rows, attentive, parameters)
     if law.lapses:

@@ -204,8 +204,11 @@ class IntervalRatings(RatingsLikelihood):
 
     def finer(self) -> Self:
         """Return the same likelihood with finer integrals."""
-        finer = finer_than(self._quadrature, self._integrals.count, self.model.law)
-        return type(self)(self.values, self.design, self.model, self._over, self._stated, finer, self._ranges)
+        return self.with_quadrature(finer_than(self._quadrature, self._integrals.count, self.model.law))
+
+    def with_quadrature(self, quadrature: Quadrature) -> Self:
+        """Return the same likelihood with integrals of another resolution."""
+        return type(self)(self.values, self.design, self.model, self._over, self._stated, quadrature, self._ranges)
 
     def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Log density of all ratings together, shape (...); arguments as `LogRatings.log_likelihood`."""

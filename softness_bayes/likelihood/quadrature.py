@@ -27,7 +27,7 @@ class Quadrature(NamedTuple):
     """Newton's method stops once no rater's mode moves by more than this, in its standard deviations."""
 
 
-FAST = Quadrature(0, 7, 5, 1.0)
+FAST = Quadrature(0, 5, 3, 1.0)
 """Quadrature for raters with many ratings each."""
 FINE = Quadrature(24, 13, 9, 0.05)
 """Quadrature for raters with few ratings, and reference for the error of `FAST`."""

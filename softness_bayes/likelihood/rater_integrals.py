@@ -21,7 +21,7 @@ from softness_bayes.likelihood.interval_law import derivatives, log_probability,
 from softness_bayes.likelihood.mu_nodes import log_sum
 from softness_bayes.likelihood.pieces import blocks
 from softness_bayes.likelihood.quadrature import FAST, FINE, ROUGHLY, Quadrature, gauss_hermite, to_chebyshev
-from softness_bayes.likelihood.rater_rows import WIDE, Given, Group, groups_by_width
+from softness_bayes.likelihood.rater_rows import Given, Group, groups_by_width
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
@@ -130,9 +130,11 @@ class RaterIntegrals:
         self._first = np.flatnonzero(np.diff(rater, prepend=-1))
         self.count = np.diff(np.append(self._first, rater.size)).astype(float)
         self._groups = groups_by_width(rater, width, times)
-        self._narrow = width <= WIDE
-        self._wide = [group for group in self._groups if not self._narrow[group.rows[0]]]
-        self._weight = np.where(self._narrow, weight, 0.0)
+        # in the start an interval counts as its midpoint, unless an end is infinite
+        closed = np.isfinite(width)
+        self._open = [group for group in self._groups if not closed[group.rows[0]]]
+        self._certain = np.where(closed, 1.0 / (1.0 + np.where(closed, width, 0.0) ** 2), 0.0)
+        self._weight = weight * self._certain
         self._weighed = self.of_raters(self._weight)
 
     def of_raters(self, values: FloatArray) -> FloatArray:
@@ -146,20 +148,17 @@ class RaterIntegrals:
     def modes(self, given: Given, settled: float) -> Modes:
         """Return the mode of all scales and the level by Newton's method, each draw until it converges."""
         a = self._start(given)
-        at, slopes, active = a.copy(), np.empty((5, *a.shape)), np.arange(len(a))
-        for _ in range(_STEPS):
-            at[active] = a[active]
-            part = given.part(active)
-            slopes[:, active] = self._slopes(part, a[active])
-            # far from its mode a heavy-tailed log density may not be concave
-            steep = np.maximum(-slopes[2, active], _LEAST_CURVATURE * self.count / part.spread**2)
-            step = self._step(part, at[active], slopes[1, active], steep)
-            found = step.a
-            moved = (np.abs(found - a[active]) / step.width).max(axis=-1)
-            a[active] = found
-            active = active[moved > settled]
-            if not active.size:
+        at, slopes, active = a.copy(), self._slopes(given, a), np.arange(len(a))
+        step = self._steepest(given, a, slopes)
+        for _ in range(_STEPS - 1):
+            moved = (np.abs(step.a - a[active]) / step.width).max(axis=-1) > settled
+            if not moved.any():
                 break
+            a[active] = step.a
+            active = active[moved]
+            part, at[active] = given.part(active), a[active]
+            slopes[:, active] = self._slopes(part, a[active])
+            step = self._steepest(part, a[active], slopes[:, active])
         curvature = np.maximum(-slopes[2], _NO_CURVATURE * self.count / given.spread**2)
         return self._step(given, at, slopes[1], curvature)._replace(at=at, slopes=tuple(slopes))
 
@@ -177,6 +176,10 @@ class RaterIntegrals:
         found /= given.spread ** np.arange(5)[:, None, None]
         return found
 
+    def _steepest(self, given: Given, a: FloatArray, slopes: FloatArray) -> Modes:
+        """Return a Newton step, for l_p that far from its mode may not be concave if errors have heavy tails."""
+        return self._step(given, a, slopes[1], np.maximum(-slopes[2], _LEAST_CURVATURE * self.count / given.spread**2))
+
     def _step(self, given: Given, a: FloatArray, slope: FloatArray, curvature: FloatArray) -> Modes:
         """Return the mode of all scales and the level for quadratic l_p of that slope and curvature at a_p."""
         prior, variance = self.sd**-2.0, given.tau**2
@@ -187,7 +190,7 @@ class RaterIntegrals:
         return Modes(a, (), shrink * (mu + variance * pull), pull, curvature, shrink, mu, precision**-0.5)
 
     def _start(self, given: Given) -> FloatArray:
-        """Return points near the modes: midpoints of narrow intervals first, then with wide intervals added."""
+        """Return points near the modes: midpoints of intervals first, then with those that have one end added."""
         mean = self.of_raters(self._weight * (given.middle - given.drive)) / np.maximum(self._weighed, _NO_WEIGHT)
         slope, curvature = np.zeros(mean.shape), self._weighed / given.spread**2
         start = self._step(given, mean, slope, curvature).a
@@ -195,13 +198,13 @@ class RaterIntegrals:
             for block in blocks(len(start), self.rater.size):
                 part = given.part(block)
                 error = part.middle - part.drive - start[block][:, self.rater]
-                weight = weights(self.law, part.rows, error, part.spread, part.parameters) * self._narrow
+                weight = weights(self.law, part.rows, error, part.spread, part.parameters) * self._certain
                 slope[block] = self.of_raters(weight * error) / part.spread**2
                 curvature[block] = self.of_raters(weight) / part.spread**2
         else:
             slope = curvature * (mean - start)
-        if self._wide:
-            _, steep, bend, _, _ = self._slopes(given, start, self._wide)
+        if self._open:
+            _, steep, bend, _, _ = self._slopes(given, start, self._open)
             slope, curvature = slope + steep, curvature + np.maximum(-bend, 0.0)
         return self._step(given, start, slope, curvature).a
 

@@ -102,6 +102,12 @@ def injected_faults(results: Path) -> str:
     return table(["fault", "check", "replicates", "what it says first", "time [s]"], cells)
 
 
+def rating_integrals(results: Path) -> str:
+    """Return time and error of the integrated likelihoods of ratings, from ``tools.benchmark_ratings``."""
+    head = ["ratings, errors", "µs per vector", "over the closed form", "error near the truth", "error within 300"]
+    return table(head, (list(row.values()) for row in _rows(results / "rating_integrals.csv")))
+
+
 TABLES: Mapping[tuple[str, str], Callable[[Path], str]] = {
     ("claims.md", "claims"): claims,
     ("benchmarks.md", "bench"): bench,
@@ -109,6 +115,7 @@ TABLES: Mapping[tuple[str, str], Callable[[Path], str]] = {
     ("benchmarks.md", "autocorrelation"): autocorrelation,
     ("benchmarks.md", "loads"): loads,
     ("benchmarks.md", "hard-cases"): hard_cases,
+    ("model.md", "rating-integrals"): rating_integrals,
     ("calibration.md", "calibration"): calibration,
     ("calibration.md", "injected-faults"): injected_faults,
 }

@@ -9,6 +9,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT, error_law_named
 from softness_bayes.likelihood.interval_law import NARROW, Rows, below, derivatives, log_probability, score_at
 from softness_bayes.likelihood.interval_rule import REACHES, by_rule, rule
+from softness_bayes.likelihood.rater_rows import LawParameters
 from softness_bayes.likelihood.ratings import RatingParameters
 
 LAWS = NORMAL, STUDENT, LAPSES
@@ -153,3 +154,21 @@ def test_names_of_laws():
     assert error_law_named("student") is STUDENT
     with pytest.raises(InputError, match="'cauchy' is not known, expected normal or student or lapses"):
         error_law_named("cauchy")
+
+
+@pytest.mark.parametrize("nu", [0.5, 3.0, 30.0, 1e9])
+def test_derivatives_of_student_s_log_density_are_those_of_the_density(nu):
+    """The closed forms of exact numbers, against the cumulants of the derivatives of the density over itself."""
+    point = LawParameters(np.array([nu]), np.array([0.05]))
+    error = np.linspace(-9.0, 9.0, 181)[None]
+    found = STUDENT.log_slopes(error, point)
+    one, two, three, four = STUDENT.slopes(error, point)
+    expected = (
+        STUDENT.log_density(error, point),
+        one,
+        two - one**2,
+        three - 3.0 * two * one + 2.0 * one**3,
+        four - 4.0 * three * one - 3.0 * two**2 + 12.0 * two * one**2 - 6.0 * one**4,
+    )
+    for part, wanted in zip(found, expected, strict=True):
+        assert_allclose(part, wanted, rtol=1e-10, atol=1e-9)

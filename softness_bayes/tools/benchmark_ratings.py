@@ -1,0 +1,126 @@
+"""Cost and error of integrated likelihoods of ratings: ``python -m softness_bayes.tools.benchmark_ratings [FILE.csv]``.
+
+For 1080 ratings of 30 raters under each error law, exact and on whole numbers. Times are processor times of complete
+likelihood calls, alternating with calls of the closed form, so that other work on the machine affects both alike.
+Errors are those of the log-likelihood, against integrals over evenly spaced points that cover all maxima.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from softness_bayes.bench.ratings import name_of, rated
+from softness_bayes.bench.subject import BATCH
+from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT, ErrorLaw
+from softness_bayes.likelihood.intervals import IntervalRatings
+from softness_bayes.likelihood.quadrature import DENSE
+from softness_bayes.model.options import ModelOptions
+
+Array = NDArray[np.float64]
+
+TABLE = Path("notebooks/results/rating_integrals.csv")
+
+KINDS: tuple[tuple[ErrorLaw, float], ...] = (
+    (NORMAL, 1.0),
+    (STUDENT, 0.0),
+    (STUDENT, 1.0),
+    (LAPSES, 0.0),
+    (LAPSES, 1.0),
+)
+"""Error law, and step of the grid of numbers."""
+
+REPEATS, TURN = 60, 10
+"""Calls of each likelihood, of which the fastest counts, and successive ones."""
+
+NEAR, FAR, DRAWS, DISTANCE = 20, 30, 1500, 300.0
+"""Vectors near the truth, draws of the prior, draws among which these are found, and the largest distance of their
+log-likelihood from the best."""
+
+
+class Row(NamedTuple):
+    """Time and error of one observation model."""
+
+    ratings: str
+    us_per_vector: float
+    """Processor time of a complete likelihood call for each vector, response included [µs]."""
+    over_closed_form: float
+    near: float
+    """Largest error near the truth."""
+    prior: float
+    """Largest error over draws of the prior within `DISTANCE` of the best log-likelihood."""
+
+
+def measured(law: ErrorLaw, step: float, closed: Callable[[], Any], repeats: int = REPEATS, far: int = FAR) -> Row:
+    """Return time and error of one observation model.
+
+    Parameters
+    ----------
+    law, step
+        Error law, and step of the grid of numbers.
+    closed
+        A call of the closed form with as many vectors.
+    repeats, far
+        Number of calls, and of draws of the prior.
+    """
+    posterior, _, near = rated(ModelOptions(), law, step)
+    own, base = alternating((lambda: posterior.log_likelihood(near), closed), repeats)
+    dense = posterior.with_term(cast(IntervalRatings, posterior.observation).with_quadrature(DENSE))
+    draws = posterior.space.draw_prior(np.random.default_rng(5), DRAWS)
+    value = np.concatenate([posterior.log_likelihood(part) for part in np.array_split(draws, -(-DRAWS // BATCH))])
+    below = value.max() - value
+    at = near[:NEAR], draws[below < DISTANCE][-far:]
+    errors = [float(np.abs(posterior.log_likelihood(one) - dense.log_likelihood(one)).max(initial=0.0)) for one in at]
+    return Row(
+        name_of(law, step), round(1e6 * own / BATCH, 1), round(own / base, 2), *(float(f"{e:.0e}") for e in errors)
+    )
+
+
+def alternating(calls: tuple[Callable[[], Any], ...], repeats: int) -> list[float]:
+    """Return the shortest processor time of each call [s]; they take turns of `TURN` calls, which fill the cache."""
+    taken: list[list[float]] = [[] for _ in calls]
+    for _ in range(-(-repeats // TURN)):
+        for each, call in zip(taken, calls, strict=True):
+            for _ in range(TURN):
+                begun = time.process_time()
+                call()
+                each.append(time.process_time() - begun)
+    return [min(each) for each in taken]
+
+
+def rows() -> Iterator[Row]:
+    """Yield the closed form, then every observation model."""
+    posterior, _, near = rated(ModelOptions(), NORMAL, 0.0)
+
+    def closed() -> Array:
+        return posterior.log_likelihood(near)
+
+    (base,) = alternating((closed,), REPEATS)
+    yield Row("exact, normal (closed form)", round(1e6 * base / BATCH, 1), 1.0, 0.0, 0.0)
+    for law, step in KINDS:
+        yield measured(law, step, closed)
+
+
+def main() -> None:
+    """Measure and write the table."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("file", type=Path, nargs="?", default=TABLE, help=f"CSV file to write (default {TABLE})")
+    path = parser.parse_args().file
+    with threadpool_limits(1), path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(Row._fields)
+        for row in rows():
+            writer.writerow(row)
+            file.flush()
+
+
+if __name__ == "__main__":
+    main()
