@@ -54,6 +54,7 @@ HOMES = {
 PROGRAMS = {
     "tools.api_pages",
     "tools.benchmark_autocorrelation",
+    "tools.benchmark_blocks",
     "tools.benchmark_explore",
     "tools.benchmark_firing",
     "tools.benchmark_loads",

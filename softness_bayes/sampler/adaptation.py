@@ -93,6 +93,31 @@ class TriangularMap:
 
     def forward(self, y: FloatArray) -> FloatArray:
         """Return points z at map coordinates ``y``, both of shape (..., dimension)."""
+        return self.centre + (self._along(y) @ self.axes.T).reshape(y.shape)
+
+    def inverse(self, z: FloatArray) -> FloatArray:
+        """Return map coordinates y of points ``z``."""
+        t = np.asarray(np.linalg.solve(self.axes, (z - self.centre)[..., None])[..., 0], float)
+        return (t - _bent(t, self.bends)) / self.scale
+
+    def with_one(self, y: FloatArray, place: NDArray[np.intp], value: FloatArray) -> FloatArray:
+        """Return map coordinates of points that have moved along one axis each.
+
+        Parameters
+        ----------
+        y
+            Map coordinates before, shape (points, dimension).
+        place
+            Index of the axis for each point, shape (points,).
+        value
+            New map coordinate of that index; the coordinates t of all other axes stay.
+        """
+        each, t = np.arange(len(y)), self._along(y)
+        t[each, place] += self.scale[place] * (value - y[each, place])
+        return (t - _bent(t, self.bends)) / self.scale
+
+    def _along(self, y: FloatArray) -> FloatArray:
+        """Return the coordinates t, shape (points, dimension), of points ``y`` of shape (..., dimension)."""
         t = (self.scale * y).reshape(-1, y.shape[-1]).T
         near, features = np.empty(t.shape), np.empty((_count(len(t)), t.shape[1]))
         features[0] = 1.0
@@ -100,12 +125,7 @@ class TriangularMap:
             t[k] += bend @ features[: bend.size]
             np.minimum(np.maximum(t[k], -_REACH), _REACH, out=near[k])
             _extend(features, near, k)
-        return self.centre + (t.T @ self.axes.T).reshape(y.shape)
-
-    def inverse(self, z: FloatArray) -> FloatArray:
-        """Return map coordinates y of points ``z``."""
-        t = np.asarray(np.linalg.solve(self.axes, (z - self.centre)[..., None])[..., 0], float)
-        return (t - _bent(t, self.bends)) / self.scale
+        return t.T
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ from softness_bayes.sampler.moves import (
     MOVES,
     Mode,
     Moves,
-    leaping,
+    fitted,
 )
 from softness_bayes.sampler.schedule import Schedule
 from softness_bayes.sampler.starts import Target
@@ -181,8 +181,8 @@ def advance(
 
     walkers, dimension = state.coordinates.shape
     mapped = Mapped(target, map)
-    leaps = leaping(moves, [Mode(map, own) for own in modes])
-    made = [(proposal.made(), share) for proposal, share in leaps]
+    own_moves = fitted(moves, map, [Mode(map, own) for own in modes])
+    made = [(proposal.made(), share) for proposal, share in own_moves]
     sampler = emcee.EnsembleSampler(walkers, dimension, mapped, moves=made, vectorize=True)
     # emcee accepts any state, and silently uses NumPy's global generator if it is invalid
     sampler.random_state = state.random

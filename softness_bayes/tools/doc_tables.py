@@ -52,6 +52,12 @@ def _walked(row: Mapping[str, str]) -> str:
     return f"{upper}{row['effective_draws_per_second']} ({lower}{row['tau_steps']})"
 
 
+def many_parameters(results: Path) -> str:
+    """Return the lengths of runs in many dimensions with and without blocks, from ``tools.benchmark_blocks``."""
+    head = ["moves", "parameters", "seed", "converged", "autocorrelation time [steps]", "evaluations"]
+    return table([*head, "processor time [s]"], (list(row.values()) for row in _rows(results / "many_parameters.csv")))
+
+
 def hard_cases(results: Path) -> str:
     """Return the largest errors of the hard cases, as written by the program in the tests folder."""
     rows = _rows(results / "hard_cases.csv")
@@ -112,6 +118,7 @@ TABLES: Mapping[tuple[str, str], Callable[[Path], str]] = {
     ("claims.md", "claims"): claims,
     ("benchmarks.md", "bench"): bench,
     ("benchmarks.md", "moves"): moves,
+    ("benchmarks.md", "many-parameters"): many_parameters,
     ("benchmarks.md", "autocorrelation"): autocorrelation,
     ("benchmarks.md", "loads"): loads,
     ("benchmarks.md", "hard-cases"): hard_cases,

@@ -39,7 +39,7 @@ from softness_bayes.results.result_file import SCHEMA
 from softness_bayes.runs import calibrated, calibration_files, study
 from softness_bayes.runs.comparison import compare
 from softness_bayes.runs.run import sample
-from softness_bayes.sampler.moves import MOVES
+from softness_bayes.sampler.moves import MANY_DIMENSIONS, MANY_DIMENSIONS_MOVES, MOVES
 from softness_bayes.touch.finger_grid import SPREAD_OF
 from softness_bayes.touch.readings import MENDED
 from support.pages import headings, in_the_code, numbers, plain, sections, table, tables
@@ -429,4 +429,10 @@ def test_constants(path, cell):
 
 def test_proposals():
     rows = table(PAGE, "9", "proposal")
-    assert [(plain(row["proposal"]), float(row["share"])) for row in rows] == [(repr(one), p) for one, p in MOVES]
+    for column, moves in {"up to 20 parameters": MOVES, "more": MANY_DIMENSIONS_MOVES}.items():
+        told = {plain(row["proposal"]): float(row[column]) for row in rows if row[column] != "–"}
+        assert told == {repr(one): share for one, share in moves}
+
+
+def test_the_number_of_parameters_from_which_other_proposals_are_used():
+    assert f"up to {MANY_DIMENSIONS} parameters" in sections(PAGE)["9"]
