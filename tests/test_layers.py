@@ -66,6 +66,7 @@ PROGRAMS = {
     "tools.finger_coverage",
     "tools.injected_faults",
     "tools.input_coverage",
+    "tools.latent_ranks",
     "tools.outlier_coverage",
     "tools.rating_coverage",
     "tools.real_cloth",

@@ -9,14 +9,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import multivariate_t
 
-from softness_bayes.arviz_bridge import psis
-from softness_bayes.checking.inflection import curve_scene, find_inflection, response_curves, turning_points
+from softness_bayes.checking.inflection import turning_points
 from softness_bayes.model.build import ExperimentModel
-from softness_bayes.model.posterior import Posterior
 from softness_bayes.model.scenes import touch_parameters
 from softness_bayes.sampler.sampling import Settings, sample_until
+from softness_bayes.tools.importance import TRUSTED, weighted
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.parameters import TouchParameters
 
@@ -25,11 +23,6 @@ Array = NDArray[np.float64]
 LOADS = (Indentation(1e-3), Indentation(2e-3), Indentation(3e-3))
 DRAWS = 1000
 """Number of posterior draws for quantiles, turning points and checks."""
-
-PROPOSED, ROUNDS, LAST, TAILS, LEAST_EFFECTIVE = 1000, 8, 8, 6.0, 100.0
-"""Settings of importance sampling: proposals of each round, number of rounds, factor for the proposals of the last
-round, degrees of freedom, and the smallest effective number of draws from which the mean and covariance of a round are
-computed."""
 
 PARAMETERS = ("b", "m", "sigma_0", "gamma", "tau_b", "tau_sigma")
 """Parameters whose coverage is counted, where they are sampled."""
@@ -45,50 +38,46 @@ def sampled_draws(model: ExperimentModel, seed: int) -> tuple[Array, dict[str, i
 
 
 def weighted_draws(model: ExperimentModel, seed: int, start: Mapping[str, float]) -> tuple[Array, dict[str, float]]:
-    """Return draws of a model's posterior by importance sampling, in about a tenth of the time of MCMC.
-
-    Proposals are multivariate t distributions (Cappé and colleagues, J. Comp. Graph. Stat. 13, 907, 2004). The first
-    has the prior's spread about `start`; each later one has the mean and covariance of the previous weighted draws.
-    Weights are flattened as long as a few draws dominate. The final weights are Pareto-smoothed.
+    """Return draws of a model's posterior by importance sampling from proposals that begin at `start`.
 
     Returns
     -------
     ndarray, shape (DRAWS, parameters)
         Resampled by their weights.
     dict
-        `k`, Pareto's shape: below 0.7 the draws can be trusted.
+        `k`, Pareto's shape: below `importance.TRUSTED` the draws can be trusted.
     """
-    rng, posterior = np.random.default_rng((seed, 7)), model.posterior
-    at = posterior.space.coordinates(np.array([start.get(name, np.nan) for name in posterior.names])[None])[0]
-    prior = posterior.draw_start(rng, PROPOSED)
-    mean, covariance = np.where(np.isfinite(at), at, prior.mean(axis=0)), np.cov(prior.T)
-    for _ in range(ROUNDS):
-        z, log_ratio = _proposed(rng, posterior, mean, covariance, PROPOSED)
-        power = 1.0
-        while _effective(power * log_ratio) < LEAST_EFFECTIVE:
-            power *= 0.8
-        weight = np.exp(power * (log_ratio - log_ratio.max()))
-        mean, covariance = np.average(z, axis=0, weights=weight), np.cov(z.T, aweights=weight)
-    z, log_ratio = _proposed(rng, posterior, mean, covariance, LAST * PROPOSED)
-    (log_weight,), (k,) = psis(log_ratio[None])
-    weight = np.exp(log_weight - log_weight.max())
-    chosen = rng.choice(len(z), DRAWS, p=weight / weight.sum())
-    return posterior.natural(z[chosen]), {"k": float(k)}
+    rng = np.random.default_rng((seed, 7))
+    found = weighted(model.posterior, rng, start)
+    return found.resampled(rng, DRAWS), {"k": round(found.k, 3)}
 
 
-def _proposed(
-    rng: np.random.Generator, posterior: Posterior, mean: Array, covariance: Array, size: int
-) -> tuple[Array, Array]:
-    """Return draws of the proposal and the log ratios of posterior to proposal density."""
-    law = multivariate_t(mean, covariance, df=TAILS)
-    z = law.rvs(size, random_state=rng)
-    return z, np.concatenate([posterior(part) for part in np.array_split(z, -(-size // 64))]) - law.logpdf(z)
+def posterior_draws(
+    model: ExperimentModel, seed: int, start: Mapping[str, float], walk: bool = False
+) -> tuple[Array, dict[str, float]]:
+    """Return draws of a model's posterior, weighted if these can be trusted, and otherwise of a sampler run.
 
+    Parameters
+    ----------
+    model, seed, start
+        As for `weighted_draws`.
+    walk
+        True for a sampler run in any case.
 
-def _effective(log_weight: Array) -> float:
-    """Return the effective number of draws with these weights."""
-    weight = np.exp(log_weight - log_weight.max())
-    return float(weight.sum() ** 2 / (weight**2).sum())
+    Returns
+    -------
+    ndarray, shape (DRAWS, parameters)
+    dict
+        `k`, NaN if it was not computed, and the number of `steps` of the sampler, 0 for weighted draws.
+    """
+    k = np.nan
+    if not walk:
+        theta, found = weighted_draws(model, seed, start)
+        k = found["k"]
+        if k <= TRUSTED:
+            return theta, {"k": k, "steps": 0}
+    theta, ending = sampled_draws(model, seed)
+    return theta, {"k": k, "steps": ending["steps"]}
 
 
 def compared(model: ExperimentModel, theta: Array, truth: Mapping[str, float]) -> Iterator[dict[str, Any]]:
@@ -97,8 +86,8 @@ def compared(model: ExperimentModel, theta: Array, truth: Mapping[str, float]) -
         known = drawn[np.isfinite(drawn)]
         yield {
             "quantity": name,
-            "below": float((known < value).mean()) if known.size else np.nan,
-            "z": float((known.mean() - value) / known.std()) if known.size else np.nan,
+            "below": round(float((known < value).mean()), 4) if known.size else np.nan,
+            "z": round(float((known.mean() - value) / known.std()), 3) if known.size else np.nan,
         }
 
 
@@ -108,13 +97,13 @@ def quantities(
     """Return draws and true values of `PARAMETERS`, other parameters and turning points, as logarithms."""
     names, counted = model.posterior.names, (*PARAMETERS, *others)
     found = {n: (np.log(theta[:, names.index(n)]), float(np.log(truth[n]))) for n in counted if n in names}
-    touch = TouchParameters(*(np.broadcast_to(v, len(theta)) for v in model.posterior.space.touch(theta)))
-    places = turning_points(model.scene, touch, 0.0).modulus
-    own = TouchParameters(*(np.atleast_1d(value) for value in touch_parameters(truth)))
-    true = find_inflection(response_curves(curve_scene(model.scene), own), 0.0, (0.0, np.inf)).modulus[0]
+    # the true values are the last row, so that one scene is compiled for all
+    touch, own = model.posterior.space.touch(theta), touch_parameters(truth)
+    every = TouchParameters(*(np.append(np.broadcast_to(v, len(theta)), w) for v, w in zip(touch, own, strict=True)))
+    places = turning_points(model.scene, every, 0.0).modulus
     for k, load in enumerate(LOADS):
-        if np.isfinite(true[k]):
-            found[f"turning point at {load}"] = np.log(places[:, k]), float(np.log(true[k]))
+        if np.isfinite(places[-1, k]):
+            found[f"turning point at {load}"] = np.log(places[:-1, k]), float(np.log(places[-1, k]))
     return found
 
 

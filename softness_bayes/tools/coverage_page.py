@@ -20,22 +20,43 @@ from softness_bayes.readable import percent
 
 FIGURE = "coverage_with_uncertain_inputs.png"
 
-KEPT: Mapping[str, Mapping[str, str]] = {
-    "input_errors": {
-        "true moduli": "exact moduli (control)",
-        "taken as exact": "moduli off by 15 %, taken as exact",
-        "errors declared": "moduli off by 15 %, errors declared",
+CONTROL, WRONG, DECLARED = range(3)
+"""Roles of situations, which have colours of their own."""
+
+
+class Situation(NamedTuple):
+    """One case of a stored table."""
+
+    meaning: str
+    role: int
+
+
+KEPT: Mapping[str, Mapping[str, Situation]] = {
+    "input_errors/coverage.csv": {
+        "true moduli": Situation("exact moduli and loads (control)", CONTROL),
+        "taken as exact": Situation("moduli off by 15 %, taken as exact", WRONG),
+        "omega freed": Situation("moduli off by 15 %, taken as exact, `omega` freed", WRONG),
+        "errors declared": Situation("moduli off by 15 %, errors declared", DECLARED),
+        "loads taken as exact": Situation("loads off by 5 %, taken as exact", WRONG),
+        "load errors declared": Situation("loads off by 5 %, errors declared", DECLARED),
     },
-    "finger_spreads": {
-        "typical fingers": "one finger (control)",
-        "taken as typical": "raters' own b, taken as one finger",
-        "own fingers": "raters' own b, `--individual b`",
+    "finger_spreads/coverage.csv": {
+        "typical fingers": Situation("one finger (control)", CONTROL),
+        "taken as typical": Situation("raters' own b, taken as one finger", WRONG),
+        "own fingers": Situation("raters' own b, `--individual b`", DECLARED),
+    },
+    "finger_spreads/b_m.csv": {
+        "taken as typical": Situation("raters' own b and m, taken as one finger", WRONG),
+        "own fingers": Situation("raters' own b and m, `--individual b,m`", DECLARED),
     },
 }
-"""Description of each case of a stored table, by the folder of the table."""
+"""Meaning of each case of a stored table, by the file of the table."""
 
 CHECKED: Mapping[str, str] = {"input_errors": "modulus_p", "finger_spreads": "finger_p"}
 """Column with the p-value of the check that should detect the problem, by the folder of the table."""
+
+WALKS = "input_errors/walks.csv"
+"""Fits by MCMC of laboratories whose fits in `input_errors/coverage.csv` are weighted draws."""
 
 LEVEL = 0.05
 """p-value below which a check reports a problem."""
@@ -51,6 +72,7 @@ class Share(NamedTuple):
     """Share of laboratories whose intervals contain the true value, and its confidence limits."""
 
     situation: str
+    role: int
     quantity: str
     tables: int
     share: float
@@ -65,26 +87,48 @@ def counted(folder: Path) -> list[Share]:
     """Return the shares for all stored tables in a results folder, in the order of `KEPT`."""
     found = []
     for name, situations in KEPT.items():
-        path = folder / name / "coverage.csv"
-        if not path.is_file():
-            continue
-        with path.open(encoding="utf-8", newline="") as file:
-            rows = list(csv.DictReader(file))
+        rows = rows_of(folder / name)
+        checked = CHECKED[Path(name).parent.name]
         for case, situation in situations.items():
             own = [row for row in rows if row["case"] == case]
             for quantity in dict.fromkeys(row["quantity"] for row in own):
                 of = [row for row in own if row["quantity"] == quantity]
-                noticed = float(np.mean([float(row[CHECKED[name]]) < LEVEL for row in of]))
+                noticed = float(np.mean([float(row[checked]) < LEVEL for row in of]))
                 found.append(_share(situation, quantity, [float(row["below"]) for row in of], noticed))
     return found
 
 
-def _share(situation: str, quantity: str, below: Sequence[float], noticed: float) -> Share:
+def rows_of(path: Path) -> list[dict[str, str]]:
+    """Return the rows of a stored table; none if there is no such file."""
+    if not path.is_file():
+        return []
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def agreement(folder: Path) -> str:
+    """Return a sentence on the difference between weighted draws and MCMC in the fits that were made by both."""
+    walked, weighted = (
+        {(row["lab"], row["case"], row["quantity"]): float(row["below"]) for row in rows_of(folder / name)}
+        for name in (WALKS, "input_errors/coverage.csv")
+    )
+    both = np.array([(share, weighted[key]) for key, share in walked.items() if key in weighted])
+    inside = (both >= INSIDE[0]) & (both <= INSIDE[1])
+    fits = len({key[:2] for key in walked if key in weighted})
+    difference = both[:, 1] - both[:, 0]
+    return (
+        f"{fits} of the fits were also made by MCMC: the shares of draws below the true values differ by "
+        f"{difference.mean():.3f} on average, with a standard deviation of {difference.std():.3f}, and "
+        f"{(inside[:, 0] != inside[:, 1]).sum()} of {len(both)} intervals hold the truth in one of the two alone."
+    )
+
+
+def _share(situation: Situation, quantity: str, below: Sequence[float], noticed: float) -> Share:
     # a turning point that occurs in no draw counts as not covered
     hits, n = sum(INSIDE[0] <= share <= INSIDE[1] for share in below), len(below)
     low = float(betaincinv(hits, n - hits + 1, 0.025)) if hits else 0.0
     high = float(betaincinv(hits + 1, n - hits, 0.975)) if hits < n else 1.0
-    return Share(situation, quantity, n, hits / n, noticed, low, high)
+    return Share(situation.meaning, situation.role, quantity, n, hits / n, noticed, low, high)
 
 
 def page_lines(found: Sequence[Share]) -> list[str]:
@@ -114,7 +158,12 @@ def draw(found: Sequence[Share], path: Path) -> None:
     quantities = list(dict.fromkeys(share.quantity for share in found))
     situations = list(dict.fromkeys(share.situation for share in found))
     figure, panels = plt.subplots(
-        1, len(quantities), figsize=(2.0 + 1.5 * len(quantities), 3.2), dpi=110, sharey=True, layout="constrained"
+        1,
+        len(quantities),
+        figsize=(2.5 + 1.4 * len(quantities), 1.2 + 0.27 * len(situations)),
+        dpi=110,
+        sharey=True,
+        layout="constrained",
     )
     for panel, quantity in zip(np.atleast_1d(panels), quantities, strict=True):
         panel.axvspan(*WANTED, color="0.9")
@@ -122,7 +171,7 @@ def draw(found: Sequence[Share], path: Path) -> None:
         for share in _of(found, quantity):
             place = situations.index(share.situation)
             reach = [[share.share - share.low], [share.high - share.share]]
-            panel.errorbar(share.share, place, xerr=reach, fmt="o", markersize=4, color=f"C{place % 3}")
+            panel.errorbar(share.share, place, xerr=reach, fmt="o", markersize=4, color=f"C{share.role}")
         panel.set_title(quantity.replace("turning point at", "turn at"), fontsize=8)
         panel.set_xlim(0, 1)
         panel.set_xticks([0, 0.5, 0.9], ["0", "0.5", "0.9"], fontsize=8)
@@ -146,6 +195,7 @@ def main() -> None:
     folder: Path = parser.parse_args().results
     found = counted(folder)
     print("\n".join(page_lines(found)))
+    print(agreement(folder))
     draw(found, folder / FIGURE)
 
 

@@ -2,8 +2,9 @@
 
 Simulated laboratories rate the fabrics of `data/` with the parameters of `data/truth.json`, but each rater has an
 individual finger. Each table is fitted with fixed channels, once with the typical finger for all raters and once with
-individual fingers. The control is the same laboratory with the typical finger for all. The file gets a row per
-laboratory, case and quantity; existing rows are kept.
+individual fingers. The control is the same laboratory with the typical finger for all. Posteriors are
+importance-sampled, and sampled by MCMC where the weights cannot be trusted. The file gets a row per laboratory, case
+and quantity; existing rows are kept.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.other_fingers import skin_slope
 from softness_bayes.model.scenes import scene_of, touch_parameters
 from softness_bayes.model.simulation import simulate_ratings
-from softness_bayes.tools.coverage import LOADS, compared, keep, sampled_draws
+from softness_bayes.tools.coverage import LOADS, compared, keep, posterior_draws
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.readings import MENDED
 
@@ -37,7 +38,7 @@ SPREADS: Mapping[str, float] = {"b": 0.3, "m": 0.15, "sigma_0": 0.2}
 CONTROL, TYPICAL, OWN = "typical fingers", "taken as typical", "own fingers"
 CASES = (CONTROL, TYPICAL, OWN)
 
-COLUMNS = ("lab", "case", "quantity", "below", "z", "steps", "converged", "finger_p")
+COLUMNS = ("lab", "case", "quantity", "below", "z", "k", "steps", "finger_p")
 """As in `input_coverage`; `finger_p` is the p-value of the check of fingers."""
 
 
@@ -70,12 +71,12 @@ def fitted(number: int, case: str, folder: Path, differ: tuple[str, ...]) -> Ite
     ratings, fabrics, truth = laboratory(folder, number, () if case == CONTROL else differ)
     held = {name: truth[name] for name in Channels._fields}
     model = build(Experiment(ratings, fabrics, ()), ModelOptions(fix=held, individual=differ if case == OWN else ()))
-    theta, verdict = sampled_draws(model, number)
-    p_value = _check(model, theta, np.random.default_rng(number))
+    theta, how = posterior_draws(model, number, truth)
+    p_value = round(_check(model, theta, np.random.default_rng(number)), 4)
     spreads = {f"tau_{name}": SPREADS[name] for name in ("b",) if name in differ}
     spreads |= {"tau_sigma": SPREADS["sigma_0"]} if "sigma_0" in differ else {}
     for found in compared(model, theta, {**truth, **spreads}):
-        yield {"lab": number, "case": case, **found, **verdict, "finger_p": p_value}
+        yield {"lab": number, "case": case, **found, **how, "finger_p": p_value}
 
 
 def _check(model: ExperimentModel, theta: Array, rng: np.random.Generator) -> float:
