@@ -107,17 +107,20 @@ def rows_of(path: Path) -> list[dict[str, str]]:
 
 
 def agreement(folder: Path) -> str:
-    """Return a sentence on the difference between weighted draws and MCMC in the fits that were made by both."""
+    """Return how many fits needed MCMC, and how far it differs from weighted draws in the fits made by both."""
+    fitted, ranked = rows_of(folder / "input_errors/coverage.csv"), rows_of(folder / WALKS)
     walked, weighted = (
-        {(row["lab"], row["case"], row["quantity"]): float(row["below"]) for row in rows_of(folder / name)}
-        for name in (WALKS, "input_errors/coverage.csv")
+        {(row["lab"], row["case"], row["quantity"]): float(row["below"]) for row in rows} for rows in (ranked, fitted)
     )
+    needed = {(row["lab"], row["case"]) for row in fitted if row["steps"] != "0"}
+    every = len({(row["lab"], row["case"]) for row in fitted})
     both = np.array([(share, weighted[key]) for key, share in walked.items() if key in weighted])
     inside = (both >= INSIDE[0]) & (both <= INSIDE[1])
     fits = len({key[:2] for key in walked if key in weighted})
     difference = both[:, 1] - both[:, 0]
     return (
-        f"{fits} of the fits were also made by MCMC: the shares of draws below the true values differ by "
+        f"This was so in {len(needed)} of {every} fits. {fits} of the fits were also made by MCMC: the shares of draws "
+        f"below the true values differ by "
         f"{difference.mean():.3f} on average, with a standard deviation of {difference.std():.3f}, and "
         f"{(inside[:, 0] != inside[:, 1]).sum()} of {len(both)} intervals hold the truth in one of the two alone."
     )
