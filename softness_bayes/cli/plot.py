@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from softness_bayes.cli.options.completion import figures
+from softness_bayes.cli.progress import Figures
 from softness_bayes.cli.running import reading
 
 _PATH = click.Path(path_type=Path)
@@ -63,9 +64,9 @@ def command(
     style = USUAL if style_file is None else Style.read(style_file)
     if out is None:
         out = (directory if directory.is_dir() else directory.parent) / "figures"
-    with reading(directory) as (result,):
+    with Figures() as progress, reading(directory) as (result,):
         chosen = [*dict.fromkeys(names)] or figures_of(result, every)
-        paths = draw_figures(result, out, chosen, tuple(dict.fromkeys(formats)), style)
+        paths = draw_figures(result, out, chosen, tuple(dict.fromkeys(formats)), style, told=progress.show)
     for path in paths:
         click.echo(str(path))
     for name in () if names else every_figure():

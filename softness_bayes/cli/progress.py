@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import time
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, NoReturn, Self
 
 import click
 
@@ -98,3 +98,27 @@ class Bar:
         if self._bar is not None:
             self._bar.close()
             self._bar = None
+
+
+class Figures:
+    """Line on the terminal for each stage of a command that draws figures; nothing if no terminal shows it."""
+
+    def __init__(self) -> None:
+        self._bar: tqdm[NoReturn] | None = None
+
+    def __enter__(self) -> Self:
+        from tqdm import tqdm
+
+        # `disable=None` is without a terminal
+        self._bar = tqdm(desc="reading the results", bar_format="{desc}", leave=False, disable=None, dynamic_ncols=True)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.close()
+
+    def show(self, name: str, of: int) -> None:
+        """Name the figure that is drawn now."""
+        if self._bar is not None:
+            self._bar.n += 1
+            self._bar.set_description_str(f"figure {self._bar.n} of {of}: {name}")

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from softness_bayes.cli.options.run import own_figures
+from softness_bayes.cli.progress import Figures
 from softness_bayes.cli.running import reading
 
 REPORT = "report.html"
@@ -44,8 +45,8 @@ def command(
     from softness_bayes.report import anonymous, write_report
 
     home = directory if directory.is_dir() else directory.parent
-    with reading(directory) as (result,):
+    with Figures() as progress, reading(directory) as (result,):
         shown = anonymous(result) if nameless else result
-        path = write_report(shown, out or home / REPORT, own_figures, title, author)
+        path = write_report(shown, out or home / REPORT, own_figures, title, author, progress.show)
     click.echo(f"written to {path} ({path.stat().st_size / 1e6:.1f} MB)")
     click.echo(result.provenance.verdict)

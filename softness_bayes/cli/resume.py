@@ -93,7 +93,9 @@ def command(
         fabrics=fabrics or files.fabrics,
         compression=compression or files.compression,
     )
-    for option in ("data", "fabrics", "compression"):
+    moved = []
+    for option, given in (("data", data), ("fabrics", fabrics), ("compression", compression)):
+        moved += [] if given is None else [f"--{option}", str(given)]
         path = getattr(files, option)
         if path is not None and not path.exists():
             raise InputError(
@@ -103,7 +105,7 @@ def command(
     wanted = checkpoint.request["figures"] and not no_figures
     own = checkpoint.request.get("own_figures", []) if wanted else None
     require_drawn(own)
-    run(checkpoint, files, files.read(), Request(model, how), own)
+    run(checkpoint, files, files.read(), Request(model, how), own, moved)
 
 
 def _is_whole(directory: Path) -> bool:

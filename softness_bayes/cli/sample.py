@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -209,10 +210,12 @@ def run(
     data: Experiment | Compression,
     request: Request,
     own_figures: Sequence[str] | None,
+    moved: Sequence[str] = (),
 ) -> None:
     """Build the model, sample it from the start or from the checkpoint, and write and print the results.
 
-    Custom figures are drawn in addition to the standard ones. If `own_figures` is None, no figures are drawn.
+    Custom figures are drawn in addition to the standard ones. If `own_figures` is None, no figures are drawn. `moved`
+    holds the options with new paths of tables, which the advice on how to continue repeats.
 
     Raises
     ------
@@ -237,7 +240,7 @@ def run(
         for said in (model.given.note, model.given.errors_note, *([] if people is None else [people])):
             click.echo(f"note: {said}", err=True)
     bar = Bar()
-    with keeping(lambda: _kept(checkpoint, bar.drawing)), checkpoint:
+    with keeping(lambda: _kept(checkpoint, bar.drawing, moved)), checkpoint:
         decided = request._replace(model=model.options)
         asked = {"files": record_of(files, out), "options": decided.record(), "figures": own_figures is not None}
         asked |= {"own_figures": list(own_figures)} if own_figures else {}
@@ -252,11 +255,11 @@ def run(
     if not ending.converged and not ending.quick:
         raise NotConvergedError(
             f"not converged after {ending.steps} steps; the draws so far are in {out}, for inspection only; "
-            f"'softness-bayes resume {out}' continues the run"
+            f"{_again(out, moved)} the run"
         )
 
 
-def _kept(checkpoint: Checkpoint, drawing: bool = False) -> str:
+def _kept(checkpoint: Checkpoint, drawing: bool = False, moved: Sequence[str] = ()) -> str:
     """Return the saved progress of a run and the command to continue it; release the directory if nothing was saved.
 
     `drawing` is True if only figures are missing.
@@ -264,13 +267,16 @@ def _kept(checkpoint: Checkpoint, drawing: bool = False) -> str:
     status = checkpoint.status
     if drawing:
         out = checkpoint.directory
-        return f"the results are written to {out}: 'softness-bayes plot {out}' draws the figures; {_again(out)}"
+        return (
+            f"the results are written to {out}: 'softness-bayes plot {out}' draws the figures; {_again(out, moved)} it"
+        )
     if status is None:
         checkpoint.leave()  # the process may end before its main thread does so
         return "nothing was saved, because sampling had not begun: start the run again"
     until = "in its pilot phase" if status.piloting else f"up to step {status.steps}"
-    return f"the run is saved {until}: {_again(checkpoint.directory)}"
+    return f"the run is saved {until}: {_again(checkpoint.directory, moved)} it"
 
 
-def _again(directory: Path) -> str:
-    return f"'softness-bayes resume {directory}' continues it"
+def _again(directory: Path, moved: Sequence[str]) -> str:
+    # an interrupt may come before the checkpoint has the new paths
+    return f"'{' '.join(['softness-bayes resume', str(directory), *map(shlex.quote, moved)])}' continues"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -139,6 +139,7 @@ def draw_figures(
     formats: Sequence[str] = USUAL_FORMATS,
     style: Style = USUAL,
     processes: int = 1,
+    told: Callable[[str, int], None] = lambda name, of: None,
 ) -> list[Path]:
     """Draw a result's figures and write them to a directory, which is created if necessary.
 
@@ -156,6 +157,8 @@ def draw_figures(
         Style of the figures.
     processes
         Number of parallel processes.
+    told
+        Called with the name of each figure before this process draws it, and with the number of all figures.
 
     Returns
     -------
@@ -173,9 +176,19 @@ def draw_figures(
     require_figures(chosen)
     require_formats(formats)
     require_outputs(directory, [f"{file_of(name)}.{suffix}" for name in chosen for suffix in formats], PLOT)
-    with Workers(result, min(processes, len(chosen))) as workers:
-        every = workers.map(drawn, [(name, tuple(formats), style) for name in chosen])
+    if processes == 1:
+        every = [drawn(result, name, tuple(formats), style) for name in announced(chosen, told)]
+    else:
+        with Workers(result, min(processes, len(chosen))) as workers:
+            every = workers.map(drawn, [(name, tuple(formats), style) for name in chosen])
     return write_outputs(directory, {name: content for files in every for name, content in files.items()}, PLOT)
+
+
+def announced(names: Sequence[str], told: Callable[[str, int], None]) -> Iterator[str]:
+    """Yield names, each after it was told together with the number of all."""
+    for name in names:
+        told(name, len(names))
+        yield name
 
 
 def drawn(result: Drawable, name: str, formats: Sequence[str], style: Style = USUAL) -> dict[str, bytes]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -22,7 +22,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import require_outputs, write_outputs
 from softness_bayes.files.run_files import FABRIC_RATINGS
 from softness_bayes.files.spreadsheet import csv_of
-from softness_bayes.plotting.figures import figure_named, figures_of, file_of, require_figures
+from softness_bayes.plotting.figures import announced, figure_named, figures_of, file_of, require_figures
 from softness_bayes.plotting.panels import TINTS
 from softness_bayes.plotting.style import METADATA, USUAL
 from softness_bayes.report import tables
@@ -97,7 +97,12 @@ class Picture(NamedTuple):
 
 
 def write_report(
-    result: Result, path: str | Path, own_figures: Sequence[str] = (), title: str = "", author: str = ""
+    result: Result,
+    path: str | Path,
+    own_figures: Sequence[str] = (),
+    title: str = "",
+    author: str = "",
+    told: Callable[[str, int], None] = lambda name, of: None,
 ) -> Path:
     """Write the report of a run in one atomic step, replacing an earlier report.
 
@@ -111,6 +116,8 @@ def write_report(
         Importable names of custom figures to include.
     title, author
         Heading of the page, by default "Report of a run", and its author.
+    told
+        Called with the name of each figure before it is drawn, and with the number of all figures.
 
     Returns
     -------
@@ -126,11 +133,17 @@ def write_report(
     if path.is_dir():
         raise InputError(f"{path}: is a directory, expected a file for the report")
     require_outputs(path.parent, [path.name], REPORT)
-    write_outputs(path.parent, {path.name: report_page(result, own_figures, title, author)}, REPORT)
+    write_outputs(path.parent, {path.name: report_page(result, own_figures, title, author, told)}, REPORT)
     return path
 
 
-def report_page(result: Result, own_figures: Sequence[str] = (), title: str = "", author: str = "") -> str:
+def report_page(
+    result: Result,
+    own_figures: Sequence[str] = (),
+    title: str = "",
+    author: str = "",
+    told: Callable[[str, int], None] = lambda name, of: None,
+) -> str:
     """Return the report of a run as one self-contained HTML document; arguments as in `write_report`."""
     require_figures(own_figures)
     environment = Environment(
@@ -143,7 +156,7 @@ def report_page(result: Result, own_figures: Sequence[str] = (), title: str = ""
     )
     environment.filters["opening"] = lambda said: f"{said[:1].upper()}{said[1:]}"
     result = _with_tables(result)
-    pictures = {name: picture(result, name) for name in (*figures_of(result), *own_figures)}
+    pictures = {name: picture(result, name) for name in announced((*figures_of(result), *own_figures), told)}
     later = [name for name in pictures if name not in (*SWITCHED, *CHECKING, *SAMPLING)]
     return environment.get_template("report.html").render(
         generator=GENERATOR,

@@ -1,9 +1,13 @@
 """Early word of a long run: what it needs, as soon as its chains have been looked at."""
 
+import io
+import sys
+
 import numpy as np
 
 from oracles.autoregressive import autoregressive
-from softness_bayes.cli.progress import LONG, Bar
+from softness_bayes.cli.progress import LONG, Bar, Figures
+from softness_bayes.plotting.figures import draw_figures
 from softness_bayes.sampler.diagnostics import look
 from softness_bayes.sampler.sampling import Progress
 
@@ -36,3 +40,20 @@ def test_a_walk_that_is_too_short_gives_no_bound(capsys):
 
 def test_a_short_run_says_nothing(capsys):
     assert shown(capsys, 0.01, 12.0)[1] == []
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_each_figure_is_named_while_it_is_drawn_on_a_terminal_only(monkeypatch, tmp_path, report_run):
+    result, home = report_run("skin"), tmp_path / "run"
+    result.save(home)
+    for stream, names in ((Terminal(), ["figure 1 of 2: trace", "figure 2 of 2: rank"]), (io.StringIO(), [])):
+        monkeypatch.setattr(sys, "stderr", stream)
+        monkeypatch.setenv("COLUMNS", "100")
+        with Figures() as progress:
+            draw_figures(result, tmp_path / "figures", ["trace", "rank"], ("png",), told=progress.show)
+        said = [line.strip() for line in stream.getvalue().split("\r") if line.strip()]
+        assert said == (["reading the results", *names] if names else [])
