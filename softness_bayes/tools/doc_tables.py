@@ -13,6 +13,7 @@ from pathlib import Path
 
 import softness_bayes
 from softness_bayes.readable import percent
+from softness_bayes.sampler.workers import AHEAD
 
 PACKAGE = Path(softness_bayes.__file__).parent
 DOCS = PACKAGE / "docs"
@@ -114,6 +115,45 @@ def rating_integrals(results: Path) -> str:
     return table(head, (list(row.values()) for row in _rows(results / "rating_integrals.csv")))
 
 
+def rank_goal(results: Path) -> str:
+    """Return what ranks from simulated walks are like, from ``tools.rank_goal``."""
+    head = [
+        *("goal", "walks", "autocorrelation times", "replicates", "median steps", "smallest p", "alarm below"),
+        *("alarms", "scores spread", "detectable", "time [s]"),
+    ]
+    return table(head, (list(row.values()) for row in _rows(results / "rank_goal.csv")))
+
+
+def tasks(results: Path) -> str:
+    """Return the overhead per task, and what it means for very many fits, from ``tools.benchmark_tasks``."""
+    rows = _rows(results / "tasks.csv")
+    peaks = [name for name in rows[0] if name.startswith("peak_mb_")]
+    counts = [int(name.removeprefix("peak_mb_")) for name in peaks]
+    head = ["on", "workers", "time per empty task [ms]", "client's processor time [ms]", "scheduler's [ms]"]
+    peak = (f"client's peak memory after {count} tasks [MB]" for count in counts)
+    head += ["efficiency", "load of the machine", *peak]
+    made = table(head, ([cell or "–" for cell in row.values()] for row in rows))
+    return f"{made}\n{_on_paper(rows[-1], counts, peaks)}"
+
+
+def _on_paper(row: Mapping[str, str], counts: Sequence[int], peaks: Sequence[str]) -> str:
+    """Return what 100 000 fits cost on a cluster, by the numbers of its row."""
+    fits, seconds = 100_000, 60.0
+    client, scheduler = float(row["client_ms"]) * 1e-3, float(row["scheduler_ms"]) * 1e-3
+    slowest, hours = max(client, scheduler), fits * seconds / 3600
+    first = "scheduler" if scheduler >= client else "client"
+    growth = float(row[peaks[-1]]) - float(row[peaks[-2]])
+    each = growth / (counts[-1] - counts[-2])
+    return (
+        f"On paper, from the last row: {fits} fits of {seconds:.0f} s of processor time each take {hours:.0f} core "
+        f"hours, or {hours / 100:.0f} hours on 100 workers. The client adds {fits * client / 60:.0f} minutes of "
+        f"processor time, the scheduler {fits * scheduler / 60:.0f}. The first limit is the {first}: one process "
+        f"handles at most {1 / slowest:.0f} tasks per second, so more than about {seconds / slowest:.0f} workers would "
+        f"wait for it. At most {AHEAD} tasks are open at a time, but from {counts[-2]} to {counts[-1]} tasks the "
+        f"client's peak memory still grew by {growth:.0f} MB, which would be {each * fits / 1000:.1f} GB for {fits}.\n"
+    )
+
+
 TABLES: Mapping[tuple[str, str], Callable[[Path], str]] = {
     ("claims.md", "claims"): claims,
     ("benchmarks.md", "bench"): bench,
@@ -123,8 +163,10 @@ TABLES: Mapping[tuple[str, str], Callable[[Path], str]] = {
     ("benchmarks.md", "loads"): loads,
     ("benchmarks.md", "hard-cases"): hard_cases,
     ("model.md", "rating-integrals"): rating_integrals,
+    ("benchmarks.md", "tasks"): tasks,
     ("calibration.md", "calibration"): calibration,
     ("calibration.md", "injected-faults"): injected_faults,
+    ("calibration.md", "rank-goal"): rank_goal,
 }
 """Function that builds each table, by page and name."""
 
