@@ -203,7 +203,9 @@ class IntervalRatings(RatingsLikelihood):
         return ~self._exact
 
     def finer(self) -> Self:
-        """Return the same likelihood with finer integrals."""
+        """Return the same likelihood with finer integrals; over evenly spaced points if a rater's rows are all open."""
+        if self._integrals.has_open_raters:
+            return self.with_quadrature(DENSER if self._quadrature == DENSE else DENSE)
         return self.with_quadrature(finer_than(self._quadrature, self._integrals.count, self.model.law))
 
     def with_quadrature(self, quadrature: Quadrature) -> Self:

@@ -137,6 +137,11 @@ class RaterIntegrals:
         self._weight = weight * self._certain
         self._weighed = self.of_raters(self._weight)
 
+    @property
+    def has_open_raters(self) -> bool:
+        """True if a rater's intervals all have an infinite end: expansions about the mode miss the edge of l_p then."""
+        return bool((self._weighed == 0.0).any())
+
     def of_raters(self, values: FloatArray) -> FloatArray:
         """Return the sums of rows by rater, shape (..., raters)."""
         return np.add.reduceat(values, self._first, axis=-1)

@@ -154,6 +154,19 @@ def _on_paper(row: Mapping[str, str], counts: Sequence[int], peaks: Sequence[str
     )
 
 
+def model_ranks(results: Path) -> str:
+    """Return the verdicts on every observation model, and on the mistakes in it, from ``tools.model_ranks``."""
+    rows = _rows(results / "model_ranks" / "verdicts.csv")
+    right = [row for row in rows if row["fit"] == "right"]
+    wrong = [row for row in rows if row["fit"] != "right"]
+    head = ["model", "laboratories", "k of 0.7 or more", "quantities", "smallest p", "alarm below", "says first"]
+    keys = ["model", "labs", "k_large", "quantities", "smallest_p", "alarm_below", "says_first", "width", "shift"]
+    own = table([*head, "too narrow by", "shifted by"], ([row[key] for key in keys] for row in right))
+    head = ["model", "mistake in the fit", "laboratories", "smallest p", "says first"]
+    keys = ["model", "fit", "labs", "smallest_p", "says_first"]
+    return f"{own}\n{table(head, ([row[key] for key in keys] for row in wrong))}"
+
+
 TABLES: Mapping[tuple[str, str], Callable[[Path], str]] = {
     ("claims.md", "claims"): claims,
     ("benchmarks.md", "bench"): bench,
@@ -165,6 +178,7 @@ TABLES: Mapping[tuple[str, str], Callable[[Path], str]] = {
     ("model.md", "rating-integrals"): rating_integrals,
     ("benchmarks.md", "tasks"): tasks,
     ("calibration.md", "calibration"): calibration,
+    ("calibration.md", "model-ranks"): model_ranks,
     ("calibration.md", "injected-faults"): injected_faults,
     ("calibration.md", "rank-goal"): rank_goal,
 }

@@ -1,0 +1,377 @@
+"""Calibration of all models of ratings: ``python -m softness_bayes.tools.model_ranks FILE.csv [--labs N] [--first K]``.
+
+Parameters are drawn from the prior, and small laboratories of five raters, twelve fabrics and two loads are simulated.
+Each is fitted by importance sampling: with its own model, and some also with known mistakes in the likelihood (negative
+controls). The true values are ranked among the draws. Of the forward model only `b` is sampled;
+``softness-bayes calibrate`` tests the other parameters. The file gets a row per fit, and `verdicts.csv` beside it one
+per model and mistake. Existing rows are kept, so that a second call continues where the first one ended.
+
+``--agree FILE.csv`` instead compares importance sampling with the sampler of a run, for one laboratory of each model.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import cache
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import multivariate_t
+
+from softness_bayes.arviz_bridge import psis
+from softness_bayes.checking.ranks import DRAWS, Calibration
+from softness_bayes.data import Fabrics
+from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
+from softness_bayes.likelihood.magnitude import RatingModel
+from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
+from softness_bayes.likelihood.scales import AGGREGATED, CATEGORIES, PAIRS, RANKS, SLIDER
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.model.posterior import Posterior
+from softness_bayes.model.scenes import usual_values
+from softness_bayes.runs.calibration_scene import CalibrationScene
+from softness_bayes.runs.ranked_quantities import quantities, turning_point, turns
+from softness_bayes.runs.replicate import independent, ranks, simulate
+from softness_bayes.sampler.sampling import Settings, sample_until
+from softness_bayes.tools.coverage import keep
+from softness_bayes.touch.readings import MENDED
+
+Array = NDArray[np.float64]
+
+SCENE = CalibrationScene(Fabrics(tuple("abcdefghijkl"), effective_modulus=np.geomspace(3e3, 6e5, 12)), participants=5)
+
+HELD = ("m", "alpha", "beta", "sigma_0", "c_Na", "c_K", "c_L", "c_A")
+"""Parameters of the forward model that are fixed at their usual values, in simulation and fit."""
+
+
+class Effort(NamedTuple):
+    """Amount of work of an importance sampling."""
+
+    proposed: int
+    """Proposals of each round."""
+    rounds: int
+    """Rounds before the last."""
+    last: int
+    """Proposals of the last round, as a multiple of those of the others."""
+    batch: int
+    """Proposals whose density is computed in one call."""
+
+
+EFFORTS = Effort(300, 6, 5, 300), Effort(1000, 8, 6, 500)
+"""Work of the first importance sampling, and of a second one where k is above `TRUSTED`."""
+
+TRUSTED = 0.7
+"""Pareto's k of weights below which draws can be trusted; above it the second effort is made."""
+
+TAILS, LEAST_EFFECTIVE = 6.0, 100.0
+"""Degrees of freedom of proposals, and the smallest effective number of draws from which the mean and covariance of a
+round are computed."""
+
+RESAMPLED = 1000
+"""Number of draws resampled by their weights."""
+
+RUN = Settings(ensembles=2, processes=1)
+"""The run with which importance sampling is compared."""
+
+CONTROLLED, FAINT = 10, MappingProxyType({"differences ignored": 40})
+"""Number of laboratories that are also fitted with each mistake; of those that are hard to see, by name."""
+
+RIGHT = "right"
+"""Name of the fit with the model of the simulation."""
+
+
+class Mistaken:
+    """A likelihood with a known mistake: it is computed for other parameters, or another response.
+
+    Parameters
+    ----------
+    observation
+        The correct likelihood.
+    change
+        Function of the parameters that returns those used instead.
+    shift
+        Number of conditions by which the response is displaced.
+    """
+
+    def __init__(
+        self, observation: RatingsLikelihood, change: Callable[[RatingParameters], RatingParameters], shift: int = 0
+    ) -> None:
+        self._observation, self._change, self._shift = observation, change, shift
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._observation, name)
+
+    def log_likelihood(self, mean_rate: Array, parameters: RatingParameters) -> Array:
+        """Log density of all ratings at the changed parameters, shape (...)."""
+        return self._observation.log_likelihood(np.roll(mean_rate, self._shift, axis=-1), self._change(parameters))
+
+
+Mistake = Callable[[RatingsLikelihood], Any]
+
+
+def scaled(**factors: float) -> Mistake:
+    """Return the mistake that takes some parameters times a factor."""
+
+    def change(parameters: RatingParameters) -> RatingParameters:
+        return parameters._replace(**{name: getattr(parameters, name) * by for name, by in factors.items()})
+
+    return lambda observation: Mistaken(observation, change)
+
+
+def displaced(observation: RatingsLikelihood) -> Mistaken:
+    """Return the likelihood that attributes every rating to the next fabric."""
+    return Mistaken(observation, lambda parameters: parameters, 1)
+
+
+def exact(observation: RatingsLikelihood) -> Mistaken:
+    """Return the likelihood that takes whole numbers as exact, and 0 as the middle of its interval."""
+    taken = RatingModel(observation.model.direction).observe(observation.values, observation.design)
+    return Mistaken(taken, lambda parameters: parameters._replace(omega=0.0))
+
+
+WRONG_SIGN = MappingProxyType({"ratings fall where they rise": scaled(gamma=-1.0)})
+TOO_PRECISE = MappingProxyType({**WRONG_SIGN, "noise 1.5 times too small": scaled(varsigma=1 / 1.5)})
+ORDERED = MappingProxyType(
+    {
+        **WRONG_SIGN,
+        "noise 3 times too small": scaled(varsigma=1 / 3),
+        "each touch taken for the next fabric's": displaced,
+    }
+)
+"""Mistakes by model; in orders, only the exponent divided by the noise matters, so that 1.5 is a small mistake."""
+
+
+class Case(NamedTuple):
+    """One observation model, and mistakes in it that the ranks must detect."""
+
+    options: Mapping[str, Any]
+    """Options of the model."""
+    mistakes: Mapping[str, Mistake]
+
+
+_WHOLE, _OWN = {"resolution": 1.0}, {"resolution": 0.0, "errors": NORMAL}
+_GAPS = scaled(gap_2=2.0, gap_3=2.0, gap_4=2.0)
+CASES: Mapping[str, Case] = {
+    "whole numbers, normal": Case({**_WHOLE, "errors": NORMAL}, {**TOO_PRECISE, "taken as exact": exact}),
+    "whole numbers, Student": Case({**_WHOLE, "errors": STUDENT}, {**TOO_PRECISE, "tails ignored": scaled(nu=1e4)}),
+    "whole numbers, lapses": Case({**_WHOLE, "errors": LAPSES}, {**TOO_PRECISE, "lapses ignored": scaled(lapse=1e-6)}),
+    "slider": Case({"scale": SLIDER}, TOO_PRECISE),
+    "categories": Case(
+        {"scale": CATEGORIES, "n_categories": 5}, {**WRONG_SIGN, "inner categories twice as wide": _GAPS}
+    ),
+    "pairs": Case({"scale": PAIRS}, ORDERED),
+    "ranks": Case({"scale": RANKS}, ORDERED),
+    "aggregated": Case({"scale": AGGREGATED}, TOO_PRECISE),
+    "raters' own gamma": Case(
+        {**_OWN, "individual": ("gamma",)}, {**TOO_PRECISE, "differences ignored": scaled(tau_gamma=0.0)}
+    ),
+    "raters' own varsigma": Case(
+        {**_OWN, "individual": ("varsigma",)}, {**TOO_PRECISE, "differences ignored": scaled(tau_varsigma=0.0)}
+    ),
+}
+
+RANKED = (
+    *("b", "gamma", "tau", "varsigma", "eps", "nu", "lapse", "gap_2", "gap_3", "gap_4", "tau_gamma", "tau_varsigma"),
+    *("mu", "log_likelihood", "participant_effect", "participant_spread"),
+    *(name(load) for load in SCENE.loads for name in (turns, turning_point)),
+)
+COLUMNS = ("lab", "case", "k", *RANKED)
+"""`case`: model and fit; `k`: Pareto's shape of the weights; then the number of draws below the true value for every
+ranked quantity of the model."""
+
+
+@cache
+def posterior_of(case: str) -> Posterior:
+    """Return the posterior of a model, with placeholder ratings."""
+    usual = usual_values(MENDED)
+    options = ModelOptions(fix={name: usual[name] for name in HELD}, **CASES[case].options)
+    return SCENE.model(options).posterior
+
+
+def laboratory(case: str, number: int) -> tuple[Posterior, Array, Any]:
+    """Return the posterior of simulated ratings, the true parameters and the true effects."""
+    posterior, rng = posterior_of(case), np.random.default_rng((20261123, number))
+    theta = posterior.space.draw_prior(rng, 1)[0]
+    observation, effects = simulate(posterior.observation, posterior, theta, rng)
+    return posterior.with_term(observation), theta, effects
+
+
+def weighted(posterior: Posterior, rng: np.random.Generator, at: Array, effort: Effort) -> tuple[Array, float]:
+    """Return `RESAMPLED` draws of a posterior by importance sampling, and Pareto's shape k of their weights.
+
+    Proposals are multivariate t distributions (Cappé and colleagues, J. Comp. Graph. Stat. 13, 907, 2004). The first
+    has the prior's spread about `at`, and about the prior's mean where `at` is NaN; each later one has the mean and
+    covariance of the previous weighted draws. Weights are flattened as long as a few draws dominate. The final weights
+    are Pareto-smoothed.
+    """
+    prior = posterior.draw_start(rng, effort.proposed)
+    mean, covariance = np.where(np.isfinite(at), at, prior.mean(axis=0)), np.cov(prior.T)
+    for _ in range(effort.rounds):
+        z, log_ratio = _proposed(rng, posterior, mean, covariance, effort.proposed, effort.batch)
+        power = 1.0
+        while _effective(power * log_ratio) < LEAST_EFFECTIVE:
+            power *= 0.8
+        weight = np.exp(power * (log_ratio - log_ratio.max()))
+        mean, covariance = np.average(z, axis=0, weights=weight), np.cov(z.T, aweights=weight)
+    z, log_ratio = _proposed(rng, posterior, mean, covariance, effort.last * effort.proposed, effort.batch)
+    (log_weight,), (k,) = psis(log_ratio[None])
+    weight = np.exp(log_weight - log_weight.max())
+    chosen = rng.choice(len(z), RESAMPLED, p=weight / weight.sum())
+    return posterior.natural(z[chosen]), float(k)
+
+
+def _proposed(
+    rng: np.random.Generator, posterior: Posterior, mean: Array, covariance: Array, size: int, batch: int
+) -> tuple[Array, Array]:
+    """Return draws of the proposal and the log ratios of posterior to proposal density."""
+    law = multivariate_t(mean, covariance, df=TAILS)
+    z = law.rvs(size, random_state=rng)
+    return z, np.concatenate([posterior(part) for part in np.array_split(z, -(-size // batch))]) - law.logpdf(z)
+
+
+def _effective(log_weight: Array) -> float:
+    """Return the effective number of draws with these weights."""
+    weight = np.exp(log_weight - log_weight.max())
+    return float(weight.sum() ** 2 / (weight**2).sum())
+
+
+def fit(posterior: Posterior, number: int, right: bool = True) -> tuple[Array, float]:
+    """Return draws of a posterior by importance sampling, and Pareto's k; with more draws if a right model needs them.
+
+    Posteriors of mistaken models may be far from the ratings. They only have to be wrong, so that their weights need
+    not be good.
+    """
+    nowhere = np.full(posterior.space.dimension, np.nan)  # nothing is known about the truth
+    for effort in EFFORTS:
+        theta, k = weighted(posterior, np.random.default_rng((number, effort.proposed)), nowhere, effort)
+        if k < TRUSTED or not right:
+            break
+    return theta[:DRAWS], k
+
+
+def ranked(number: int, case: str) -> Iterator[dict[str, Any]]:
+    """Yield the row of one fit; `case` names model and fit, as in `names_of_fits`."""
+    model, _, name = case.partition(" / ")
+    if name != RIGHT and number >= FAINT.get(name, CONTROLLED):
+        return
+    made, truth, true_effects = laboratory(model, number)
+    fitted = made
+    if name != RIGHT:
+        fitted = made.with_term(CASES[model].mistakes[name](made.observation))
+    theta, k = fit(fitted, number, name == RIGHT)
+    rng = np.random.default_rng((number, 3))
+    response, parameters = fitted.response(theta), fitted.rating_parameters(theta)
+    effects = made.observation.draw_effects(rng, response, parameters)
+    true, drawn = quantities(fitted, truth[None], true_effects), quantities(fitted, theta, effects)
+    rank = ranks(np.concatenate([*true.values()]), np.column_stack([*drawn.values()]), rng)
+    placed = dict(zip(true, rank.tolist(), strict=True))
+    row = {"lab": number, "case": case, "k": round(k, 3)}
+    yield row | {name: placed[name] for name in RANKED if name in placed}
+
+
+def names_of_fits() -> Iterator[str]:
+    """Yield model and fit of every case of the file."""
+    for model, case in CASES.items():
+        for name in (RIGHT, *case.mistakes):
+            yield f"{model} / {name}"
+
+
+def calibrations(rows: Iterable[Mapping[str, str]]) -> dict[str, Calibration]:
+    """Return the ranks of each case, from rows of the file."""
+    of: dict[str, list[Mapping[str, str]]] = {}
+    for row in rows:
+        of.setdefault(row["case"], []).append(row)
+    found = {}
+    for case, own in of.items():
+        names = tuple(name for name in RANKED if str(own[0].get(name, "")) != "")
+        found[case] = Calibration(names, np.array([[int(row[name]) for name in names] for row in own]))
+    return found
+
+
+def judged(rows: Iterable[Mapping[str, str]]) -> Iterator[dict[str, Any]]:
+    """Yield what the ranks of each case say, from rows of the file: the verdict, and the power of a right model."""
+    kept = [*rows]
+    of = calibrations(kept)
+    for case in (name for name in names_of_fits() if name in of):
+        found, (model, _, name) = of[case], case.partition(" / ")
+        each = found.judge().values()
+        row = {
+            "model": model,
+            "fit": name,
+            "labs": len(found.rank),
+            "k_large": sum(row["case"] == case and float(row["k"]) >= TRUSTED for row in kept),
+            "quantities": len(found.names),
+            "smallest_p": f"{max(0.0, min(min(one.uniform_p, one.spread_p) for one in each)):.2g}",
+            "alarm_below": f"{found.threshold:.1g}",
+            "says_first": next(iter(found.faults()), "nothing"),
+        }
+        if name == RIGHT:
+            row |= {"width": f"{found.least_width.value:.2f}", "shift": f"{found.least_shift.value:.2f}"}
+        yield row
+
+
+VERDICTS = (
+    *("model", "fit", "labs", "k_large", "quantities", "smallest_p", "alarm_below", "says_first"),
+    *("width", "shift"),
+)
+"""`k_large`: number of fits with k of at least `TRUSTED`; `says_first`: the first quantity with an alarm; `width`,
+`shift`: factor by which a posterior must be too narrow, and shift in its standard deviations, to be detected nine times
+in ten."""
+
+
+def write_verdicts(path: Path) -> None:
+    """Write the verdicts on a file of fits to `verdicts.csv` beside it."""
+    with path.open(encoding="utf-8", newline="") as file:
+        found = [*judged(csv.DictReader(file))]
+    with path.with_name("verdicts.csv").open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, VERDICTS, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(found)
+
+
+def agreement(number: int, case: str) -> Iterator[dict[str, Any]]:
+    """Yield the differences between importance sampling and a run for one laboratory, by parameter."""
+    made = laboratory(case, number)[0]
+    nowhere = np.full(made.space.dimension, np.nan)
+    weighed, k = weighted(made, np.random.default_rng(number), nowhere, EFFORTS[1])
+    run = made.natural(independent(sample_until(made, RUN, number), len(weighed), np.random.default_rng(number)))
+    for name, one, other in zip(
+        made.names, made.space.coordinates(weighed).T, made.space.coordinates(run).T, strict=True
+    ):
+        sd = other.std()
+        yield {
+            "lab": number,
+            "case": case,
+            "k": round(k, 3),
+            "parameter": name,
+            "shift": round(float((one.mean() - other.mean()) / sd), 3),
+            "spread": round(float(one.std() / sd), 3),
+        }
+
+
+AGREEMENT = ("lab", "case", "k", "parameter", "shift", "spread")
+"""`shift`: difference of the means, in the run's posterior standard deviations; `spread`: ratio of these deviations."""
+
+
+def main() -> None:
+    """Fit the laboratories that are missing in the file."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("file", type=Path, help="CSV file of the fits; what it holds is kept")
+    parser.add_argument("--labs", type=int, default=200, help="number of laboratories of each model")
+    parser.add_argument("--first", type=int, default=0, help="number of the first one")
+    parser.add_argument("--agree", action="store_true", help="compare importance sampling with runs instead")
+    options = parser.parse_args()
+    numbers = range(options.first, options.first + options.labs)
+    if options.agree:
+        keep(options.file, AGREEMENT, numbers, CASES, agreement)
+    else:
+        keep(options.file, COLUMNS, numbers, [*names_of_fits()], ranked)
+        write_verdicts(options.file)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,67 @@
+"""Calibration of every observation model: a few laboratories of each, and what is kept of many."""
+
+import csv
+
+import numpy as np
+import pytest
+
+from softness_bayes.checking.ranks import Calibration
+from softness_bayes.tools.model_ranks import CASES, COLUMNS, RIGHT, calibrations, judged, names_of_fits, ranked
+from support.paths import ROOT
+
+FOLDER = ROOT / "notebooks" / "results" / "model_ranks"
+
+PARAMETERS = ("b", "gamma", "tau", "varsigma", "eps", "nu", "lapse", "tau_gamma", "tau_varsigma")
+FEW = 1
+"""Laboratories of each model that are fitted anew."""
+
+
+def kept():
+    with (FOLDER / "ranks.csv").open(encoding="utf-8", newline="") as file:
+        return [*csv.DictReader(file)]
+
+
+@pytest.mark.parametrize("model", CASES)
+def test_a_few_laboratories_are_ranked_as_those_kept(model):
+    """Ranks depend on the last digits only by the few draws that change their order."""
+    old = {int(row["lab"]): row for row in kept() if row["case"] == f"{model} / {RIGHT}"}
+    for number in range(1, 1 + FEW):
+        (row,) = ranked(number, f"{model} / {RIGHT}")
+        for name in PARAMETERS:
+            assert (name in row) == bool(old[number][name]), name
+            assert abs(int(row.get(name, 0)) - int(old[number][name] or 0)) <= 25, name
+
+
+def test_few_laboratories_show_the_wrong_sign():
+    """Negative control: the exponent of pairs fitted with the opposite sign."""
+    case = "pairs / ratings fall where they rise"
+    rows = [row for number in range(6) for row in ranked(number, case)]
+    assert Calibration(("log_likelihood",), np.array([[row["log_likelihood"]] for row in rows])).faults()
+
+
+CLEAN = ("whole numbers, normal", "whole numbers, Student", "pairs", "ranks", "aggregated", "raters' own gamma")
+"""Models without an alarm; the page explains those of the others."""
+
+
+def test_the_kept_fits_show_every_mistake_and_no_alarm_of_clean_models():
+    rows = kept()
+    assert [*rows[0]] == [*COLUMNS]
+    found = calibrations(rows)
+    assert {*found} == {*names_of_fits()}
+    for case, calibration in found.items():
+        model, _, name = case.partition(" / ")
+        if name != RIGHT:
+            assert calibration.faults(), case
+        elif model in CLEAN:
+            assert not calibration.faults(), case
+        assert len(calibration.rank) >= (70 if name == RIGHT else 10), case
+
+
+def test_the_kept_verdicts_are_those_of_the_kept_ranks():
+    with (FOLDER / "verdicts.csv").open(encoding="utf-8", newline="") as file:
+        verdicts = {f"{row['model']} / {row['fit']}": row for row in csv.DictReader(file)}
+    some = [row for row in kept() if row["case"] == "ranks / noise 3 times too small"]
+    (found,) = judged(some)
+    old = verdicts["ranks / noise 3 times too small"]
+    assert {name: str(value) for name, value in found.items()} == {name: old[name] for name in found}
+    assert {*verdicts} == {*names_of_fits()}
