@@ -11,7 +11,6 @@ from __future__ import annotations
 import csv
 import io
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -92,6 +91,8 @@ def _processor_time(process: int) -> float:
 
 def measure(on: str, workers: int) -> dict[str, str]:
     """Return a row: overhead per empty task, efficiency for sleeping tasks, peak memory of this process."""
+    import resource  # missing on Windows, where all other modules import
+
     with ExitStack() as stack:
         scheduler = 0
         if on == "dask":

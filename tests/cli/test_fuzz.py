@@ -28,11 +28,12 @@ from softness_bayes.data import (
 from softness_bayes.data.faults import SHOWN
 from softness_bayes.errors import InputError
 from softness_bayes.explore import subject
-from softness_bayes.model import build, resolution
+from softness_bayes.model import build
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.results import fitted
 from softness_bayes.runs import calibrate
 from softness_bayes.sampler import workers
+from softness_bayes.touch import resolution
 from support.randomness import SEED
 
 SEEDS = Path(__file__).with_name("fuzz")

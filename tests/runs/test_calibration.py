@@ -547,7 +547,7 @@ def test_the_command_from_end_to_end(tmp_path):
     assert done.exit_code == 3, done.output
     assert "Not decided: 1 replicates" in done.output
     written = {path.name for path in (tmp_path / "out").iterdir()}
-    made = {"manifest.json", "replicates", "ranks.csv", "coverage.csv", "verdict.txt", "ecdf.png"}
+    made = {"asked.json", "manifest.json", "replicates", "ranks.csv", "coverage.csv", "verdict.txt", "ecdf.png"}
     assert written == {".softness-bayes.json", *made}
     assert json.loads((tmp_path / "out" / "manifest.json").read_text())["goal"] == str(RANKED)
     again = CliRunner().invoke(main, [*arguments, "--seed", "4", "--out", str(tmp_path / "out")])

@@ -238,7 +238,7 @@ def own_package(tmp_path, monkeypatch):
     (home / "leaks.py").write_text(
         "from dataclasses import replace\n"
         "from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS\n"
-        "LEAKY = replace(CONNOR_STEVENS, name='leaky', g_l=0.31)\n"
+        "LEAKY = replace(CONNOR_STEVENS, name='leaky', g_l=0.32)\n"
     )
     monkeypatch.syspath_prepend(home)
     supplied.installed.cache_clear()
@@ -265,7 +265,7 @@ def test_a_membrane_of_an_installed_package_passes_through_every_verb(own_packag
             assert "membrane=leaks:LEAKY" in said, words
         # the membrane itself, without the curve that stands for all of them here
         read = Result.load(tmp_path / "own").readings.membrane
-        assert (read.name, read.g_l) == ("leaky", 0.31)
+        assert (read.name, read.g_l) == ("leaky", 0.32)
         sys.path.remove(str(own_package))
         sys.modules.pop("leaks")
         refused(call("predict", "--posterior", "own", *touch, cwd=tmp_path), "there is no module 'leaks'")
