@@ -95,6 +95,7 @@ def test_a_moved_slider_moves_the_curve(window, of_ratings):
     assert window.script(f"{title}.textContent") == f"{b:g}"
 
 
+@pytest.mark.slow
 def test_time_of_a_redraw_is_told(window, of_ratings):
     """From the slider's event to the new data, through the server and back, and to the screen: see ``pytest -s``."""
     span = next(one for one in of_ratings.spans if one.name == "sigma_0")
