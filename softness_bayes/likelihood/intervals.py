@@ -29,6 +29,7 @@ from softness_bayes.likelihood.rater_rows import Given, LawParameters
 from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
 from softness_bayes.likelihood.scales import SLIDER, Scale
 from softness_bayes.likelihood.stated import Stated
+from softness_bayes.likelihood.walled_integrals import WalledIntegrals
 
 FloatArray = NDArray[np.float64]
 
@@ -163,7 +164,9 @@ class IntervalRatings(RatingsLikelihood):
         weight = np.ones(order.size) if model.law == NORMAL else _robust(self._middle, rater, self._condition)
         count = np.bincount(rater).astype(float)
         self._quadrature = quadrature or quadrature_for(count)
-        kind = DenseIntegrals if self._quadrature in (DENSE, DENSER) else RaterIntegrals
+        walled = np.bincount(rater, np.isfinite(self._widths())).min() == 0.0
+        kind: type[RaterIntegrals] = WalledIntegrals if walled else RaterIntegrals
+        kind = DenseIntegrals if self._quadrature in (DENSE, DENSER) else kind
         times = _times(rater, self._condition, self._rows.low, self._rows.high, self._middle)
         level = model.level
         self._integrals = kind(model.law, rater, weight, level.mean, level.sd, self._widths(), times)
@@ -203,10 +206,9 @@ class IntervalRatings(RatingsLikelihood):
         return ~self._exact
 
     def finer(self) -> Self:
-        """Return the same likelihood with finer integrals; over evenly spaced points if a rater's rows are all open."""
-        if self._integrals.has_open_raters:
-            return self.with_quadrature(DENSER if self._quadrature == DENSE else DENSE)
-        return self.with_quadrature(finer_than(self._quadrature, self._integrals.count, self.model.law))
+        """Return the same likelihood with finer integrals."""
+        walled = self._integrals.walled.size > 0
+        return self.with_quadrature(finer_than(self._quadrature, self._integrals.count, self.model.law, walled))
 
     def with_quadrature(self, quadrature: Quadrature) -> Self:
         """Return the same likelihood with integrals of another resolution."""

@@ -49,14 +49,17 @@ def quadrature_for(count: FloatArray) -> Quadrature:
     return FINE if count.min() < MANY_ROWS else FAST
 
 
-def finer_than(quadrature: Quadrature, count: FloatArray, law: ErrorLaw) -> Quadrature:
-    """Return a reference quadrature for the error of another one, given the numbers of ratings per rater."""
+def finer_than(quadrature: Quadrature, count: FloatArray, law: ErrorLaw, walled: bool = False) -> Quadrature:
+    """Return a reference quadrature for the error of another one, given the numbers of ratings per rater.
+
+    Of raters with a wall (`walled_integrals`), only the finest quadrature is a reference.
+    """
     if quadrature in (DENSE, DENSER):
         return DENSER
     # compared by equality, because a law sent to a worker is a copy
     if count.min() < FEW_ROWS and law != NORMAL:
         return DENSE
-    return FINEST if quadrature == FINE else FINE
+    return FINEST if walled or quadrature == FINE else FINE
 
 
 @cache

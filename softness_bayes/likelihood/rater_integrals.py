@@ -135,12 +135,8 @@ class RaterIntegrals:
         self._open = [group for group in self._groups if not closed[group.rows[0]]]
         self._certain = np.where(closed, 1.0 / (1.0 + np.where(closed, width, 0.0) ** 2), 0.0)
         self._weight = weight * self._certain
-        self._weighed = self.of_raters(self._weight)
-
-    @property
-    def has_open_raters(self) -> bool:
-        """True if a rater's intervals all have an infinite end: expansions about the mode miss the edge of l_p then."""
-        return bool((self._weighed == 0.0).any())
+        self._weighed, self._times = self.of_raters(self._weight), times
+        self.walled = np.flatnonzero(self._weighed == 0.0)
 
     def of_raters(self, values: FloatArray) -> FloatArray:
         """Return the sums of rows by rater, shape (..., raters)."""

@@ -12,8 +12,9 @@ from support.paths import ROOT
 FOLDER = ROOT / "notebooks" / "results" / "model_ranks"
 
 PARAMETERS = ("b", "gamma", "tau", "varsigma", "eps", "nu", "lapse", "tau_gamma", "tau_varsigma")
-FEW = 1
-"""Laboratories of each model that are fitted anew."""
+FITTED = {"whole numbers, Student": 2, "whole numbers, lapses": 2, "categories": 6}
+"""Laboratory of each model that is fitted anew, by default 1; in these some raters of laboratory 1 have answers in
+one open interval only, whose likelihood was wrong when the others were fitted."""
 
 
 def kept():
@@ -25,11 +26,11 @@ def kept():
 def test_a_few_laboratories_are_ranked_as_those_kept(model):
     """Ranks depend on the last digits only by the few draws that change their order."""
     old = {int(row["lab"]): row for row in kept() if row["case"] == f"{model} / {RIGHT}"}
-    for number in range(1, 1 + FEW):
-        (row,) = ranked(number, f"{model} / {RIGHT}")
-        for name in PARAMETERS:
-            assert (name in row) == bool(old[number][name]), name
-            assert abs(int(row.get(name, 0)) - int(old[number][name] or 0)) <= 25, name
+    number = FITTED.get(model, 1)
+    (row,) = ranked(number, f"{model} / {RIGHT}")
+    for name in PARAMETERS:
+        assert (name in row) == bool(old[number][name]), name
+        assert abs(int(row.get(name, 0)) - int(old[number][name] or 0)) <= 25, name
 
 
 def test_few_laboratories_show_the_wrong_sign():
