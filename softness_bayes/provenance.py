@@ -101,7 +101,7 @@ class DirectionTaken:
 
 
 @dataclass(frozen=True)
-class RatingModel:
+class RatingSettings:
     """Rating model of a run, apart from its readings, priors and direction."""
 
     noise: float = 0.0
@@ -248,9 +248,9 @@ class Provenance:
         return self._section(DirectionTaken)
 
     @property
-    def rating_model(self) -> RatingModel:
+    def rating_model(self) -> RatingSettings:
         """The model of the ratings."""
-        return self._section(RatingModel)
+        return self._section(RatingSettings)
 
     @property
     def rating_data(self) -> RatingData:

@@ -23,7 +23,7 @@ from softness_bayes.provenance import (
     PlateData,
     Provenance,
     RatingData,
-    RatingModel,
+    RatingSettings,
     ResidualChecks,
     Silence,
     attributes_of,
@@ -36,7 +36,7 @@ SECTIONS = {
     "asked": Asked(2, "softness-bayes sample", {"fix": {"m": 2.0}, "max_seconds": float("inf")}, 3, "in-vivo"),
     "ending": Ending("Converged.", True, 900, 0, 100, 1.5, 40_000, 2),
     "direction": DirectionTaken(FALLS, False, "from the data", 0.25, 0.7, 0.01),
-    "rating_model": RatingModel(0.5, STANDARDISED, 1e-3, "12 nodes", "student", "heavy tails", "whole numbers"),
+    "rating_model": RatingSettings(0.5, STANDARDISED, 1e-3, "12 nodes", "student", "heavy tails", "whole numbers"),
     "rating_data": RatingData("abc", "def", 4),
     "errors": NumericalErrors(1e-4, 1e-5, "Exact enough.", 0.01, 0.03, 0.99, 0.4, True, 0.02),
     "residuals": ResidualChecks(

@@ -158,7 +158,7 @@ def _levelled_rows(
     return [_row("posterior", FALL, "same", *label, one) for label, one in zip(labels, findings, strict=True)]
 
 
-class Replicates(NamedTuple):
+class CheckedQuantity(NamedTuple):
     """A test quantity of the data and of the posterior's replicates."""
 
     quantity: Quantity
@@ -170,7 +170,7 @@ class Replicates(NamedTuple):
     """Shape (replicates, columns); NaN for replicates without a value."""
 
 
-def posterior_quantities(tree: xr.DataTree, quantities: Sequence[Quantity] = QUANTITIES) -> list[Replicates]:
+def posterior_quantities(tree: xr.DataTree, quantities: Sequence[Quantity] = QUANTITIES) -> list[CheckedQuantity]:
     """Return the test quantities in `check_table` for each replicate.
 
     Parameters
@@ -184,7 +184,7 @@ def posterior_quantities(tree: xr.DataTree, quantities: Sequence[Quantity] = QUA
     fit = layout.fit(_values(tree, "observed_data", "rating"))
     fits = {anew: layout.fit(ratings) for anew, ratings in _posterior_replicates(tree).items()}
     return [
-        Replicates(
+        CheckedQuantity(
             quantity,
             _labels(tree, layout, quantity.columns),
             check_quantity(quantity, layout, fit, replicates, PROBABILITY),

@@ -82,7 +82,7 @@ class Evidence(NamedTuple):
         return [*found, self.sentence, self.reading]
 
 
-class Choice(NamedTuple):
+class DirectionChoice(NamedTuple):
     """The direction that a run takes, and the evidence of its data."""
 
     direction: RatingDirection
@@ -144,9 +144,9 @@ def evidence_in(layout: Layout, ratings: NDArray[np.float64], loads: Sequence[st
     return Evidence(find_trend(layout, ratings), tuple(loads[k] for k in layout.loads), firing)
 
 
-def choose(asked: RatingDirection | None, evidence: Evidence) -> Choice:
+def choose(asked: RatingDirection | None, evidence: Evidence) -> DirectionChoice:
     """Return the requested direction, or that of the data, or the default if these do not decide."""
-    return Choice(asked or evidence.direction or RISES, asked is not None, evidence)
+    return DirectionChoice(asked or evidence.direction or RISES, asked is not None, evidence)
 
 
 def _way(found: Correlation) -> str:

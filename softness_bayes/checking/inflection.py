@@ -31,7 +31,7 @@ TURNING_POINTS = 41
 _PIECE = 500  # draws whose curves are kept in memory at once
 
 
-class Outcome(IntEnum):
+class CurveShape(IntEnum):
     """Shape of the response of one draw under one load over the range of fabrics."""
 
     NONE = 0
@@ -61,7 +61,7 @@ class Inflection(NamedTuple):
     """Turning points of the response (its maximum; the paper's inflection), every field of shape (draws, loads)."""
 
     outcome: NDArray[np.int8]
-    """An `Outcome` for each draw and load."""
+    """An `CurveShape` for each draw and load."""
     modulus: Array
     """E_fab at the maximum [Pa]; like the next three fields, NaN unless the outcome is interior."""
     ratio: Array
@@ -129,7 +129,9 @@ def find_inflection(
     silent = rate.max(axis=-1) == 0
     margin = max(least_drop, 3.0 * error) * peak
     interior = ~silent & (peak - rate[..., 0] >= margin) & (peak - rate[..., -1] >= margin)
-    outcome = np.where(silent, Outcome.SILENT, np.where(interior, Outcome.INTERIOR, Outcome.NONE)).astype(np.int8)
+    outcome = np.where(silent, CurveShape.SILENT, np.where(interior, CurveShape.INTERIOR, CurveShape.NONE)).astype(
+        np.int8
+    )
 
     def at_peak(values: Array) -> Array:
         below = np.floor(place).astype(int)

@@ -99,7 +99,7 @@ class Tables(NamedTuple):
     interior: FloatArray
     modulus: FloatArray
     drop: FloatArray
-    """These three as in `quantities.Turn`."""
+    """These three as in `quantities.RatingsTurn`."""
     fall: FloatArray
     """As in `fall`."""
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checking.check_table import layout_of
-from softness_bayes.checking.direction import Choice, evidence_in
+from softness_bayes.checking.direction import DirectionChoice, evidence_in
 from softness_bayes.checking.flatness import Explained, explain
 from softness_bayes.checking.grouped import groups_in
 from softness_bayes.checking.quantities import Layout
@@ -33,7 +33,7 @@ MOSTLY_SILENT = 0.5
 class Fit(NamedTuple):
     """Agreement of a model with its ratings, with the criteria of a failed fit."""
 
-    choice: Choice
+    choice: DirectionChoice
     """The direction of the run, and the evidence of the data for it."""
     loads: tuple[str, ...]
     explained: tuple[Explained, ...]
@@ -112,7 +112,7 @@ def fit_of(tree: xr.DataTree) -> Fit:
     layout, taken, silence = layout_of(tree), Provenance(tree.attrs).direction, Provenance(tree.attrs).silence
     ratings = _values(tree, "observed_data", "rating")
     evidence = evidence_in(layout, ratings, groups_in(tree).names, taken.firing_rises)
-    choice = Choice(taken.direction, taken.direction_asked, evidence)
+    choice = DirectionChoice(taken.direction, taken.direction_asked, evidence)
     silent = silence.posterior_silent_everywhere
     predicted = _predicted(tree, silent, layout)
     explained: tuple[Explained, ...] = ()

@@ -81,7 +81,7 @@ def ties(tie: Array, order: NDArray[np.intp]) -> NDArray[np.intp]:
     return found
 
 
-class Agreement(NamedTuple):
+class RankAgreement(NamedTuple):
     """Agreement of a predicted order with an observed one; 1 for the same order, -1 for the opposite one."""
 
     value: float
@@ -116,7 +116,7 @@ MEASURES: Mapping[str, Callable[[Array, Array], float]] = MappingProxyType({"spe
 """Measures of agreement of two orders, with ties."""
 
 
-def agreement(place: Array, observed: ArrayLike) -> dict[str, Agreement]:
+def agreement(place: Array, observed: ArrayLike) -> dict[str, RankAgreement]:
     """Return the agreement of places in draws, shape (draws, fabrics), with observed ranks, shape (fabrics,).
 
     Draws in which all fabrics tie are left out.
@@ -137,7 +137,7 @@ def agreement(place: Array, observed: ArrayLike) -> dict[str, Agreement]:
         each = np.array([measure(one, observed) for one in place])
         known = each[np.isfinite(each)]
         value, low, high = np.quantile(known, [0.5, 0.05, 0.95]) if known.size else np.full(3, np.nan)
-        found[name] = Agreement(float(value), float(low), float(high), jackknife(measure, middle, observed))
+        found[name] = RankAgreement(float(value), float(low), float(high), jackknife(measure, middle, observed))
     return found
 
 

@@ -67,7 +67,7 @@ class Separate(NamedTuple):
     """Effective number of these draws."""
 
 
-class Population(NamedTuple):
+class PopulationPrior(NamedTuple):
     """Prior of a population: of its mean in natural units, of its spread on the unconstrained scale."""
 
     mean: Prior
@@ -76,7 +76,7 @@ class Population(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Grid:
+class PopulationGrid:
     """Cells of equal size over mean and spread."""
 
     mean: Array
@@ -85,7 +85,9 @@ class Grid:
     """Shape (means, spreads)."""
 
     @classmethod
-    def over(cls, population: Population, mean: tuple[float, float], spread: tuple[float, float], cells: int) -> Grid:
+    def over(
+        cls, population: PopulationPrior, mean: tuple[float, float], spread: tuple[float, float], cells: int
+    ) -> PopulationGrid:
         """Return the grid between two limits of each."""
         centres = (np.arange(cells) + 0.5) / cells
         mu, tau = (low + (high - low) * centres for low, high in (mean, spread))
@@ -175,7 +177,7 @@ class Pooled:
         return ""
 
 
-def pool(tables: Mapping[str, Separate], population: Population) -> Pooled:
+def pool(tables: Mapping[str, Separate], population: PopulationPrior) -> Pooled:
     """Return mean and spread of a population, and each table's parameter in it.
 
     Parameters
@@ -229,7 +231,7 @@ def _unreached(tables: Mapping[str, Separate]) -> Pooled:
     return Pooled(none, none, none, np.nan, np.nan, np.nan, np.nan, alone, LARGEST_K)
 
 
-def _focused(tables: Sequence[Separate], population: Population) -> Grid:
+def _focused(tables: Sequence[Separate], population: PopulationPrior) -> PopulationGrid:
     """Return the grid over the part of the prior retained by coarse grids, whose kernels are as wide as their cells."""
     wide = float(population.spread.quantile(_MOST))
     within = population.scale.coordinate(population.mean.quantile(np.array([1.0 - _MOST, _MOST])))
@@ -241,11 +243,11 @@ def _focused(tables: Sequence[Separate], population: Population) -> Grid:
         mean = (float(within[0]), float(within[1]))
     spread = (0.0, wide)
     for _ in range(_PASSES):
-        grid = Grid.over(population, mean, spread, _COARSE)
+        grid = PopulationGrid.over(population, mean, spread, _COARSE)
         likelihood = [_log(_sums(one, grid, (mean[1] - mean[0]) / _COARSE).sum(axis=0)) for one in tables]
         mass = _normalised(grid.log_prior.ravel() + np.sum(likelihood, axis=0)).reshape(_COARSE, _COARSE)
         mean, spread = _kept(mean, mass.sum(axis=1)), _kept(spread, mass.sum(axis=0))
-    return Grid.over(population, mean, spread, CELLS)
+    return PopulationGrid.over(population, mean, spread, CELLS)
 
 
 def _kept(limits: tuple[float, float], mass: Array) -> tuple[float, float]:
@@ -258,7 +260,7 @@ def _kept(limits: tuple[float, float], mass: Array) -> tuple[float, float]:
     return float(edges[max(held[0] - 1, 0)]), float(edges[min(held[-1] + 2, mass.size)])
 
 
-def _sums(table: Separate, grid: Grid, least: float = 0.0) -> Array:
+def _sums(table: Separate, grid: PopulationGrid, least: float = 0.0) -> Array:
     """Return the sums of weights over groups of consecutive draws in each cell, shape (groups, cells)."""
     mean, width = _kernels(table, grid, least)
     ratio = np.exp(table.log_prior.min() - table.log_prior)
@@ -270,7 +272,7 @@ def _sums(table: Separate, grid: Grid, least: float = 0.0) -> Array:
     return found
 
 
-def _kernels(table: Separate, grid: Grid, least: float = 0.0) -> tuple[Array, Array]:
+def _kernels(table: Separate, grid: PopulationGrid, least: float = 0.0) -> tuple[Array, Array]:
     """Return centre and width of the kernel of each cell."""
     mean, spread = grid.cells
     return mean, np.hypot(spread, max(NARROWEST * float(table.value.std()), least))
@@ -286,7 +288,7 @@ def _without(sums: Array, posterior: Array) -> list[Array]:
     return list(np.where(total > 0, found / np.where(total > 0, total, 1.0), posterior))
 
 
-def _shrunken(table: Separate, grid: Grid, posterior: Array, log_likelihood: Array) -> Shrunken:
+def _shrunken(table: Separate, grid: PopulationGrid, posterior: Array, log_likelihood: Array) -> Shrunken:
     """Return a table's parameter separately and in its population, cells weighted by the other tables."""
     even = np.full(table.value.size, 1.0 / table.value.size)
     separate = _limits(table.value, even)

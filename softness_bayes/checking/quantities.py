@@ -134,7 +134,7 @@ class Layout:
         return Additive(*(np.concatenate(v).reshape((*shape, *v[0].shape[1:])) for v in zip(*fits, strict=True)))
 
 
-class Turn(NamedTuple):
+class RatingsTurn(NamedTuple):
     """Turn of mean log ratings along the fabrics of each load, every field of shape (..., loads)."""
 
     interior: FloatArray
@@ -145,7 +145,7 @@ class Turn(NamedTuple):
     """Fall of the mean log rating from the maximum to the stiffest fabric; 0 if that is the maximum."""
 
 
-def find_turn(layout: Layout, fit: Additive) -> Turn:
+def find_turn(layout: Layout, fit: Additive) -> RatingsTurn:
     """Locate the maximum of the mean log rating under each load (the minimum if ratings fall with the response).
 
     It is interior if it exceeds the means of the softest and of the stiffest fabric by `CLEAR` standard
@@ -154,7 +154,7 @@ def find_turn(layout: Layout, fit: Additive) -> Turn:
     """
     count = layout.design.cells.sum(axis=0)
     found = [_turn_of_load(layout, fit, count, np.flatnonzero(layout.load == k)) for k in layout.loads]
-    return Turn(*(np.stack(field, axis=-1) for field in zip(*found, strict=True)))
+    return RatingsTurn(*(np.stack(field, axis=-1) for field in zip(*found, strict=True)))
 
 
 def _turn_of_load(layout: Layout, fit: Additive, count: FloatArray, conditions: IndexArray) -> tuple[FloatArray, ...]:

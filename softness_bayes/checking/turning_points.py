@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.checking.inflection import Inflection, Outcome
+from softness_bayes.checking.inflection import CurveShape, Inflection
 from softness_bayes.sampler.precision import Estimate, quantile, share
 
 if TYPE_CHECKING:
@@ -45,10 +45,10 @@ def turning_table(
     rows = []
     for k, load in enumerate(loads):
         outcome = _walks(draws.outcome[..., k], ensemble)
-        found = {f"p_{kind.name.lower()}": share(outcome == kind) for kind in Outcome}
+        found = {f"p_{kind.name.lower()}": share(outcome == kind) for kind in CurveShape}
         before = Estimate(np.nan, np.nan)
         if prior is not None:
-            before = share(_walks(prior.outcome[..., k]) == Outcome.INTERIOR)
+            before = share(_walks(prior.outcome[..., k]) == CurveShape.INTERIOR)
         found |= {"prior_p_interior": before, "p_inside": share(_walks(draws.inside[..., k], ensemble))}
         for name, (field, factor) in PLACES.items():
             walks = factor * _walks(getattr(draws, field)[..., k], ensemble)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checkpoints.manifest import read_manifest, sealed
-from softness_bayes.checkpoints.salvage import Earlier, Whole, kept_states, last_whole, whole_state
+from softness_bayes.checkpoints.salvage import EarlierState, Whole, kept_states, last_whole, whole_state
 from softness_bayes.checkpoints.status import Status, status_of
 from softness_bayes.checkpoints.vacancy import is_kept, remove_run, require_vacant
 from softness_bayes.checkpoints.words import differences, failure_table
@@ -38,7 +38,7 @@ from softness_bayes.files.run_files import (
 from softness_bayes.files.whole import write_whole
 from softness_bayes.sampler.schedule import Schedule
 from softness_bayes.sampler.serial import as_json, packed, state_of, state_values, unpacked
-from softness_bayes.sampler.starts import Target
+from softness_bayes.sampler.starts import TargetDensity
 from softness_bayes.sampler.state import RunState
 
 INTERVAL = 2.0
@@ -86,7 +86,7 @@ class Checkpoint:
         self._saved: tuple[int, int, int] = (-1, 0, 0)  # phase, stride and number of the stored steps in the pieces
         self._salvage, self.damage = salvage, ""  # damaged files and the resulting loss, as a sentence
         self._pieces: list[str] = []
-        self._earlier: list[Earlier] = []
+        self._earlier: list[EarlierState] = []
         self._digests: dict[str, str] = {}  # SHA-256 of every file by its name
         self._serial, self._told, self._last = 0, 0, -np.inf
         self._pending: Callable[[], None] | None = None
@@ -166,7 +166,7 @@ class Checkpoint:
                 self._manifest, self.damage = _read(self.directory, self._salvage)  # as the last holder left it
                 require_outputs(self.directory, FILES, RUN)
                 self._serial, self._pieces = self._manifest["serial"], list(self._manifest["pieces"])
-                self._earlier = [Earlier(*one) for one in self._manifest.get("earlier", [])]
+                self._earlier = [EarlierState(*one) for one in self._manifest.get("earlier", [])]
                 self._digests = dict(self._manifest["digests"])
                 if not self.damage:
                     self._tidy()
@@ -222,7 +222,7 @@ class Checkpoint:
                 "with its original options and data, or start a new run in another directory"
             )
 
-    def keep(self, state: RunState, schedule: Schedule, target: Target) -> None:
+    def keep(self, state: RunState, schedule: Schedule, target: TargetDensity) -> None:
         """Write a state, or hold it in memory if the last one was written very recently.
 
         Parameters
@@ -270,7 +270,7 @@ class Checkpoint:
         """Status of the saved run; None before the first state."""
         return None if self._manifest is None else status_of(self._manifest, True)
 
-    def _write(self, state: RunState, schedule: Schedule, target: Target) -> None:
+    def _write(self, state: RunState, schedule: Schedule, target: TargetDensity) -> None:
         self._serial += 1
         if self._manifest is None:
             require_vacant(self.directory, self._replace, self._inputs)
@@ -292,7 +292,7 @@ class Checkpoint:
             arrays = f"state-{self._serial:07d}.npz"
             found = {"piloting": schedule.in_pilot(state), "missing": schedule.missing(state)}
             self._write_file(arrays, packed(whole_state(state, found)))
-            before = [] if self._manifest is None else [Earlier(self._manifest["arrays"], self._pieces)]
+            before = [] if self._manifest is None else [EarlierState(self._manifest["arrays"], self._pieces)]
             earlier = kept_states([*self._earlier, *before], pieces)
             names = {*pieces, arrays, *(name for one in earlier for name in (one.arrays, *one.pieces))}
             self._replace_manifest(

@@ -32,7 +32,7 @@ class Whole(NamedTuple):
     """Damaged files and the resulting loss, as a sentence; empty if nothing is damaged."""
 
 
-class Earlier(NamedTuple):
+class EarlierState(NamedTuple):
     """An earlier state in a checkpoint."""
 
     arrays: str
@@ -47,7 +47,7 @@ def whole_state(state: RunState, found: Mapping[str, Any]) -> dict[str, NDArray[
     return {**state_arrays(state), _VALUES: np.frombuffer(values, np.uint8)}
 
 
-def kept_states(earlier: Sequence[Earlier], pieces: Sequence[str]) -> list[Earlier]:
+def kept_states(earlier: Sequence[EarlierState], pieces: Sequence[str]) -> list[EarlierState]:
     """Return the earlier states to be kept in addition to a state with some pieces.
 
     States whose chains begin with the same piece as those of this one are kept, but only every second one if there are
@@ -80,8 +80,8 @@ def last_whole(directory: Path) -> Whole:
             raise error from None
         said.append(f"{home / MANIFEST}: damaged or missing, and read from its copy")
     digests, broken = manifest["digests"], []
-    last = Earlier(manifest["arrays"], manifest["pieces"])
-    for one in (last, *(Earlier(*entry) for entry in reversed(manifest.get("earlier", [])))):
+    last = EarlierState(manifest["arrays"], manifest["pieces"])
+    for one in (last, *(EarlierState(*entry) for entry in reversed(manifest.get("earlier", [])))):
         names = (*one.pieces, one.arrays)
         wrong = next((name for name in names if name in broken or not _is_whole(home / name, digests[name])), None)
         if wrong is None:
@@ -96,7 +96,7 @@ def last_whole(directory: Path) -> Whole:
     )
 
 
-def _before(manifest: Mapping[str, Any], home: Path, one: Earlier) -> dict[str, Any]:
+def _before(manifest: Mapping[str, Any], home: Path, one: EarlierState) -> dict[str, Any]:
     """Return the manifest as it was at an earlier state."""
     found = json.loads(unpacked(home / one.arrays, manifest["digests"][one.arrays])[_VALUES].tobytes())
     names = [name for name, _ in manifest["earlier"]]

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from softness_bayes.likelihood.directions import RATING_DIRECTIONS
-from softness_bayes.sampler.starts import Target
+from softness_bayes.sampler.starts import TargetDensity
 from softness_bayes.sampler.state import RunState
 
 
@@ -24,7 +24,7 @@ def _today(value: str | None) -> str | None:
     return next((d.name for d in RATING_DIRECTIONS.values() if d.former == value), value)
 
 
-def failure_table(state: RunState, target: Target) -> str:
+def failure_table(state: RunState, target: TargetDensity) -> str:
     """Return the points at which the density could not be computed, in natural units, with the stage that failed."""
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softness_bayes.claims.criteria import CLAIMS, Claim, Verdict
+from softness_bayes.claims.criteria import CLAIMS, Claim, ClaimVerdict
 from softness_bayes.claims.numbers import Bench, Numbers
 from softness_bayes.data import Fabrics, Ratings
 from softness_bayes.errors import InputError
@@ -33,9 +33,9 @@ __all__ = [
     "TOUCHES",
     "Claim",
     "ClaimFinding",
+    "ClaimVerdict",
     "Numbers",
     "Trial",
-    "Verdict",
     "evaluate_claims",
 ]
 
@@ -62,11 +62,11 @@ class ClaimFinding(NamedTuple):
     """The verdict on one claim in one trial."""
 
     claim: Claim
-    verdict: Verdict
+    verdict: ClaimVerdict
     """At the priors' medians."""
     numbers: str
     """The numbers behind it, load by load."""
-    shares: Mapping[Verdict, float]
+    shares: Mapping[ClaimVerdict, float]
     """Probability of each verdict over draws of the prior; empty without draws."""
 
 
@@ -91,8 +91,8 @@ class Trial(NamedTuple):
     def _finding(self, claim: Claim) -> ClaimFinding:
         (verdict,) = claim.verdicts(self.median, self.rated)
         drawn = claim.verdicts(self.draws, self.rated) if self.draws is not None else []
-        tells = verdict in (Verdict.HOLDS, Verdict.FAILS)
-        shares = {kind: drawn.count(kind) / len(drawn) for kind in Verdict} if drawn else {}
+        tells = verdict in (ClaimVerdict.HOLDS, ClaimVerdict.FAILS)
+        shares = {kind: drawn.count(kind) / len(drawn) for kind in ClaimVerdict} if drawn else {}
         return ClaimFinding(claim, verdict, claim.tell(self.median) if tells else "", shares)
 
 

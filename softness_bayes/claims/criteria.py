@@ -25,7 +25,7 @@ HARDLY = 0.1
 """Change, as a share of the maximum, that counts as negligible."""
 
 
-class Verdict(StrEnum):
+class ClaimVerdict(StrEnum):
     """Verdict of the model on a claim."""
 
     HOLDS = "holds"
@@ -51,13 +51,13 @@ class Claim:
     """The numbers behind the verdict on one draw, load by load."""
     of_ratings: bool = False
 
-    def verdicts(self, numbers: Numbers, rated: bool = False) -> list[Verdict]:
+    def verdicts(self, numbers: Numbers, rated: bool = False) -> list[ClaimVerdict]:
         """Return the verdict on each draw; `rated` is true if there are ratings."""
         if self.of_ratings and not rated:
-            return [Verdict.UNTESTED] * len(numbers.largest)
+            return [ClaimVerdict.UNTESTED] * len(numbers.largest)
         speaks = self.speaks(numbers)
-        told = np.where(self.holds(numbers, speaks), Verdict.HOLDS, Verdict.FAILS)
-        return [Verdict(name) for name in np.where(speaks.any(axis=-1), told, Verdict.SILENT).tolist()]
+        told = np.where(self.holds(numbers, speaks), ClaimVerdict.HOLDS, ClaimVerdict.FAILS)
+        return [ClaimVerdict(name) for name in np.where(speaks.any(axis=-1), told, ClaimVerdict.SILENT).tolist()]
 
 
 def _fires(numbers: Numbers) -> Booleans:

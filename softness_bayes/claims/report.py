@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softness_bayes.claims import CLAIMS, ClaimFinding, Trial, Verdict
+from softness_bayes.claims import CLAIMS, ClaimFinding, ClaimVerdict, Trial
 from softness_bayes.touch.contact import Force, Indentation
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def claims_table(trials: Sequence[Trial]) -> pd.DataFrame:
             "numbers": finding.numbers,
             **{
                 f"p_{kind.value}": finding.shares.get(kind, np.nan)
-                for kind in (Verdict.HOLDS, Verdict.FAILS, Verdict.SILENT)
+                for kind in (ClaimVerdict.HOLDS, ClaimVerdict.FAILS, ClaimVerdict.SILENT)
             },
             "statement": finding.claim.statement,
             "criterion": finding.claim.criterion,
@@ -112,8 +112,8 @@ def _keys(trial: Trial) -> dict[str, str]:
 
 def _cell(finding: ClaimFinding, strong: str = "") -> str:
     """Return verdict, probability that the claim holds, and the numbers behind the verdict."""
-    text, share = f"{strong}{finding.verdict.value}{strong}", finding.shares.get(Verdict.HOLDS, 0.0)
-    if finding.shares and (finding.verdict in (Verdict.HOLDS, Verdict.FAILS) or share > 0):
+    text, share = f"{strong}{finding.verdict.value}{strong}", finding.shares.get(ClaimVerdict.HOLDS, 0.0)
+    if finding.shares and (finding.verdict in (ClaimVerdict.HOLDS, ClaimVerdict.FAILS) or share > 0):
         text += f" ({100 * share:.0f} %)"
     return f"{text} {finding.numbers}".rstrip()
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from softness_bayes.checking.direction import Choice
+    from softness_bayes.checking.direction import DirectionChoice
     from softness_bayes.data import Compression, Experiment, Ratings
     from softness_bayes.model.as_given import AsGiven
     from softness_bayes.model.options import ModelOptions
@@ -135,7 +135,7 @@ def _show_tables(experiment: Experiment, asked: ModelOptions) -> None:
         click.echo(f"note: {note}")
 
 
-def _show_model(given: AsGiven, direction: Choice, found: list[str]) -> None:
+def _show_model(given: AsGiven, direction: DirectionChoice, found: list[str]) -> None:
     """Print warnings, and the meaning and direction of the ratings."""
     for note in found:
         click.echo(f"note: {note}")

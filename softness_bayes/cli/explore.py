@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from softness_bayes.cli.options.model import ReadingChoice, finger, fix, prior, prior_set, readings
-from softness_bayes.cli.options.tables import Touches, touches_or_example
+from softness_bayes.cli.options.tables import RequestedTouches, touches_or_example
 from softness_bayes.cli.options.values import FILE, whole
 from softness_bayes.cli.running import reading
 from softness_bayes.defaults import PRIOR_SET
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 @click.option("--show", is_flag=True, help="Open the page in the browser.")
 def command(
     directory: Path | None,
-    touches: Touches,
+    touches: RequestedTouches,
     fixed: dict[str, float],
     priors: dict[str, Prior],
     prior_set: str,
@@ -86,7 +86,7 @@ def _of_run(directory: Path) -> Subject:
 
 
 def _of_priors(
-    touches: Touches,
+    touches: RequestedTouches,
     fixed: dict[str, float],
     priors: dict[str, Prior],
     prior_set: str,

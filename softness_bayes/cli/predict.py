@@ -18,7 +18,7 @@ from softness_bayes.cli.options.model import (
     set_values,
 )
 from softness_bayes.cli.options.run import seed
-from softness_bayes.cli.options.tables import Touches, touches
+from softness_bayes.cli.options.tables import RequestedTouches, touches
 from softness_bayes.cli.options.values import whole
 from softness_bayes.cli.running import reading
 from softness_bayes.defaults import ANSWER_DRAWS, PRIOR_SET
@@ -70,7 +70,7 @@ REACHED = 16
 )
 @click.option("--force", is_flag=True, help="Replace the file --out if 'predict' wrote it.")
 def command(
-    touches: Touches,
+    touches: RequestedTouches,
     values: dict[str, float],
     prior_set: str,
     choice: ReadingChoice,

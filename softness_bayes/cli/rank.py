@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from softness_bayes.cli.options.run import seed
-from softness_bayes.cli.options.tables import Touches, touches_of_run
+from softness_bayes.cli.options.tables import RequestedTouches, touches_of_run
 from softness_bayes.cli.options.values import FILE
 from softness_bayes.cli.running import reading
 from softness_bayes.defaults import ANSWER_DRAWS
@@ -37,7 +37,9 @@ SHOWN = 20
 @seed
 @click.option("--out", type=FILE, metavar="OUT", help=f"Directory to write to; by default DIR/{FIGURE}.")
 @click.option("--force", is_flag=True, help="Replace the files that 'rank' wrote there.")
-def command(directory: Path, touches: Touches, against: Path | None, seed: int, out: Path | None, force: bool) -> None:
+def command(
+    directory: Path, touches: RequestedTouches, against: Path | None, seed: int, out: Path | None, force: bool
+) -> None:
     """Rank fabrics by predicted softness: the typical rater rates softer fabrics higher.
 
     For each load the tables give the probability of each rank of every fabric, and of the order of every pair. Fabrics

@@ -14,7 +14,7 @@ from softness_bayes import __version__
 from softness_bayes.cli.options.model import ReadingChoice, accuracy, finger, load_cv, prior_set, readings, set_values
 from softness_bayes.cli.options.ratings import categories, direction, rating_scale, resolution, simulated_errors
 from softness_bayes.cli.options.run import force, out, seed
-from softness_bayes.cli.options.tables import Touches, touches
+from softness_bayes.cli.options.tables import RequestedTouches, touches
 from softness_bayes.cli.options.values import Number, whole
 from softness_bayes.ranges import FINGERS, PARTICIPANTS, SLOPES, TYPICAL_RATINGS
 from softness_bayes.readable import percent
@@ -67,7 +67,7 @@ RATINGS, FABRICS, COMPRESSION, TRUTH = "ratings.csv", "fabrics.csv", "compressio
 @out
 @force
 def command(
-    touches: Touches,
+    touches: RequestedTouches,
     values: dict[str, float],
     prior_set: str,
     choice: ReadingChoice,

@@ -13,7 +13,7 @@ from softness_bayes.files.asked import read_asked
 
 if TYPE_CHECKING:
     from softness_bayes.checkpoints.status import Status
-    from softness_bayes.runs.calibration_files import Progress
+    from softness_bayes.runs.calibration_files import CalibrationProgress
 
 
 @click.command()
@@ -52,7 +52,7 @@ def command(directory: Path) -> None:
     click.echo(status.verdict.sentence())
 
 
-def _of_a_calibration(directory: Path, found: Progress) -> None:
+def _of_a_calibration(directory: Path, found: CalibrationProgress) -> None:
     """Print the numbers of finished replicates and of those that are left."""
     left = found.asked - found.finished
     asked = f" of {found.asked}" if found.asked else ""

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from softness_bayes.data import Compression, Experiment
     from softness_bayes.data.study_tables import Listed
     from softness_bayes.parameters.priors import Prior
-    from softness_bayes.runs.study import Outcome, Study
+    from softness_bayes.runs.study import Study, TableOutcome
 
 
 @click.command()
@@ -178,7 +178,7 @@ class _Bar:
         self._total = total
         self._bar: tqdm[NoReturn] | None = None
 
-    def show(self, finished: int, one: Outcome) -> None:
+    def show(self, finished: int, one: TableOutcome) -> None:
         """Move the bar to the number of finished tables."""
         if self._bar is None:
             from tqdm import tqdm

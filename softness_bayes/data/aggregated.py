@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.data.columns import GEOMETRIC_MEAN, GEOMETRIC_SD, MEAN, OF_CELLS, RATERS, RATING, SD, SE
 from softness_bayes.data.headers import holds_cells
-from softness_bayes.data.sheets import Number
+from softness_bayes.data.sheets import SheetNumber
 from softness_bayes.data.tables import Table
 from softness_bayes.errors import quoted
 
@@ -26,7 +26,7 @@ SIMULATED_CELLS = 4000
 """Number of simulated cells from which the error of a conversion is measured."""
 
 
-class Cells(NamedTuple):
+class AggregatedCells(NamedTuple):
     """Numbers of raters and standard deviations of cells whose geometric means are the ratings."""
 
     raters: int
@@ -34,14 +34,14 @@ class Cells(NamedTuple):
     geometric_sd: FloatArray | None
     """Geometric standard deviation of the raters' ratings, (n,), NaN for cells without one; None if no cell has one."""
 
-    def take(self, rows: NDArray[np.intp]) -> Cells:
+    def take(self, rows: NDArray[np.intp]) -> AggregatedCells:
         """Return a selection of the cells."""
         kept = None if self.geometric_sd is None else self.geometric_sd[rows]
         return self._replace(geometric_sd=None if kept is None or np.isnan(kept).all() else kept)
 
 
-def cells_of(table: Table) -> tuple[Table, Cells | None]:
-    """Return a table of cells with geometric means as ratings, and their `Cells`; other tables are returned unchanged.
+def cells_of(table: Table) -> tuple[Table, AggregatedCells | None]:
+    """Return a table of cells with geometric means as ratings, and its `AggregatedCells`; other tables as they are.
 
     Arithmetic means are converted as if a cell's ratings were log-normal. Errors are recorded as faults of the table.
     """
@@ -69,7 +69,7 @@ def cells_of(table: Table) -> tuple[Table, Cells | None]:
         name = MEAN.name
         log_mean, log_sd = _converted(table, n)
         geometric_sd = np.exp(log_sd)
-        filed = ["" if np.isnan(value) else Number(f"{np.exp(value):.15g}") for value in log_mean]
+        filed = ["" if np.isnan(value) else SheetNumber(f"{np.exp(value):.15g}") for value in log_mean]
         note = "" if table.faults else conversion_note(n, float(np.nanmedian(log_sd)))
         if note and SD.name not in table:
             note = f"column {table.titles[SE.name]!r}: a standard deviation is the standard error times √{n}; {note}"
@@ -85,7 +85,7 @@ def cells_of(table: Table) -> tuple[Table, Cells | None]:
         titles={**table.titles, RATING.name: table.titles[name]},
         notes=(*table.notes, *notes),
     )
-    return made, Cells(n, geometric_sd)
+    return made, AggregatedCells(n, geometric_sd)
 
 
 def _converted(table: Table, raters: int) -> tuple[FloatArray, FloatArray]:

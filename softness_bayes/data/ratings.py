@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from softness_bayes.data.aggregated import PANEL, Cells, cells_of
+from softness_bayes.data.aggregated import PANEL, AggregatedCells, cells_of
 from softness_bayes.data.columns import LOAD_CV, RATING, RESOLUTION
 from softness_bayes.data.covariates import covariates_in
 from softness_bayes.data.decimals import Marks
@@ -94,7 +94,7 @@ class Ratings:
     """Index (n,) of the list in which each rating is a place; None if the table has no such column."""
     covariates: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Covariates by name, with one text per participant, as written; not used in any model."""
-    cells: Cells | None = None
+    cells: AggregatedCells | None = None
     """Numbers of raters and standard deviations, if ratings are geometric means of cells; a panel is then a
     participant."""
 
@@ -277,7 +277,7 @@ class Ratings:
         )
 
 
-def _one_participant(table: Table, cells: Cells | None, notes: list[str]) -> list[str]:
+def _one_participant(table: Table, cells: AggregatedCells | None, notes: list[str]) -> list[str]:
     """Return the participant of each row of a table without a column of participants, with a note for ratings."""
     if cells is None:
         notes.append("no column 'participant': all ratings are treated as those of one participant")

@@ -10,7 +10,7 @@ from softness_bayes.data.second_headers import joined
 from softness_bayes.errors import InputError, quoted
 
 
-class Number(str):
+class SheetNumber(str):
     """A number that the file holds as one, not as text: its decimal mark is a point."""
 
 
@@ -69,7 +69,7 @@ def sheet_of(
     rows: list[int] = []
     padded: Counter[tuple[int, str]] = Counter()
     for record, line in lines:
-        cells = [cell if isinstance(cell, Number) else cell.strip() for cell in record]
+        cells = [cell if isinstance(cell, SheetNumber) else cell.strip() for cell in record]
         padded.update((j, cell) for j, cell in enumerate(cells) if cell != record[j])
         if any(cells):
             records.append(cells)

@@ -15,7 +15,7 @@ from softness_bayes.data.decimals import Cell, Marks, Reading, decimal_mark, mar
 from softness_bayes.data.faults import Faults, TableError
 from softness_bayes.data.headers import Sought, understood
 from softness_bayes.data.names import guess, listing, natural
-from softness_bayes.data.sheets import Number, Sheet
+from softness_bayes.data.sheets import Sheet, SheetNumber
 from softness_bayes.data.synonyms import WORDS_FOR_RATINGS, key
 from softness_bayes.data.units import Unit, unit_named
 from softness_bayes.data.wide import Form, lengthened
@@ -139,7 +139,7 @@ class Table:
             if text.casefold() in MISSING:
                 continue
             try:
-                number = text if isinstance(text, Number) else plain(text, self.decimal, self.grouped)
+                number = text if isinstance(text, SheetNumber) else plain(text, self.decimal, self.grouped)
             except ValueError as error:
                 self.fault(i, column.name, f"{error}, got {quoted(text)}")
                 continue
@@ -286,7 +286,7 @@ def _found_mark(sheet: Sheet, cells: Mapping[str, Sequence[str]], titles: Mappin
         [
             Cell(text, sheet.columns[i] if name in sheet.made else titles[name], sheet.rows[i])
             for i, text in enumerate(cells[name])
-            if not (isinstance(text, Number) or (sheet.between_commas and "," not in text))
+            if not (isinstance(text, SheetNumber) or (sheet.between_commas and "," not in text))
         ]
         for name in NUMBERS
         if name in cells

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from softness_bayes.data.columns import FORCE, INDENTATION, RATING, Column
 from softness_bayes.data.headers import Sought, understood
 from softness_bayes.data.names import guess, listing
-from softness_bayes.data.sheets import Number, Sheet
+from softness_bayes.data.sheets import Sheet, SheetNumber
 from softness_bayes.data.units import LONGEST_TITLE, unit_named
 from softness_bayes.errors import InputError, quoted
 
@@ -122,7 +122,7 @@ def _melted(sheet: Sheet, rated: Sequence[_Rated], titles: Sequence[str], loaded
     made = ("fabric", RATING.name, *((INDENTATION.name, FORCE.name) if loaded else ()))
 
     def cells(row: Sequence[str], column: _Rated) -> list[str]:
-        load = dict([(column.load[0].name, Number(column.load[1]))] if column.load else ())
+        load = dict([(column.load[0].name, SheetNumber(column.load[1]))] if column.load else ())
         return [*(row[j] for j in kept), column.fabric, row[column.j], *(load.get(name, "") for name in made[2:])]
 
     # of two load columns that are made, one without any load is not there

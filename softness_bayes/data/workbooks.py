@@ -19,7 +19,7 @@ from softness_bayes.data.content import content_of
 from softness_bayes.data.delimited import text_sheet
 from softness_bayes.data.headers import Sought, understood
 from softness_bayes.data.names import listing
-from softness_bayes.data.sheets import Number, Sheet, sheet_of
+from softness_bayes.data.sheets import Sheet, SheetNumber, sheet_of
 from softness_bayes.data.synonyms import key
 from softness_bayes.errors import InputError, quoted
 
@@ -142,8 +142,8 @@ def _filled(sheet: Any, cells: list[list[str]]) -> list[str]:
 def _excel_text(cell: Any) -> str:
     """Return a cell's text; percentages, and whole numbers that are shown with zeros in front, are as shown."""
     text = cell_text(cell.value)
-    if isinstance(text, Number) and "%" in (cell.number_format or ""):
-        return Number(f"{100 * Decimal(text):f}%")
+    if isinstance(text, SheetNumber) and "%" in (cell.number_format or ""):
+        return SheetNumber(f"{100 * Decimal(text):f}%")
     if isinstance(cell.value, int) and _ZEROS.fullmatch(cell.number_format or ""):
         return text.zfill(len(cell.number_format))
     return text
@@ -209,11 +209,11 @@ def cell_text(value: Any) -> str:
     if isinstance(value, (bool, np.bool_)):
         return str(bool(value)).upper()
     if isinstance(value, (int, np.integer)):
-        return Number(int(value))
+        return SheetNumber(int(value))
     if isinstance(value, (float, np.floating)):
         if np.isnan(value):
             return ""
-        return Number(int(value) if float(value).is_integer() and abs(float(value)) < 2**53 else value)
+        return SheetNumber(int(value) if float(value).is_integer() and abs(float(value)) < 2**53 else value)
     return _other_text(value)
 
 
@@ -225,4 +225,4 @@ def _other_text(value: Any) -> str:
         value = value.date()  # as a day is shown
     if value is None or (pd.api.types.is_scalar(value) and pd.isna(value)):
         return ""
-    return Number(value) if pd.api.types.is_number(value) else str(value)
+    return SheetNumber(value) if pd.api.types.is_number(value) else str(value)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.checking.inflection import Inflection, Outcome, find_inflection, response_curves
+from softness_bayes.checking.inflection import CurveShape, Inflection, find_inflection, response_curves
 from softness_bayes.defaults import ACCURACY
 from softness_bayes.explore.command import repeating
 from softness_bayes.explore.subject import State, Subject
@@ -102,10 +102,10 @@ def picture(subject: Subject, state: State) -> Picture:
 
 def _response_in_words(subject: Subject, state: State, found: Inflection) -> str:
     load = title(subject.loads[state.load])
-    match Outcome(int(found.outcome[0, state.load])):
-        case Outcome.SILENT:
+    match CurveShape(int(found.outcome[0, state.load])):
+        case CurveShape.SILENT:
             return f"{load}: no receptor fires at any modulus."
-        case Outcome.INTERIOR:
+        case CurveShape.INTERIOR:
             return f"{load}: the response turns over at E_fab = {found.modulus[0, state.load] / KPA:.4g} kPa."
     return (
         f"{load}: the response has no turning point: its maximum does not exceed both ends of the range of moduli by "

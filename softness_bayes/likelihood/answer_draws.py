@@ -5,7 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.likelihood.answer_nodes import Modes, MuNodes, Spreads, Sums, at_scores, rule, terms_at
+from softness_bayes.likelihood.answer_nodes import (
+    AnswerModes,
+    AnswerSpreads,
+    MuNodes,
+    RaterStatistics,
+    at_scores,
+    rule,
+    terms_at,
+)
 from softness_bayes.likelihood.mu_nodes import draw_index, log_sum
 
 FloatArray = NDArray[np.float64]
@@ -17,9 +25,9 @@ cell, which adds (2 REACH / POINTS)² / 12 = 0.0016 to a variance of 1."""
 
 def draw_own(
     rng: np.random.Generator,
-    sums: Sums,
-    spreads: Spreads,
-    modes: Modes,
+    sums: RaterStatistics,
+    spreads: AnswerSpreads,
+    modes: AnswerModes,
     nodes: MuNodes,
     raters: FloatArray,
     counts: tuple[int, int],
@@ -69,7 +77,7 @@ def draw_own(
 
 
 def _log_density(
-    sums: Sums, spreads: Spreads, modes: Modes, mu: FloatArray, x: FloatArray, z: FloatArray
+    sums: RaterStatistics, spreads: AnswerSpreads, modes: AnswerModes, mu: FloatArray, x: FloatArray, z: FloatArray
 ) -> FloatArray:
     """Return each rater's log density at scores about the modes, given mu, up to a constant per rater."""
     terms = terms_at(sums, spreads, *at_scores(modes, x, z), 0.0)

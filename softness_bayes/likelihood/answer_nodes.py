@@ -40,7 +40,7 @@ _LEAST_SLOPE = 0.1  # relative to the typical rater's, at the start of a search
 _TIED = 0.9  # largest correlation of u and w at a mode
 
 
-class Sums(NamedTuple):
+class RaterStatistics(NamedTuple):
     """Sufficient statistics of each rater's log ratings."""
 
     rows: FloatArray
@@ -57,7 +57,7 @@ class Sums(NamedTuple):
     """Sum of products of drive and log rating about their means, shape (points, raters)."""
 
 
-class Spreads(NamedTuple):
+class AnswerSpreads(NamedTuple):
     """Spreads, each of shape (points, 1)."""
 
     scale: FloatArray
@@ -70,7 +70,7 @@ class Spreads(NamedTuple):
     """tau_varsigma."""
 
 
-class Modes(NamedTuple):
+class AnswerModes(NamedTuple):
     """Mode of each rater's u and w given mu, and the curvature at the mode; arrays of shape (points, raters)."""
 
     u: FloatArray
@@ -100,7 +100,9 @@ class Terms(NamedTuple):
     w: FloatArray
 
 
-def find_modes(sums: Sums, spreads: Spreads, level: float, rounds: int = ROUNDS, at: FloatArray | None = None) -> Modes:
+def find_modes(
+    sums: RaterStatistics, spreads: AnswerSpreads, level: float, rounds: int = ROUNDS, at: FloatArray | None = None
+) -> AnswerModes:
     """Return the most probable u and w of each rater; mu is at its most probable value unless given.
 
     Newton steps alternate between u and w. The modes only place the nodes: an error in them affects the accuracy of a
@@ -150,7 +152,7 @@ class _Noise(NamedTuple):
     share: FloatArray  # share of the noise in the variance of that mean
 
 
-def _noise(sums: Sums, spreads: Spreads, w: FloatArray) -> _Noise:
+def _noise(sums: RaterStatistics, spreads: AnswerSpreads, w: FloatArray) -> _Noise:
     variance = np.maximum(np.square(spreads.noise * _factor(spreads.noises * w)), _LEAST_VARIANCE)
     total = variance + sums.rows * spreads.scale**2
     return _Noise(variance, sums.rows / total, variance / total)
@@ -160,20 +162,26 @@ def _factor(log: FloatArray) -> FloatArray:
     return np.exp(np.minimum(log, _LARGEST_LOG))
 
 
-def _squares(sums: Sums, g: FloatArray) -> FloatArray:
+def _squares(sums: RaterStatistics, g: FloatArray) -> FloatArray:
     """Return the sum of squares of the log ratings about the rater's regression line."""
     return np.maximum(sums.squares + g * (g * sums.drive_squares - 2.0 * sums.products), 0.0)
 
 
-def _likely_mu(sums: Sums, noise: _Noise, g: FloatArray, level: float) -> FloatArray:
+def _likely_mu(sums: RaterStatistics, noise: _Noise, g: FloatArray, level: float) -> FloatArray:
     precision = noise.precision
     pull = (precision * (sums.mean - g * sums.drive)).sum(axis=-1, keepdims=True)
     return np.asarray(pull / (np.broadcast_to(precision, g.shape).sum(axis=-1, keepdims=True) + level**-2))
 
 
 def _modes_at(
-    sums: Sums, spreads: Spreads, noise: _Noise, g: FloatArray, mu: FloatArray, u: FloatArray, w: FloatArray
-) -> Modes:
+    sums: RaterStatistics,
+    spreads: AnswerSpreads,
+    noise: _Noise,
+    g: FloatArray,
+    mu: FloatArray,
+    u: FloatArray,
+    w: FloatArray,
+) -> AnswerModes:
     """Return modes at given values of u and w, with the curvature of the log density there."""
     a, b = spreads.exponent, spreads.noises
     gap = sums.mean - g * sums.drive - mu
@@ -192,10 +200,10 @@ def _modes_at(
     lost = (ww * tied_u**2 - 2.0 * uw * tied_u * tied_w + uu * tied_w**2) / (uu * ww - uw * uw)
     information = np.clip(noise.precision - lost, _LEAST_CURVATURE * noise.precision, noise.precision)
     root = np.sqrt(uu)
-    return Modes(u, w, root, uw / root, np.sqrt(ww - uw * uw / uu), information, gap * noise.precision, mu)
+    return AnswerModes(u, w, root, uw / root, np.sqrt(ww - uw * uw / uu), information, gap * noise.precision, mu)
 
 
-def _start(sums: Sums, spreads: Spreads) -> tuple[FloatArray, FloatArray]:
+def _start(sums: RaterStatistics, spreads: AnswerSpreads) -> tuple[FloatArray, FloatArray]:
     """Return initial values of the search: each rater's estimates, shrunk towards the typical rater."""
     a, b = spreads.exponent, spreads.noises
     variance = np.maximum(spreads.noise**2, _LEAST_VARIANCE)
@@ -224,7 +232,7 @@ def rule(count: int) -> tuple[FloatArray, FloatArray]:
     return math.sqrt(2.0) * x, np.log(weight) + x * x + 0.5 * math.log(2.0)
 
 
-def own_nodes(modes: Modes, count_u: int, count_w: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+def own_nodes(modes: AnswerModes, count_u: int, count_w: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return u and w at the nodes about each mode, and log weights, each of shape (nodes, points, raters)."""
     (x, weight_x), (z, weight_z) = rule(count_u), rule(count_w)
     x, z = np.repeat(x, count_w)[:, None, None], np.tile(z, count_u)[:, None, None]
@@ -233,13 +241,15 @@ def own_nodes(modes: Modes, count_u: int, count_w: int) -> tuple[FloatArray, Flo
     return u, w, weight - np.log(modes.uu * modes.ww)
 
 
-def at_scores(modes: Modes, x: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+def at_scores(modes: AnswerModes, x: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return u and w for scores that are approximately independent and standard normal about the modes."""
     w = z / modes.ww
     return modes.u + (x - modes.uw * w) / modes.uu, modes.w + w
 
 
-def terms_at(sums: Sums, spreads: Spreads, u: FloatArray, w: FloatArray, log_weight: FloatArray | float) -> Terms:
+def terms_at(
+    sums: RaterStatistics, spreads: AnswerSpreads, u: FloatArray, w: FloatArray, log_weight: FloatArray | float
+) -> Terms:
     """Return each rater's density at given nodes, multiplied by their weights."""
     g, noise = _factor(spreads.exponent * u), _noise(sums, spreads, w)
     determinant = sums.rows * np.log(noise.variance) - np.log(noise.share)
@@ -248,7 +258,9 @@ def terms_at(sums: Sums, spreads: Spreads, u: FloatArray, w: FloatArray, log_wei
     return Terms(log_term, sums.mean - g * sums.drive, np.broadcast_to(noise.precision, log_term.shape), u, w)
 
 
-def expanded(sums: Sums, spreads: Spreads, modes: Modes, counts: tuple[int, int]) -> tuple[FloatArray, FloatArray]:
+def expanded(
+    sums: RaterStatistics, spreads: AnswerSpreads, modes: AnswerModes, counts: tuple[int, int]
+) -> tuple[FloatArray, FloatArray]:
     """Return the log density of all raters at one value of mu, with its first four derivatives.
 
     Parameters
@@ -336,7 +348,7 @@ class MuNodes(NamedTuple):
     """Log weights of the integral, including the prior density, same shape."""
 
 
-def mu_nodes(modes: Modes, level: float, raters: int) -> MuNodes:
+def mu_nodes(modes: AnswerModes, level: float, raters: int) -> MuNodes:
     """Return evenly spaced nodes of mu that remain accurate if any one rater is left out.
 
     Parameters

@@ -14,7 +14,7 @@ from softness_bayes.likelihood.error_laws import ErrorLaw
 from softness_bayes.likelihood.mu_nodes import log_sum
 from softness_bayes.likelihood.quadrature import DENSE, Quadrature, gauss_hermite
 from softness_bayes.likelihood.rater_integrals import LEVELS, REACH, RaterIntegrals, draw_on
-from softness_bayes.likelihood.rater_rows import Given
+from softness_bayes.likelihood.rater_rows import RowParameters
 
 FloatArray = NDArray[np.float64]
 
@@ -31,11 +31,11 @@ class DenseIntegrals(RaterIntegrals):
     zeta at each level; otherwise they are shared by all raters.
     """
 
-    def log_density(self, given: Given, quadrature: Quadrature) -> FloatArray:
+    def log_density(self, given: RowParameters, quadrature: Quadrature) -> FloatArray:
         """Return the log density of all rows, shape (draws,)."""
         return np.concatenate([log_sum(one.joint, axis=-1)[None] for one in self._each(given, quadrature)])
 
-    def law_of_others(self, given: Given) -> tuple[FloatArray, FloatArray]:
+    def law_of_others(self, given: RowParameters) -> tuple[FloatArray, FloatArray]:
         """Equivalent of `RaterIntegrals.law_of_others` without its approximation.
 
         Shorter sets of points are padded with points of zero weight.
@@ -64,7 +64,9 @@ class DenseIntegrals(RaterIntegrals):
                 whole[k, : len(part)] = part
         return both[0], both[1]
 
-    def draw(self, rng: np.random.Generator, given: Given, quadrature: Quadrature) -> tuple[FloatArray, FloatArray]:
+    def draw(
+        self, rng: np.random.Generator, given: RowParameters, quadrature: Quadrature
+    ) -> tuple[FloatArray, FloatArray]:
         """Equivalent of `RaterIntegrals.draw`."""
         level, own = np.empty((len(given.drive), 1)), np.empty((len(given.drive), self.count.size))
         for k, one in enumerate(self._each(given, quadrature)):
@@ -76,7 +78,7 @@ class DenseIntegrals(RaterIntegrals):
             level[k], own[k] = mu, draw_on(rng, np.broadcast_to(points, law.T.shape), law.T) - mu
         return level, own
 
-    def _each(self, given: Given, quadrature: Quadrature) -> Iterator[_Dense]:
+    def _each(self, given: RowParameters, quadrature: Quadrature) -> Iterator[_Dense]:
         """Yield the integrand of one draw after another."""
         x, log_weight = gauss_hermite(quadrature.scales)
         left = given.middle - given.drive

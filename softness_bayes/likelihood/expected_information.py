@@ -62,7 +62,7 @@ class Moments(NamedTuple):
         return cls(design.n_rows, gram, sums @ slopes, slopes.T @ (count[:, None] * slopes))
 
 
-class Group(NamedTuple):
+class EffectGroup(NamedTuple):
     """Effects with a common standard deviation, which is a parameter."""
 
     columns: slice
@@ -73,7 +73,7 @@ class Group(NamedTuple):
 
 
 def normal_information(
-    moments: Moments, variances: FloatArray, sd: float, sd_slope: FloatArray, groups: Sequence[Group] = ()
+    moments: Moments, variances: FloatArray, sd: float, sd_slope: FloatArray, groups: Sequence[EffectGroup] = ()
 ) -> FloatArray:
     """Return the Fisher information about d parameters, shape (d, d).
 

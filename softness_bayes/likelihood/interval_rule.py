@@ -24,7 +24,7 @@ ORDERS = 4
 """Number of derivatives used at each end, including the density itself."""
 
 
-class Reach(NamedTuple):
+class IntervalLimits(NamedTuple):
     """Limits of the intervals for which a given number of inner points is accurate to 1e-7."""
 
     inside: int
@@ -35,7 +35,12 @@ class Reach(NamedTuple):
     """Largest change of the log density over the interval at the slope of either end."""
 
 
-REACHES = Reach(1, 0.8, 2.5), Reach(2, 1.6, 5.0), Reach(4, 2.8, 10.0), Reach(8, 5.0, 16.0)
+REACHES = (
+    IntervalLimits(1, 0.8, 2.5),
+    IntervalLimits(2, 1.6, 5.0),
+    IntervalLimits(4, 2.8, 10.0),
+    IntervalLimits(8, 5.0, 16.0),
+)
 
 LEAST = 1e-250
 """Smallest probability that the rule computes, relative to the density at 0; below it, digits may be lost."""

@@ -25,7 +25,7 @@ from softness_bayes.likelihood.pieces import in_pieces
 from softness_bayes.likelihood.quadrature import DENSE, DENSER, FAST, Quadrature, finer_than, quadrature_for
 from softness_bayes.likelihood.random_effects import Effects
 from softness_bayes.likelihood.rater_integrals import RaterIntegrals
-from softness_bayes.likelihood.rater_rows import Given, LawParameters
+from softness_bayes.likelihood.rater_rows import LawParameters, RowParameters
 from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
 from softness_bayes.likelihood.scales import SLIDER, Scale
 from softness_bayes.likelihood.stated import Stated
@@ -318,7 +318,7 @@ class IntervalRatings(RatingsLikelihood):
     def _loo_width(self) -> int:
         return 100 * self.design.n_rows
 
-    def _given(self, mean_rate: FloatArray, parameters: RatingParameters) -> tuple[Given, tuple[int, ...]]:
+    def _given(self, mean_rate: FloatArray, parameters: RatingParameters) -> tuple[RowParameters, tuple[int, ...]]:
         """Return the parameters with one axis of draws, and their batch shape."""
         drive = self.drive(mean_rate, parameters)[..., self._condition]
         shape = np.broadcast_shapes(drive.shape[:-1], *(np.shape(v) for v in parameters))
@@ -327,7 +327,9 @@ class IntervalRatings(RatingsLikelihood):
         spread = np.maximum(flat.varsigma, _LEAST_SPREAD)[:, None]
         rows = self._rows_at(flat)
         of_law = LawParameters(np.asarray(flat.nu), np.asarray(flat.lapse))
-        return Given(drive, np.asarray(flat.tau)[:, None], spread, of_law, rows, self._middle_of(rows, spread)), shape
+        return RowParameters(
+            drive, np.asarray(flat.tau)[:, None], spread, of_law, rows, self._middle_of(rows, spread)
+        ), shape
 
     def _rows_at(self, parameters: RatingParameters) -> Rows:
         """Return every row's interval, sorted by rater; in this class independent of the parameters."""
@@ -341,7 +343,7 @@ class IntervalRatings(RatingsLikelihood):
         """Return a number inside of each interval."""
         return self._middle
 
-    def _left_out(self, given: Given) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _left_out(self, given: RowParameters) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return log weights of points without each row, its log probability there, and the points.
 
         The first two have shape (draws, points, rows), sorted by rater; the points have (draws, points, raters).

@@ -20,7 +20,7 @@ from scipy.sparse import csr_array
 
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.pieces import pieces
-from softness_bayes.likelihood.random_effects import Spreads
+from softness_bayes.likelihood.random_effects import EffectSpreads
 
 Array = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ _LOG_TWO_PI = float(np.log(2.0 * np.pi))
 _REFINED = 3  # Newton steps: the first is exact up to rounding errors, which the others remove
 
 
-class Given(NamedTuple):
+class BlockLaw(NamedTuple):
     """The law of a block given all others, each field of shape (draws, blocks, ...)."""
 
     log_density: Array
@@ -39,7 +39,7 @@ class Given(NamedTuple):
     """Inverse covariance of u without the block, shape (draws, blocks, effects, effects)."""
 
 
-def given_the_others(misfit: Array, gradient: Array, hessian: Array) -> Given:
+def given_the_others(misfit: Array, gradient: Array, hessian: Array) -> BlockLaw:
     """Return the density of each block given the others.
 
     Parameters
@@ -57,11 +57,11 @@ def given_the_others(misfit: Array, gradient: Array, hessian: Array) -> Given:
     moved = np.asarray(np.linalg.solve(without, gradient[..., None])[..., 0], dtype=float)
     pull = (gradient * moved).sum(axis=-1)
     density = -misfit - 0.5 * (whole[:, None] - np.linalg.slogdet(without).logabsdet + pull)
-    return Given(density, moved, without)
+    return BlockLaw(density, moved, without)
 
 
 def participant_log_density(
-    design: Design, values: Array, mean: float, sd: float, offset: Array, spreads: Spreads
+    design: Design, values: Array, mean: float, sd: float, offset: Array, spreads: EffectSpreads
 ) -> Array:
     """Return the log density of all rows of each participant given those of all others.
 
@@ -88,7 +88,7 @@ def participant_log_density(
     shared = _Shared(design, values - mean, sd, bool((broadcast[2] > 0).any()))
     found = np.empty((len(offset), design.n_participants))
     for piece in pieces(len(offset), design.n_rows + design.n_participants * shared.size**2):
-        found[piece] = shared.log_density(offset[piece], Spreads(*(value[piece] for value in broadcast)))
+        found[piece] = shared.log_density(offset[piece], EffectSpreads(*(value[piece] for value in broadcast)))
     return found
 
 
@@ -113,7 +113,7 @@ class _Shared:
             chosen = design.fabric[design.condition] == k
             self._of_kind.append(summing(np.where(chosen, design.participant, people), people))
 
-    def log_density(self, offset: Array, spreads: Spreads) -> Array:
+    def log_density(self, offset: Array, spreads: EffectSpreads) -> Array:
         variance = np.maximum(np.asarray(spreads.row) ** 2, 1e-100)[:, None]
         between = variance + self._rows * np.asarray(spreads.participant)[:, None] ** 2
         precision = self._rows / between

@@ -18,7 +18,7 @@ from softness_bayes.likelihood.directions import RISES, RatingDirection
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.left_out import participant_log_density
 from softness_bayes.likelihood.pieces import in_pieces
-from softness_bayes.likelihood.random_effects import Effects, LeaveOneOut, RandomEffects, Spreads
+from softness_bayes.likelihood.random_effects import Effects, EffectSpreads, LeaveOneOut, RandomEffects
 from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
 from softness_bayes.likelihood.scales import MAGNITUDE, Scale
 from softness_bayes.likelihood.stated import Stated
@@ -289,6 +289,6 @@ class LogRatings(RatingsLikelihood):
         return self.model.error.normal_scores(errors, parameters)
 
 
-def spreads_of(parameters: RatingParameters) -> Spreads:
+def spreads_of(parameters: RatingParameters) -> EffectSpreads:
     """Return the standard deviations of the effects."""
-    return Spreads(parameters.tau, parameters.varsigma, parameters.omega)
+    return EffectSpreads(parameters.tau, parameters.varsigma, parameters.omega)

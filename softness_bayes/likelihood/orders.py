@@ -23,7 +23,7 @@ from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import GUMBEL, GUMBEL_SD, ErrorLaw
 from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.pieces import in_pieces
-from softness_bayes.likelihood.places import Places
+from softness_bayes.likelihood.places import RankedLists
 from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
 from softness_bayes.likelihood.scales import RANKS, Scale
 from softness_bayes.likelihood.stated import Stated
@@ -202,7 +202,7 @@ class OrderRatings(RatingsLikelihood):
             raise InputError(f"ratings: {(~np.isfinite(self.values)).sum()} places are not finite numbers")
         self.lists = design.participant if lists is None else np.asarray(lists, np.intp)
         self._list, place = np.unique(self.lists, return_inverse=True)
-        self._places = Places.of(self.values, place)
+        self._places = RankedLists.of(self.values, place)
         owner = np.zeros(self._list.size, np.intp)
         owner[place] = design.participant
         if (owner[place] != design.participant).any():

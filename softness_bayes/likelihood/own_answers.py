@@ -19,10 +19,10 @@ from scipy.special import ndtr
 from softness_bayes.likelihood.answer_draws import POINTS, draw_own
 from softness_bayes.likelihood.answer_nodes import (
     MOST_ROUNDS,
-    Modes,
+    AnswerModes,
+    AnswerSpreads,
     MuNodes,
-    Spreads,
-    Sums,
+    RaterStatistics,
     Terms,
     at_mu,
     expanded,
@@ -337,22 +337,26 @@ class OwnAnswers(LogRatings):
     def _loo_width(self) -> int:
         return 2 * self.design.n_rows * self._count
 
-    def _given(self, mean_rate: FloatArray, parameters: RatingParameters) -> tuple[Sums, Spreads, tuple[int, ...]]:
+    def _given(
+        self, mean_rate: FloatArray, parameters: RatingParameters
+    ) -> tuple[RaterStatistics, AnswerSpreads, tuple[int, ...]]:
         """Return the raters' sums and the spreads, with the batch flattened to one axis, and the batch shape."""
         drive = self.drive(mean_rate, parameters)
         named = (parameters.tau, parameters.varsigma, *self.model.spreads(parameters))
         shape = np.broadcast_shapes(drive.shape[:-1], *(np.shape(v) for v in named))
         drive = np.broadcast_to(drive, (*shape, drive.shape[-1])).reshape(-1, drive.shape[-1])
-        spreads = Spreads(*(np.broadcast_to(np.asarray(v, float), shape).reshape(-1, 1) for v in named))
+        spreads = AnswerSpreads(*(np.broadcast_to(np.asarray(v, float), shape).reshape(-1, 1) for v in named))
         mean = drive @ self._shares.T
         squares = np.maximum((drive * drive) @ self._own.cells.T - self._own.rows * mean**2, 0.0)
-        sums = Sums(self._own.rows, self._own.means, self._own.squares, mean, squares, drive @ self._own.sums.T)
+        sums = RaterStatistics(
+            self._own.rows, self._own.means, self._own.squares, mean, squares, drive @ self._own.sums.T
+        )
         return sums, spreads, shape
 
-    def _terms(self, sums: Sums, spreads: Spreads, modes: Modes) -> Terms:
+    def _terms(self, sums: RaterStatistics, spreads: AnswerSpreads, modes: AnswerModes) -> Terms:
         return terms_at(sums, spreads, *own_nodes(modes, *self._counts))
 
-    def _joint(self, sums: Sums, spreads: Spreads) -> tuple[Modes, MuNodes, FloatArray]:
+    def _joint(self, sums: RaterStatistics, spreads: AnswerSpreads) -> tuple[AnswerModes, MuNodes, FloatArray]:
         """Return the modes, nodes of mu, and each rater's log density there, (nodes, points, raters)."""
         modes = find_modes(sums, spreads, self.model.spread, MOST_ROUNDS)
         nodes = mu_nodes(modes, self.model.spread, self._own.rows.size)
@@ -373,7 +377,7 @@ class OwnAnswers(LogRatings):
         variance = np.square(spreads.noise * np.exp(spreads.noises * terms.w))
         return _LeftOut(nodes.mu, joint, others, terms, gap, variance, spreads.scale**2, shape)
 
-    def _without_each(self, sums: Sums, drive: FloatArray) -> Sums:
+    def _without_each(self, sums: RaterStatistics, drive: FloatArray) -> RaterStatistics:
         """Return, for every row, the sums of its rater without that row."""
         own = self._own.of_row
         rows: FloatArray = self._own.rows[own]
@@ -383,7 +387,7 @@ class OwnAnswers(LogRatings):
         squares: FloatArray = np.where(
             alone, 0.0, np.maximum(self._own.squares[own] - part * self._own.deviation**2, 0.0)
         )
-        return Sums(
+        return RaterStatistics(
             rows - 1.0,
             np.where(alone, 0.0, self._own.means[own] - self._own.deviation / left),
             squares,

@@ -26,7 +26,7 @@ class Tie(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Places:
+class RankedLists:
     """Lists as rows of one array, each from its top down; shorter lists leave the last slots empty."""
 
     row: IndexArray
@@ -41,7 +41,7 @@ class Places:
     """The groups of tied places, by size."""
 
     @classmethod
-    def of(cls, values: FloatArray, place: IndexArray) -> Places:
+    def of(cls, values: FloatArray, place: IndexArray) -> RankedLists:
         """Return the lists for rows with these values and list indices."""
         order = np.lexsort((-values, place))
         slot, count = index_within(place[order]), np.bincount(place)
@@ -64,11 +64,11 @@ class Places:
         """Number of slots."""
         return self.row.shape[1]
 
-    def among(self, chosen: NDArray[np.bool_]) -> Places:
+    def among(self, chosen: NDArray[np.bool_]) -> RankedLists:
         """Return the lists restricted to the chosen touches, shape (lists, slots)."""
         return replace(self, present=self.filled & chosen)
 
-    def without(self, slot: int) -> Places:
+    def without(self, slot: int) -> RankedLists:
         """Return the lists without the touches of one slot."""
         return self.among(np.arange(self.width) != slot)
 

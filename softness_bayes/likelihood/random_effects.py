@@ -22,7 +22,7 @@ FloatArray = NDArray[np.float64]
 _LEAST_VARIANCE = 1e-100  # far below any spread of ratings, but its inverse square is still finite
 
 
-class Spreads(NamedTuple):
+class EffectSpreads(NamedTuple):
     """Standard deviations, each a number or an array of the batch shape (...)."""
 
     participant: ArrayLike
@@ -99,7 +99,7 @@ class RandomEffects:
         """Numbers that `leave_one_out` holds for each draw."""
         return self.design.n_rows + self.design.n_participants * self.design.n_fabrics**2
 
-    def log_density(self, offset: FloatArray, spreads: Spreads) -> FloatArray:
+    def log_density(self, offset: FloatArray, spreads: EffectSpreads) -> FloatArray:
         """Return the log density of the rows.
 
         Parameters
@@ -131,14 +131,14 @@ class RandomEffects:
         quadratic = self._quadratic(offset, levels, variance) + penalty
         return -0.5 * (self.design.n_rows * math.log(2.0 * math.pi) + log_determinant + quadratic)
 
-    def draw_effects(self, rng: np.random.Generator, offset: FloatArray, spreads: Spreads) -> Effects:
+    def draw_effects(self, rng: np.random.Generator, offset: FloatArray, spreads: EffectSpreads) -> Effects:
         """Return exact draws of the effects given the rows: fabrics, then mu, then participants.
 
         Arguments as in `log_density`; one draw for each point of the batch.
         """
         offset, *broadcast = _broadcast(offset, spreads)
         shape, people = offset.shape[:-1], self.design.n_participants
-        offset, spreads = offset.reshape(-1, offset.shape[-1]), Spreads(*(np.ravel(s) for s in broadcast))
+        offset, spreads = offset.reshape(-1, offset.shape[-1]), EffectSpreads(*(np.ravel(s) for s in broadcast))
         parts = pieces(len(offset), people * self.design.n_fabrics)
         fabric, participant = np.zeros((len(offset), self.design.n_fabrics)), np.empty((len(offset), people))
         mu = np.empty(len(offset))
@@ -163,14 +163,14 @@ class RandomEffects:
             participant[k] = expected + np.sqrt(tau_squared * variance / total) * noise
         return Effects(*(v.reshape((*shape, *v.shape[1:])) for v in (self.mean + mu, participant, fabric)))
 
-    def leave_one_out(self, offset: FloatArray, spreads: Spreads) -> LeaveOneOut:
+    def leave_one_out(self, offset: FloatArray, spreads: EffectSpreads) -> LeaveOneOut:
         """Return the law of each row given all the others, N(y_i - (K r)_i / K_ii, 1 / K_ii).
 
         K is the inverse covariance of the rows and r their residual. Arguments as in `log_density`;
         memory grows with batch × rows, and with batch × participants × fabrics² if omega is not 0.
         """
         offset, *broadcast = _broadcast(offset, spreads)
-        spreads = Spreads(*broadcast)
+        spreads = EffectSpreads(*broadcast)
         levels, variance = self._levels(spreads), _variance(spreads.row)[..., None]
         person, fabric = self.design.participant, self.design.fabric[self.design.condition]
         rows, precision = np.maximum(self._rows, 1.0), levels.precision
@@ -198,7 +198,7 @@ class RandomEffects:
         precision_of_row = diagonal[..., person, fabric]
         return LeaveOneOut(self._values - weighted / precision_of_row, precision_of_row**-0.5)
 
-    def _levels(self, spreads: Spreads) -> _Levels:
+    def _levels(self, spreads: EffectSpreads) -> _Levels:
         variance = _variance(spreads.row)[..., None]
         precision = self._rows / (variance + self._rows * _column(spreads.participant) ** 2)
         total = precision.sum(axis=-1)
@@ -215,7 +215,9 @@ class RandomEffects:
         between = (levels.precision * (means - centre[..., None]) ** 2).sum(axis=-1)
         return within / variance + between + centre**2 * levels.total * levels.shrinkage
 
-    def _fabric_posterior(self, offset: FloatArray, spreads: Spreads, levels: _Levels) -> tuple[FloatArray, FloatArray]:
+    def _fabric_posterior(
+        self, offset: FloatArray, spreads: EffectSpreads, levels: _Levels
+    ) -> tuple[FloatArray, FloatArray]:
         """Triangular R with R'R = I + omega² F' K F, and g, omega g being the most probable fabric effects.
 
         F is the fabrics' indicator and K the inverse covariance without them. A least-squares problem in
@@ -264,7 +266,7 @@ def _variance(sd: ArrayLike) -> FloatArray:
     return np.maximum(np.asarray(sd, float) ** 2, _LEAST_VARIANCE)
 
 
-def _broadcast(offset: FloatArray, spreads: Spreads) -> list[FloatArray]:
+def _broadcast(offset: FloatArray, spreads: EffectSpreads) -> list[FloatArray]:
     """The arguments broadcast to a common batch shape, so that every point gets independent draws."""
     shape = np.broadcast_shapes(offset.shape[:-1], *(np.shape(s) for s in spreads))
     batch = [np.broadcast_to(np.asarray(s, float), shape) for s in spreads]

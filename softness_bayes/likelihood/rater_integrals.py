@@ -21,7 +21,7 @@ from softness_bayes.likelihood.interval_law import derivatives, log_probability,
 from softness_bayes.likelihood.mu_nodes import log_sum
 from softness_bayes.likelihood.pieces import blocks
 from softness_bayes.likelihood.quadrature import FAST, FINE, ROUGHLY, Quadrature, gauss_hermite, to_chebyshev
-from softness_bayes.likelihood.rater_rows import Given, Group, groups_by_width
+from softness_bayes.likelihood.rater_rows import RowParameters, WidthGroup, groups_by_width
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
@@ -53,7 +53,7 @@ _NO_WEIGHT = 1e-3  # replaces the total weight 0 of a rater without narrow inter
 _LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 
 
-class Modes(NamedTuple):
+class ScaleModes(NamedTuple):
     """The joint mode of all raters' scales and the level, and the normal approximation about it."""
 
     at: FloatArray
@@ -73,10 +73,10 @@ class Modes(NamedTuple):
     sd: FloatArray
     """Standard deviation of the level, shape (draws, 1)."""
 
-    def part(self, piece: Any) -> Modes:
+    def part(self, piece: Any) -> ScaleModes:
         """Return some of the draws."""
         at, slopes, *others = self
-        return Modes(at[piece], tuple(one[piece] for one in slopes), *(one[piece] for one in others))
+        return ScaleModes(at[piece], tuple(one[piece] for one in slopes), *(one[piece] for one in others))
 
     @property
     def bend(self) -> FloatArray:
@@ -146,7 +146,7 @@ class RaterIntegrals:
         """Return the log prior density of the level, same shape."""
         return -0.5 * ((level - self.mean) / self.sd) ** 2 - math.log(self.sd) - _LOG_ROOT_TWO_PI
 
-    def modes(self, given: Given, settled: float) -> Modes:
+    def modes(self, given: RowParameters, settled: float) -> ScaleModes:
         """Return the mode of all scales and the level by Newton's method, each draw until it converges."""
         a = self._start(given)
         at, slopes, active = a.copy(), self._slopes(given, a), np.arange(len(a))
@@ -163,7 +163,7 @@ class RaterIntegrals:
         curvature = np.maximum(-slopes[2], _NO_CURVATURE * self.count / given.spread**2)
         return self._step(given, at, slopes[1], curvature)._replace(at=at, slopes=tuple(slopes))
 
-    def _slopes(self, given: Given, a: FloatArray, groups: Sequence[Group] | None = None) -> FloatArray:
+    def _slopes(self, given: RowParameters, a: FloatArray, groups: Sequence[WidthGroup] | None = None) -> FloatArray:
         """Return l_p and its first four derivatives at a_p (draws, raters), shape (5, draws, raters)."""
         found = np.zeros((5, *a.shape))
         for group in self._groups if groups is None else groups:
@@ -177,20 +177,20 @@ class RaterIntegrals:
         found /= given.spread ** np.arange(5)[:, None, None]
         return found
 
-    def _steepest(self, given: Given, a: FloatArray, slopes: FloatArray) -> Modes:
+    def _steepest(self, given: RowParameters, a: FloatArray, slopes: FloatArray) -> ScaleModes:
         """Return a Newton step, for l_p that far from its mode may not be concave if errors have heavy tails."""
         return self._step(given, a, slopes[1], np.maximum(-slopes[2], _LEAST_CURVATURE * self.count / given.spread**2))
 
-    def _step(self, given: Given, a: FloatArray, slope: FloatArray, curvature: FloatArray) -> Modes:
+    def _step(self, given: RowParameters, a: FloatArray, slope: FloatArray, curvature: FloatArray) -> ScaleModes:
         """Return the mode of all scales and the level for quadratic l_p of that slope and curvature at a_p."""
         prior, variance = self.sd**-2.0, given.tau**2
         pull = slope + curvature * a
         shrink = 1.0 / (1.0 + variance * curvature)
         precision = prior + (shrink * curvature).sum(axis=-1, keepdims=True)
         mu = (self.mean * prior + (shrink * pull).sum(axis=-1, keepdims=True)) / precision
-        return Modes(a, (), shrink * (mu + variance * pull), pull, curvature, shrink, mu, precision**-0.5)
+        return ScaleModes(a, (), shrink * (mu + variance * pull), pull, curvature, shrink, mu, precision**-0.5)
 
-    def _start(self, given: Given) -> FloatArray:
+    def _start(self, given: RowParameters) -> FloatArray:
         """Return points near the modes: midpoints of intervals first, then with those that have one end added."""
         mean = self.of_raters(self._weight * (given.middle - given.drive)) / np.maximum(self._weighed, _NO_WEIGHT)
         slope, curvature = np.zeros(mean.shape), self._weighed / given.spread**2
@@ -209,7 +209,7 @@ class RaterIntegrals:
             slope, curvature = slope + steep, curvature + np.maximum(-bend, 0.0)
         return self._step(given, start, slope, curvature).a
 
-    def log_density(self, given: Given, quadrature: Quadrature) -> FloatArray:
+    def log_density(self, given: RowParameters, quadrature: Quadrature) -> FloatArray:
         """Return the log density of all rows, shape (draws,)."""
         modes = self.modes(given, quadrature.settled)
         if not quadrature.points:
@@ -222,7 +222,7 @@ class RaterIntegrals:
                 return found
         return self._summed(given, modes, quadrature)
 
-    def _summed(self, given: Given, modes: Modes, quadrature: Quadrature) -> FloatArray:
+    def _summed(self, given: RowParameters, modes: ScaleModes, quadrature: Quadrature) -> FloatArray:
         width = quadrature.levels * quadrature.scales * self.count.size
         parts = [
             self._summed_at_once(given.part(block), modes.part(block), quadrature)
@@ -230,7 +230,7 @@ class RaterIntegrals:
         ]
         return np.concatenate(parts)
 
-    def _summed_at_once(self, given: Given, modes: Modes, quadrature: Quadrature) -> FloatArray:
+    def _summed_at_once(self, given: RowParameters, modes: ScaleModes, quadrature: Quadrature) -> FloatArray:
         curve = self.curve(given, modes, quadrature)
         x, log_weight = gauss_hermite(quadrature.levels)
         level = modes.mu + modes.sd * x
@@ -240,8 +240,8 @@ class RaterIntegrals:
 
     def at_levels(
         self,
-        given: Given,
-        modes: Modes,
+        given: RowParameters,
+        modes: ScaleModes,
         curve: Callable[[FloatArray], FloatArray],
         level: FloatArray,
         quadrature: Quadrature,
@@ -255,7 +255,9 @@ class RaterIntegrals:
         found = log_sum(value + (log_weight - _LOG_ROOT_TWO_PI), axis=-1)
         return np.asarray(found + 0.5 * np.log(modes.shrink)[:, None])
 
-    def curve(self, given: Given, modes: Modes, quadrature: Quadrature) -> Callable[[FloatArray], FloatArray]:
+    def curve(
+        self, given: RowParameters, modes: ScaleModes, quadrature: Quadrature
+    ) -> Callable[[FloatArray], FloatArray]:
         """Return l_p as a function of a_p, from arrays (draws, ..., raters, nodes) to the same shape."""
         if not quadrature.points:
             return _series(modes)
@@ -276,7 +278,7 @@ class RaterIntegrals:
 
         return evaluate
 
-    def values(self, given: Given, a: FloatArray) -> FloatArray:
+    def values(self, given: RowParameters, a: FloatArray) -> FloatArray:
         """Return l_p at points (draws, points, raters), of the same shape."""
         found = np.zeros(a.shape)
         for group in self._groups:
@@ -287,16 +289,16 @@ class RaterIntegrals:
                     found[block, points, group.raters] += group.of_raters(each)
         return found
 
-    def row_values(self, given: Given, a: FloatArray) -> FloatArray:
+    def row_values(self, given: RowParameters, a: FloatArray) -> FloatArray:
         """Return the log probability of every row at a_p (draws, points, raters), shape (draws, points, rows)."""
         return self._row_values(given, a, slice(None), self.rater)
 
-    def _row_values(self, given: Given, a: FloatArray, rows: Any, rater: IndexArray) -> FloatArray:
+    def _row_values(self, given: RowParameters, a: FloatArray, rows: Any, rater: IndexArray) -> FloatArray:
         parameters, intervals = given.parameters.at_points(), given.rows.take(rows).at_points()
         expected = given.drive[:, None, rows] + a[..., rater]
         return log_probability(self.law, intervals, expected, given.spread[:, None], parameters)
 
-    def law_of_others(self, given: Given) -> tuple[FloatArray, FloatArray]:
+    def law_of_others(self, given: RowParameters) -> tuple[FloatArray, FloatArray]:
         """Return points of a_p and their log weights given all other raters' rows, each (draws, points, raters).
 
         The level's distribution given the other raters is approximated as normal.
@@ -307,7 +309,9 @@ class RaterIntegrals:
         law = -0.5 * (grid - mean[:, None]) ** 2 / variance[:, None] - 0.5 * np.log(2.0 * np.pi * variance)[:, None]
         return grid, law + np.log(grid[:, 1:2] - grid[:, :1])
 
-    def draw(self, rng: np.random.Generator, given: Given, quadrature: Quadrature) -> tuple[FloatArray, FloatArray]:
+    def draw(
+        self, rng: np.random.Generator, given: RowParameters, quadrature: Quadrature
+    ) -> tuple[FloatArray, FloatArray]:
         """Return draws of the level, (draws, 1), and of a_p less the level, (draws, raters), given all rows."""
         modes = self.modes(given, quadrature.settled)
         found = np.empty((len(given.drive), 1 + self.count.size))
@@ -318,7 +322,9 @@ class RaterIntegrals:
                 found[chosen] = self._drawn(rng, given.part(chosen), modes.part(chosen), how)
         return found[:, :1], found[:, 1:]
 
-    def _drawn(self, rng: np.random.Generator, given: Given, modes: Modes, quadrature: Quadrature) -> FloatArray:
+    def _drawn(
+        self, rng: np.random.Generator, given: RowParameters, modes: ScaleModes, quadrature: Quadrature
+    ) -> FloatArray:
         curve = self.curve(given, modes, quadrature)
         level = modes.mu + modes.sd * np.linspace(-REACH, REACH, LEVELS)
         each = self.at_levels(given, modes, curve, level, quadrature)
@@ -329,7 +335,7 @@ class RaterIntegrals:
         value = curve(mu[..., None] + given.tau[..., None] * zeta) - 0.5 * zeta**2
         return np.concatenate([mu, given.tau * draw_on(rng, zeta, value)], axis=-1)
 
-    def _others(self, given: Given, modes: Modes) -> tuple[FloatArray, FloatArray]:
+    def _others(self, given: RowParameters, modes: ScaleModes) -> tuple[FloatArray, FloatArray]:
         """Return mean and variance of a_p given all other raters' rows, each (draws, raters)."""
         precision = modes.shrink * modes.curvature
         prior = self.sd**-2.0
@@ -338,7 +344,7 @@ class RaterIntegrals:
         mean = (self.mean * prior + pull.sum(axis=-1, keepdims=True) - pull) / rest
         return mean, 1.0 / rest + given.tau**2
 
-    def grid(self, given: Given, modes: Modes) -> FloatArray:
+    def grid(self, given: RowParameters, modes: ScaleModes) -> FloatArray:
         """Return points of a_p that cover its distribution even without any one row, (draws, `GRID`, raters)."""
         _, variance = self._others(given, modes)
         rows = derivatives(self.law, given.rows, given.drive + modes.a[:, self.rater], given.spread, given.parameters)
@@ -365,7 +371,7 @@ def draw_on(rng: np.random.Generator, points: FloatArray, log_density: FloatArra
     return np.asarray((low + part * (high - low))[..., 0])
 
 
-def _series(modes: Modes) -> Callable[[FloatArray], FloatArray]:
+def _series(modes: ScaleModes) -> Callable[[FloatArray], FloatArray]:
     g0, g1, g2, g3, g4 = modes.slopes
 
     def evaluate(a: FloatArray) -> FloatArray:

@@ -29,7 +29,7 @@ class LawParameters(NamedTuple):
         return LawParameters(self.nu[:, None], self.lapse[:, None])
 
 
-class Given(NamedTuple):
+class RowParameters(NamedTuple):
     """Parameters of a batch of points, each with a first axis of draws."""
 
     drive: FloatArray
@@ -45,10 +45,10 @@ class Given(NamedTuple):
     middle: FloatArray
     """A number inside of each row's interval, from which Newton's method starts, shape (rows,) or (draws, rows)."""
 
-    def part(self, piece: Any) -> Given:
+    def part(self, piece: Any) -> RowParameters:
         """Return some of the draws."""
         of, middle = self.parameters, self.middle
-        return Given(
+        return RowParameters(
             self.drive[piece],
             self.tau[piece],
             self.spread[piece],
@@ -58,7 +58,7 @@ class Given(NamedTuple):
         )
 
 
-class Group(NamedTuple):
+class WidthGroup(NamedTuple):
     """Rows with intervals of similar width."""
 
     rows: IndexArray
@@ -77,7 +77,7 @@ class Group(NamedTuple):
         return np.add.reduceat(values if self.times is None else values * self.times, self.first, axis=-1)
 
 
-def groups_by_width(rater: IndexArray, width: FloatArray, times: FloatArray) -> list[Group]:
+def groups_by_width(rater: IndexArray, width: FloatArray, times: FloatArray) -> list[WidthGroup]:
     """Return groups of rows with intervals of similar width; rows with multiplicity 0 are omitted.
 
     Parameters
@@ -94,5 +94,5 @@ def groups_by_width(rater: IndexArray, width: FloatArray, times: FloatArray) -> 
         rows = np.flatnonzero((kind == k) & (times > 0))
         raters, first = np.unique(rater[rows], return_index=True)
         own = times[rows]
-        found.append(Group(rows, rater[rows], first, raters, None if (own == 1.0).all() else own))
+        found.append(WidthGroup(rows, rater[rows], first, raters, None if (own == 1.0).all() else own))
     return found

@@ -15,9 +15,9 @@ from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.erring_loads import ErringLoads
 from softness_bayes.likelihood.load_errors import OUTER, LoadErrors
 from softness_bayes.likelihood.magnitude import RatingModel
-from softness_bayes.likelihood.random_effects import Effects, LeaveOneOut, Spreads
+from softness_bayes.likelihood.random_effects import Effects, EffectSpreads, LeaveOneOut
 from softness_bayes.likelihood.ratings import RatingParameters
-from softness_bayes.likelihood.weighted_effects import Law, WeightedEffects, law_of
+from softness_bayes.likelihood.weighted_effects import EffectLaw, WeightedEffects, law_of
 
 FloatArray = NDArray[np.float64]
 
@@ -120,7 +120,7 @@ class UncertainLoads(ErringLoads):
         noise = self.model.error.draw(rng, log_rating.shape, parameters)
         return np.asarray(self.model.scale.natural(log_rating + sd[..., row] * noise))
 
-    def _law(self, mean_rate: FloatArray, parameters: RatingParameters) -> Law:
+    def _law(self, mean_rate: FloatArray, parameters: RatingParameters) -> EffectLaw:
         mean, variance = self.moments(mean_rate, parameters)
-        spreads = Spreads(parameters.tau, parameters.varsigma, parameters.omega)
+        spreads = EffectSpreads(parameters.tau, parameters.varsigma, parameters.omega)
         return law_of(mean, variance + np.asarray(parameters.varsigma, float)[..., None] ** 2, spreads)

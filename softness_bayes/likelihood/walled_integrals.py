@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from softness_bayes.likelihood.interval_law import scaled_derivatives
 from softness_bayes.likelihood.mu_nodes import log_sum
 from softness_bayes.likelihood.quadrature import FINEST, Quadrature
-from softness_bayes.likelihood.rater_integrals import Modes, RaterIntegrals
-from softness_bayes.likelihood.rater_rows import Given
+from softness_bayes.likelihood.rater_integrals import RaterIntegrals, ScaleModes
+from softness_bayes.likelihood.rater_rows import RowParameters
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
@@ -166,7 +166,7 @@ def nodes_of(edges: FloatArray, resolution: Resolution) -> tuple[FloatArray, Flo
 class WalledIntegrals(RaterIntegrals):
     """The integrals for a table in which some raters' intervals all have an infinite end."""
 
-    def modes(self, given: Given, settled: float) -> Modes:
+    def modes(self, given: RowParameters, settled: float) -> ScaleModes:
         """Return the modes, with such raters' mean and variance given the level in place of mode and curvature."""
         found = super().modes(given, settled)
         walls, own = self._walls(given), self.walled
@@ -194,9 +194,11 @@ class WalledIntegrals(RaterIntegrals):
         at[:, own] = a[:, own]
         for one in slopes[3:]:
             one[:, own] = 0.0  # these raters need no expansion
-        return Modes(at, slopes, a, pull, curvature, shrink, mu, precision**-0.5)
+        return ScaleModes(at, slopes, a, pull, curvature, shrink, mu, precision**-0.5)
 
-    def curve(self, given: Given, modes: Modes, quadrature: Quadrature) -> Callable[[FloatArray], FloatArray]:
+    def curve(
+        self, given: RowParameters, modes: ScaleModes, quadrature: Quadrature
+    ) -> Callable[[FloatArray], FloatArray]:
         """Equivalent of `RaterIntegrals.curve`, from tables for raters with a wall."""
         others, walls = super().curve(given, modes, quadrature), self._walls(given, _resolution(quadrature))
 
@@ -210,8 +212,8 @@ class WalledIntegrals(RaterIntegrals):
 
     def at_levels(
         self,
-        given: Given,
-        modes: Modes,
+        given: RowParameters,
+        modes: ScaleModes,
         curve: Callable[[FloatArray], FloatArray],
         level: FloatArray,
         quadrature: Quadrature,
@@ -221,7 +223,7 @@ class WalledIntegrals(RaterIntegrals):
         found[..., self.walled] = self._walls(given, _resolution(quadrature)).integrated(level)[0]
         return found
 
-    def _summed_at_once(self, given: Given, modes: Modes, quadrature: Quadrature) -> FloatArray:
+    def _summed_at_once(self, given: RowParameters, modes: ScaleModes, quadrature: Quadrature) -> FloatArray:
         if self.walled.size < self.count.size:
             levels = max(quadrature.levels, LEAST_LEVELS)
             return super()._summed_at_once(given, modes, quadrature._replace(levels=levels))
@@ -238,7 +240,7 @@ class WalledIntegrals(RaterIntegrals):
             terms = walls.integrated(level)[0].sum(axis=-1) + self.log_prior(level) + np.log(weight)
         return log_sum(terms, axis=-1)
 
-    def _walls(self, given: Given, resolution: Resolution = USUAL) -> Walls:
+    def _walls(self, given: RowParameters, resolution: Resolution = USUAL) -> Walls:
         """Return the tables of the raters with a wall."""
         rows = np.flatnonzero(np.isin(self.rater, self.walled) & (self._times > 0))
         upper = np.isinf(given.rows.low.reshape(-1, self.rater.size)[0, rows])

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.left_out import given_the_others, summing
 from softness_bayes.likelihood.pieces import part_of, pieces
-from softness_bayes.likelihood.random_effects import Effects, LeaveOneOut, Spreads
+from softness_bayes.likelihood.random_effects import Effects, EffectSpreads, LeaveOneOut
 
 Array = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ _REFINED = 3  # Newton steps: the first is exact up to rounding errors, which th
 _LEAST_VARIANCE = 1e-100
 
 
-class Law(NamedTuple):
+class EffectLaw(NamedTuple):
     """Expectations, error variances and spreads of effects, each of batch shape (...)."""
 
     offset: Array
@@ -105,7 +105,7 @@ class WeightedEffects:
         """Numbers kept in memory for each draw."""
         return self.n_rows + self._present.size * self.n_fabrics**2
 
-    def log_density(self, law: Law) -> Array:
+    def log_density(self, law: EffectLaw) -> Array:
         """Return the log density of the rows, shape (...)."""
         shape, flat = _flat(law)
         found = np.empty(len(flat.offset))
@@ -113,7 +113,7 @@ class WeightedEffects:
             found[k] = self._log_density(part_of(flat, k))
         return found.reshape(shape)
 
-    def log_density_participants(self, law: Law) -> Array:
+    def log_density_participants(self, law: EffectLaw) -> Array:
         """Return the log density of all rows of each participant given those of all others, (..., participants)."""
         shape, flat = _flat(law)
         found = np.zeros((len(flat.offset), self.n_participants))
@@ -121,7 +121,7 @@ class WeightedEffects:
             found[k, self._present] = self._given_the_others(part_of(flat, k))
         return found.reshape(*shape, -1)
 
-    def leave_one_out(self, law: Law) -> LeaveOneOut:
+    def leave_one_out(self, law: EffectLaw) -> LeaveOneOut:
         """Return the law of each row given all the others; memory grows with batch × rows."""
         shape, flat = _flat(law)
         weights, person = self._weights(flat), self._person
@@ -147,7 +147,7 @@ class WeightedEffects:
         mean = values - weighted / precision
         return LeaveOneOut(mean.reshape(*shape, -1), (precision**-0.5).reshape(*shape, -1))
 
-    def draw_effects(self, rng: np.random.Generator, law: Law) -> Effects:
+    def draw_effects(self, rng: np.random.Generator, law: EffectLaw) -> Effects:
         """Return exact draws of the effects given the rows: fabrics, then mu, then participants."""
         shape, flat = _flat(law)
         size = len(flat.offset)
@@ -172,7 +172,7 @@ class WeightedEffects:
             participant[k] = expected + spread * rng.standard_normal(expected.shape)
         return Effects(*(v.reshape((*shape, *v.shape[1:])) for v in (self.mean + mu, participant, fabric)))
 
-    def _weights(self, law: Law) -> _Weights:
+    def _weights(self, law: EffectLaw) -> _Weights:
         single = (1.0 / law.variance)[:, self._condition]
         pair = self._count * single
         person = self._of_person(pair)
@@ -185,7 +185,7 @@ class WeightedEffects:
         """Return sums over each participant's pairs, which are adjacent."""
         return np.asarray(np.add.reduceat(values, self._first, axis=-1))
 
-    def _fit(self, law: Law, weights: _Weights, g: Array | None = None) -> _Fit:
+    def _fit(self, law: EffectLaw, weights: _Weights, g: Array | None = None) -> _Fit:
         left = self._average - law.offset[:, self._condition]
         if g is not None:
             left -= law.fabric[:, None] * (g @ self._member.T)
@@ -194,7 +194,7 @@ class WeightedEffects:
         mu = self.sd**2 * weights.shrinkage * (weights.precision * mean).sum(axis=-1)
         return _Fit(mean, left, mu)
 
-    def _log_density(self, law: Law) -> Array:
+    def _log_density(self, law: EffectLaw) -> Array:
         weights, penalty = self._weights(law), np.zeros(len(law.offset))
         variance = law.variance[:, self._condition]
         determinant = (self._count * np.log(variance)).sum(axis=-1) - np.log(weights.kept).sum(axis=-1)
@@ -215,7 +215,7 @@ class WeightedEffects:
         """Return sums over the pairs of each participant and fabric, (B, people, fabrics)."""
         return np.asarray((self._kind @ values.T).T).reshape(len(values), self._present.size, self.n_fabrics)
 
-    def _fabrics(self, law: Law, weights: _Weights) -> _Fabrics:
+    def _fabrics(self, law: EffectLaw, weights: _Weights) -> _Fabrics:
         """Return the law of g, with precision I + omega² F'KF, a sum of nonnegative terms."""
         omega, weight = law.fabric[:, None], self._of_fabric(weights.pair)
         share = weight / weights.person[..., None]
@@ -248,7 +248,7 @@ class WeightedEffects:
         of_person = weights.kept[..., None] * (share - common[:, None]) - share
         return weights.single[..., None] * (self._member + of_person[:, self._person])
 
-    def _given_the_others(self, law: Law) -> Array:
+    def _given_the_others(self, law: EffectLaw) -> Array:
         weights = self._weights(law)
         g, some = None, bool((law.fabric > 0).any())
         if some:
@@ -279,15 +279,15 @@ class WeightedEffects:
         return given_the_others(0.5 * misfit, -scale[:, None] * slope, hessian).log_density
 
 
-def law_of(offset: Array, variance: Array, spreads: Spreads) -> Law:
+def law_of(offset: Array, variance: Array, spreads: EffectSpreads) -> EffectLaw:
     """Return the law of rows with these expectations and variances; varsigma in `spreads` is not used."""
     participant, _, fabric = (np.asarray(value, float) for value in spreads)
-    return Law(offset, np.maximum(variance, _LEAST_VARIANCE), participant, fabric)
+    return EffectLaw(offset, np.maximum(variance, _LEAST_VARIANCE), participant, fabric)
 
 
-def _flat(law: Law) -> tuple[tuple[int, ...], Law]:
+def _flat(law: EffectLaw) -> tuple[tuple[int, ...], EffectLaw]:
     """Return the batch shape, and the law with the batch flattened to one axis."""
     shape = np.broadcast_shapes(law.offset.shape[:-1], law.variance.shape[:-1], law.participant.shape, law.fabric.shape)
     offset, variance = (np.broadcast_to(v, (*shape, v.shape[-1])).reshape(-1, v.shape[-1]) for v in law[:2])
     participant, fabric = (np.broadcast_to(v, shape).reshape(-1) for v in law[2:])
-    return shape, Law(offset, variance, participant, fabric)
+    return shape, EffectLaw(offset, variance, participant, fabric)

@@ -29,7 +29,7 @@ _LEAST_VARIANCE = 1e-100  # far below any spread of ratings, but its inverse squ
 _CONSTANT = 1e-9  # relative differences of rates below this are rounding errors
 
 
-class Line(NamedTuple):
+class RegressionLine(NamedTuple):
     """Regression line of rating on response, each field of batch shape (...)."""
 
     c0: FloatArray
@@ -86,15 +86,17 @@ class StandardisedModel:
         n_participants: int,
         n_fabrics: int,
         levels: Mapping[str, ArrayLike] | None = None,
-    ) -> Line:
+    ) -> RegressionLine:
         """Prior draws of the line, of batch ``shape``; c0 and c1 in `levels` are used as given."""
-        c0, c1 = ((levels or {}).get(name) for name in Line._fields)
-        return Line(
+        c0, c1 = ((levels or {}).get(name) for name in RegressionLine._fields)
+        return RegressionLine(
             rng.standard_normal(shape) if c0 is None else np.broadcast_to(np.asarray(c0, float), shape),
             np.abs(rng.standard_normal(shape)) if c1 is None else np.broadcast_to(np.asarray(c1, float), shape),
         )
 
-    def with_new_participants(self, rng: np.random.Generator, parameters: RatingParameters, effects: Line) -> Line:
+    def with_new_participants(
+        self, rng: np.random.Generator, parameters: RatingParameters, effects: RegressionLine
+    ) -> RegressionLine:
         """Return the same line: z-scores have no effects of participants."""
         return effects
 
@@ -102,10 +104,10 @@ class StandardisedModel:
         self,
         rng: np.random.Generator,
         parameters: RatingParameters,
-        effects: Line,
+        effects: RegressionLine,
         n_participants: int,
         fabric: NDArray[np.intp],
-    ) -> Line:
+    ) -> RegressionLine:
         """Return the same line: neither participants nor fabrics have effects."""
         return effects
 
@@ -115,18 +117,18 @@ class StandardisedModel:
         design: Design,
         drive: FloatArray,
         parameters: RatingParameters,
-        effects: Line,
+        effects: RegressionLine,
     ) -> FloatArray:
         """One rating for every row of a design, shape (..., rows), given the line and `drive`."""
         expected = self.typical(effects, drive)[..., design.condition]
         noise = self.error.draw(rng, expected.shape, parameters)
         return expected + self.error_sd(parameters)[..., None] * noise
 
-    def typical(self, effects: Line, drive: FloatArray) -> FloatArray:
+    def typical(self, effects: RegressionLine, drive: FloatArray) -> FloatArray:
         """Expected rating for a response term ``drive``, shape (..., k)."""
         return effects.c0[..., None] + effects.c1[..., None] * drive
 
-    def named_effects(self, effects: Line) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
+    def named_effects(self, effects: RegressionLine) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
         """Effects by their names in files, each with its axes after the batch axes."""
         return {"c0": (effects.c0, ()), "c1": (effects.c1, ())}
 
@@ -280,7 +282,9 @@ class StandardisedRatings(RatingsLikelihood):
         """Return ± x, shape (..., conditions): a slope is in z-scores per standard deviation of the response."""
         return self.drive(mean_rate, parameters)
 
-    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Line:
+    def draw_effects(
+        self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters
+    ) -> RegressionLine:
         """Exact draws of the line given the ratings, one for each point of the batch: c1, then c0."""
         from scipy.stats import truncnorm  # imported here because the import takes a third of a second
 
@@ -290,9 +294,9 @@ class StandardisedRatings(RatingsLikelihood):
         c1 = truncnorm.rvs(-fit.deviate, np.inf, loc=fit.slope, scale=sd, size=fit.slope.shape, random_state=rng)
         expected = n * (self._mean - c1 * fit.centre) / (n + fit.variance)
         c0 = expected + np.sqrt(fit.variance / (n + fit.variance)) * rng.standard_normal(fit.slope.shape)
-        return Line(np.asarray(c0), np.maximum(c1, 0.0))
+        return RegressionLine(np.asarray(c0), np.maximum(c1, 0.0))
 
-    def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Line) -> FloatArray:
+    def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: RegressionLine) -> FloatArray:
         """Return the residual of each rating, shape (..., rows)."""
         drive = self.drive(mean_rate, parameters)
         errors = self.values - self.model.typical(effects, drive)[..., self.design.condition]

@@ -12,7 +12,7 @@ from softness_bayes.checking.checks import FABRIC_SPREAD
 from softness_bayes.checking.grouped import merge
 from softness_bayes.checking.quantities import Layout
 from softness_bayes.data import Ratings
-from softness_bayes.data.aggregated import Cells
+from softness_bayes.data.aggregated import AggregatedCells
 from softness_bayes.data.steps import steps_of_raters
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
@@ -106,7 +106,7 @@ def as_given(ratings: Ratings, options: ModelOptions) -> AsGiven:
     return AsGiven(said, law, note, f"errors: {why}", count, raters)
 
 
-def _told_of_spreads(cells: Cells) -> str:
+def _told_of_spreads(cells: AggregatedCells) -> str:
     if cells.geometric_sd is None:
         return "without standard deviations, so they do not inform the spread of raters' scales (tau)"
     return f"{int(np.isfinite(cells.geometric_sd).sum())} of them with the standard deviation of their log ratings"

@@ -81,8 +81,8 @@ class ExperimentModel:
     options: ModelOptions
     posterior: Posterior
     scene: Scene
-    direction: direction.Choice
-    resolution: accuracy.Choice | None
+    direction: direction.DirectionChoice
+    resolution: accuracy.ChosenResolution | None
     given: AsGiven
 
 
@@ -228,7 +228,9 @@ def build_skin(compression: Compression, options: ModelOptions) -> SkinModel:
     return SkinModel(compression, replace(options, discretisation=Discretisation()), posterior)
 
 
-def choose_direction(experiment: Experiment, options: ModelOptions, given: AsGiven | None = None) -> direction.Choice:
+def choose_direction(
+    experiment: Experiment, options: ModelOptions, given: AsGiven | None = None
+) -> direction.DirectionChoice:
     """Return the requested direction, or the one inferred from the data, with the evidence of the data.
 
     The interpretation of the ratings may be `given` if it is already known.

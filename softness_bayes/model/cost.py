@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softness_bayes.model.build import ExperimentModel
-from softness_bayes.touch.accuracy import QUADRATURES, TOLERANCES, Choice, Errors, errors, thinned
+from softness_bayes.touch.accuracy import QUADRATURES, TOLERANCES, ChosenResolution, Errors, errors, thinned
 from softness_bayes.touch.load_field import LoadField
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 from softness_bayes.touch.parameters import TouchParameters
@@ -31,7 +31,7 @@ class Setting(NamedTuple):
     chosen: bool
 
 
-def ladder(choice: Choice, draws: Draws) -> tuple[Setting, ...]:
+def ladder(choice: ChosenResolution, draws: Draws) -> tuple[Setting, ...]:
     """Measure errors and cost of every possible setting."""
     scene, chosen = choice.reference, choice.discretisation
     few = thinned(scene)

@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
-from softness_bayes.checking.inflection import Outcome, turning_points
+from softness_bayes.checking.inflection import CurveShape, turning_points
 from softness_bayes.checking.sensitivity import prior_moments
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.comparison_information import Comparisons
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import STUDENT
-from softness_bayes.likelihood.expected_information import Group, Moments, normal_information
+from softness_bayes.likelihood.expected_information import EffectGroup, Moments, normal_information
 from softness_bayes.likelihood.orders import OrderModel
 from softness_bayes.likelihood.plate import CompressionForces, plate_line
 from softness_bayes.likelihood.ratings import RatingParameters
@@ -176,7 +176,7 @@ class _Foresight:
         one = self.space.touch(theta)
         touch = TouchParameters(*(np.broadcast_to(value, len(theta)) for value in one))
         found = turning_points(scene, touch, 0.0)
-        return np.where(found.outcome == Outcome.INTERIOR, np.log(found.modulus), np.nan)
+        return np.where(found.outcome == CurveShape.INTERIOR, np.log(found.modulus), np.nan)
 
     def _information(self, centre: Array, root: Array) -> Array:
         """Return the information on scores about centres (truths, d), over steps along `root`, (truths, d, d)."""
@@ -228,7 +228,7 @@ class _Foresight:
                 spread = _at(getattr(parameters, name), theta)[t]
                 if columns.stop > columns.start:
                     variances[columns] = spread[0] ** 2
-                    groups.append(Group(columns, spread[0], _secants(spread[None])[0] @ back[t]))
+                    groups.append(EffectGroup(columns, spread[0], _secants(spread[None])[0] @ back[t]))
             found.append(normal_information(moments, variances, error, error_slope, groups))
         return np.stack(found)
 
@@ -244,7 +244,7 @@ class _Foresight:
         for t in range(len(theta)):
             variances = np.repeat([tau_b[t, 0] ** 2, tau_m[t, 0] ** 2], n)
             groups = [
-                Group(columns, spread[t, 0], _secants(spread[t : t + 1])[0] @ back[t])
+                EffectGroup(columns, spread[t, 0], _secants(spread[t : t + 1])[0] @ back[t])
                 for columns, spread in ((slice(0, n), tau_b), (slice(n, 2 * n), tau_m))
             ]
             moments = Moments.of_rows(effects, slopes[t])

@@ -15,7 +15,7 @@ from softness_bayes.likelihood.plate import FORCES, CompressionForces, SkinParam
 from softness_bayes.likelihood.ratings import RATINGS, RatingParameters, RatingsLikelihood
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.space import ParameterSpace
-from softness_bayes.touch.finger_family import FingerFamily, Spreads
+from softness_bayes.touch.finger_family import FingerFamily, FingerSpreads
 from softness_bayes.touch.finger_grid import SPREAD_OF
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Scene
@@ -226,7 +226,7 @@ class Posterior(Density):
         if self.fingers is not None:
             spreads = {name: self.space.value(SPREAD_OF[name], theta) for name in self.fingers.grid.names}
             pressed = self.observation.skins_of_pressed(self.rating_parameters(theta))
-            own = self.fingers.total_rate(touch, Spreads(**spreads), known, pressed) / self.scene.n_receptors
+            own = self.fingers.total_rate(touch, FingerSpreads(**spreads), known, pressed) / self.scene.n_receptors
             rates.append(own.reshape(*own.shape[:-2], -1))
         rates = [np.broadcast_to(rate, (*theta.shape[:-1], rate.shape[-1])) for rate in rates]
         return rates[0] if len(rates) == 1 else np.concatenate(rates, axis=-1)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.data import Ratings
-from softness_bayes.data.aggregated import PANEL, Cells
+from softness_bayes.data.aggregated import PANEL, AggregatedCells
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.ratings import RatingParameters
@@ -29,7 +29,7 @@ def averaged(filed: NDArray[np.float64], scene: Scene, fabrics: tuple[str, ...],
         load=scene.load,
         rating=rounded(np.exp(log.mean(axis=0))),
         rows=conditions + 2,
-        cells=Cells(len(filed), rounded(np.exp(log.std(axis=0, ddof=1)))),
+        cells=AggregatedCells(len(filed), rounded(np.exp(log.std(axis=0, ddof=1)))),
     )
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.checking.direction import Choice
+from softness_bayes.checking.direction import DirectionChoice
 from softness_bayes.checking.grouped import merge
 from softness_bayes.checking.inflection import curve_scene, response_curves
 from softness_bayes.checking.quantities import Layout
@@ -59,7 +59,7 @@ def warnings(experiment: Experiment, options: ModelOptions, given: AsGiven) -> l
 
 
 def understood(
-    experiment: Experiment, options: ModelOptions, given: AsGiven, direction: Choice, notes: list[str]
+    experiment: Experiment, options: ModelOptions, given: AsGiven, direction: DirectionChoice, notes: list[str]
 ) -> dict[str, Any]:
     """Return the full interpretation of an experiment as JSON data.
 

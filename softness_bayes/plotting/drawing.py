@@ -21,7 +21,7 @@ FIRST_LOOK = "first look: not converged"
 
 
 @dataclass(frozen=True)
-class Source:
+class VariableSource:
     """A variable of a result that a figure needs."""
 
     place: str
@@ -55,7 +55,7 @@ class Drawing:
 
     draw: Callable[[Drawable, Style], Figure]
     shows: str
-    needs: tuple[Source, ...] = ()
+    needs: tuple[VariableSource, ...] = ()
     on_request: bool = False
     only: Scale | None = None
 

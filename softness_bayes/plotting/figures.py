@@ -11,7 +11,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import require_outputs, write_outputs
 from softness_bayes.likelihood.scales import CATEGORIES, PAIRS
 from softness_bayes.plotting import contents
-from softness_bayes.plotting.drawing import Drawing, Source, own_drawing
+from softness_bayes.plotting.drawing import Drawing, VariableSource, own_drawing
 from softness_bayes.plotting.style import PLOT, USUAL, USUAL_FORMATS, Style, files_of, require_formats
 from softness_bayes.sampler.workers import Workers
 from softness_bayes.supplied import FORM, installed, is_supplied, supplied
@@ -19,16 +19,16 @@ from softness_bayes.supplied import FORM, installed, is_supplied, supplied
 if TYPE_CHECKING:
     from softness_bayes.plotting.drawable import Drawable
 
-CURVES = Source("predictions/total_rate", "the run had no ratings, so it has no response curves")
-REPLICATES = Source("posterior_predictive/rating_of_new_participants", "it has no replicated ratings")
-PIT = Source("constant_data/loo_pit", "it has no leave-one-out predictions")
+CURVES = VariableSource("predictions/total_rate", "the run had no ratings, so it has no response curves")
+REPLICATES = VariableSource("posterior_predictive/rating_of_new_participants", "it has no replicated ratings")
+PIT = VariableSource("constant_data/loo_pit", "it has no leave-one-out predictions")
 _OLDER = (
     "the run was written by a version that did not store it; 'softness-bayes resume DIR --more-steps 1' "
     "writes the results again"
 )
-TOUCH = Source("illustrations/touch_stress_kpa", _OLDER)
-FIRING = Source("predictions/firing_rate_hz", _OLDER)
-FORCES = Source("predictions/typical_force_n", "the run had no compression data")
+TOUCH = VariableSource("illustrations/touch_stress_kpa", _OLDER)
+FIRING = VariableSource("predictions/firing_rate_hz", _OLDER)
+FORCES = VariableSource("predictions/typical_force_n", "the run had no compression data")
 
 FIGURES: Mapping[str, Drawing] = MappingProxyType(
     {

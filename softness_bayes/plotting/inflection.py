@@ -117,7 +117,7 @@ def density(places: Array, edges: Array) -> Array:
 
 def draw_margin(margin: Axes, inflection: Inflection, index: int, style: Style, gid: str) -> None:
     """Draw the posterior and the probability of the turning point in the margin of a response panel."""
-    from softness_bayes.checking.inflection import Outcome
+    from softness_bayes.checking.inflection import CurveShape
 
     edges = bin_edges(np.array(margin.get_xlim()), inflection.modulus / 1e3)
     heights = [density(column / 1e3, edges) for column in inflection.modulus.T]
@@ -125,7 +125,7 @@ def draw_margin(margin: Axes, inflection: Inflection, index: int, style: Style, 
     steps.set_gid(f"density/{gid}")
     margin.set_ylim(0.0, 1.05 * np.max(heights) or 1.0)
     outcome = inflection.outcome[:, index]
-    interior, silent = (float(np.mean(outcome == kind)) for kind in (Outcome.INTERIOR, Outcome.SILENT))
+    interior, silent = (float(np.mean(outcome == kind)) for kind in (CurveShape.INTERIOR, CurveShape.SILENT))
     said = f"turning point {percent(interior)}" + (f"\nsilent {percent(silent)}" if silent else "")
     # on the side away from the density
     known = inflection.modulus[np.isfinite(inflection.modulus[:, index]), index] / 1e3
@@ -158,13 +158,13 @@ def _draw_density(axes: Axes, edges: Array, inflection: Inflection, index: int, 
 
 
 def _draw_outcomes(axes: Axes, inflection: Inflection, index: int, style: Style, gid: str) -> None:
-    from softness_bayes.checking.inflection import Outcome
+    from softness_bayes.checking.inflection import CurveShape
 
     outcome = inflection.outcome[:, index]
     bars = {
-        "interior": (np.mean(outcome == Outcome.INTERIOR), style.inflection),
-        "none": (np.mean(outcome == Outcome.NONE), style.absent),
-        "silent": (np.mean(outcome == Outcome.SILENT), style.absent),
+        "interior": (np.mean(outcome == CurveShape.INTERIOR), style.inflection),
+        "none": (np.mean(outcome == CurveShape.NONE), style.absent),
+        "silent": (np.mean(outcome == CurveShape.SILENT), style.absent),
     }
     for place, (name, (share, colour)) in enumerate(bars.items()):
         bar = axes.barh(-place, 100 * share, height=0.7, color=style.tint(colour, 0.6))[0]

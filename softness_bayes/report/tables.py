@@ -21,7 +21,7 @@ from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
 
 
-class Table(NamedTuple):
+class PageTable(NamedTuple):
     """A table of text; the first cell of each row is the row heading."""
 
     name: str
@@ -41,7 +41,7 @@ LEVELS_MEANING = {"mu": "mean log rating of a typical participant", "c0": "inter
 """Descriptions of the levels, which are sampled after a run and are not declared as parameters."""
 
 
-def of_parameters(result: Result) -> Table:
+def of_parameters(result: Result) -> PageTable:
     """Return estimates of every parameter."""
     priors = result.provenance.priors
     head = ["Parameter", "Meaning", "Unit", "Prior", "Mean", "Sd", "HDI", "Sd / prior’s"]
@@ -74,14 +74,14 @@ def of_parameters(result: Result) -> Table:
         "the posterior relative to the prior; 1 means that nothing was learnt. Pulls: power-scaling "
         "sensitivity, the shift of the posterior per doubling of the power of prior or likelihood."
     )
-    return Table("summary", caption, head, rows)
+    return PageTable("summary", caption, head, rows)
 
 
 def _prior(prior: Prior | None) -> str:
     return "–" if prior is None else in_short(prior).replace(",", ", ")
 
 
-def of_directions(result: Result) -> Table:
+def of_directions(result: Result) -> PageTable:
     """Return the combinations of parameters, ordered from best to worst constrained."""
     table = result.tables["directions"]
     rows = [
@@ -93,10 +93,10 @@ def of_directions(result: Result) -> Table:
         "to the prior, and the corresponding product of parameters. The 90 % limits of the product are its "
         "median multiplied and divided by the factor."
     )
-    return Table("directions", caption, ["Direction", "Sd / prior’s", "In words"], rows)
+    return PageTable("directions", caption, ["Direction", "Sd / prior’s", "In words"], rows)
 
 
-def of_turning_points(result: Result) -> Table:
+def of_turning_points(result: Result) -> PageTable:
     """Return the turning points of the response under each load."""
     head = ["Load", "Turns over", "under the prior", "Does not", "Silent", "Among the fabrics"]
     head += ["E_fab [kPa]", "E_fab / E_skin", "Force [N]", "Drop beyond"]
@@ -117,7 +117,7 @@ def of_turning_points(result: Result) -> Table:
     )
     if result.load_groups.merged:
         caption += f" Note: {result.load_groups.sentence}; each row is at the middle load of its group."
-    return Table("inflection", caption, head, rows)
+    return PageTable("inflection", caption, head, rows)
 
 
 def _interval(row: pd.Series, name: str) -> str:
@@ -132,7 +132,7 @@ NOTABLE = 2.0
 """Number of standard deviations above which a difference is marked."""
 
 
-def of_fabrics(result: Result) -> Table:
+def of_fabrics(result: Result) -> PageTable:
     """Return the rated and predicted softness of every fabric under every load."""
     table = result.tables[FABRIC_RATINGS].reset_index()
     shown = table
@@ -160,7 +160,7 @@ def of_fabrics(result: Result) -> Table:
         f"replicates. {away} differ by {NOTABLE:g} or more (✱).{left_out}"
     )
     head = ["Fabric", "Load", "E_fab [kPa]", "Ratings", "Rated", "Predicted", "90 % band", "Difference [sd]"]
-    return Table("fabrics", caption, head, rows)
+    return PageTable("fabrics", caption, head, rows)
 
 
 def _signed(value: Any) -> str:
@@ -169,7 +169,7 @@ def _signed(value: Any) -> str:
     return f"{value:+.1f}{' ✱' if abs(value) >= NOTABLE else ''}" if np.isfinite(value) else "–"
 
 
-def of_checks(result: Result) -> Table:
+def of_checks(result: Result) -> PageTable:
     """Return every predictive check of the posterior."""
     checks = result.tables["predictive_checks"].reset_index()
     rows = []
@@ -183,10 +183,10 @@ def of_checks(result: Result) -> Table:
         "Limits contain 90 % of the replicates, jointly over the rows of a quantity; p is the probability "
         "that a replicate exceeds the data."
     )
-    return Table("checks", caption, ["Quantity", "Of", "Data", "Replicates", "Limits", "p"], rows)
+    return PageTable("checks", caption, ["Quantity", "Of", "Data", "Replicates", "Limits", "p"], rows)
 
 
-def of_provenance(result: Result) -> list[Table]:
+def of_provenance(result: Result) -> list[PageTable]:
     """Return the provenance of the run: data, model, sampling, numerical errors, versions."""
     found, options = result.provenance, Request.of(result).model
     ending = found.ending
@@ -216,7 +216,7 @@ def of_provenance(result: Result) -> list[Table]:
         *((("errors", "Numerical errors", _errors(found.errors, found.silence)),) if result.has_ratings else ()),
         ("versions", "Versions", [*versions, ("schema of posterior.nc", str(found.asked.schema_version))]),
     )
-    return [Table(name, caption, [], rows) for name, caption, rows in parts]
+    return [PageTable(name, caption, [], rows) for name, caption, rows in parts]
 
 
 def _value(held: Any, name: str) -> str:

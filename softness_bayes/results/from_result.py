@@ -9,7 +9,7 @@ import numpy as np
 
 from softness_bayes.checking.fabric_moduli import MODULUS_LAW, UNCERTAIN
 from softness_bayes.data import Compression, Experiment, Fabrics, Ratings
-from softness_bayes.data.aggregated import Cells
+from softness_bayes.data.aggregated import AggregatedCells
 from softness_bayes.data.columns import GEOMETRIC_SD, LOAD_CV, RESOLUTION
 from softness_bayes.defaults import ACCURACY
 from softness_bayes.likelihood.error_laws import NORMAL, error_law_named
@@ -55,12 +55,12 @@ def experiment_of(result: Stored) -> Experiment:
     return Experiment(ratings, fabrics, (), _compression_of(result) if result.has_compression else None)
 
 
-def _cells_of(constant: Any) -> Cells | None:
+def _cells_of(constant: Any) -> AggregatedCells | None:
     """Return numbers of raters and standard deviations of cells, if ratings are cell means."""
     if RATERS_OF_CELLS not in constant:
         return None
     known = constant[GEOMETRIC_SD.name].values if GEOMETRIC_SD.name in constant else None
-    return Cells(int(constant[RATERS_OF_CELLS]), known)
+    return AggregatedCells(int(constant[RATERS_OF_CELLS]), known)
 
 
 def _unknown_of(result: Stored) -> Prior:

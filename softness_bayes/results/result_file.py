@@ -29,7 +29,7 @@ TABLES = "tables"
 """Group of the tables, each as JSON of its columns, so that no change of a CSV file matters."""
 
 
-class Stored(NamedTuple):
+class FileContents(NamedTuple):
     """Contents of a file."""
 
     tree: xr.DataTree
@@ -49,7 +49,7 @@ def sealed(tree: xr.DataTree, tables: Mapping[str, pd.DataFrame]) -> xr.DataTree
     return whole
 
 
-def read(path: Path, index: Mapping[str, str | list[str]], verify: bool = True) -> Stored:
+def read(path: Path, index: Mapping[str, str | list[str]], verify: bool = True) -> FileContents:
     """Read a file into memory.
 
     Parameters
@@ -71,13 +71,13 @@ def read(path: Path, index: Mapping[str, str | list[str]], verify: bool = True) 
     except Exception as error:  # HDF5 and the libraries above it have no common error class
         raise InputError(f"{path}: not a readable result ({error!s:.200})") from None
     if _schema(path, tree) == 1:
-        return Stored(tree, _old_tables(path, index), False)
+        return FileContents(tree, _old_tables(path, index), False)
     if verify:
         _require_unchanged(path, changes(tree))
     tables = _tables(path, tree)
     rest = tree.filter(lambda node: node.name != TABLES)
     rest.attrs = {name: value for name, value in tree.attrs.items() if name != CHECKSUMS}
-    return Stored(rest, tables, verify)
+    return FileContents(rest, tables, verify)
 
 
 def _require_unchanged(path: Path, found: Changes) -> None:

@@ -111,7 +111,9 @@ def calibrate(
     model.posterior.space.require_sampled()
     settings = settings or _usual(run)
     manifest = _manifest(scene, Request(model.options, run), settings)
-    return _calibrated(Source(model.posterior), manifest, run, count, directory, progress, settings, executor, earlier)
+    return _calibrated(
+        ReplicateSource(model.posterior), manifest, run, count, directory, progress, settings, executor, earlier
+    )
 
 
 def calibrate_like(
@@ -158,14 +160,14 @@ def finished_like(
     return _so_far(manifest, count, directory)
 
 
-class Source(NamedTuple):
+class ReplicateSource(NamedTuple):
     """Origin of replicates: the model and, if true values are drawn from its posterior, posterior draws."""
 
     posterior: Posterior
     truths: NDArray[np.float64] | None = None
 
 
-def _like(result: Result, run: RunOptions, settings: Settings) -> tuple[Source, dict[str, Any]]:
+def _like(result: Result, run: RunOptions, settings: Settings) -> tuple[ReplicateSource, dict[str, Any]]:
     """Return the source of replicates for a finished run, and all settings that affect the ranks."""
     if not result.provenance.ending.converged:
         raise InputError(f"{result.source}: the run has not converged, so its draws do not represent the posterior")
@@ -183,11 +185,11 @@ def _like(result: Result, run: RunOptions, settings: Settings) -> tuple[Source, 
         "max_steps": settings.max_steps,
         "goal": str(settings.goal),
     }
-    return Source(posterior, truths), manifest
+    return ReplicateSource(posterior, truths), manifest
 
 
 def _calibrated(
-    source: Source,
+    source: ReplicateSource,
     manifest: dict[str, Any],
     run: RunOptions,
     count: int,
@@ -220,7 +222,7 @@ def _calibrated(
     return Calibrated({index: done[index] for index in range(count)}, earlier=earlier_of(directory))
 
 
-def _true_values(source: Source, seed: int, index: int) -> dict[str, float]:
+def _true_values(source: ReplicateSource, seed: int, index: int) -> dict[str, float]:
     return true_values(source.posterior, seed, index, source.truths)
 
 
@@ -259,7 +261,7 @@ def _usual(run: RunOptions) -> Settings:
     return Settings(ensembles=ENSEMBLES, max_steps=run.max_steps, processes=1, goal=RANKED)
 
 
-def _run(source: Source, settings: Settings, seed: int, index: int, folder: str) -> tuple[int, Replicate]:
+def _run(source: ReplicateSource, settings: Settings, seed: int, index: int, folder: str) -> tuple[int, Replicate]:
     """Run one replicate and write its file."""
     one = replicate(source.posterior, settings, seed, index, truths=source.truths)
     write_replicate(Path(folder), index, one)

@@ -27,7 +27,7 @@ LONG = 2_000
 """Number of steps above which a replicate is counted as long."""
 
 
-class Earlier(NamedTuple):
+class StoredReplicates(NamedTuple):
     """Replicates taken from an earlier calibration of the same problem."""
 
     replicates: tuple[int, ...]
@@ -52,7 +52,7 @@ class Calibrated:
 
     replicates: Mapping[int, Replicate]
     unfinished: tuple[int, ...] = ()
-    earlier: tuple[Earlier, ...] = ()
+    earlier: tuple[StoredReplicates, ...] = ()
 
     @property
     def calibration(self) -> Calibration:

@@ -18,7 +18,7 @@ from softness_bayes.files.lock import is_held
 from softness_bayes.files.outputs import require_outputs
 from softness_bayes.files.whole import write_whole
 from softness_bayes.likelihood.directions import direction_named
-from softness_bayes.runs.calibrated import CALIBRATE, COVERAGE, FIGURE, RANKS, TRUE, VERDICT, Earlier
+from softness_bayes.runs.calibrated import CALIBRATE, COVERAGE, FIGURE, RANKS, TRUE, VERDICT, StoredReplicates
 
 MANIFEST, REPLICATES, LOCK, EARLIER = "manifest.json", "replicates", "lock", "earlier.json"
 
@@ -55,7 +55,7 @@ def finished_replicates(directory: Path) -> int:
     return sum(1 for _ in (directory / REPLICATES).glob("*.json"))
 
 
-class Progress(NamedTuple):
+class CalibrationProgress(NamedTuple):
     """Progress of a calibration, read without interfering with it."""
 
     asked: int
@@ -75,7 +75,7 @@ def is_calibration(directory: Path) -> bool:
     return (directory / MANIFEST).is_file() and (directory / REPLICATES).is_dir()
 
 
-def progress_of(directory: Path) -> Progress:
+def progress_of(directory: Path) -> CalibrationProgress:
     """Return the progress of a calibration."""
     asked, begun = read_asked(directory)
     found = finished_in(directory / REPLICATES, asked or finished_replicates(directory))
@@ -83,7 +83,7 @@ def progress_of(directory: Path) -> Progress:
     since = [when for when in times if when > begun]
     each = (max(since) - begun) / len(since) if since and asked else math.nan
     unconverged = sum(not one.converged for one in found.values())
-    return Progress(asked, len(found), unconverged, is_held(directory / LOCK), each * (asked - len(found)))
+    return CalibrationProgress(asked, len(found), unconverged, is_held(directory / LOCK), each * (asked - len(found)))
 
 
 def made_folder(directory: Path, manifest: dict[str, Any]) -> Path:
@@ -158,31 +158,31 @@ def take(source: Path, directory: Path, manifest: dict[str, Any], redraw: Redraw
     for index, one in new.items():
         _require_same_truth(origin.directory, index, one, redraw(index))
     # before the replicates: these must never appear as ones of this calibration's own fits
-    _record(directory, [*earlier_of(source), Earlier((*new,), differ)], {*new}, manifest)
+    _record(directory, [*earlier_of(source), StoredReplicates((*new,), differ)], {*new}, manifest)
     for index, one in new.items():
         write_replicate(folder, index, one)
 
 
-def _record(directory: Path, origins: Iterable[Earlier], new: set[int], manifest: dict[str, Any]) -> None:
+def _record(directory: Path, origins: Iterable[StoredReplicates], new: set[int], manifest: dict[str, Any]) -> None:
     """Record which new replicates have other settings, each under the first of the origins that contains it."""
     found = [one._replace(replicates=tuple(k for k in one.replicates if k not in new)) for one in earlier_of(directory)]
     for one in origins:
         other = {name: value for name, value in one.settings.items() if value != str(manifest.get(name))}
-        found.append(Earlier(tuple(k for k in one.replicates if k in new), other))
+        found.append(StoredReplicates(tuple(k for k in one.replicates if k in new), other))
         new = new - {*one.replicates}
     kept = [one._asdict() for one in found if one.replicates and one.settings]
     if kept:
         write_whole(directory / EARLIER, (json.dumps(kept, indent=1) + "\n").encode())
 
 
-def earlier_of(directory: Path) -> tuple[Earlier, ...]:
+def earlier_of(directory: Path) -> tuple[StoredReplicates, ...]:
     """Return which replicates of a calibration come from earlier ones with other settings of the fits."""
     path = directory / EARLIER
     if not path.is_file():
         return ()
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
-        return tuple(Earlier(tuple(map(int, one["replicates"])), dict(one["settings"])) for one in found)
+        return tuple(StoredReplicates(tuple(map(int, one["replicates"])), dict(one["settings"])) for one in found)
     except (ValueError, TypeError, KeyError) as error:
         raise InputError(f"{path}: not the list of earlier replicates ({error!r})") from None
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softness_bayes.checking.inflection import Inflection, Outcome, curve_scene, find_inflection, response_curves
+from softness_bayes.checking.inflection import CurveShape, Inflection, curve_scene, find_inflection, response_curves
 from softness_bayes.model.posterior import Density, Posterior
 from softness_bayes.touch.contact import Load
 from softness_bayes.touch.load_groups import LoadGroup, groups_of
@@ -37,10 +37,10 @@ class Evaluation(NamedTuple):
         return tuple(said)
 
     def _turn(self, found: Inflection, k: int) -> str:
-        match Outcome(found.outcome[0, k]):
-            case Outcome.SILENT:
+        match CurveShape(found.outcome[0, k]):
+            case CurveShape.SILENT:
                 return "no receptor fires"
-            case Outcome.NONE:
+            case CurveShape.NONE:
                 return "the response does not turn over"
         where = "among" if found.inside[0, k] else "beyond"
         return (

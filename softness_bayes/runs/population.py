@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.checking.pooling import LIMITS, Pooled, Population, Separate, pool
+from softness_bayes.checking.pooling import LIMITS, Pooled, PopulationPrior, Separate, pool
 from softness_bayes.errors import InputError
 from softness_bayes.parameters.coordinates import HalfLine, Interval, coordinate_for
 from softness_bayes.parameters.declared import EVERY_PARAMETER, Parameter
@@ -46,7 +46,7 @@ class PooledParameter:
     """
 
     parameter: Parameter
-    prior: Population
+    prior: PopulationPrior
     pooled: Pooled
 
     @property
@@ -139,7 +139,7 @@ def require_parameters(names: Sequence[str]) -> None:
         raise InputError(f"no parameter {unknown[0]!r}; expected some of {', '.join(EVERY_PARAMETER)}")
 
 
-def population_of(name: str, prior: Prior, spread: Prior | None = None) -> Population:
+def population_of(name: str, prior: Prior, spread: Prior | None = None) -> PopulationPrior:
     """Return the population prior of a parameter, given its separate prior.
 
     Raises
@@ -156,7 +156,7 @@ def population_of(name: str, prior: Prior, spread: Prior | None = None) -> Popul
         raise InputError(
             f"study: spread of {name}: {spread} allows values below 0, expected a law such as halfnormal(0.5)"
         )
-    return Population(mean, spread, scale)
+    return PopulationPrior(mean, spread, scale)
 
 
 class _Drawn(NamedTuple):
@@ -168,7 +168,7 @@ class _Drawn(NamedTuple):
     log_prior: Array
     effective: float
 
-    def on(self, prior: Population) -> Separate:
+    def on(self, prior: PopulationPrior) -> Separate:
         """Return the draws on the population's scale."""
         z = prior.scale.coordinate(self.values)
         return Separate(z, self.log_prior + prior.scale.log_slope(z), min(self.effective, float(z.size)))

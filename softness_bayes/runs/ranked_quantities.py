@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.checking.inflection import Outcome, curve_scene, find_inflection, response_curves
+from softness_bayes.checking.inflection import CurveShape, curve_scene, find_inflection, response_curves
 from softness_bayes.likelihood.contract import Effects
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.touch.load_groups import groups_of
@@ -69,7 +69,7 @@ def _turning_points(posterior: Posterior, scene: Scene, theta: FloatArray) -> di
     grid = curve_scene(scene, loads=[scene.loads[k] for k in groups.at])
     curves = response_curves(grid, posterior.space.touch(theta))
     turn = find_inflection(curves, 0.0, (float(scene.modulus.min()), float(scene.modulus.max())))
-    interior = np.broadcast_to(turn.outcome == Outcome.INTERIOR, (len(theta), len(groups.names)))
+    interior = np.broadcast_to(turn.outcome == CurveShape.INTERIOR, (len(theta), len(groups.names)))
     place = np.where(interior, turn.modulus * 1e-3, 0.0)
     found = {turns(load): interior[:, k].astype(float) for k, load in enumerate(groups.names)}
     return found | {turning_point(load): place[:, k] for k, load in enumerate(groups.names)}

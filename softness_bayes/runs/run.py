@@ -30,7 +30,7 @@ from softness_bayes.provenance import (
     DirectionTaken,
     Ending,
     RatingData,
-    RatingModel,
+    RatingSettings,
     attributes_of,
     family_of,
 )
@@ -205,7 +205,7 @@ def sample_model(
         **requested(posterior, request),
         **attributes_of(
             DirectionTaken(chosen.direction, chosen.asked, chosen.sentence, chosen.evidence.firing),
-            RatingModel(
+            RatingSettings(
                 options.noise,
                 options.scale,
                 options.kept_accuracy,

@@ -62,7 +62,7 @@ WAIT = 1.0
 """Time [s] between two checks of a directory in use by another process."""
 
 
-class Outcome(NamedTuple):
+class TableOutcome(NamedTuple):
     """Outcome of one table."""
 
     table: str
@@ -92,7 +92,7 @@ class Study:
         Directory of the study.
     """
 
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[TableOutcome, ...]
     populations: Mapping[str, PooledParameter]
     directory: Path
     tables: pd.DataFrame = field(repr=False)
@@ -174,7 +174,7 @@ def study(
     run: RunOptions = RunOptions(),
     pool: Sequence[str] = (),
     spreads: Mapping[str, Prior] | None = None,
-    progress: Callable[[int, Outcome], None] | None = None,
+    progress: Callable[[int, TableOutcome], None] | None = None,
     refused: Mapping[str, str] | None = None,
     kept: Mapping[str, Kept] | None = None,
     executor: Executor | None = None,
@@ -224,7 +224,7 @@ def study(
         raise InputError("study: there is no table")
     require_outputs(directory, MADE, STUDY)
     (directory / RUNS).mkdir(parents=True, exist_ok=True)
-    found = {name: Outcome(name, REFUSED, why) for name, why in refused.items()}
+    found = {name: TableOutcome(name, REFUSED, why) for name, why in refused.items()}
     with Lock(directory / LOCK) as lock:
         write_asked(directory, len(tables))
         home = directory if executor is None else directory.resolve()
@@ -244,7 +244,7 @@ def study(
 
 def fit_table(
     request: Request, name: str, data: Experiment | Compression, directory: str, kept: Kept | None, patient: bool
-) -> Outcome:
+) -> TableOutcome:
     """Fit one table in its directory, continuing an existing run; errors of the table become its outcome.
 
     If `patient`, wait for another process in that directory to end: on a cluster it may be a task that is still running
@@ -257,13 +257,15 @@ def fit_table(
             raise
         except LockedError as error:
             if not patient:
-                return Outcome(name, REFUSED, str(error))
+                return TableOutcome(name, REFUSED, str(error))
             time.sleep(WAIT)
         except SoftnessError as error:
-            return Outcome(name, REFUSED, str(error))
+            return TableOutcome(name, REFUSED, str(error))
 
 
-def _fit(request: Request, name: str, data: Experiment | Compression, directory: Path, kept: Kept | None) -> Outcome:
+def _fit(
+    request: Request, name: str, data: Experiment | Compression, directory: Path, kept: Kept | None
+) -> TableOutcome:
     model = model_of(data, request.model)
     run = replace(request.run, seed=seed_of(request.run.seed, name), processes=1)
     asked = Request(model.options, run)
@@ -274,13 +276,13 @@ def _fit(request: Request, name: str, data: Experiment | Compression, directory:
             checkpoint.require_same(identity(data, model.posterior, run.settings, asked.choices()))
             verdict = status.verdict
             if verdict is not None and (verdict.converged or status.steps >= run.max_steps):
-                return Outcome(name, CONVERGED if verdict.converged else UNCONVERGED, verdict.sentence())
+                return TableOutcome(name, CONVERGED if verdict.converged else UNCONVERGED, verdict.sentence())
         if kept is not None:
             record = {"files": kept.files, "options": asked.record(), "figures": kept.figures}
             checkpoint.request = {**record, "versions": versions()}
         figures = () if kept is not None and kept.figures else None
         ending = sample_kept(checkpoint, model, run, figures).provenance.ending
-    return Outcome(name, CONVERGED if ending.converged else UNCONVERGED, ending.verdict)
+    return TableOutcome(name, CONVERGED if ending.converged else UNCONVERGED, ending.verdict)
 
 
 def seed_of(seed: int, table: str) -> int:
@@ -289,7 +291,7 @@ def seed_of(seed: int, table: str) -> int:
 
 
 def _pooled(
-    found: Mapping[str, Outcome], directory: Path, pool: Sequence[str], spreads: Mapping[str, Prior] | None
+    found: Mapping[str, TableOutcome], directory: Path, pool: Sequence[str], spreads: Mapping[str, Prior] | None
 ) -> Study:
     """Return the study of finished fits."""
     import pandas as pd

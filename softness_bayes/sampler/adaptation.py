@@ -14,7 +14,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.sampler.starts import Target
+from softness_bayes.sampler.starts import TargetDensity
 
 FloatArray = NDArray[np.float64]
 
@@ -132,7 +132,7 @@ class TriangularMap:
 class Mapped:
     """A target in the coordinates of a map."""
 
-    target: Target
+    target: TargetDensity
     map: TriangularMap
 
     def __call__(self, y: FloatArray) -> FloatArray:

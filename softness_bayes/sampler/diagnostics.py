@@ -53,7 +53,7 @@ class Goal:
     burn_in: float = 5.0
 
 
-class Share(NamedTuple):
+class ModeShare(NamedTuple):
     """Share of the draws in one of several modes."""
 
     share: float
@@ -123,7 +123,7 @@ class Verdict:
     stuck: int
     looks_passed: int
     goal: Goal
-    shares: tuple[Share, ...] = ()
+    shares: tuple[ModeShare, ...] = ()
     starts: Starts = NO_STARTS
     own: float = math.nan
 
@@ -284,7 +284,7 @@ def look(
     first = _burn_in(walks, goal)
     walks = walks[..., first:, :]
     tau, r_hat = _times(walks), r_hat_between(walks)
-    shares: tuple[Share, ...] = ()
+    shares: tuple[ModeShare, ...] = ()
     if inside is not None:
         shares, times, apart = _shares(inside[:, first:])
         names = (*names, *(f"the share of mode {k}" for k in range(1, len(shares) + 1)))
@@ -356,7 +356,7 @@ def tau_change(tau: FloatArray, before: FloatArray) -> float:
     return float(min(abs(tau[worst] / before[worst] - 1.0), abs(tau[worst] / before.max() - 1.0)))
 
 
-def _shares(inside: NDArray[np.bool_]) -> tuple[tuple[Share, ...], FloatArray, FloatArray]:
+def _shares(inside: NDArray[np.bool_]) -> tuple[tuple[ModeShare, ...], FloatArray, FloatArray]:
     """Return each mode's share, the autocorrelation time of being in it, and R-hat between ensembles.
 
     All walkers of all ensembles share one mean. If no walker moves between modes, the time is as long as the walk.
@@ -376,4 +376,4 @@ def _shares(inside: NDArray[np.bool_]) -> tuple[tuple[Share, ...], FloatArray, F
     with np.errstate(divide="ignore"):  # ensembles that never change modes
         apart[mixed] = np.sqrt(1.0 + halves.var(axis=0, ddof=1)[mixed] / within[mixed])
     error = np.sqrt(share * (1.0 - share) * times / walks[:, 0].size)
-    return tuple(Share(*one) for one in zip(share.tolist(), error.tolist(), strict=True)), times, apart
+    return tuple(ModeShare(*one) for one in zip(share.tolist(), error.tolist(), strict=True)), times, apart

@@ -13,7 +13,7 @@ from softness_bayes.sampler.nonfinite import Nonfinite, watching
 from softness_bayes.sampler.starts import (
     Optimum,
     Starts,
-    Target,
+    TargetDensity,
     find_optimum,
     scatter,
     separate,
@@ -78,16 +78,16 @@ def watched(workers: Workers, tasks: list[tuple[Any, ...]]) -> tuple[list[Any], 
     return [value for value, _ in done], sum((found for _, found in done), Nonfinite())
 
 
-def _watch(target: Target, work: Callable[..., Any], *task: Any) -> tuple[Any, Nonfinite]:
+def _watch(target: TargetDensity, work: Callable[..., Any], *task: Any) -> tuple[Any, Nonfinite]:
     return watching(work, target, *task)
 
 
-def _climb(target: Target, seed: np.random.SeedSequence, best: bool) -> Optimum:
+def _climb(target: TargetDensity, seed: np.random.SeedSequence, best: bool) -> Optimum:
     return find_optimum(target, np.random.default_rng(seed), best)
 
 
 def _place(
-    target: Target,
+    target: TargetDensity,
     seed: np.random.SeedSequence,
     walking: np.random.SeedSequence,
     optima: list[Optimum],

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.errors import NumericalError
-from softness_bayes.sampler.starts import Target
+from softness_bayes.sampler.starts import TargetDensity
 
 FloatArray = NDArray[np.float64]
 Value = TypeVar("Value")
@@ -84,7 +84,7 @@ class Watched:
     zero. This object is called like the target and delegates all other members to it.
     """
 
-    def __init__(self, target: Target) -> None:
+    def __init__(self, target: TargetDensity) -> None:
         self._target, self.found = target, Nonfinite()
 
     @property
@@ -130,7 +130,7 @@ class Watched:
         return self._target.failing_stage(z) if isinstance(self._target, Explaining) else "density"
 
 
-def watching(work: Callable[..., Value], target: Target, *task: Any) -> tuple[Value, Nonfinite]:
+def watching(work: Callable[..., Value], target: TargetDensity, *task: Any) -> tuple[Value, Nonfinite]:
     """Return ``work(target, *task)`` and the failures of the target during it.
 
     Raises

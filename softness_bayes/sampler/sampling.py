@@ -38,7 +38,7 @@ from softness_bayes.sampler.moves import (
     fitted,
 )
 from softness_bayes.sampler.schedule import Schedule
-from softness_bayes.sampler.starts import Target
+from softness_bayes.sampler.starts import TargetDensity
 from softness_bayes.sampler.state import EnsembleState, RunState
 from softness_bayes.sampler.workers import Workers, available_processors
 
@@ -93,7 +93,7 @@ class Settings(Schedule):
             PROCESSES.require("sampling: processes", self.processes)
         STEPS.require("sampling: max_steps", self.max_steps)
 
-    def workers(self, target: Target) -> Workers:
+    def workers(self, target: TargetDensity) -> Workers:
         """Return the worker processes for the ensembles, each with a copy of the target."""
         return Workers(target, self.processes or min(self.ensembles, available_processors()))
 
@@ -150,7 +150,7 @@ class Sampled(NamedTuple):
 
 
 def advance(
-    target: Target,
+    target: TargetDensity,
     state: EnsembleState,
     steps: int,
     moves: Moves,
@@ -196,7 +196,7 @@ def advance(
 
 
 def walk(
-    target: Target,
+    target: TargetDensity,
     settings: Settings = Settings(),
     seed: int | np.random.SeedSequence = 0,
     begin: RunState | None = None,
@@ -250,7 +250,7 @@ def walk(
 
 
 def sample_until(
-    target: Target,
+    target: TargetDensity,
     settings: Settings = Settings(),
     seed: int | np.random.SeedSequence = 0,
     progress: Callable[[Progress], None] | None = None,

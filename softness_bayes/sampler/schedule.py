@@ -16,7 +16,7 @@ from softness_bayes.sampler.autocorrelation import own_time
 from softness_bayes.sampler.chains import Segment
 from softness_bayes.sampler.diagnostics import LOG_POSTERIOR, Goal, Verdict, look
 from softness_bayes.sampler.modes import labels, learn_modes
-from softness_bayes.sampler.starts import Target, linear_coordinates
+from softness_bayes.sampler.starts import TargetDensity, linear_coordinates
 from softness_bayes.sampler.state import RunState
 
 APART = 0.05
@@ -76,7 +76,7 @@ class Schedule:
         """Steps before the first convergence check."""
         return 3 * self.round_steps
 
-    def relearned(self, target: Target, state: RunState) -> RunState:
+    def relearned(self, target: TargetDensity, state: RunState) -> RunState:
         """Return the state from which to continue: with a new map and no draws if the last check found the run slow.
 
         The decision depends on the draws, not on limits; for a run that ended here, it is made on continuation.
@@ -98,7 +98,7 @@ class Schedule:
         """Return whether a run is still in its pilot stage, whose draws are not used."""
         return state.phase < len(self.pilot)
 
-    def settle(self, target: Target, state: RunState, late: bool) -> RunState:
+    def settle(self, target: TargetDensity, state: RunState, late: bool) -> RunState:
         """Perform what is due: learn a map, thin the stored steps, check the chains, end the run.
 
         Parameters
@@ -156,7 +156,7 @@ class Schedule:
         return -(-max(self.round_steps // parts, 1) // state.stride) * state.stride
 
 
-def _look(target: Target, state: RunState, goal: Goal) -> Verdict:
+def _look(target: TargetDensity, state: RunState, goal: Goal) -> Verdict:
     chains = state.chains
     natural = target.natural(chains.coordinates)
     values = np.concatenate([natural, chains.log_density[..., None]], axis=-1)
@@ -167,7 +167,7 @@ def _look(target: Target, state: RunState, goal: Goal) -> Verdict:
     return look(names, values, chains.stride, float(chains.accepted.mean()), state.before, goal, inside, state.starts)
 
 
-def _learn(target: Target, state: RunState) -> RunState:
+def _learn(target: TargetDensity, state: RunState) -> RunState:
     """End a stage of the pilot: learn a map, or one per mode, from its second half, and drop its draws."""
     segments = [Segment.join(part) for part in state.parts]
     stored = state.steps // state.stride

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from softness_bayes.errors import InputError
 from softness_bayes.sampler.adaptation import TriangularMap
 from softness_bayes.sampler.chains import Segment
-from softness_bayes.sampler.diagnostics import Goal, Share, Verdict
+from softness_bayes.sampler.diagnostics import Goal, ModeShare, Verdict
 from softness_bayes.sampler.nonfinite import Failure, Nonfinite
 from softness_bayes.sampler.starts import Starts
 from softness_bayes.sampler.state import EnsembleState, RunState
@@ -174,7 +174,7 @@ def verdict_of(values: Mapping[str, Any] | None) -> Verdict | None:
 def _tuples(values: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "names": tuple(values["names"]),
-        "shares": tuple(Share(*share) for share in values["shares"]),
+        "shares": tuple(ModeShare(*share) for share in values["shares"]),
         "starts": Starts(*values["starts"]),
     }
 

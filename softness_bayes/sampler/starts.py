@@ -36,7 +36,7 @@ _BARRIER = 5.0  # depth of a dip in log density that separates two modes
 _ON_THE_WAY = np.linspace(0.0, 1.0, 9)[1:-1, None]
 
 
-class Target(Protocol):
+class TargetDensity(Protocol):
     """A density to sample, in coordinates that are unbounded on every axis."""
 
     @property
@@ -53,7 +53,7 @@ class Target(Protocol):
         """Draw dispersed points of finite density from which optimisations may start, shape (size, dimension)."""
 
 
-def linear_coordinates(target: Target) -> int:
+def linear_coordinates(target: TargetDensity) -> int:
     """Return the number of last coordinates that a target declares to be nearly linear in the others; by default 0.
 
     A map has fewer coefficients for these (`adaptation.TriangularMap.fit`).
@@ -100,7 +100,7 @@ NO_STARTS = Starts()
 """Result for starting points without a search."""
 
 
-def find_optimum(target: Target, rng: np.random.Generator, best: bool = True) -> Optimum:
+def find_optimum(target: TargetDensity, rng: np.random.Generator, best: bool = True) -> Optimum:
     """Return the optimum reached from one of `CANDIDATES` starting draws.
 
     Parameters
@@ -140,7 +140,7 @@ def find_optimum(target: Target, rng: np.random.Generator, best: bool = True) ->
 
 
 def scatter(
-    target: Target, rng: np.random.Generator, optima: Sequence[Optimum], walkers: int
+    target: TargetDensity, rng: np.random.Generator, optima: Sequence[Optimum], walkers: int
 ) -> tuple[FloatArray, FloatArray]:
     """Spread walkers about optima in equal numbers, at twice the width given by the curvature.
 
@@ -179,7 +179,7 @@ def worth_starting_from(optima: Iterable[Sequence[Optimum]]) -> list[list[Optimu
     return [group or everyone for group in kept]
 
 
-def separate(target: Target, optima: Iterable[Optimum]) -> list[Optimum]:
+def separate(target: TargetDensity, optima: Iterable[Optimum]) -> list[Optimum]:
     """Return the optimum of largest mass of each mode, ordered by decreasing mass.
 
     Two optima belong to one mode if the log density along the line between them dips by less than `_BARRIER` below
@@ -194,14 +194,14 @@ def separate(target: Target, optima: Iterable[Optimum]) -> list[Optimum]:
     return modes
 
 
-def _joined(target: Target, one: Optimum, other: Optimum) -> bool:
+def _joined(target: TargetDensity, one: Optimum, other: Optimum) -> bool:
     if abs(one.log_volume - other.log_volume) > _BARRIER:
         return False
     between = target(one.point + _ON_THE_WAY * (other.point - one.point))
     return bool(between.min() > min(one.log_density, other.log_density) - _BARRIER)
 
 
-def _curvature(target: Target, point: FloatArray) -> FloatArray:
+def _curvature(target: TargetDensity, point: FloatArray) -> FloatArray:
     """Minus the Hessian of the log density by central differences, shape (dimension, dimension)."""
     steps = _CURVATURE_STEP * np.eye(point.size)
     pairs = steps[:, None] + steps, steps[:, None] - steps

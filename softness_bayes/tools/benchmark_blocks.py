@@ -20,7 +20,7 @@ from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.sampler.moves import MANY_DIMENSIONS_MOVES, MOVES, Moves, Student
 from softness_bayes.sampler.sampling import Settings, walk
-from softness_bayes.sampler.starts import Target
+from softness_bayes.sampler.starts import TargetDensity
 
 RATINGS = Path(softness_bayes.__file__).parent.parent / "data" / "ratings.csv"
 MODULUS_CV = 0.15
@@ -34,7 +34,7 @@ WAYS: Mapping[str, Moves] = {
 COLUMNS = ("moves", "parameters", "seed", "converged", "tau_steps", "evaluations", "processor_s")
 
 
-def measure(target: Target, moves: Moves, seed: int, max_steps: int = 20_000) -> tuple[str, ...]:
+def measure(target: TargetDensity, moves: Moves, seed: int, max_steps: int = 20_000) -> tuple[str, ...]:
     """Sample until convergence in this process; return the last five columns of a row."""
     begun = time.process_time()
     settings = Settings(moves=moves, processes=1, max_steps=max_steps)

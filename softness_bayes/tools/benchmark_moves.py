@@ -30,7 +30,7 @@ from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.sampler.diagnostics import Goal
 from softness_bayes.sampler.moves import FIRST_MOVES, MOVES, STRETCH, Moves
 from softness_bayes.sampler.sampling import Settings, walk
-from softness_bayes.sampler.starts import Target
+from softness_bayes.sampler.starts import TargetDensity
 from softness_bayes.touch.contact import Force, Indentation, Load
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation
@@ -69,7 +69,7 @@ class Measured(NamedTuple):
     """Effective draws of that quantity for each second of processor time."""
 
 
-def measure(target: Target, way: Way, steps: int, seed: int = 1) -> Measured:
+def measure(target: TargetDensity, way: Way, steps: int, seed: int = 1) -> Measured:
     """Sample a fixed number of steps in this process."""
     settings = Settings(
         ensembles=ENSEMBLES,
@@ -93,10 +93,10 @@ def measure(target: Target, way: Way, steps: int, seed: int = 1) -> Measured:
 
 def _posterior(
     moduli: tuple[float, ...], loads: tuple[Load, ...], participants: int, options: ModelOptions, **given: float
-) -> Callable[[], Target]:
+) -> Callable[[], TargetDensity]:
     """Return a function that builds the posterior of ratings simulated at the priors' medians with some replaced."""
 
-    def make() -> Target:
+    def make() -> TargetDensity:
         cloth = Fabrics(tuple(f"F{k}" for k in range(len(moduli))), effective_modulus=np.array(moduli))
         values = usual_values(MENDED, options.prior_set, {"sigma_0": 7.0, **given})
         made = simulate_ratings(np.random.default_rng(1), cloth, loads, values, participants=participants)
@@ -111,7 +111,7 @@ FINE = ModelOptions(discretisation=Discretisation())
 _WIDE, _FEW = tuple(np.geomspace(2e3, 2e6, 12)), (4e4, 1e5, 4e5, 2e6)
 _DEPTHS = (Indentation(1e-3), Indentation(2e-3), Indentation(3e-3))
 
-DATA: Mapping[str, Callable[[], Target]] = {
+DATA: Mapping[str, Callable[[], TargetDensity]] = {
     "12 fabrics, 3 indentations, 30 raters": _posterior(_WIDE, _DEPTHS, 30, FINE),
     "4 fabrics, 1 indentation, 4 raters": _posterior(_FEW, _DEPTHS[2:], 4, FINE),
     "12 fabrics, 2 forces, 20 raters": _posterior(_WIDE, (Force(1.0), Force(3.0)), 20, FINE),

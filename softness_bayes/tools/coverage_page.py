@@ -68,7 +68,7 @@ WANTED = 0.85, 0.95
 """Required coverage of 90 % intervals."""
 
 
-class Share(NamedTuple):
+class CoverageShare(NamedTuple):
     """Share of laboratories whose intervals contain the true value, and its confidence limits."""
 
     situation: str
@@ -83,7 +83,7 @@ class Share(NamedTuple):
     high: float
 
 
-def counted(folder: Path) -> list[Share]:
+def counted(folder: Path) -> list[CoverageShare]:
     """Return the shares for all stored tables in a results folder, in the order of `KEPT`."""
     found = []
     for name, situations in KEPT.items():
@@ -126,15 +126,15 @@ def agreement(folder: Path) -> str:
     )
 
 
-def _share(situation: Situation, quantity: str, below: Sequence[float], noticed: float) -> Share:
+def _share(situation: Situation, quantity: str, below: Sequence[float], noticed: float) -> CoverageShare:
     # a turning point that occurs in no draw counts as not covered
     hits, n = sum(INSIDE[0] <= share <= INSIDE[1] for share in below), len(below)
     low = float(betaincinv(hits, n - hits + 1, 0.025)) if hits else 0.0
     high = float(betaincinv(hits + 1, n - hits, 0.975)) if hits < n else 1.0
-    return Share(situation.meaning, situation.role, quantity, n, hits / n, noticed, low, high)
+    return CoverageShare(situation.meaning, situation.role, quantity, n, hits / n, noticed, low, high)
 
 
-def page_lines(found: Sequence[Share]) -> list[str]:
+def page_lines(found: Sequence[CoverageShare]) -> list[str]:
     """Return the table in Markdown: one row per situation, one column per quantity."""
     quantities = list(dict.fromkeys(share.quantity for share in found))
     lines = ["| situation | laboratories | noticed | " + " | ".join(quantities) + " |"]
@@ -147,11 +147,11 @@ def page_lines(found: Sequence[Share]) -> list[str]:
     return lines
 
 
-def _cell(share: Share | None) -> str:
+def _cell(share: CoverageShare | None) -> str:
     return "" if share is None else f"{share.share:.2f} ({share.low:.2f}–{share.high:.2f})"
 
 
-def draw(found: Sequence[Share], path: Path) -> None:
+def draw(found: Sequence[CoverageShare], path: Path) -> None:
     """Plot all shares with their limits, one panel per quantity, to a PNG file."""
     import matplotlib as mpl
 
@@ -187,7 +187,7 @@ def draw(found: Sequence[Share], path: Path) -> None:
     plt.close(figure)
 
 
-def _of(found: Iterable[Share], quantity: str) -> list[Share]:
+def _of(found: Iterable[CoverageShare], quantity: str) -> list[CoverageShare]:
     return [share for share in found if share.quantity == quantity]
 
 

@@ -63,7 +63,7 @@ _COARSE = Discretisation(nodes=8, saturation=6.0, field_tolerance=1e-3)
 _SAMPLED = ("gamma", "varsigma")
 
 
-class Fault(NamedTuple):
+class InjectedFault(NamedTuple):
     """A fault, or a control."""
 
     what: str
@@ -108,7 +108,7 @@ def on_grid(density: Callable[[FloatArray], FloatArray], low: FloatArray, high: 
     return np.asarray(drawn + step * (rng.random(drawn.shape) - 0.5))
 
 
-def calibration(posterior: Posterior, fault: Fault, count: int, seed: int = 0) -> Calibration:
+def calibration(posterior: Posterior, fault: InjectedFault, count: int, seed: int = 0) -> Calibration:
     """Return the ranks of true values among draws of posteriors computed with a fault."""
     found, space = [], posterior.space
     prior = space.coordinates(space.draw_prior(np.random.default_rng(1), 4000))
@@ -128,8 +128,8 @@ def calibration(posterior: Posterior, fault: Fault, count: int, seed: int = 0) -
     return Calibration((*posterior.names, LOG_LIKELIHOOD), np.array(found))
 
 
-def _by_ranks(raters: int, fabrics: int) -> Callable[[Fault], str]:
-    def found(fault: Fault) -> str:
+def _by_ranks(raters: int, fabrics: int) -> Callable[[InjectedFault], str]:
+    def found(fault: InjectedFault) -> str:
         try:
             return "; ".join(calibration(_model(raters, fabrics), fault, fault.replicates).faults())
         except NumericalError as error:
@@ -154,7 +154,7 @@ class _KnownLaw:
         return 3.0 * rng.standard_normal((size, 2))
 
 
-def _by_a_walk(fault: Fault) -> str:
+def _by_a_walk(fault: InjectedFault) -> str:
     """Compare the draws of a sampler run with a known distribution."""
     target, rng = _KnownLaw(), np.random.default_rng(0)
     goal = Goal(lengths=50.0, tau_change=np.inf, looks=1)
@@ -169,7 +169,7 @@ def _by_a_walk(fault: Fault) -> str:
 
 MANY, FEW, WALK = "ranks, many ratings", "ranks, few ratings", "a walk over a known law"
 
-CHECKS: Mapping[str, Callable[[Fault], str]] = MappingProxyType(
+CHECKS: Mapping[str, Callable[[InjectedFault], str]] = MappingProxyType(
     {MANY: _by_ranks(6, 6), FEW: _by_ranks(2, 3), WALK: _by_a_walk}
 )
 """Checks by name: grid-based calibrations of exponent and error size with many ratings and with an influential prior,
@@ -194,29 +194,35 @@ def _failing(value: FloatArray, self: Density, theta: FloatArray) -> FloatArray:
     return np.where(theta[..., self.names.index("gamma")] > 1.0, np.nan, value)
 
 
-FAULTS: tuple[Fault, ...] = (
-    Fault("the sum of squares without its ½", MANY, _changed(RandomEffects, "_quadratic", lambda q, *_: 2.0 * q), 20),
-    Fault(
+FAULTS: tuple[InjectedFault, ...] = (
+    InjectedFault(
+        "the sum of squares without its ½", MANY, _changed(RandomEffects, "_quadratic", lambda q, *_: 2.0 * q), 20
+    ),
+    InjectedFault(
         "the density of errors without log varsigma",
         MANY,
         _changed(RandomEffects, "log_density", lambda value, self, _, of: value + self.design.n_rows * np.log(of.row)),
         20,
     ),
-    Fault("all ratings counted twice", MANY, _changed(Density, "data_density", lambda value, *_: 2.0 * value), 100),
-    Fault(
+    InjectedFault(
+        "all ratings counted twice", MANY, _changed(Density, "data_density", lambda value, *_: 2.0 * value), 100
+    ),
+    InjectedFault(
         "raters' own scales forgotten",
         MANY,
         _changed(magnitude, "spreads_of", lambda of, *_: of._replace(participant=0.01 * np.asarray(of.participant))),
         20,
     ),
-    Fault("ratings fall where they rise", MANY, _changed(RatingsLikelihood, "drive", lambda drive, *_: -drive), 20),
-    Fault(
+    InjectedFault(
+        "ratings fall where they rise", MANY, _changed(RatingsLikelihood, "drive", lambda drive, *_: -drive), 20
+    ),
+    InjectedFault(
         "every rating given to the next fabric",
         MANY,
         _changed(Posterior, "mean_rate_of", lambda rate, *_: np.roll(rate, 1, axis=-1)),
         20,
     ),
-    Fault(
+    InjectedFault(
         "points that fail have probability 0",
         MANY,
         lambda: (
@@ -225,30 +231,32 @@ FAULTS: tuple[Fault, ...] = (
         ),
         20,
     ),
-    Fault(
+    InjectedFault(
         "the ratings ignored",
         FEW,
         _changed(Density, "__call__", lambda _, self, z: self.log_prior(self.natural(z)) + self.space.log_jacobian(z)),
         40,
     ),
-    Fault(
+    InjectedFault(
         "the walked coordinates' Jacobian forgotten",
         FEW,
         _changed(ParameterSpace, "log_jacobian", lambda value, *_: 0.0 * value),
     ),
-    Fault(
+    InjectedFault(
         "the prior ignored",
         FEW,
         _changed(ParameterSpace, "log_prior", lambda value, *_: np.where(np.isfinite(value), 0.0, value)),
         150,
     ),
-    Fault("priors of twice the width", FEW, _changed(ParameterSpace, "log_prior", lambda value, *_: 0.25 * value)),
-    Fault(
+    InjectedFault(
+        "priors of twice the width", FEW, _changed(ParameterSpace, "log_prior", lambda value, *_: 0.25 * value)
+    ),
+    InjectedFault(
         "a proposal accepted without its density",
         WALK,
         lambda: (patch.object(Student, "log_density", _without_density),),
     ),
-    Fault(
+    InjectedFault(
         "walks that end at their first check, and keep their start",
         WALK,
         lambda: (
@@ -259,16 +267,16 @@ FAULTS: tuple[Fault, ...] = (
 )
 """The faults."""
 
-CONTROLS: tuple[Fault, ...] = (
+CONTROLS: tuple[InjectedFault, ...] = (
     *(
-        Fault(
+        InjectedFault(
             "a constant added to the log-likelihood",
             check,
             _changed(Density, "data_density", lambda value, *_: value + 12.3),
         )
         for check in (MANY, FEW)
     ),
-    Fault("nothing", WALK, tuple),
+    InjectedFault("nothing", WALK, tuple),
 )
 """Changes that alter no posterior."""
 

@@ -36,7 +36,7 @@ from softness_bayes.touch.neuron.onset import Onset, onset
 from softness_bayes.touch.neuron.polynomials import TotalDegree
 from softness_bayes.touch.neuron.rate import simulated
 from softness_bayes.touch.neuron.surface import ERRORS, TABLES, FiringSurface
-from softness_bayes.touch.neuron.surface_design import DESIGNS, Border, Design
+from softness_bayes.touch.neuron.surface_design import DESIGNS, Border, SurfaceInputs
 from softness_bayes.touch.neuron.vector_field import Cells
 
 FloatArray = NDArray[np.float64]
@@ -79,7 +79,7 @@ def low_discrepancy(variables: int, points: int) -> FloatArray:
     return np.cos(np.pi * ((0.5 + np.outer(steps, np.arange(1, points + 1))) % 1.0))
 
 
-def build(design: Design, say: Say, spread: Spread = map) -> FiringSurface:
+def build(design: SurfaceInputs, say: Say, spread: Spread = map) -> FiringSurface:
     """Build one surface."""
     axes = len(design.axes)
     place = low_discrepancy(axes, design.points)
@@ -117,14 +117,14 @@ def build(design: Design, say: Say, spread: Spread = map) -> FiringSurface:
     return FiringSurface(design, np.hstack([fitted[:, :2], fitted[:, 2:] @ to_monomials]), border, _UNMEASURED)
 
 
-def _begin_at_fold(design: Design, channels: Channels) -> Onset:
+def _begin_at_fold(design: SurfaceInputs, channels: Channels) -> Onset:
     """Return the onset of membranes that are known to fire just above their fold, without simulation."""
     found = fold(channels, design.membrane)
     zero = np.zeros_like(found.current)
     return Onset(found.current, zero, found.prefactor, zero.astype(bool))
 
 
-def _begin_at_births(design: Design, channels: Channels, spread: Spread) -> Onset:
+def _begin_at_births(design: SurfaceInputs, channels: Channels, spread: Spread) -> Onset:
     """Return the onset of membranes that begin to fire at a fold of orbits; searches start near known onsets."""
     some, others = (Channels(*(c[part] for c in channels)) for part in (slice(_SCOUTS), slice(_SCOUTS, None)))
     scouted = onset(some, design.membrane)
@@ -160,7 +160,7 @@ def _padded(coefficients: ArrayLike, size: int) -> FloatArray:
     return np.append(known, np.zeros(size - known.size))
 
 
-def _border(design: Design, border: Border) -> FloatArray:
+def _border(design: SurfaceInputs, border: Border) -> FloatArray:
     """Fit a polynomial to the c_K coordinate beyond which firing no longer begins at the fold (by bisection)."""
     others = low_discrepancy(3, border.points)
     low, high = (np.full(border.points, place) for place in _BORDER_SEARCH)
@@ -172,7 +172,7 @@ def _border(design: Design, border: Border) -> FloatArray:
     return np.linalg.lstsq(TotalDegree(3, border.degree).basis(others[:, used]), high[used], rcond=None)[0]
 
 
-def _fires_near_fold(design: Design, place: FloatArray, distance: float) -> NDArray[np.bool_]:
+def _fires_near_fold(design: SurfaceInputs, place: FloatArray, distance: float) -> NDArray[np.bool_]:
     channels = design.channels_at(place)
     cells = Cells.of(design.membrane, channels, fold(channels, design.membrane).current + distance**2)
     return steady_orbit(cells, rest(channels, design.membrane), 1e-7, _LOOSE).rate > 0.0
@@ -239,7 +239,7 @@ def measure(
     }
 
 
-def _currents(rng: np.random.Generator, begin: FloatArray, count: int, design: Design) -> FloatArray:
+def _currents(rng: np.random.Generator, begin: FloatArray, count: int, design: SurfaceInputs) -> FloatArray:
     """Draw currents [µA/cm²], a third of them close above the rheobases `begin`, where errors are largest."""
     current, jump = np.asarray(rng.uniform(0.0, design.max_current, count)), design.closest > 0.0
     close = rng.random(count) < 1 / 3
@@ -303,7 +303,7 @@ def _inside_corner(surface: FiringSurface, rng: np.random.Generator, vectors: in
     return found[:, :vectors]
 
 
-def _measure_own(design: Design, place: FloatArray, rng: np.random.Generator, say: Say) -> CurveError:
+def _measure_own(design: SurfaceInputs, place: FloatArray, rng: np.random.Generator, say: Say) -> CurveError:
     """Error of a vector's individual exact curve at random currents more than 1e-3 µA/cm² above its onset."""
     channels = Channels(*(float(c[0]) for c in design.channels_at(place[:, None])))
     curve = exact_curve(channels, design.membrane, design.max_current, design.nodes)

@@ -90,7 +90,7 @@ class Tried(NamedTuple):
     errors: Errors
 
 
-class Choice(NamedTuple):
+class ChosenResolution(NamedTuple):
     """The chosen discretisation with its measured errors."""
 
     accuracy: float
@@ -158,7 +158,7 @@ def choose(
     eps: float | None,
     rates: Errors,
     least: Discretisation = COARSEST,
-) -> Choice:
+) -> ChosenResolution:
     """Return the cheapest discretisation whose errors at some parameter vectors stay under a bound.
 
     Parameters
@@ -206,7 +206,7 @@ def choose(
         source = best.field_tolerance if tolerance > best.field_tolerance else None
         d = replace(best, nodes=nodes, saturation=saturation, field_tolerance=tolerance, field_source=source)
         if measured("field", d) <= room:
-            return Choice(accuracy, d, tried[-1].errors, rates, tuple(tried), reference)
+            return ChosenResolution(accuracy, d, tried[-1].errors, rates, tuple(tried), reference)
     raise _unreachable(accuracy, min(t.errors.largest for t in tried), rates, reference)
 
 

@@ -43,7 +43,7 @@ _THRESHOLD_NODES = 400  # of the spline that inverts the stress on the axis
 _SOFTEST = 1.0  # E_star [Pa] at which the spline begins if the table has no lower end
 
 
-class Spreads(NamedTuple):
+class FingerSpreads(NamedTuple):
     """Spreads of fingers about the typical one, each of batch shape (...); 0 for quantities that do not differ."""
 
     b: Any = 0.0
@@ -118,7 +118,7 @@ class FingerFamily:
     def total_rate(
         self,
         parameters: TouchParameters,
-        spreads: Spreads,
+        spreads: FingerSpreads,
         modulus: Array | None = None,
         known: SkinLaws | None = None,
     ) -> Array:
@@ -150,7 +150,7 @@ class FingerFamily:
         batch = (np.shape(value) for value in (*parameters, *spreads))
         shape = np.broadcast_shapes(*batch, () if modulus is None else modulus.shape[:-1])
         parameters = TouchParameters(*(np.broadcast_to(value, shape) for value in parameters))
-        spread = Spreads(*(np.broadcast_to(np.asarray(value, float), shape).reshape(-1) for value in spreads))
+        spread = FingerSpreads(*(np.broadcast_to(np.asarray(value, float), shape).reshape(-1) for value in spreads))
         _, flat = checked_rows(parameters)
         if modulus is not None:
             modulus = np.broadcast_to(modulus, (*shape, modulus.shape[-1])).reshape(-1, modulus.shape[-1])
@@ -229,7 +229,7 @@ class FingerFamily:
         return np.moveaxis(smooth @ self._series.T, -1, 0)
 
 
-def _laws(spread: Spreads, known: SkinLaws | None, shape: tuple[int, ...]) -> SkinLaws:
+def _laws(spread: FingerSpreads, known: SkinLaws | None, shape: tuple[int, ...]) -> SkinLaws:
     """Return the population law of the skin, followed by those of the people in `known`, each (batch, 1 + people)."""
     nothing = np.zeros_like(spread.b)
     anybody = SkinLaws(nothing, nothing, spread.b, nothing, spread.m)

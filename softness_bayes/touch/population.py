@@ -47,7 +47,7 @@ class Drive(NamedTuple):
     """The rate curve, of batch shape (batch,), or () where all share one."""
 
 
-class Sums(NamedTuple):
+class ReceptorSums(NamedTuple):
     """Sums over the receptors of one condition, each of shape (batch, conditions)."""
 
     rate: Array
@@ -87,7 +87,7 @@ class Population:
         self.gauss_part = np.concatenate([[0.0], 0.5 * (x + 1.0), [1.0]])
         self.gauss_weight = np.concatenate([[0.0], 0.5 * weight, [0.0]])
 
-    def sums(self, fields: Fields, drive: Drive, intervals: bool = False) -> Sums:
+    def sums(self, fields: Fields, drive: Drive, intervals: bool = False) -> ReceptorSums:
         """Integrate over the receptors for a batch of parameter vectors and all conditions.
 
         Parameters
@@ -103,14 +103,14 @@ class Population:
         reach = onset.beta[:, None] * (fields.peak - onset.stress[:, None])
         # conditions without firing, often a third of all, are skipped
         lanes, profile = fields.among(reach > 0.0)
-        sums = Sums(*(np.zeros(reach.size) for _ in Sums._fields))
+        sums = ReceptorSums(*(np.zeros(reach.size) for _ in ReceptorSums._fields))
         if lanes.size:
             found = self._firing(profile, onset, lanes // reach.shape[1], reach.take(lanes), intervals)
             for whole, part in zip(sums, found, strict=True):
                 whole[lanes] = part
-        return Sums(*(whole.reshape(reach.shape) for whole in sums))
+        return ReceptorSums(*(whole.reshape(reach.shape) for whole in sums))
 
-    def _firing(self, profile: Profile, onset: _Onset, vector: Index, reach: Array, intervals: bool) -> Sums:
+    def _firing(self, profile: Profile, onset: _Onset, vector: Index, reach: Array, intervals: bool) -> ReceptorSums:
         """Integrate the conditions in which receptors fire, flattened to one axis, with the index of each one's vector.
 
         Arrays over nodes have the node axis first, so that NumPy's inner loops run over the conditions, which far
@@ -119,7 +119,7 @@ class Population:
         root, gain = self._steps(onset, vector, reach)
         extent = profile.squared_distance(self._y(profile, root))
         within = self.count(extent)
-        sums = Sums(np.einsum("kn,kn->n", gain, within), within[0], np.zeros_like(reach))
+        sums = ReceptorSums(np.einsum("kn,kn->n", gain, within), within[0], np.zeros_like(reach))
         if intervals:
             top = np.sqrt(np.minimum(reach, self.saturation))
             nodes = _Nodes(top * self.gauss_part[:, None], top * self.gauss_weight[:, None])
@@ -178,7 +178,7 @@ class Population:
         nodes: _Nodes,
         responding: Array,
         intervals: bool,
-    ) -> Sums:
+    ) -> ReceptorSums:
         """Integrate from the first node to the peak, for a patch inside the first kink of the receptor count."""
         t = nodes.t
         extent = profile.squared_distance(self._y(profile, self._root(onset.stress_at(t))))
@@ -193,9 +193,9 @@ class Population:
             with np.errstate(divide="ignore", invalid="ignore"):
                 interval = (gain[1:-1] * (responding - within[1:-1]) / onset.rate(t[1:-1]) ** 2).sum(axis=0)
                 interval += (responding - rest) / at_top + rest / at_peak
-        return Sums(rate, responding, interval)
+        return ReceptorSums(rate, responding, interval)
 
-    def _wide(self, profile: Profile, onset: _Onset, reach: Array, intervals: bool) -> Sums:
+    def _wide(self, profile: Profile, onset: _Onset, reach: Array, intervals: bool) -> ReceptorSums:
         """Integrate piecewise for a patch that may extend past the first kink of the receptor count."""
         kinks = self.count.kinks
         t_kinks = np.minimum(self._t_at(profile, onset, kinks), np.sqrt(reach))
@@ -225,7 +225,7 @@ class Population:
                 with np.errstate(divide="ignore", invalid="ignore"):
                     missing = gain * (responding - within) / onset.rate(t) ** 2
                 interval = interval + np.where(weight > 0, missing, 0.0).sum(axis=0)
-        return Sums(rate, responding, interval)
+        return ReceptorSums(rate, responding, interval)
 
     def _stretched(self, onset: _Onset, bottom: Array, top: Array) -> _Nodes:
         """Return nodes from bottom to top for a wide patch, even in the logarithm of the stress.

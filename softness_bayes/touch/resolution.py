@@ -12,7 +12,7 @@ from softness_bayes.ranges import ACCURACIES
 from softness_bayes.touch.accuracy import (
     COARSEST,
     RATES_SHARE,
-    Choice,
+    ChosenResolution,
     Errors,
     choose,
     errors,
@@ -62,7 +62,7 @@ def given_draws(values: Mapping[str, ArrayLike], parameters: TouchParameters) ->
     return Draws(first(whole, min(DRAWS, shape[0])), eps, False)
 
 
-def resolution_for(compiled: Callable[[Discretisation], Scene], draws: Draws, accuracy: float) -> Choice:
+def resolution_for(compiled: Callable[[Discretisation], Scene], draws: Draws, accuracy: float) -> ChosenResolution:
     """Return the cheapest discretisation of a scene that meets an accuracy, and the reason for the choice.
 
     Parameters
@@ -84,7 +84,7 @@ def resolution_for(compiled: Callable[[Discretisation], Scene], draws: Draws, ac
 
 def scene_with_accuracy(
     compiled: Callable[[Discretisation], Scene], draws: Draws, accuracy: float, least: Discretisation = Discretisation()
-) -> tuple[Scene, Choice]:
+) -> tuple[Scene, ChosenResolution]:
     """Return the scene for given parameter vectors, no coarser than `least`, and the reason for its discretisation.
 
     A scene that is evaluated only once gains nothing from a coarse discretisation.
@@ -104,7 +104,7 @@ def _chosen(
     accuracy: float,
     reference: float,
     least: Discretisation = COARSEST,
-) -> Choice:
+) -> ChosenResolution:
     """Choose among the settings of a scene compiled for the accuracy `reference`."""
     ACCURACIES.require("accuracy", accuracy)
     scenes: list[Scene] = []

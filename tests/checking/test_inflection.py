@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from softness_bayes.checking.inflection import (
     Curves,
-    Outcome,
+    CurveShape,
     curve_scene,
     find_inflection,
     response_curves,
@@ -48,7 +48,7 @@ def test_a_bump_is_found_where_it_is():
     for width in (0.6, 1.5, 3.0):
         rate = [[bump(place, width) for place in row] for row in places]
         found = find_inflection(curves(rate), 1e-5, ANYWHERE)
-        assert (found.outcome == Outcome.INTERIOR).all()
+        assert (found.outcome == CurveShape.INTERIOR).all()
         assert_allclose(found.modulus, places, rtol=1e-4)
         assert_allclose(found.ratio, found.modulus / skin_law(found.modulus), rtol=1e-12)
         assert_allclose(found.force, force_law(found.modulus), rtol=1e-12)
@@ -58,8 +58,10 @@ def test_a_bump_is_found_where_it_is():
 def test_draws_and_loads_are_told_apart():
     rate = np.array([[bump(1e4), np.zeros_like(GRID)], [GRID / (GRID + 1e5), bump(1e6)]])
     found = find_inflection(curves(rate), 0.0, ANYWHERE)
-    assert_array_equal(found.outcome, [[Outcome.INTERIOR, Outcome.SILENT], [Outcome.NONE, Outcome.INTERIOR]])
-    turns = found.outcome == Outcome.INTERIOR
+    assert_array_equal(
+        found.outcome, [[CurveShape.INTERIOR, CurveShape.SILENT], [CurveShape.NONE, CurveShape.INTERIOR]]
+    )
+    turns = found.outcome == CurveShape.INTERIOR
     for name in ("modulus", "ratio", "force", "drop"):
         assert_array_equal(np.isfinite(getattr(found, name)), turns, err_msg=name)
     assert_array_equal(found.inside, turns)
@@ -68,30 +70,30 @@ def test_draws_and_loads_are_told_apart():
 @pytest.mark.parametrize(
     ("rate", "outcome"),
     [
-        (np.zeros_like(GRID), Outcome.SILENT),
-        (np.full_like(GRID, 5.0), Outcome.NONE),
-        (GRID / (GRID + 1e5), Outcome.NONE),
-        (1 / (GRID + 1e5), Outcome.NONE),
-        (1e6 - bump(1e5), Outcome.NONE),  # a trough: the maximum is an end
-        (bump(GRID[0]), Outcome.NONE),
-        (bump(GRID[-1]), Outcome.NONE),
-        (bump(GRID[0] / 10), Outcome.NONE),
-        (bump(GRID[-1] * 10), Outcome.NONE),
-        (bump(1e5) * 1e-290, Outcome.INTERIOR),  # only shares of the peak matter
-        (np.where(GRID < 3e4, 0.0, bump(1e5)), Outcome.INTERIOR),  # silent on one side
+        (np.zeros_like(GRID), CurveShape.SILENT),
+        (np.full_like(GRID, 5.0), CurveShape.NONE),
+        (GRID / (GRID + 1e5), CurveShape.NONE),
+        (1 / (GRID + 1e5), CurveShape.NONE),
+        (1e6 - bump(1e5), CurveShape.NONE),  # a trough: the maximum is an end
+        (bump(GRID[0]), CurveShape.NONE),
+        (bump(GRID[-1]), CurveShape.NONE),
+        (bump(GRID[0] / 10), CurveShape.NONE),
+        (bump(GRID[-1] * 10), CurveShape.NONE),
+        (bump(1e5) * 1e-290, CurveShape.INTERIOR),  # only shares of the peak matter
+        (np.where(GRID < 3e4, 0.0, bump(1e5)), CurveShape.INTERIOR),  # silent on one side
     ],
 )
 def test_what_a_curve_does(rate, outcome):
     found = find_inflection(curves([[rate]]), 1e-5, ANYWHERE)
     assert found.outcome[0, 0] == outcome
-    assert np.isnan(found.modulus[0, 0]) == (outcome != Outcome.INTERIOR)
-    assert found.inside[0, 0] == (outcome == Outcome.INTERIOR)
+    assert np.isnan(found.modulus[0, 0]) == (outcome != CurveShape.INTERIOR)
+    assert found.inside[0, 0] == (outcome == CurveShape.INTERIOR)
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_a_maximum_must_exceed_both_ends_by_five_per_cent(side):
     found = find_inflection(curves([[bump(1e5, **{side: 0.0495}), bump(1e5, **{side: 0.0505})]]), 0.0, ANYWHERE)
-    assert found.outcome[0].tolist() == [Outcome.NONE, Outcome.INTERIOR]
+    assert found.outcome[0].tolist() == [CurveShape.NONE, CurveShape.INTERIOR]
     if side == "right":
         assert found.drop[0, 1] == pytest.approx(0.0505, abs=1e-4)
 
@@ -99,15 +101,15 @@ def test_a_maximum_must_exceed_both_ends_by_five_per_cent(side):
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_a_maximum_must_exceed_both_ends_by_three_times_the_numerical_error(side):
     shallow = curves([[bump(1e5, **{side: 0.06})]])
-    assert find_inflection(shallow, 0.0199, ANYWHERE).outcome[0, 0] == Outcome.INTERIOR
-    assert find_inflection(shallow, 0.0201, ANYWHERE).outcome[0, 0] == Outcome.NONE
+    assert find_inflection(shallow, 0.0199, ANYWHERE).outcome[0, 0] == CurveShape.INTERIOR
+    assert find_inflection(shallow, 0.0201, ANYWHERE).outcome[0, 0] == CurveShape.NONE
 
 
 @pytest.mark.parametrize("place", [1.3, 158.6])
 def test_a_maximum_within_two_points_of_an_end_is_refined_too(place):
     where = GRID[0] * np.exp(place * STEP)
     found = find_inflection(curves([[bump(where, 6 * STEP)]]), 0.0, ANYWHERE, least_drop=0.02)
-    assert found.outcome[0, 0] == Outcome.INTERIOR
+    assert found.outcome[0, 0] == CurveShape.INTERIOR
     assert found.modulus[0, 0] == pytest.approx(where, rel=1e-4)
 
 
@@ -116,7 +118,7 @@ def test_inside_the_range_of_the_fabrics():
     for fabrics, inside in (((1e4, 1e6), True), ((1e4, 9.9e4), False), ((1.01e5, 1e6), False)):
         found = find_inflection(one, 0.0, fabrics)
         assert found.inside[0, 0] == inside
-        assert found.outcome[0, 0] == Outcome.INTERIOR  # the range of the data does not decide that
+        assert found.outcome[0, 0] == CurveShape.INTERIOR  # the range of the data does not decide that
 
 
 LOADS = (Indentation(2e-3), Force(0.7))
@@ -170,7 +172,7 @@ def test_turning_points_of_many_draws_are_those_of_their_curves(scene, monkeypat
     same = found.outcome == expected.outcome
     assert found.outcome.shape == (120, 2)
     assert same.mean() > 0.98
-    turns = same & (expected.outcome == Outcome.INTERIOR)
+    turns = same & (expected.outcome == CurveShape.INTERIOR)
     assert 20 < turns.sum() < 220
     for name in ("modulus", "ratio", "force", "drop"):
         assert_allclose(getattr(found, name)[turns], getattr(expected, name)[turns], rtol=3e-3, atol=1e-4, err_msg=name)
@@ -185,7 +187,7 @@ def test_the_peaks_that_a_prototype_gave_at_the_median_of_the_prior(paper):
     grid = curve_scene(Scene([1e3, 1e8], 0.3, loads, FixedChannels()))
     batch = TouchParameters(*(np.array([value]) for value in paper()))
     found = find_inflection(response_curves(grid, batch), 1e-5, (1e3, 1.1e5))
-    assert found.outcome[0].tolist() == [Outcome.NONE, Outcome.NONE, Outcome.INTERIOR, Outcome.INTERIOR]
+    assert found.outcome[0].tolist() == [CurveShape.NONE, CurveShape.NONE, CurveShape.INTERIOR, CurveShape.INTERIOR]
     assert_allclose(found.modulus[0, 2:], [517e3, 264e3], rtol=0.1)
     assert_allclose(found.drop[0, 2:], [0.09, 0.23], atol=0.005)
     assert not found.inside.any()  # both lie above the 110 kPa of 95 % of real cloth

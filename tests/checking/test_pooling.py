@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from softness_bayes.checking.pooling import LIMITS, Population, Separate, pool
+from softness_bayes.checking.pooling import LIMITS, PopulationPrior, Separate, pool
 from softness_bayes.errors import InputError
 from softness_bayes.parameters.coordinates import HalfLine, Line
 from softness_bayes.parameters.priors import HalfNormal, LogNormal, Normal
 
-PRIOR = Population(Normal(0.0, 2.0), HalfNormal(1.0), Line())
+PRIOR = PopulationPrior(Normal(0.0, 2.0), HalfNormal(1.0), Line())
 SEEN = {"A": (0.9, 0.3), "B": (0.1, 0.5), "C": (1.6, 0.4), "D": (0.4, 0.25), "E": (1.2, 0.6)}
 """What is measured of each table, and its standard error."""
 DRAWS = 2000
@@ -92,7 +92,7 @@ def test_a_joint_grid_of_two_tables(rng):
         cdf = np.cumsum(density) / density.sum()
         x = np.interp(rng.random(DRAWS), cdf, fine)
         drawn[name] = Separate(x, mean.log_density(np.exp(x)) + x, float(DRAWS))
-    found = pool(drawn, Population(mean, spread, scale))
+    found = pool(drawn, PopulationPrior(mean, spread, scale))
     assert found.fault == ""
 
     tau = (np.arange(60) + 0.5) / 60 * 2.0
@@ -113,7 +113,7 @@ def test_a_joint_grid_of_two_tables(rng):
 
 def test_precise_tables_are_not_lost_between_cells(rng):
     """Of a wide prior, in which a coarse cell is many times as wide as what the tables say."""
-    prior = Population(Normal(0.0, 50.0), HalfNormal(20.0), Line())
+    prior = PopulationPrior(Normal(0.0, 50.0), HalfNormal(20.0), Line())
     seen = {f"P{k}": (3.7 + 0.01 * np.cos(k), 0.01) for k in range(12)}
     found = pool(tables(rng, seen, prior=prior.mean, draws=400), prior)
     assert found.fault == ""
@@ -143,12 +143,13 @@ def test_a_prior_that_hides_the_population_is_refused(rng):
     narrow = Normal(0.0, 0.5)
     weak = {f"P{k}": (4.0, 0.8) for k in range(12)}
     drawn = tables(rng, weak, prior=narrow, draws=1000)
-    found = pool(drawn, Population(Normal(0.0, 5.0), HalfNormal(1.0), Line()))
+    found = pool(drawn, PopulationPrior(Normal(0.0, 5.0), HalfNormal(1.0), Line()))
     assert found.failing
     assert "fail" in found.fault
     assert "wider prior" in found.fault
     wide = pool(
-        tables(rng, weak, prior=Normal(0.0, 5.0), draws=1000), Population(Normal(0.0, 5.0), HalfNormal(1.0), Line())
+        tables(rng, weak, prior=Normal(0.0, 5.0), draws=1000),
+        PopulationPrior(Normal(0.0, 5.0), HalfNormal(1.0), Line()),
     )
     assert wide.fault == ""
 
@@ -157,7 +158,7 @@ def test_draws_far_apart_are_refused(rng):
     """No spread that the prior allows reaches from one to the other."""
     far = {"A": (0.0, 1e-3), "B": (1e3, 1e-3)}
     wide = Normal(0.0, 1e4)
-    found = pool(tables(rng, far, prior=wide), Population(wide, HalfNormal(0.1), Line()))
+    found = pool(tables(rng, far, prior=wide), PopulationPrior(wide, HalfNormal(0.1), Line()))
     assert found.fault
 
 

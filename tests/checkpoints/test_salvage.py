@@ -7,7 +7,7 @@ import pytest
 from softness_bayes.checkpoints import checkpoint as storage
 from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.checkpoints.manifest import read_manifest, sealed
-from softness_bayes.checkpoints.salvage import MOST_EARLIER, Earlier, kept_states
+from softness_bayes.checkpoints.salvage import MOST_EARLIER, EarlierState, kept_states
 from softness_bayes.errors import InputError, LockedError
 from softness_bayes.files.lock import Lock
 from softness_bayes.sampler.sampling import walk
@@ -133,13 +133,13 @@ def test_few_earlier_states_are_kept():
     for k in range(100):
         before, pieces = pieces, [f"piece-{k}"] if k in (10, 60) else [*pieces, f"piece-{k}"] if k else []
         if k:
-            earlier = kept_states([*earlier, Earlier(f"state-{k - 1}", before)], pieces)
+            earlier = kept_states([*earlier, EarlierState(f"state-{k - 1}", before)], pieces)
         own = [one for one in earlier if one.pieces[:1] == pieces[:1]]
         assert len(own) <= MOST_EARLIER
         assert len(earlier) <= len(own) + 2
         assert all(one.pieces == pieces[: len(one.pieces)] for one in own)
         if k:
-            assert earlier[0] == Earlier("state-0", [])
+            assert earlier[0] == EarlierState("state-0", [])
         if k > 60:  # the first with these pieces, and the last with the ones before
             assert own[0].arrays == "state-60"
             assert earlier[1].arrays == "state-59"

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from softness_bayes.checking.inflection import LEAST_DROP
-from softness_bayes.claims import CLAIMS, CLOTH, DRAWS, TOUCHES, Verdict, evaluate_claims
+from softness_bayes.claims import CLAIMS, CLOTH, DRAWS, TOUCHES, ClaimVerdict, evaluate_claims
 from softness_bayes.claims.numbers import CENTRES, DEPTHS, ERROR, GRID, Bench, Numbers, mean_standardised, pearson
 from softness_bayes.claims.report import COLUMNS, claims_table, loads_table, markdown, plain
 from softness_bayes.cli import main
@@ -88,8 +88,8 @@ SILENT = {name: [np.nan] * 3 for name in Numbers._fields} | {"largest": [0.0] * 
 
 @pytest.mark.parametrize("name", BY_NAME)
 def test_every_claim_can_hold_and_be_silent(name):
-    assert BY_NAME[name].verdicts(numbers(), rated=True) == [Verdict.HOLDS]
-    assert BY_NAME[name].verdicts(numbers(**SILENT), rated=True) == [Verdict.SILENT]
+    assert BY_NAME[name].verdicts(numbers(), rated=True) == [ClaimVerdict.HOLDS]
+    assert BY_NAME[name].verdicts(numbers(**SILENT), rated=True) == [ClaimVerdict.SILENT]
     assert BY_NAME[name].tell(numbers())
 
 
@@ -116,7 +116,7 @@ def test_every_claim_can_hold_and_be_silent(name):
     ],
 )
 def test_a_claim_fails_by_its_criterion_alone(name, given):
-    assert BY_NAME[name].verdicts(numbers(**given), rated=True) == [Verdict.FAILS]
+    assert BY_NAME[name].verdicts(numbers(**given), rated=True) == [ClaimVerdict.FAILS]
 
 
 def test_a_silent_load_does_not_decide():
@@ -127,13 +127,13 @@ def test_a_silent_load_does_not_decide():
     }
     some = numbers(**gap, largest=[0.0, 100.0, 100.0])
     assert {claim.name: claim.verdicts(some, rated=True) for claim in CLAIMS} == {
-        name: [Verdict.HOLDS] for name in BY_NAME
+        name: [ClaimVerdict.HOLDS] for name in BY_NAME
     }
     assert "–" in BY_NAME["turn"].tell(some)
 
 
 def test_without_ratings_a_claim_about_them_is_not_testable():
-    assert BY_NAME["linear"].verdicts(numbers()) == [Verdict.UNTESTED]
+    assert BY_NAME["linear"].verdicts(numbers()) == [ClaimVerdict.UNTESTED]
     assert [claim.name for claim in CLAIMS if claim.of_ratings] == ["linear"]
 
 
@@ -142,7 +142,7 @@ def test_draws_are_judged_one_by_one(rng):
     many = Numbers(*(np.repeat(values, 50, axis=0) for values in numbers()))._replace(drop=drops)
     found = BY_NAME["turn"].verdicts(many)
     assert found == [BY_NAME["turn"].verdicts(numbers(drop=drop))[0] for drop in drops]
-    assert {*found} == {Verdict.HOLDS, Verdict.FAILS}
+    assert {*found} == {ClaimVerdict.HOLDS, ClaimVerdict.FAILS}
 
 
 # numbers
@@ -298,7 +298,7 @@ def silent_everywhere(trials):
         assert (trial.median.largest == 0).all()
         assert (trial.draws.largest == 0).all()
         for finding in trial.findings:
-            expected = Verdict.UNTESTED if finding.claim.of_ratings else Verdict.SILENT
+            expected = ClaimVerdict.UNTESTED if finding.claim.of_ratings else ClaimVerdict.SILENT
             assert finding.verdict is expected
             assert finding.shares[expected] == 1
             assert finding.numbers == ""
@@ -343,8 +343,8 @@ def test_shares_are_of_all_draws(trials):
         assert sum(finding.shares.values()) == pytest.approx(1)
     turn = trial.findings[0]
     clear = (trial.draws.interior & (trial.draws.drop >= LEAST_DROP) & (trial.draws.levelling < 0.01)).any(axis=1)
-    assert turn.shares[Verdict.HOLDS] == pytest.approx(clear.mean())
-    assert turn.shares[Verdict.SILENT] == pytest.approx((trial.draws.largest == 0).all(axis=1).mean())
+    assert turn.shares[ClaimVerdict.HOLDS] == pytest.approx(clear.mean())
+    assert turn.shares[ClaimVerdict.SILENT] == pytest.approx((trial.draws.largest == 0).all(axis=1).mean())
 
 
 def test_tables(trials):
@@ -352,7 +352,7 @@ def test_tables(trials):
     found = claims_table(trials)
     assert found["claim"].tolist() == [*BY_NAME]
     assert found["verdict"].tolist()[:3] == ["holds", "fails", "holds"]
-    assert set(found["verdict"]) <= {kind.value for kind in Verdict}
+    assert set(found["verdict"]) <= {kind.value for kind in ClaimVerdict}
     assert (found[["p_holds", "p_fails", "p_silent"]].sum(axis=1)[found["verdict"] != "not testable"] == 1).all()
     loads = loads_table(trials)
     assert loads["indentation_mm"].tolist() == pytest.approx([1, 1.5, 2, 3])

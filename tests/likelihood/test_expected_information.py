@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.expected_information import Group, Moments, normal_information
+from softness_bayes.likelihood.expected_information import EffectGroup, Moments, normal_information
 
 
 def dense(slopes, effects, variances, sd, sd_slope, groups):
@@ -25,11 +25,11 @@ def test_information_is_the_dense_one(fabrics, rng):
     design = Design(rng.integers(0, 8, 50), rng.integers(0, 5, 50), np.arange(8) // 2, 5)
     of_condition = rng.normal(size=(8, 6))
     blocks = [np.eye(5)[design.participant]]
-    variances, groups = [np.full(5, 0.3**2)], [Group(slice(0, 5), 0.3, rng.normal(size=6))]
+    variances, groups = [np.full(5, 0.3**2)], [EffectGroup(slice(0, 5), 0.3, rng.normal(size=6))]
     if fabrics:
         blocks.append(np.eye(4)[design.fabric[design.condition]])
         variances.append(np.full(4, 0.2**2))
-        groups.append(Group(slice(5, 9), 0.2, rng.normal(size=6)))
+        groups.append(EffectGroup(slice(5, 9), 0.2, rng.normal(size=6)))
     effects = np.concatenate([*blocks, np.ones((50, 1))], axis=1)
     variances, sd_slope = np.concatenate([*variances, [9.0]]), rng.normal(size=6)
     moments = Moments.of_design(design, of_condition, fabrics)

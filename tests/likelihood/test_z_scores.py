@@ -27,7 +27,7 @@ from softness_bayes.likelihood.scales import (
     RATING_SCALES,
     STANDARDISED,
 )
-from softness_bayes.likelihood.z_scores import Line, StandardisedModel, StandardisedRatings
+from softness_bayes.likelihood.z_scores import RegressionLine, StandardisedModel, StandardisedRatings
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import LEAST_FIRING
@@ -177,7 +177,9 @@ def test_ratings_follow_the_line_up_or_down(rng, direction):
     _, design, rate = lab(rng, rows=30)
     model, n = StandardisedModel(direction), 5000
     drive = model.drive(design, rate, error(0.3))
-    ratings = model.draw_ratings(rng, design, drive, error(np.full(n, 0.3)), Line(np.full(n, 0.2), np.full(n, 0.9)))
+    ratings = model.draw_ratings(
+        rng, design, drive, error(np.full(n, 0.3)), RegressionLine(np.full(n, 0.2), np.full(n, 0.9))
+    )
     expected = 0.2 + direction.sign * 0.9 * standardised(rate, design)
     assert_allclose(ratings.mean(axis=0), expected, atol=5 * 0.3 / np.sqrt(n))
     assert_allclose(ratings.std(axis=0), 0.3, rtol=0.06)

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from softness_bayes import report
-from softness_bayes.checking.direction import Choice, Evidence
+from softness_bayes.checking.direction import DirectionChoice, Evidence
 from softness_bayes.checking.exactness import compare_likelihoods
 from softness_bayes.checking.flatness import Explained
 from softness_bayes.checking.misfit import Fit
@@ -42,7 +42,7 @@ def fit(share=0.8, p_value=1e-6, against=False, **changed):
     evidence = Evidence(Trend((CLEAR,), (6,), CLEAR, 1e-4, "fabrics"), ("2 mm",), 1.0)
     each = Explained(share, share - 0.1, share + 0.1, 0.5, p_value, 0.1, matters=True)
     values = {"explained": (each, each), "silent": 0.0, "silent_conditions": 0.0, "fabric_effects": False}
-    choice = Choice(FALLS if against else RISES, True, evidence)
+    choice = DirectionChoice(FALLS if against else RISES, True, evidence)
     return Fit(choice, ("2 mm",), **{**values, **changed}, scale="log rating")
 
 

@@ -11,7 +11,7 @@ import pytest
 from softness_bayes.errors import InputError
 from softness_bayes.results.request import Request
 from softness_bayes.runs.calibrate import calibrate
-from softness_bayes.runs.calibrated import Earlier
+from softness_bayes.runs.calibrated import StoredReplicates
 from softness_bayes.runs.calibration_files import EARLIER, MANIFEST, earlier_of
 from softness_bayes.runs.calibration_scene import CalibrationScene
 from softness_bayes.runs.replicate import replicate, true_values
@@ -77,7 +77,7 @@ def test_replicates_of_other_fits_are_named_in_the_verdict(stored, whole, tmp_pa
     assert fitted == 1
     assert [done.replicates[k] for k in (0, 1)] == [whole.replicates[k] for k in (0, 1)]
     assert done.replicates[2] != whole.replicates[2]
-    assert done.earlier == (Earlier((0, 1), {"max_steps": "30"}),)
+    assert done.earlier == (StoredReplicates((0, 1), {"max_steps": "30"}),)
     said = "; 2 were fitted earlier with other settings of max_steps)"
     assert said in done.sentence()
     # neither a second call nor a third calibration forgets it
@@ -86,9 +86,12 @@ def test_replicates_of_other_fits_are_named_in_the_verdict(stored, whole, tmp_pa
     third, fitted = run(tmp_path / "third", 4, LONGER, earlier=tmp_path / "out")
     assert (fitted, third.earlier) == (1, done.earlier)
     fourth, _ = run(tmp_path / "fourth", 4, replace(LONGER, max_steps=50), earlier=tmp_path / "out")
-    assert fourth.earlier == (Earlier((0, 1), {"max_steps": "30"}), Earlier((2,), {"max_steps": "40"}))
+    assert fourth.earlier == (
+        StoredReplicates((0, 1), {"max_steps": "30"}),
+        StoredReplicates((2,), {"max_steps": "40"}),
+    )
     fifth, _ = run(tmp_path / "fifth", 3, SHORT, earlier=tmp_path / "out")
-    assert fifth.earlier == (Earlier((2,), {"max_steps": "40"}),)
+    assert fifth.earlier == (StoredReplicates((2,), {"max_steps": "40"}),)
     # without --from, other settings are refused as before, and the way out is named
     with pytest.raises(InputError, match=r"max_steps was 40 and is now 30.*--from"):
         run(tmp_path / "out", 3)

@@ -29,7 +29,7 @@ from softness_bayes.results.result import Result
 from softness_bayes.runs import study as studies
 from softness_bayes.runs.plate import sample_skin
 from softness_bayes.runs.population import pool_results, population_of
-from softness_bayes.runs.study import CONVERGED, LOCK, MADE, REFUSED, UNCONVERGED, Outcome, Study, seed_of, study
+from softness_bayes.runs.study import CONVERGED, LOCK, MADE, REFUSED, UNCONVERGED, Study, TableOutcome, seed_of, study
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.skin import STRAIN
 from support.command_line import FIXED, call, few_ratings, refused
@@ -271,7 +271,7 @@ def test_a_folder_with_a_bad_table(tmp_path):
     [((CONVERGED, REFUSED, UNCONVERGED), InputError), ((CONVERGED, UNCONVERGED), NotConvergedError)],
 )
 def test_exit_codes(outcomes, error, tmp_path):
-    tables = tuple(Outcome(f"P{k}", one, "") for k, one in enumerate(outcomes))
+    tables = tuple(TableOutcome(f"P{k}", one, "") for k, one in enumerate(outcomes))
     with pytest.raises(error):
         _end(Study(tables, {}, tmp_path, pd.DataFrame()))
 

@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import binom
 
 from softness_bayes.sampler.adaptation import TriangularMap
-from softness_bayes.sampler.diagnostics import Share
+from softness_bayes.sampler.diagnostics import ModeShare
 from softness_bayes.sampler.modes import labels, learn_modes
 from softness_bayes.sampler.moves import Mode, Student, StudentModes
 from softness_bayes.sampler.sampling import walk
@@ -107,7 +107,7 @@ def test_one_mode_is_walked_on_as_if_there_were_no_others():
     # climbs that ended nowhere say nothing of modes; draws in none of the modes are not counted as if there were some
     other = replace(state.verdict, starts=Starts(8, 2, 1))
     assert "6 of 8 optimisations from prior draws led to one mode, the others to negligible mass" in other.sentence()
-    shares = (Share(1.0, 0.0), Share(0.0, 0.0))
+    shares = (ModeShare(1.0, 0.0), ModeShare(0.0, 0.0))
     assert (
         replace(other, shares=shares)
         .sentence()

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from oracles.autoregressive import autoregressive
-from softness_bayes.checking.inflection import Inflection, Outcome
+from softness_bayes.checking.inflection import CurveShape, Inflection
 from softness_bayes.checking.turning_points import turning_table, with_errors
 from softness_bayes.sampler.precision import effective_size, quantile, share
 
@@ -66,18 +66,18 @@ def test_a_walker_that_never_crosses_costs_draws(rng):
 
 def test_the_table_is_made_of_the_draws(rng):
     chains, draws = 6, 80
-    outcome = rng.choice([*map(int, Outcome)], (chains, draws, 2), p=[0.3, 0.5, 0.2]).astype(np.int8)
-    modulus = np.where(outcome == Outcome.INTERIOR, rng.lognormal(12, 0.3, outcome.shape), np.nan)
-    inside = (outcome == Outcome.INTERIOR) & (modulus < 2e5)
+    outcome = rng.choice([*map(int, CurveShape)], (chains, draws, 2), p=[0.3, 0.5, 0.2]).astype(np.int8)
+    modulus = np.where(outcome == CurveShape.INTERIOR, rng.lognormal(12, 0.3, outcome.shape), np.nan)
+    inside = (outcome == CurveShape.INTERIOR) & (modulus < 2e5)
     turn = Inflection(outcome, modulus, modulus / 5e4, modulus * 1e-5, modulus * 1e-6, inside)
     before = Inflection(*(field[:1, :50] for field in turn))
     ensemble = np.repeat([0, 1], 3)
     table = turning_table(turn, ["1 mm", "2 mm"], before, ensemble)
     for k, load in enumerate(table.index):
-        known = modulus[..., k][outcome[..., k] == Outcome.INTERIOR] * 1e-3
+        known = modulus[..., k][outcome[..., k] == CurveShape.INTERIOR] * 1e-3
         row = table.loc[load]
-        assert row["p_interior"] == pytest.approx(np.mean(outcome[..., k] == Outcome.INTERIOR))
-        assert row["prior_p_interior"] == pytest.approx(np.mean(outcome[0, :50, k] == Outcome.INTERIOR))
+        assert row["p_interior"] == pytest.approx(np.mean(outcome[..., k] == CurveShape.INTERIOR))
+        assert row["prior_p_interior"] == pytest.approx(np.mean(outcome[0, :50, k] == CurveShape.INTERIOR))
         assert row["p_inside"] == pytest.approx(inside[..., k].mean())
         np.testing.assert_allclose(
             row[["e_fab_kpa_low", "e_fab_kpa_high"]].astype(float), np.quantile(known, [0.05, 0.95])

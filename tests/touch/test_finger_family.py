@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from softness_bayes.errors import InputError
 from softness_bayes.touch.contact import Force, Indentation
-from softness_bayes.touch.finger_family import FingerFamily, Spreads
+from softness_bayes.touch.finger_family import FingerFamily, FingerSpreads
 from softness_bayes.touch.finger_grid import REACH, FingerGrid
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import MENDED
@@ -29,7 +29,7 @@ def drawn(paper, rng, size=12):
     typical = paper(b=b, sigma_0=sigma_0)
     typical = TouchParameters(*(np.broadcast_to(value, size) for value in typical))
     b, m, sigma_0 = np.abs(rng.standard_normal((3, size))) * np.array([[0.3], [0.3], [0.2]])
-    return typical, Spreads(b, m, sigma_0)
+    return typical, FingerSpreads(b, m, sigma_0)
 
 
 def one_by_one(of, grid, typical, spreads):
@@ -83,7 +83,7 @@ def test_a_coarser_series_errs_more(smooth_firing, paper, rng):
 
 def test_without_spread_every_finger_is_the_typical_one(smooth_firing, paper):
     of = scene(smooth_firing())
-    found = FingerFamily(of, FingerGrid({"b": 5, "sigma_0": 3}), 32).total_rate(paper(), Spreads())
+    found = FingerFamily(of, FingerGrid({"b": 5, "sigma_0": 3}), 32).total_rate(paper(), FingerSpreads())
     assert_allclose(found, np.broadcast_to(of.total_rate(paper()), found.shape), rtol=1e-4, atol=1e-6 * of.n_receptors)
 
 
@@ -91,7 +91,7 @@ def test_other_moduli_and_an_onset_far_below_every_contact(smooth_firing, paper,
     of, grid = scene(smooth_firing()), FingerGrid({"b": 5})
     moduli = FABRICS * np.exp(0.2 * rng.standard_normal((3, FABRICS.size)))
     always = paper(sigma_0=np.array([10.0, 9e3, 9e9]))  # fires at the lightest touch, as usual, never
-    found = FingerFamily(of, grid, 40).total_rate(always, Spreads(b=0.1), moduli)
+    found = FingerFamily(of, grid, 40).total_rate(always, FingerSpreads(b=0.1), moduli)
     rows = TouchParameters(*(np.broadcast_to(np.reshape(v, (-1, 1)), (3, 5)) for v in always))
     expected = of.total_rate(rows._replace(b=rows.b * np.exp(0.1 * grid.axis("b"))), moduli[:, None])
     assert_allclose(found, expected, rtol=2e-3, atol=1e-3 * of.n_receptors)

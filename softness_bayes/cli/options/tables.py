@@ -212,7 +212,7 @@ def reading_options(verb: Verb) -> Verb:
 
 
 @dataclass(frozen=True)
-class Touches:
+class RequestedTouches:
     """Fabrics and loads of touches, as requested on the command line."""
 
     fabrics: Path | None
@@ -281,7 +281,7 @@ class Touches:
 
 
 def touches(verb: Verb) -> Verb:
-    """Add the options for fabrics and loads to a command, which receives `touches`, a `Touches`."""
+    """Add the options for fabrics and loads to a command, which receives `touches`, a `RequestedTouches`."""
     return _touches(True, "Fabric table (CSV, Excel or Parquet).", " of the touch. Repeatable.")(verb)
 
 
@@ -318,7 +318,7 @@ def _touches(required: bool, fabrics_help: str, load_help: str) -> Decorator:
             force_n: tuple[float, ...],
             **others: Any,
         ) -> Any:
-            return verb(touches=Touches(fabrics, columns, indentation_mm, force_n, decimal), **others)
+            return verb(touches=RequestedTouches(fabrics, columns, indentation_mm, force_n, decimal), **others)
 
         return wrapped
 

@@ -23,7 +23,7 @@ from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.neuron.firing import CurveError, RateCurve, exact_curve, exact_curves
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, Channels, Driven, Membrane, lanes
 from softness_bayes.touch.neuron.polynomials import TotalDegree, chebyshev_values, products
-from softness_bayes.touch.neuron.surface_design import DESIGNS, NO_SURFACE, Design
+from softness_bayes.touch.neuron.surface_design import DESIGNS, NO_SURFACE, SurfaceInputs
 
 FloatArray = NDArray[np.float64]
 
@@ -86,7 +86,7 @@ class FiringSurface:
         Largest measured error.
     """
 
-    design: Design
+    design: SurfaceInputs
     table: FloatArray
     border: FloatArray
     error: CurveError

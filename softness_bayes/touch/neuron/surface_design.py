@@ -49,7 +49,7 @@ class Border:
 
 
 @dataclass(frozen=True)
-class Design:
+class SurfaceInputs:
     """Inputs from which one surface is built.
 
     Parameters
@@ -128,12 +128,12 @@ def _declared(value: Any) -> Any:
     return value
 
 
-DESIGNS: Mapping[str, Design] = MappingProxyType(
+DESIGNS: Mapping[str, SurfaceInputs] = MappingProxyType(
     {
         design.membrane.name: design
         for design in (
-            Design(CONNOR_STEVENS, max_current=60.0, degree=10, points=3072, nodes=20, border=Border()),
-            Design(HODGKIN_HUXLEY, max_current=60.0, degree=9, points=384, nodes=20, closest=0.015),
+            SurfaceInputs(CONNOR_STEVENS, max_current=60.0, degree=10, points=3072, nodes=20, border=Border()),
+            SurfaceInputs(HODGKIN_HUXLEY, max_current=60.0, degree=9, points=384, nodes=20, closest=0.015),
         )
     }
 )
