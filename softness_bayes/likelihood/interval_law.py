@@ -27,6 +27,9 @@ FAR = 6.0
 OPEN = 1e40
 """Finite error used in place of an infinite end."""
 
+FARTHEST = -1e10
+"""Log probability below which rounding leaves no digits of its ratio to the density."""
+
 MOST_OTHERS = 0.5
 """Largest share of rows computed by distribution functions; if it is exceeded, all rows are."""
 
@@ -193,7 +196,9 @@ def _beyond(
     found = log_ndtr(side * law.normal_scores(error, parameters))
     if not orders:
         return [found]
-    weight = side * np.exp(law.log_density(error, parameters) - found)
+    ratio = law.log_density(error, parameters) - found
+    # far out the ratio is |error| (Mills; only normal tails are so thin), and the difference of logarithms is rounding
+    weight = side * np.exp(np.where(found < FARTHEST, np.log(np.maximum(np.abs(error), 1.0)), ratio))
     slopes = (1.0, *law.slopes(error, parameters)[: orders - 1])
     return [found, *(sign * weight * part for sign, part in zip(SIGNS, slopes, strict=False))]
 
