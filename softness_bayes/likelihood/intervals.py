@@ -168,8 +168,7 @@ class IntervalRatings(RatingsLikelihood):
         kind: type[RaterIntegrals] = WalledIntegrals if walled else RaterIntegrals
         kind = DenseIntegrals if self._quadrature in (DENSE, DENSER) else kind
         times = _times(rater, self._condition, self._rows.low, self._rows.high, self._middle)
-        level = model.level
-        self._integrals = kind(model.law, rater, weight, level.mean, level.sd, self._widths(), times)
+        self._integrals = kind(model.law, rater, weight, model.level.mean, model.level.sd, self._widths(), times)
         self._slope = np.where(self._exact, scale.log_slope(self.values), 0.0)
         self._log = float(self._slope.sum())
 
