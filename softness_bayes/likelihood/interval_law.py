@@ -199,7 +199,7 @@ def _beyond(
     ratio = law.log_density(error, parameters) - found
     # far out the ratio is |error| (Mills; only normal tails are so thin), and the difference of logarithms is rounding
     weight = side * np.exp(np.where(found < FARTHEST, np.log(np.maximum(np.abs(error), 1.0)), ratio))
-    slopes = (1.0, *law.slopes(error, parameters)[: orders - 1])
+    slopes: list[Any] = [1.0, *law.slopes(error, parameters)[: orders - 1]]
     return [found, *(sign * weight * part for sign, part in zip(SIGNS, slopes, strict=False))]
 
 
