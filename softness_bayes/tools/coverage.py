@@ -107,6 +107,14 @@ def quantities(
     return found
 
 
+def rows_of(path: Path) -> list[dict[str, str]]:
+    """Return the rows of a kept file; none if there is no such file."""
+    if not path.is_file():
+        return []
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
 def keep(
     path: Path,
     columns: Sequence[str],
@@ -115,10 +123,7 @@ def keep(
     fit: Callable[[int, str], Iterable[dict[str, Any]]],
 ) -> None:
     """Append the rows of all fits to a file, skipping fits that it already contains."""
-    done: set[tuple[int, str]] = set()
-    if path.is_file():
-        with path.open(encoding="utf-8", newline="") as file:
-            done = {(int(row["lab"]), row["case"]) for row in csv.DictReader(file)}
+    done = {(int(row["lab"]), row["case"]) for row in rows_of(path)}
     with path.open("a", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, columns, lineterminator="\n")
         if not done:

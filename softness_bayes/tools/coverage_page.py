@@ -8,7 +8,6 @@ that contain the true value, with its 95 % confidence limits. It prints the tabl
 from __future__ import annotations
 
 import argparse
-import csv
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -17,6 +16,7 @@ import numpy as np
 from scipy.special import betaincinv
 
 from softness_bayes.readable import percent
+from softness_bayes.tools.coverage import rows_of
 
 FIGURE = "coverage_with_uncertain_inputs.png"
 
@@ -96,14 +96,6 @@ def counted(folder: Path) -> list[CoverageShare]:
                 noticed = float(np.mean([float(row[checked]) < LEVEL for row in of]))
                 found.append(_share(situation, quantity, [float(row["below"]) for row in of], noticed))
     return found
-
-
-def rows_of(path: Path) -> list[dict[str, str]]:
-    """Return the rows of a stored table; none if there is no such file."""
-    if not path.is_file():
-        return []
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def agreement(folder: Path) -> str:

@@ -26,6 +26,7 @@ from softness_bayes.checking.inflection import turning_points
 from softness_bayes.checking.ranks import DRAWS, Calibration
 from softness_bayes.model.build import ExperimentModel
 from softness_bayes.runs.replicate import ranks
+from softness_bayes.tools.coverage import rows_of
 from softness_bayes.tools.importance import TRUSTED, Effort, weighted
 from softness_bayes.tools.latent_labs import KINDS, Kind, Laboratory, laboratory, model_of
 from softness_bayes.touch.parameters import TouchParameters
@@ -78,14 +79,6 @@ def _quantities(
         for name, (of, true) in made.effects.items():
             found[name] = np.append(of(drawn), true)
     return found
-
-
-def rows_of(path: Path) -> list[dict[str, str]]:
-    """Return the rows of a file of ranks; none without a file."""
-    if not path.is_file():
-        return []
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def calibration_of(rows: Sequence[dict[str, str]]) -> Calibration:

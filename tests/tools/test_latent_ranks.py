@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from softness_bayes.tools.coverage import rows_of
 from softness_bayes.tools.importance import TRUSTED
 from softness_bayes.tools.latent_labs import KINDS, LOADS, RATERS, laboratory, model_of
-from softness_bayes.tools.latent_ranks import CONTROL, HOW, calibration_of, fitted, rows_of, table
+from softness_bayes.tools.latent_ranks import CONTROL, HOW, calibration_of, fitted, table
 from support.paths import ROOT
 
 RESULTS = ROOT / "notebooks" / "results" / "latent_ranks"
