@@ -5,13 +5,18 @@ from __future__ import annotations
 import errno
 import logging
 from collections.abc import Callable
-from socket import IPPROTO_TCP, TCP_NODELAY, create_server, socket
+from socket import create_server, socket
 
 from bokeh.application import Application
 from bokeh.application.handlers.function import FunctionHandler
 from bokeh.document import Document
+from bokeh.protocol import Protocol
+from bokeh.server.connection import ServerConnection
+from bokeh.server.contexts import ApplicationContext
 from bokeh.server.server import BaseServer
+from bokeh.server.session import ServerSession
 from bokeh.server.tornado import BokehTornado
+from bokeh.server.views.ws import WSHandler
 from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop
 
@@ -68,14 +73,31 @@ def page_server(subject: Subject, opened: socket) -> BaseServer:
 
     application = Application(FunctionHandler(begin))
     opened.setblocking(False)
-    opened.setsockopt(IPPROTO_TCP, TCP_NODELAY, 1)  # send small messages immediately (no Nagle delay)
     port = opened.getsockname()[1]
-    tornado = BokehTornado({"/": application}, extra_websocket_origins=[f"{ADDRESS}:{port}"])
+    tornado = _Tornado({"/": application}, extra_websocket_origins=[f"{ADDRESS}:{port}"])
     http = HTTPServer(tornado)
     http.add_socket(opened)
     server = BaseServer(IOLoop.current(), tornado, http)
     server.start()
     return server
+
+
+class _Tornado(BokehTornado):
+    """Bokeh's application; its websockets send every small message immediately.
+
+    Tornado turns Nagle's algorithm on again after each response, the one that opens a websocket included. A small
+    message then waits until the browser has acknowledged the one before, which can take 40 ms.
+    """
+
+    def new_connection(
+        self,
+        protocol: Protocol,
+        socket: WSHandler,
+        application_context: ApplicationContext,
+        session: ServerSession,
+    ) -> ServerConnection:
+        socket.set_nodelay(True)
+        return super().new_connection(protocol, socket, application_context, session)
 
 
 def address_of(server: BaseServer) -> str:

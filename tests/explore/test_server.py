@@ -17,6 +17,7 @@ from html import escape
 import numpy as np
 import pytest
 import websocket
+from bokeh.client import pull_session
 from bokeh.document import Document
 from bokeh.events import ButtonClick
 from bokeh.models import ColumnDataSource
@@ -74,6 +75,23 @@ def test_the_page_needs_no_network(address):
     assert "softness-bayes explore" in text
     assert "https://" not in text
     assert "http://" not in text.replace(f"http://{address.netloc}", "")
+
+
+def test_small_messages_do_not_wait(address, monkeypatch):
+    """Nagle's algorithm is off on the channel; Tornado alone leaves it on."""
+    found, plain = [], server.BokehTornado.new_connection
+
+    def opened(self, protocol, channel, *others):
+        found.append(channel.ws_connection.stream.socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY))
+        return plain(self, protocol, channel, *others)
+
+    monkeypatch.setattr(server.BokehTornado, "new_connection", opened)
+    for _ in range(2):
+        pull_session(url=f"http://{address.netloc}/").close()
+        monkeypatch.setattr(server._Tornado, "new_connection", opened)
+    quick, usual = found
+    assert quick
+    assert not usual
 
 
 def test_a_port_that_is_taken_is_refused():
