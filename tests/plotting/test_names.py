@@ -10,6 +10,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.font_manager import findfont, get_font
+from matplotlib.image import imread
 from matplotlib.text import Annotation
 from numpy.testing import assert_allclose
 
@@ -215,3 +216,24 @@ def test_letters_that_the_usual_font_lacks_come_from_another_that_is_installed(m
     with pytest.warns(UserWarning, match="missing from font"):
         drawn()
     styles._other_families.cache_clear()
+
+
+def test_a_png_file_is_the_figure_that_matplotlib_saves() -> None:
+    """Drawn once, at the resolution at which it is laid out."""
+    pictures = []
+    for once in (True, False):
+        figure = Figure(figsize=(2, 1.5), layout="constrained")
+        figure.subplots().set(xscale="log", xlim=(1, 1e3), xlabel="modulus $E$ [kPa]")
+        if once:
+            before = figure.canvas, figure.dpi, figure.get_layout_engine()
+            [content] = files_of(figure, "one", ("png",)).values()
+            assert (figure.canvas, figure.dpi, figure.get_layout_engine()) == before
+        else:
+            with USUAL.applied():
+                figure.dpi = 300
+                figure.savefig(drawn := io.BytesIO(), format="png")
+                content = drawn.getvalue()
+        pictures.append(imread(io.BytesIO(content)))
+    assert pictures[0].shape == (450, 600, 4)
+    assert np.ptp(pictures[0]) > 0
+    assert_allclose(*pictures)
