@@ -33,6 +33,7 @@ from softness_bayes.runs.calibration_files import (
     REPLICATES,
     earlier_of,
     finished_in,
+    forget_missing,
     made_folder,
     require_alike,
     take,
@@ -207,6 +208,7 @@ def _calibrated(
         sweep(folder)
         if earlier is not None:
             take(earlier, directory, manifest, partial(_true_values, source, run.seed))
+        forget_missing(directory)
         write_asked(directory, count)
         done = finished_in(folder, count)
         missing = [index for index in range(count) if index not in done]

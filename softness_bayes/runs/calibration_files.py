@@ -170,9 +170,26 @@ def _record(directory: Path, origins: Iterable[StoredReplicates], new: set[int],
         other = {name: value for name, value in one.settings.items() if value != str(manifest.get(name))}
         found.append(StoredReplicates(tuple(k for k in one.replicates if k in new), other))
         new = new - {*one.replicates}
-    kept = [one._asdict() for one in found if one.replicates and one.settings]
+    _write_origins(directory, found)
+
+
+def _write_origins(directory: Path, origins: Iterable[StoredReplicates]) -> None:
+    kept = [one._asdict() for one in origins if one.replicates and one.settings]
     if kept:
         write_whole(directory / EARLIER, (json.dumps(kept, indent=1) + "\n").encode())
+    else:
+        (directory / EARLIER).unlink(missing_ok=True)
+
+
+def forget_missing(directory: Path) -> None:
+    """Remove from the list of earlier replicates those without a file, before they are fitted here.
+
+    A process that is killed while it takes an earlier calibration has listed replicates that it never wrote.
+    """
+    folder, before = directory / REPLICATES, earlier_of(directory)
+    now = [one._replace(replicates=tuple(k for k in one.replicates if path_of(folder, k).exists())) for one in before]
+    if [*before] != now:
+        _write_origins(directory, now)
 
 
 def earlier_of(directory: Path) -> tuple[StoredReplicates, ...]:

@@ -10,6 +10,7 @@ import pytest
 
 from softness_bayes.errors import InputError
 from softness_bayes.results.request import Request
+from softness_bayes.runs import calibration_files
 from softness_bayes.runs.calibrate import calibrate
 from softness_bayes.runs.calibrated import StoredReplicates
 from softness_bayes.runs.calibration_files import EARLIER, MANIFEST, earlier_of
@@ -95,6 +96,31 @@ def test_replicates_of_other_fits_are_named_in_the_verdict(stored, whole, tmp_pa
     # without --from, other settings are refused as before, and the way out is named
     with pytest.raises(InputError, match=r"max_steps was 40 and is now 30.*--from"):
         run(tmp_path / "out", 3)
+
+
+@pytest.mark.parametrize("written", [0, 1])
+def test_a_crash_while_replicates_are_taken(stored, whole, tmp_path, monkeypatch, written):
+    """Replicates that were listed but not written are fitted here, and no longer count as earlier ones."""
+    write, left = calibration_files.write_replicate, [written]
+
+    def killed(folder, index, one):
+        if not left[0]:
+            raise KeyboardInterrupt
+        left[0] -= 1
+        write(folder, index, one)
+
+    monkeypatch.setattr(calibration_files, "write_replicate", killed)
+    with pytest.raises(KeyboardInterrupt):
+        run(tmp_path / "out", 3, LONGER, earlier=stored)
+    monkeypatch.undo()
+    assert earlier_of(tmp_path / "out") == (StoredReplicates((0, 1), {"max_steps": "30"}),)
+    done, fitted = run(tmp_path / "out", 3, LONGER)
+    assert fitted == 3 - written
+    assert done.earlier == ((StoredReplicates((0,), {"max_steps": "30"}),) if written else ())
+    assert (done.replicates[0] == whole.replicates[0]) == bool(written)
+    # a call that takes them again instead
+    again, fitted = run(tmp_path / "again", 3, LONGER, earlier=stored)
+    assert (fitted, [one.replicates for one in again.earlier]) == (1, [(0, 1)])
 
 
 def test_another_problem_is_refused(stored, tmp_path):
