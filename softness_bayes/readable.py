@@ -30,6 +30,46 @@ def number(value: float, digits: int = 3) -> str:
     return f"{float(short):.12g}" if LEAST_PLAIN <= abs(value) < MOST_PLAIN else short
 
 
+def counted(count: int, one: str, more: str = "") -> str:
+    """Return a count with the words for it.
+
+    Parameters
+    ----------
+    count
+        The number.
+    one, more
+        Words after the number 1 and after any other number; by default, `more` is `one` with an s.
+
+    Examples
+    --------
+    >>> [counted(count, "run") for count in (0, 1, 2)]
+    ['0 runs', '1 run', '2 runs']
+    >>> counted(1, "person has", "people have")
+    '1 person has'
+    """
+    return f"{count} {one if count == 1 else more or f'{one}s'}"
+
+
+def some_of(count: int, total: int, noun: str, one: str = "is", more: str = "are") -> str:
+    """Return a part of a total with its noun and its verb.
+
+    Parameters
+    ----------
+    count, total
+        The part and the total.
+    noun
+        The noun for one; its plural has an s.
+    one, more
+        The verb after a part of 1 and of any other number.
+
+    Examples
+    --------
+    >>> [some_of(1, 5, "table"), some_of(2, 5, "table", "has", "have"), some_of(1, 1, "table", "was", "were")]
+    ['1 of 5 tables is', '2 of 5 tables have', '1 of 1 table was']
+    """
+    return f"{count} of {counted(total, noun)} {one if count == 1 else more}"
+
+
 def percent(share: float | None, digits: int = 0) -> str:
     """Return a share in per cent; only exactly 0 and 1 are shown as 0 % and 100 %.
 

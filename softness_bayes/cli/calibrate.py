@@ -19,6 +19,7 @@ from softness_bayes.cli.options.values import whole
 from softness_bayes.cli.running import executor_of, reading
 from softness_bayes.errors import InputError, NotConvergedError, NumericalError
 from softness_bayes.ranges import PARTICIPANTS, PROCESSES, REPLICATES, STEPS
+from softness_bayes.readable import some_of
 
 if TYPE_CHECKING:
     from tqdm import tqdm
@@ -176,9 +177,12 @@ def command(
     if found.calibration.faults():
         raise NumericalError("not calibrated: see the verdict above")
     if found.unfinished:
-        raise NotConvergedError(f"{len(found.unfinished)} of {replicates} replicates are not finished")
+        raise NotConvergedError(f"{some_of(len(found.unfinished), replicates, 'replicate')} not finished")
     if found.unconverged:
-        raise NotConvergedError(f"{found.unconverged} replicates have not converged within --max-steps {max_steps}")
+        raise NotConvergedError(
+            f"{some_of(found.unconverged, replicates, 'replicate', 'has', 'have')} not converged within "
+            f"--max-steps {max_steps}"
+        )
 
 
 _WITH_LIKE = ("replicates", "like", "max_steps", "processes", "dask", "earlier", "so_far", "seed", "out")
@@ -228,7 +232,7 @@ def _kept(out: Path, asked: int) -> str:
     finished = finished_replicates(out)
     if not finished:
         return ""
-    return f"{finished} of {asked} replicates are saved in {out}: the same command runs the others"
+    return f"{some_of(finished, asked, 'replicate')} saved in {out}: the same command runs the others"
 
 
 class _Bar:

@@ -15,6 +15,7 @@ from softness_bayes.cli.options.run import force
 from softness_bayes.cli.options.tables import DataFiles, data_files
 from softness_bayes.defaults import MOST_SHOWN
 from softness_bayes.errors import InputError
+from softness_bayes.readable import counted
 
 if TYPE_CHECKING:
     import numpy as np
@@ -200,7 +201,7 @@ def _show_compression(compression: Compression) -> None:
 
     lines = {
         "forces": f"{len(compression)}, from {compression.force.min():.3g} to {compression.force.max():.3g} N; "
-        f"{compression.n_zero} rows with a force of 0 left out",
+        f"{counted(compression.n_zero, 'row')} with a force of 0 left out",
         "fingers": f"{_span(compression.participants)}, {_extent(np.bincount(compression.participant))} forces each",
         "indentations": f"{compression.indentation.min() * 1e3:.3g} to {compression.indentation.max() * 1e3:.3g} mm",
     }
@@ -257,9 +258,11 @@ def _loads(ratings: Ratings) -> str:
         own = [i for i, load in enumerate(ratings.loads) if isinstance(load, kind)]
         if len(own) > MOST_SHOWN:
             first, last = ratings.loads[own[0]], ratings.loads[own[-1]]
-            parts.append(f"{len(own)} different {column.label}s, {first} to {last} ({counts[own].sum()} ratings)")
+            parts.append(
+                f"{len(own)} different {column.label}s, {first} to {last} ({counted(int(counts[own].sum()), 'rating')})"
+            )
         else:
-            parts += [f"{ratings.loads[i]} ({counts[i]} ratings)" for i in own]
+            parts += [f"{ratings.loads[i]} ({counted(int(counts[i]), 'rating')})" for i in own]
     groups = groups_of(ratings.loads)
     if groups.merged:
         sizes = np.bincount(groups.of[ratings.load]).tolist()

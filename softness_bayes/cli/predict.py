@@ -24,7 +24,7 @@ from softness_bayes.cli.running import reading
 from softness_bayes.defaults import ANSWER_DRAWS, PRIOR_SET
 from softness_bayes.errors import InputError
 from softness_bayes.ranges import PANEL
-from softness_bayes.readable import percent
+from softness_bayes.readable import counted, percent
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -124,7 +124,7 @@ def command(
         click.echo(csv_of(table, index=False, digits=PRINTED), nl=False)
     else:
         write_outputs(out.parent, {out.name: csv_of(table, index=False)}, PREDICT)
-        click.echo(f"{out}: {len(table)} rows", err=True)
+        click.echo(f"{out}: {counted(len(table), 'row')}", err=True)
     of = "of the rows" if posterior is None else "of rows and draws"
     # the warning already contains this information
     if not reached and (note := _geometry_note(scene, parameters, of)):

@@ -13,6 +13,7 @@ from softness_bayes.cli.options.values import FILE
 from softness_bayes.cli.running import reading
 from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.errors import InputError
+from softness_bayes.readable import some_of
 
 if TYPE_CHECKING:
     from softness_bayes.results.ranking import Ranking
@@ -74,7 +75,7 @@ def command(
         )
         click.echo(agreement.to_string(index=False, float_format="{:.3f}".format, na_rep="–"))
         if left:
-            click.echo(f"note: {left} of {len(observed)} fabrics of {against} were not ranked", err=True)
+            click.echo(f"note: {some_of(left, len(observed), 'fabric', 'was', 'were')} not ranked", err=True)
     click.echo(f"written to {target}: {', '.join((*tables, *MADE[3:]))}", err=True)
 
 
@@ -89,6 +90,6 @@ def _show(found: Ranking) -> None:
         tied, silent = int((one.tie > 0).sum()), int((one.p_silent >= 0.5).sum())
         if tied:
             click.echo(
-                f"{tied} of {len(rows)} fabrics are tied with others; no receptor fires for {silent} in most draws"
+                f"{some_of(tied, len(rows), 'fabric')} tied with others; no receptor fires for {silent} in most draws"
             )
         click.echo()

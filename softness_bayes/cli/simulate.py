@@ -17,7 +17,7 @@ from softness_bayes.cli.options.run import force, out, seed
 from softness_bayes.cli.options.tables import RequestedTouches, touches
 from softness_bayes.cli.options.values import Number, whole
 from softness_bayes.ranges import FINGERS, PARTICIPANTS, SLOPES, TYPICAL_RATINGS
-from softness_bayes.readable import percent
+from softness_bayes.readable import counted, percent
 
 if TYPE_CHECKING:
     from softness_bayes.data import Fabrics
@@ -144,9 +144,11 @@ def command(
         contents[COMPRESSION], count, effects = _forces(seed, usual, chosen, fingers, touching)
         story["truth"] |= {name: usual[name] for name in PLATE_PARAMETERS}
         story |= effects
-        pressed = f", and {count} forces on {fingers} fingers"
+        pressed = f", and {counted(count, 'force')} on {counted(fingers, 'finger')}"
     write_outputs(out, {**contents, TRUTH: json.dumps(story, indent=1) + "\n"}, SIMULATE)
-    click.echo(f"{out}: {len(simulation.ratings)} simulated ratings of {len(fabrics)} fabrics{pressed}")
+    click.echo(
+        f"{out}: {counted(len(simulation.ratings), 'simulated rating')} of {counted(len(fabrics), 'fabric')}{pressed}"
+    )
     silent = float((simulation.total_rate == 0).mean())
     if silent:
         click.echo(f"note: no receptor fires in {percent(silent)} of the conditions", err=True)

@@ -13,7 +13,7 @@ from softness_bayes.cli.options.values import FILE
 from softness_bayes.cli.running import reading
 from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.errors import InputError
-from softness_bayes.readable import chance, number, percent
+from softness_bayes.readable import chance, counted, number, percent
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -95,7 +95,7 @@ def command(
         click.echo(csv_of(table, index=False, digits=PRINTED), nl=False)
     else:
         write_outputs(out.parent, {out.name: csv_of(table, index=False)}, TARGET)
-        click.echo(f"{out}: {len(table)} rows", err=True)
+        click.echo(f"{out}: {counted(len(table), 'row')}", err=True)
     for load, rows in table.groupby("load", sort=False):
         click.echo(f"{load}: {_said(rows)}", err=True)
 

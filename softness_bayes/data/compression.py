@@ -14,6 +14,7 @@ from softness_bayes.data.names import alike_notes, natural
 from softness_bayes.data.tables import FloatArray, IntArray, Table, check_renames, read_only, read_table
 from softness_bayes.data.workbooks import TableSource
 from softness_bayes.errors import InputError
+from softness_bayes.readable import counted, some_of
 
 FLAT_PLATE = ("flat_plate", "flat plate", "plate", "flat")
 """Names of a rigid flat plate in a column `indentor`, ignoring case; without the column, all rows refer to a plate."""
@@ -99,10 +100,8 @@ class Compression:
         if "indentor" in table:
             flat = np.array([name.casefold() in FLAT_PLATE for name in table.labels("indentor")])
             if not flat.all():
-                notes.append(
-                    f"{table.label}: {(~flat).sum()} of {len(table)} rows have another indentor than "
-                    "a flat plate and are left out"
-                )
+                others = some_of(int((~flat).sum()), len(table), "row", "has", "have")
+                notes.append(f"{table.label}: {others} another indentor than a flat plate; left out")
             table = table.take(np.flatnonzero(flat))
         by, depth, force = table.labels("participant"), table.numbers(_INDENTATION), table.numbers(_FORCE)
         for i in range(len(table)):
@@ -118,7 +117,7 @@ class Compression:
         table.check()
         zero, missing = int((force == 0).sum()), int(np.isnan(force).sum())
         if missing:
-            notes.append(f"{table.label}: {missing} forces are missing")
+            notes.append(f"{table.label}: {counted(missing, 'force is', 'forces are')} missing")
         if zero:
             notes.append(
                 f"{table.label}: {zero} rows with a force of 0 are left out, because forces are fitted on a log scale"

@@ -33,6 +33,7 @@ from softness_bayes.data.tables import (
 from softness_bayes.data.wide import Form
 from softness_bayes.data.workbooks import TableSource
 from softness_bayes.errors import InputError, quoted
+from softness_bayes.readable import some_of
 from softness_bayes.touch.contact import Load
 
 SOLE_PARTICIPANT = "participant"
@@ -311,7 +312,7 @@ def _rated_rows(table: Table, filed: FloatArray, drop_zeros: bool) -> tuple[IntA
         table.faults.add_general(f"column {table.titles[RATING.name]!r}: there is no rating in any row")
     notes = []
     if missing := int((~kept).sum()):
-        notes.append(f"{missing} of {len(table)} ratings are missing")
+        notes.append(f"{some_of(missing, len(table), 'rating')} missing")
     if zeros:
         notes.append(f"{zeros} ratings of 0 are left out, which biases the result towards higher ratings")
     used = np.sort(np.concatenate([rated, np.flatnonzero(faulty & ~kept)]))  # the same rows, if there are no faults

@@ -12,6 +12,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from softness_bayes.errors import InputError, quoted
+from softness_bayes.readable import some_of
 from softness_bayes.supplied import FORM, installed, is_supplied, reference, require_reference, supplied
 
 if TYPE_CHECKING:
@@ -167,7 +168,7 @@ def _require_positive(table: Filed) -> None:
         found = quoted(table.not_positive or f"{table.rating[i]:.15g}")
         raise InputError(
             f"{table.source}: row {table.rows[i]}, column {table.rating_column!r}: expected a magnitude "
-            f"estimate of 0 or above, got {found} ({wrong.size} of {table.rating.size} ratings are negative); "
+            f"estimate of 0 or above, got {found} ({some_of(wrong.size, table.rating.size, 'rating')} negative); "
             "leave the cell of a missing rating empty; if these are z-scores, use --ratings "
             f"{STANDARDISED.name}"
         )

@@ -25,6 +25,7 @@ from softness_bayes.likelihood.stated import Stated
 from softness_bayes.model.individual import differing
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.ranges import CATEGORIES_RANGE
+from softness_bayes.readable import counted, some_of
 from softness_bayes.touch.load_groups import groups_of
 
 FloatArray = NDArray[np.float64]
@@ -354,10 +355,10 @@ def _of_numbers(ratings: Ratings, said: Stated, alone: str) -> str:
         sizes, counts = np.unique(step[step > 0], return_counts=True)
         most = sorted(zip(counts.tolist(), sizes.tolist(), strict=True), reverse=True)
         named = [f"{size:g} ({count})" for count, size in most[:MOST_STEPS]]
-        named += [f"{len(most) - MOST_STEPS} others"] if len(most) > MOST_STEPS else []
+        named += [counted(len(most) - MOST_STEPS, "other")] if len(most) > MOST_STEPS else []
         parts.append(
-            f"{counts.sum()} of {people} participants round their answers to steps of {', '.join(named)}; each "
-            "rating counts as the interval that rounds to it"
+            f"{some_of(int(counts.sum()), people, 'participant', 'rounds', 'round')} their answers to steps of "
+            f"{', '.join(named)}; each rating counts as the interval that rounds to it"
         )
     if np.isfinite(said.end):
         low, high = (said.values < said.limit).sum(), (said.values > said.most).sum()
@@ -377,7 +378,7 @@ def _law_of(ratings: Ratings, said: Stated, options: ModelOptions) -> tuple[Erro
     groups, within = groups_of(ratings.loads), ""
     if groups.merged and design.n_rows - design.n_conditions - design.n_participants < FEWEST:
         # exact loads hardly repeat; changes of the response within a group have light tails
-        layout, within = merge(layout, groups.of)[0], f" within {groups.at.size} groups of loads"
+        layout, within = merge(layout, groups.of)[0], f" within {counted(groups.at.size, 'group')} of loads"
         design = layout.design
     fit = layout.fit(said.values)
     if layout.residual_freedom < FEWEST or not fit.sd > 0:

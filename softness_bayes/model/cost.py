@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softness_bayes.model.build import ExperimentModel
+from softness_bayes.readable import counted
 from softness_bayes.touch.accuracy import QUADRATURES, TOLERANCES, ChosenResolution, Errors, errors, thinned
 from softness_bayes.touch.load_field import LoadField
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels
@@ -70,8 +71,8 @@ def left_out(model: ExperimentModel) -> tuple[str, ...]:
         "receptors that do not fire: the integral runs from the peak of the stress to the onset of firing, "
         "and stops where the sigmoid is saturated",
         f"{n - loads} of {n} stress fields: conditions under one load differ only in E_star, so one table over "
-        f"E_star is enough for each of {loads} loads"
-        + (f", and these come from {tables} tables over load and E_star" if tables < loads else ""),
+        f"E_star is enough for {'the load' if loads == 1 else f'each of {loads} loads'}"
+        + (f", and these come from {counted(tables, 'table')} over load and E_star" if tables < loads else ""),
     ]
     if scene.n_repeated:
         said.append(f"{scene.n_repeated} of {n} conditions: another fabric with the same properties has the same load")

@@ -28,6 +28,7 @@ from softness_bayes.plotting.rating import Observed, observed_ratings, rating_fi
 from softness_bayes.plotting.response import ratio_figure, response_figure
 from softness_bayes.plotting.style import Style
 from softness_bayes.plotting.touch import Touches, touch_figure
+from softness_bayes.readable import counted
 from softness_bayes.touch.load_groups import LoadGroup, LoadGroups, groups_of
 
 if TYPE_CHECKING:
@@ -157,7 +158,10 @@ def corner(result: Drawable, style: Style) -> Figure:
     first = informative(draws)
     names = [every[k] for k in first]
     left_out = len(every) - len(first)
-    note = f"{left_out} less correlated parameters are not shown:\n'softness-bayes plot --all'" if left_out else ""
+    note = ""
+    if left_out:
+        hidden = counted(left_out, "less correlated parameter is", "less correlated parameters are")
+        note = f"{hidden} not shown:\n'softness-bayes plot --all'"
     return corner_figure(draws[:, first], _labels(names), names=names, note=note, style=style)
 
 

@@ -25,6 +25,7 @@ from softness_bayes.files.spreadsheet import csv_of
 from softness_bayes.plotting.figures import announced, figure_named, figures_of, file_of, require_figures
 from softness_bayes.plotting.panels import TINTS
 from softness_bayes.plotting.style import METADATA, USUAL
+from softness_bayes.readable import counted
 from softness_bayes.report import tables
 from softness_bayes.report.alternatives import alternative_text
 from softness_bayes.report.cards import cards
@@ -215,7 +216,8 @@ def subject(result: Result) -> str:
         loads = loads if len(result.loads) > MOST_SHOWN else " and ".join(loads.rsplit(", ", 1))
         ratings = int(np.isfinite(result.group("observed_data")["rating"].values).sum())
         parts.append(
-            f"{ratings} ratings of {fabrics} fabrics by {people} participant{'s' * (people > 1)} under {loads}"
+            f"{counted(ratings, 'rating')} of {counted(fabrics, 'fabric')} by "
+            f"{counted(people, 'participant')} under {loads}"
         )
     if result.has_compression:
         forces, fingers = result.group("observed_data")["plate_force_n"].size, result.group("posterior").sizes["finger"]

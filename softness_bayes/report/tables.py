@@ -15,7 +15,7 @@ from softness_bayes.files.run_files import FABRIC_RATINGS
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.priors import Prior, in_short
 from softness_bayes.provenance import NumericalErrors, Silence
-from softness_bayes.readable import number
+from softness_bayes.readable import counted, number
 from softness_bayes.report.words import share, with_error
 from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
@@ -157,7 +157,7 @@ def of_fabrics(result: Result) -> PageTable:
     caption = (
         f"Rated and predicted softness of {len(table)} pairs of fabric and load: mean ratings, medians and 90 "
         "% bands of replicated means from the fitted model, and the difference in standard deviations of the "
-        f"replicates. {away} differ by {NOTABLE:g} or more (✱).{left_out}"
+        f"replicates. {counted(away, 'differs', 'differ')} by {NOTABLE:g} or more (✱).{left_out}"
     )
     head = ["Fabric", "Load", "E_fab [kPa]", "Ratings", "Rated", "Predicted", "90 % band", "Difference [sd]"]
     return PageTable("fabrics", caption, head, rows)

@@ -11,6 +11,7 @@ from softness_bayes.checking.rank_words import verdict
 from softness_bayes.checking.ranks import Calibration, Replicate
 from softness_bayes.files.outputs import write_outputs
 from softness_bayes.files.spreadsheet import csv_of
+from softness_bayes.readable import counted
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -107,16 +108,22 @@ class Calibrated:
     def sentence(self) -> str:
         """Return the verdict in one line: the alarms or, without any, the power."""
         size = len(self.replicates)
-        asked = f"{size} of {size + len(self.unfinished)}" if self.unfinished else f"{size}"
+        asked = counted(size, "replicate")
+        if self.unfinished:
+            asked = f"{size} of {counted(size + len(self.unfinished), 'replicate')}"
         left = f"; unfinished: {', '.join(map(str, self.unfinished))}" if self.unfinished else ""
         walks = f"{self.longer} ran longer than {LONG} steps, {self.unconverged} did not converge{left}{self._taken()}"
-        return verdict(self.calibration, f"{asked} replicates ({walks})", self.decided)
+        return verdict(self.calibration, f"{asked} ({walks})", self.decided)
 
     def _taken(self) -> str:
         """Describe the replicates whose fits had other settings."""
         taken = {index for one in self.earlier for index in one.replicates} & {*self.replicates}
         names = sorted({name for one in self.earlier for name in one.settings})
-        return f"; {len(taken)} were fitted earlier with other settings of {', '.join(names)}" if taken else ""
+        return (
+            f"; {counted(len(taken), 'was', 'were')} fitted earlier with other settings of {', '.join(names)}"
+            if taken
+            else ""
+        )
 
     def save(self, directory: Path) -> None:
         """Write ranks, coverage and verdict, either all or none; those of an earlier calibration are replaced."""

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.readable import percent
+from softness_bayes.readable import counted, percent
 from softness_bayes.sampler.autocorrelation import autocorrelation_time, indicator_time, own_time
 from softness_bayes.sampler.chain_statistics import ess_bulk, ess_tail, r_hat_between
 from softness_bayes.sampler.starts import NO_STARTS, Starts
@@ -212,7 +212,7 @@ class Verdict:
     def _shortfalls(self) -> list[str]:
         goal, found = self.goal, []
         if self.stuck:
-            found.append(f"{self.stuck} walker{'s' * (self.stuck > 1)} never moved")
+            found.append(f"{counted(self.stuck, 'walker')} never moved")
         if not self.lengths >= goal.lengths and not self.stuck:
             kept = f"{self.lengths:.0f} autocorrelation times, {goal.lengths:.0f} needed"
             found.append(f"{kept} ({self.slowest})")

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.defaults import MOST_SHOWN
+from softness_bayes.readable import counted
 from softness_bayes.touch.contact import Force, Indentation, Load
 
 IntArray = NDArray[np.intp]
@@ -65,7 +66,7 @@ class LoadGroups(NamedTuple):
     def sentence(self) -> str:
         """A note that loads are grouped; empty if they are not."""
         count = self.at.size
-        return f"{self.of.size} loads in {count} group{'s' if count > 1 else ''}" if self.merged else ""
+        return f"{self.of.size} loads in {counted(count, 'group')}" if self.merged else ""
 
 
 def groups_of(loads: Sequence[Load], most: int = MOST_SHOWN) -> LoadGroups:

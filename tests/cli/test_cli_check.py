@@ -133,7 +133,7 @@ def test_check_says_what_it_understood(files):
     assert lines["a"].split() == ["a", "12.5", "0.3", "2", "effective_modulus_kpa"]
     notes = [line for line in done.stdout.splitlines() if line.startswith("note: ")]
     assert any("fabrics without a rating, left out: c" in note for note in notes)
-    assert any("1 of 4 ratings are missing" in note for note in notes)
+    assert any("1 of 4 ratings is missing" in note for note in notes)
 
 
 def test_check_counts_many_loads_and_lists_few(tmp_path):

@@ -181,7 +181,7 @@ def test_calibrate_ends_at_once_and_says_how_to_go_on(tmp_path):
     while process.poll() is None and not list(folder.glob("*.json")):
         time.sleep(0.05)
     said = stopped(process, signal.SIGINT)
-    assert re.search(r"\d+ of 2000 replicates are saved in out: the same command runs the others", said)
+    assert re.search(r"\d+ of 2000 replicates (is|are) saved in out: the same command runs the others", said)
 
 
 RATED = ["--data", "ratings.csv"]

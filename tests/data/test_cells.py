@@ -43,7 +43,7 @@ def test_geometric_means_are_read_as_they_are_and_read_back(file):
     assert found.cells.geometric_sd.tolist() == pytest.approx([1.8, np.nan, 1.7], nan_ok=True)
     assert found.notes == (
         "cells.csv: rows are geometric means of 20 raters, with the standard deviations of their log ratings",
-        "cells.csv: 1 of 4 ratings are missing",
+        "cells.csv: 1 of 4 ratings is missing",
     )
     again = Ratings.read(file(ratings_csv(found), "again.csv"))
     assert again.rating.tolist() == found.rating.tolist()

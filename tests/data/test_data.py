@@ -156,7 +156,7 @@ def test_missing_ratings_are_counted(file, missing):
     assert ratings.rows.tolist() == [2, 4]
     assert ratings.n_missing == 1
     assert ratings.loads == (Indentation(0.001),)
-    assert ratings.notes == ("ratings.csv: 1 of 3 ratings are missing",)
+    assert ratings.notes == ("ratings.csv: 1 of 3 ratings is missing",)
 
 
 def test_names_may_look_like_missing_numbers(file):

@@ -69,14 +69,14 @@ def test_rows_are_read_and_those_of_no_force_dropped(table):
     assert (read.n_zero, len(read)) == (2, 2)
     assert len(read.digest) == 64
     assert any("2 rows with a force of 0 are left out" in note for note in read.notes)
-    assert any("1 forces are missing" in note for note in read.notes)
+    assert any("1 force is missing" in note for note in read.notes)
 
 
 def test_only_rows_of_a_flat_plate_count(table):
     text = "participant,indentor,indentation_mm,force_n\nA,Flat_Plate,1,0.2\nA,point,1,9\n"
     read = Compression.read(table(text))
     assert_allclose(read.force, [0.2])
-    assert any("1 of 2 rows have another indentor than a flat plate" in note for note in read.notes)
+    assert any("1 of 2 rows has another indentor than a flat plate" in note for note in read.notes)
 
 
 @pytest.mark.parametrize(
