@@ -33,13 +33,19 @@ def command_line() -> str:
 
 @contextmanager
 def executor_of(dask: str | None, shared: Path | None = None) -> Iterator[Executor | None]:
-    """Connect to the requested cluster, if any; its workers must have access to the shared directory, if given."""
+    """Connect to the requested cluster, if any; tasks write to the shared directory, if all workers see it."""
     if dask is None:
         yield None
         return
     from softness_bayes.runs.cluster import cluster
 
     with cluster(dask, shared) as executor:
+        if not executor.shares_files:
+            click.echo(
+                f"note: {dask}: not all workers can read {shared}; their tasks return their files instead, so the work "
+                "of a killed worker is lost since it last returned",
+                err=True,
+            )
         yield executor
 
 

@@ -10,6 +10,7 @@ import click
 
 from softness_bayes.cli.running import in_numbers, needed
 from softness_bayes.files.asked import read_asked
+from softness_bayes.readable import counted, some_of
 
 if TYPE_CHECKING:
     from softness_bayes.checkpoints.status import Status
@@ -42,7 +43,7 @@ def command(directory: Path) -> None:
     togo = f", about {status.missing} to go" if status.missing else ""
     click.echo(f"steps: {status.steps} in {status.seconds:.0f} s{togo}")
     if status.failures:
-        click.echo(f"the density could not be computed at {status.failures} points, listed in nonfinite.csv")
+        click.echo(f"the density could not be computed at {counted(status.failures, 'point')}, listed in nonfinite.csv")
     if status.verdict is None:
         click.echo("convergence has not been checked yet")
         return
@@ -55,8 +56,10 @@ def command(directory: Path) -> None:
 def _of_a_calibration(directory: Path, found: CalibrationProgress) -> None:
     """Print the numbers of finished replicates and of those that are left."""
     left = found.asked - found.finished
-    asked = f" of {found.asked}" if found.asked else ""
-    click.echo(f"{directory}: {found.finished}{asked} replicates are finished, {found.unconverged} did not converge")
+    size = counted(found.finished, "replicate is", "replicates are")
+    if found.asked:
+        size = some_of(found.finished, found.asked, "replicate")
+    click.echo(f"{directory}: {size} finished, {found.unconverged} did not converge")
     if found.running:
         seconds = "" if math.isnan(found.seconds) else f", about {found.seconds:.0f} s to go"
         click.echo(f"a process is running it{seconds}")
@@ -67,20 +70,26 @@ def _of_a_calibration(directory: Path, found: CalibrationProgress) -> None:
 
 
 def _of_a_study(directory: Path, runs: dict[str, Status]) -> None:
-    """Print the number of finished runs of a study, and the progress of each run."""
-    done = [one for one in runs.values() if one.ended and one.written and not one.running]
-    good = sum(one.verdict is not None and one.verdict.converged for one in done)
+    """Print the numbers of tables of a study by their state, and the progress of each run."""
+    from softness_bayes.runs.study_progress import refused_tables, seconds_left
+
+    done = [name for name, one in runs.items() if one.ended and one.written and not one.running]
+    good = sum((verdict := runs[name].verdict) is not None and verdict.converged for name in done)
     under_way = sum(one.running for one in runs.values())
-    waiting = read_asked(directory).tasks - len(runs)
-    more = f"; {waiting} more have not begun" if waiting > 0 else ""
+    refused = [name for name in refused_tables(directory) if name not in runs]
+    asked = max(read_asked(directory).tasks, len(runs))
+    waiting = max(asked - len(runs) - len(refused), 0)
+    left = seconds_left(directory, done, asked - len(refused))
     click.echo(
-        f"{directory}: of {len(runs)} runs that have begun, {len(done)} have ended ({good} converged), "
-        f"{under_way} are running, and {len(runs) - len(done) - under_way} are interrupted{more}"
+        f"{directory}: {counted(len(done), 'run')} ended ({good} converged), {under_way} running, "
+        f"{len(runs) - len(done) - under_way} interrupted, {waiting} not begun"
+        + (f"; {counted(len(refused), 'table was', 'tables were')} refused ({', '.join(refused)})" if refused else "")
+        + ("" if math.isnan(left) or not under_way else f"; about {left:.0f} s to go")
     )
     for name, one in runs.items():
         rate = one.seconds / max(one.steps, 1)
-        left = f", about {one.missing * rate:.0f} s to go" if one.missing and one.steps else ""
-        click.echo(f"{name}: {_what(one)}; {one.steps} steps in {one.seconds:.0f} s{left}")
+        togo = f", about {one.missing * rate:.0f} s to go" if one.missing and one.steps else ""
+        click.echo(f"{name}: {_what(one)}; {counted(one.steps, 'step')} in {one.seconds:.0f} s{togo}")
 
 
 def _what(status: Status) -> str:

@@ -18,6 +18,7 @@ from softness_bayes.cli.running import command_line, executor_of, record_of
 from softness_bayes.defaults import MAX_STEPS
 from softness_bayes.errors import InputError, NotConvergedError, NumericalError
 from softness_bayes.ranges import PROCESSES, STEPS
+from softness_bayes.readable import some_of
 
 if TYPE_CHECKING:
     from tqdm import tqdm
@@ -25,7 +26,8 @@ if TYPE_CHECKING:
     from softness_bayes.data import Compression, Experiment
     from softness_bayes.data.study_tables import Listed
     from softness_bayes.parameters.priors import Prior
-    from softness_bayes.runs.study import Study, TableOutcome
+    from softness_bayes.runs.study import Study
+    from softness_bayes.runs.table_fit import TableOutcome
 
 
 @click.command()
@@ -100,7 +102,8 @@ def command(
     from softness_bayes.files.run_files import RUNS
     from softness_bayes.likelihood.scales import scale_named
     from softness_bayes.results.request import RunOptions
-    from softness_bayes.runs.study import Kept, study
+    from softness_bayes.runs.study import study
+    from softness_bayes.runs.table_fit import Kept
 
     listed = list_tables(source)
     if len(listed) < 2:
@@ -158,14 +161,15 @@ def _read(listed: list[Listed], files: DataFiles) -> tuple[dict[str, Experiment 
 
 def _end(found: Study) -> None:
     """Raise an error if tables were refused, have not converged or were not pooled."""
-    from softness_bayes.runs.study import REFUSED, UNCONVERGED
+    from softness_bayes.runs.table_fit import REFUSED, UNCONVERGED
 
+    total = len(found.outcomes)
     if bad := found.named(REFUSED):
-        raise InputError(f"{len(bad)} of {len(found.outcomes)} tables were refused ({', '.join(bad)}); see above")
+        raise InputError(f"{some_of(len(bad), total, 'table', 'was', 'were')} refused ({', '.join(bad)}); see above")
     if short := found.named(UNCONVERGED):
         raise NotConvergedError(
-            f"{len(short)} of {len(found.outcomes)} tables have not converged ({', '.join(short)}) and are not "
-            "pooled; the same command with a larger --max-steps continues them"
+            f"{some_of(len(short), total, 'table', 'has', 'have')} not converged ({', '.join(short)}); only "
+            "converged tables are pooled; the same command with a larger --max-steps continues the others"
         )
     if found.failed:
         raise NumericalError(f"not pooled: {', '.join(found.failed)}; see above")

@@ -44,7 +44,7 @@ from softness_bayes.runs.calibration_scene import CalibrationScene
 from softness_bayes.runs.replicate import replicate, true_values
 from softness_bayes.sampler.diagnostics import Goal
 from softness_bayes.sampler.sampling import Settings
-from softness_bayes.sampler.workers import Workers, available_processors
+from softness_bayes.sampler.workers import Workers, available_processors, shares_files
 
 TRUTHS = 4000
 """Largest number of posterior draws of a run from which the true values of its replicates are chosen."""
@@ -92,8 +92,8 @@ def calibrate(
     settings
         Settings of the sampler; by default `ENSEMBLES` ensembles until they meet `RANKED`, or `run.max_steps`.
     executor
-        Executor that runs the replicates instead of local processes, one task per replicate, with the same ranks; its
-        workers must share the directory (see `runs.cluster`).
+        Executor that runs the replicates instead of local processes, one task per replicate, with the same ranks. If
+        its workers do not share the directory (see `runs.cluster`), this process writes the replicates.
     earlier
         Directory of an earlier calibration of the same problem, whose replicates are taken over. The settings of its
         fits may differ (`runs.calibration_files.FITS`); the verdict then says so.
@@ -215,8 +215,11 @@ def _calibrated(
         if missing:
             processes = min(run.processes or available_processors(), len(missing))
             with Workers(source, processes, executor) as workers:
-                tasks = [(settings, run.seed, index, str(folder.resolve())) for index in missing]
+                shared = str(folder.resolve()) if shares_files(executor) else None
+                tasks = [(settings, run.seed, index, shared) for index in missing]
                 for index, one in workers.as_finished(_run, tasks):
+                    if shared is None:
+                        write_replicate(folder, index, one)
                     done[index] = one
                     if progress is not None:
                         progress(len(done), one)
@@ -263,10 +266,13 @@ def _usual(run: RunOptions) -> Settings:
     return Settings(ensembles=ENSEMBLES, max_steps=run.max_steps, processes=1, goal=RANKED)
 
 
-def _run(source: ReplicateSource, settings: Settings, seed: int, index: int, folder: str) -> tuple[int, Replicate]:
-    """Run one replicate and write its file."""
+def _run(
+    source: ReplicateSource, settings: Settings, seed: int, index: int, folder: str | None
+) -> tuple[int, Replicate]:
+    """Run one replicate and write its file, unless the folder is None because this process does not see it."""
     one = replicate(source.posterior, settings, seed, index, truths=source.truths)
-    write_replicate(Path(folder), index, one)
+    if folder is not None:
+        write_replicate(Path(folder), index, one)
     return index, one
 
 

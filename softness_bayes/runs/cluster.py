@@ -1,4 +1,4 @@
-"""Executor on an existing Dask cluster whose workers have the same version and share the directory."""
+"""Executor on an existing Dask cluster whose workers have the same versions."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import pickle
 import secrets
 import socket
 import warnings
+import weakref
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError, Executor, Future
 from contextlib import contextmanager, suppress
@@ -56,9 +57,13 @@ class Cluster(Executor):
     ----------
     client
         A client of the cluster.
+    shares_files
+        Whether all workers see the directory in which this process writes.
     """
 
-    def __init__(self, client: Client) -> None:
+    def __init__(self, client: Client, shares_files: bool = True) -> None:
+        self.shares_files = shares_files
+        """Whether tasks can write to the directory of this process; otherwise they return their files."""
         self._client, self._executor, self._versions = client, client.get_executor(pure=False), versions()
 
     def share(self, value: Any) -> Any:
@@ -71,7 +76,8 @@ class Cluster(Executor):
         """Submit a task; its future fails with `WorkersLostError` if its workers were killed repeatedly."""
         found: Future[Result] = Future()
         running = self._executor.submit(_alike, self._versions, work, *task, **named)
-        found.add_done_callback(lambda asked: running.cancel() if asked.cancelled() else None)
+        pending = weakref.ref(running)  # the other way is strong: a cycle would keep every task until a collection
+        found.add_done_callback(lambda asked: _give_up(pending) if asked.cancelled() else None)
         running.add_done_callback(lambda done: _pass_on(done, found))
         return found
 
@@ -89,27 +95,34 @@ def cluster(scheduler: str, directory: Path | None = None) -> Iterator[Cluster]:
     scheduler
         Address of its scheduler, such as ``tcp://10.0.0.1:8786``, or path of its scheduler file.
     directory
-        Directory that the workers must share with this process; None if tasks need none.
+        Directory in which tasks write their files if all workers share it with this process (`Cluster.shares_files`);
+        None if they write none.
 
     Raises
     ------
     InputError
-        If Dask is not installed, there is no such scheduler, it has no workers, or these have other versions, more
-        than one thread each, or another disk.
+        If Dask is not installed, there is no such scheduler, it has no workers, or these have other versions or more
+        than one thread each.
     """
     with _client(scheduler) as client:
         missing = [path for path in (directory, *directory.parents) if not path.exists()] if directory else []
         try:
-            require_workers(scheduler, _workers(client, directory), directory)
+            found = _workers(client, directory)
+            require_workers(scheduler, found)
         except InputError:
             for path in missing:  # made for the check alone
                 with suppress(OSError):
                     path.rmdir()
             raise
-        yield Cluster(client)
+        yield Cluster(client, directory is None or not strangers(found))
 
 
-def require_workers(scheduler: str, found: Mapping[str, Worker | BaseException], directory: Path | None = None) -> None:
+def strangers(found: Mapping[str, Worker | BaseException]) -> list[str]:
+    """Return the addresses of the workers that do not see the client's directory."""
+    return [address for address, one in found.items() if isinstance(one, Worker) and not one.shares]
+
+
+def require_workers(scheduler: str, found: Mapping[str, Worker | BaseException]) -> None:
     """Raise an error for a cluster whose workers cannot be used.
 
     Parameters
@@ -118,8 +131,6 @@ def require_workers(scheduler: str, found: Mapping[str, Worker | BaseException],
         Its name, for messages.
     found
         Report of each worker by its address, or the error raised instead.
-    directory
-        The directory that they must share.
 
     Raises
     ------
@@ -141,8 +152,6 @@ def require_workers(scheduler: str, found: Mapping[str, Worker | BaseException],
             )
         elif one.threads != 1:
             faults[address] = f"has {one.threads} threads; start it with --nthreads 1, and more workers with --nworkers"
-        elif directory is not None and not one.shares:
-            faults[address] = f"cannot read {directory.resolve()}: the workers must share this directory"
     if faults:
         said = [f"worker {address} {fault}" for address, fault in faults.items()]
         shown = "; ".join(said[:_NAMED]).replace(f"worker {SCHEDULER}", "the scheduler itself")
@@ -251,6 +260,12 @@ def _alike(expected: Mapping[str, str], work: Callable[..., Result], *task: Any,
         raise InputError(f"a worker has other versions than this process: {versions()}, expected {expected}")
     with dask.config.set(scheduler="synchronous"):
         return work(*task, **named)
+
+
+def _give_up(pending: weakref.ref[Future[Any]]) -> None:
+    """Cancel a task if it still exists."""
+    if (running := pending()) is not None:
+        running.cancel()
 
 
 def _pass_on(done: Future[Result], found: Future[Result]) -> None:

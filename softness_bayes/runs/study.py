@@ -2,35 +2,31 @@
 
 from __future__ import annotations
 
-import time
-import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from softness_bayes.checking.pooling import LEAST_TABLES
-from softness_bayes.checkpoints.checkpoint import Checkpoint
-from softness_bayes.checkpoints.identity import identity
 from softness_bayes.data import Compression, Experiment
-from softness_bayes.errors import InputError, LockedError, ResourceError, SoftnessError
+from softness_bayes.errors import InputError
 from softness_bayes.files.asked import write_asked
 from softness_bayes.files.lock import Lock
 from softness_bayes.files.outputs import require_outputs, write_outputs
-from softness_bayes.files.run_files import CHECKPOINT, MANIFEST, POSTERIOR, RUNS
+from softness_bayes.files.run_files import RUNS
 from softness_bayes.files.spreadsheet import csv_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.priors import Prior
 from softness_bayes.plotting.forest import Forest, forest_figure
 from softness_bayes.plotting.style import USUAL as USUAL_STYLE
 from softness_bayes.plotting.style import Style, files_of
+from softness_bayes.readable import some_of
 from softness_bayes.results.request import Request, RunOptions
 from softness_bayes.results.result import Result
-from softness_bayes.results.versions import versions
-from softness_bayes.runs.kept import model_of, sample_kept
+from softness_bayes.runs.fits_apart import fits_apart
 from softness_bayes.runs.population import (
     PooledParameter,
     individual_table,
@@ -38,7 +34,9 @@ from softness_bayes.runs.population import (
     population_table,
     require_parameters,
 )
-from softness_bayes.sampler.workers import Workers, available_processors
+from softness_bayes.runs.study_progress import TABLES
+from softness_bayes.runs.table_fit import CONVERGED, REFUSED, Kept, TableOutcome, fit_table
+from softness_bayes.sampler.workers import Workers, available_processors, shares_files
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -50,32 +48,9 @@ STUDY = "study"
 LOCK = "lock"
 """Name of the lock of a running study."""
 
-TABLES, INDIVIDUAL, POPULATION, REPORT, FIGURE = "tables.csv", "individual.csv", "population.csv", "study.md", "forest"
+INDIVIDUAL, POPULATION, REPORT, FIGURE = "individual.csv", "population.csv", "study.md", "forest"
 MADE = (TABLES, INDIVIDUAL, POPULATION, REPORT, f"{FIGURE}.png", f"{FIGURE}.pdf")
 """Files of a study in addition to its runs."""
-
-CONVERGED, UNCONVERGED, REFUSED = "converged", "not converged", "refused"
-"""Possible outcomes of a table."""
-
-
-WAIT = 1.0
-"""Time [s] between two checks of a directory in use by another process."""
-
-
-class TableOutcome(NamedTuple):
-    """Outcome of one table."""
-
-    table: str
-    outcome: str
-    said: str
-    """The verdict on convergence, or the reason why the table was rejected."""
-
-
-class Kept(NamedTuple):
-    """Record of a run by the command line, from which `resume` continues it."""
-
-    files: dict[str, Any]
-    figures: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +95,7 @@ class Study:
     def sentences(self) -> list[str]:
         """Describe the outcomes of the tables, then the populations, one sentence each."""
         good = self.named(CONVERGED)
-        said = [f"{len(good)} of {len(self.outcomes)} tables are fitted and converged."]
+        said = [f"{some_of(len(good), len(self.outcomes), 'table')} fitted and converged."]
         said += [f"{one.table}: {one.outcome}: {one.said}" for one in self.outcomes if one.outcome != CONVERGED]
         if not self.populations:
             said.append(f"nothing is pooled: a population needs at least {LEAST_TABLES} tables that have converged")
@@ -204,8 +179,8 @@ def study(
     kept
         Record of the command line for each run.
     executor
-        Executor that runs the fits instead of local processes, one task per fit, with the same draws; its workers must
-        share the directory (see `runs.cluster`).
+        Executor that runs the fits instead of local processes, one task per fit, with the same draws. If its workers do
+        not share the directory (see `runs.cluster`), tasks return the files of their runs.
     **options
         Single options that replace those of `model` and `run`, by name.
 
@@ -227,14 +202,9 @@ def study(
     found = {name: TableOutcome(name, REFUSED, why) for name, why in refused.items()}
     with Lock(directory / LOCK) as lock:
         write_asked(directory, len(tables))
-        home = directory if executor is None else directory.resolve()
-        tasks = [
-            (name, data, str(home / RUNS / name), (kept or {}).get(name), executor is not None)
-            for name, data in tables.items()
-        ]
-        processes = min(request.run.processes or available_processors(), max(len(tasks), 1))
+        processes = min(request.run.processes or available_processors(), max(len(tables), 1))
         with Workers(request, processes, executor) as workers:
-            for one in workers.as_finished(fit_table, tasks):
+            for one in _fits(workers, request, tables, directory, kept or {}, executor):
                 found[one.table] = one
                 if progress is not None:
                     progress(len(found), one)
@@ -242,52 +212,23 @@ def study(
     return _pooled({name: found[name] for name in sorted(found)}, directory, pool, spreads)
 
 
-def fit_table(
-    request: Request, name: str, data: Experiment | Compression, directory: str, kept: Kept | None, patient: bool
-) -> TableOutcome:
-    """Fit one table in its directory, continuing an existing run; errors of the table become its outcome.
-
-    If `patient`, wait for another process in that directory to end: on a cluster it may be a task that is still running
-    although its client was killed.
-    """
-    while True:
-        try:
-            return _fit(request, name, data, Path(directory), kept)
-        except ResourceError:
-            raise
-        except LockedError as error:
-            if not patient:
-                return TableOutcome(name, REFUSED, str(error))
-            time.sleep(WAIT)
-        except SoftnessError as error:
-            return TableOutcome(name, REFUSED, str(error))
-
-
-def _fit(
-    request: Request, name: str, data: Experiment | Compression, directory: Path, kept: Kept | None
-) -> TableOutcome:
-    model = model_of(data, request.model)
-    run = replace(request.run, seed=seed_of(request.run.seed, name), processes=1)
-    asked = Request(model.options, run)
-    begun = (directory / CHECKPOINT / MANIFEST).exists()
-    with Checkpoint.open(directory) if begun else Checkpoint.create(directory) as checkpoint:
-        status = checkpoint.status
-        if status is not None and status.written and (directory / POSTERIOR).is_file():
-            checkpoint.require_same(identity(data, model.posterior, run.settings, asked.choices()))
-            verdict = status.verdict
-            if verdict is not None and (verdict.converged or status.steps >= run.max_steps):
-                return TableOutcome(name, CONVERGED if verdict.converged else UNCONVERGED, verdict.sentence())
-        if kept is not None:
-            record = {"files": kept.files, "options": asked.record(), "figures": kept.figures}
-            checkpoint.request = {**record, "versions": versions()}
-        figures = () if kept is not None and kept.figures else None
-        ending = sample_kept(checkpoint, model, run, figures).provenance.ending
-    return TableOutcome(name, CONVERGED if ending.converged else UNCONVERGED, ending.verdict)
-
-
-def seed_of(seed: int, table: str) -> int:
-    """Return the seed of one table's run, which depends only on the study's seed and the table's name."""
-    return int(np.random.SeedSequence((seed, zlib.crc32(table.encode()))).generate_state(1)[0])
+def _fits(
+    workers: Workers,
+    request: Request,
+    tables: Mapping[str, Experiment | Compression],
+    directory: Path,
+    kept: Mapping[str, Kept],
+    executor: Executor | None,
+) -> Iterator[TableOutcome]:
+    """Yield the outcome of each fit as it ends."""
+    if not shares_files(executor):
+        yield from fits_apart(workers, request, tables, directory / RUNS, kept)
+        return
+    home = directory if executor is None else directory.resolve()
+    tasks = [
+        (name, data, str(home / RUNS / name), kept.get(name), executor is not None) for name, data in tables.items()
+    ]
+    yield from workers.as_finished(fit_table, tasks)
 
 
 def _pooled(

@@ -9,7 +9,7 @@ import signal
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from functools import lru_cache
@@ -26,6 +26,9 @@ from softness_bayes.defaults import GARBAGE
 from softness_bayes.errors import WorkersLostError
 
 Result = TypeVar("Result")
+
+Follow = Callable[[Result], tuple[Any, ...] | None]
+"""Takes a result and returns the arguments of a task that continues it, or None."""
 
 _LONGEST = 60
 """Largest length of the temporary directory's name [bytes] for which a socket's name fits into 107 bytes."""
@@ -84,6 +87,14 @@ class Sharing(Protocol):
 
     def share(self, value: Any) -> Any:
         """Return a reference to a value for the arguments of a task; the task receives the value itself."""
+
+
+def shares_files(executor: Executor | None) -> bool:
+    """Return whether the workers of an executor see the files of this process.
+
+    They do unless the executor has an attribute `shares_files` that is False.
+    """
+    return bool(getattr(executor, "shares_files", True))
 
 
 class Workers:
@@ -169,7 +180,9 @@ class Workers:
         self._pool.shutdown(wait=False, cancel_futures=True)
         self._pool = self._new_pool()
 
-    def _finished(self, work: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, Result]]:
+    def _finished(
+        self, work: Callable[..., Result], tasks: Sequence[tuple[Any, ...]], follow: Follow[Result] | None = None
+    ) -> Iterator[tuple[int, Result]]:
         """Yield index and result of every task as it finishes; tasks whose process died are repeated.
 
         At most `AHEAD` tasks are queued at the executor, because each takes some kilobytes of memory in this process.
@@ -179,13 +192,19 @@ class Workers:
             waiting, running = iter(list(left)), dict[Future[Result], int]()
             done: SimpleQueue[Future[Result]] = SimpleQueue()
             try:
-                self._begin(work, tasks, islice(waiting, AHEAD), running, done)
+                self._begin(work, left, islice(waiting, AHEAD), running, done)
                 while running:
                     future = done.get()
                     k, result = running.pop(future), future.result()
                     self._renewed = 0
-                    del left[k]
-                    self._begin(work, tasks, islice(waiting, 1), running, done)
+                    more = None if follow is None else follow(result)
+                    if more is None:
+                        del left[k]
+                        self._begin(work, left, islice(waiting, 1), running, done)
+                    else:
+                        left[k] = more
+                        self._begin(work, left, [k], running, done)
+                    del future  # and with it the result
                     yield k, result
             except BrokenExecutor:
                 self._renew()
@@ -197,7 +216,7 @@ class Workers:
     def _begin(
         self,
         work: Callable[..., Result],
-        tasks: Sequence[tuple[Any, ...]],
+        tasks: Mapping[int, tuple[Any, ...]],
         numbers: Iterable[int],
         running: dict[Future[Result], int],
         done: SimpleQueue[Future[Result]],
@@ -252,13 +271,28 @@ class Workers:
 
         return finished
 
-    def as_finished(self, work: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]) -> Iterator[Result]:
-        """Yield ``work(resident, *task)`` of every task as soon as it finishes, in any order; otherwise like `map`."""
-        if self._alone:
-            yield from (_on_one_thread(work, self._resident, task) for task in tasks)
+    def as_finished(
+        self, work: Callable[..., Result], tasks: Sequence[tuple[Any, ...]], follow: Follow[Result] | None = None
+    ) -> Iterator[Result]:
+        """Yield ``work(resident, *task)`` of every task as soon as it finishes, in any order; otherwise like `map`.
+
+        Parameters
+        ----------
+        work, tasks
+            As for `map`.
+        follow
+            Function called with each result; the task that it returns, if any, is run next.
+        """
+        if not self._alone:
+            for _, result in self._finished(work, tasks, follow):
+                yield result
             return
-        for _, result in self._finished(work, tasks):
-            yield result
+        for task in tasks:
+            more: tuple[Any, ...] | None = task
+            while more is not None:
+                result = _on_one_thread(work, self._resident, more)
+                more = None if follow is None else follow(result)
+                yield result
 
 
 _DIED = (

@@ -36,6 +36,8 @@ MANY = (100, 4000, 8000)
 
 _KEPT = 4096  # bytes of the resident object, that of all tasks
 _STARTED = 60.0  # seconds within which a scheduler and its workers must have started
+END = ("--death-timeout", 60)
+"""Options of workers that end by themselves [s] once their scheduler is gone."""
 
 
 def empty(resident: bytes, index: int) -> int:
@@ -69,7 +71,7 @@ def dask_cluster(workers: int) -> Iterator[tuple[Path, int]]:
         while not file.exists() and time.monotonic() < end:
             time.sleep(0.1)
         for _ in range(workers):
-            started("worker", "--scheduler-file", file, "--nthreads", 1, "--no-nanny", "--local-directory", home)
+            started("worker", "--scheduler-file", file, "--nthreads", 1, "--no-nanny", *END, "--local-directory", home)
         _await_workers(file, workers, end)
         yield file, scheduler
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import subprocess
 import sys
 import time
+import weakref
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 
 import numpy as np
@@ -21,7 +23,7 @@ from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulated_forces import simulate_compression
 from softness_bayes.results.versions import versions
 from softness_bayes.runs import cluster as clusters
-from softness_bayes.runs.cluster import SCHEDULER, Worker, cluster, require_workers
+from softness_bayes.runs.cluster import SCHEDULER, Worker, cluster, require_workers, strangers
 from softness_bayes.sampler import workers as pool
 from softness_bayes.sampler.workers import Workers
 from softness_bayes.touch.readings import MENDED, NAMED_READINGS
@@ -126,6 +128,45 @@ def test_a_broken_executor(at_once):
         workers.map(add, [(1,)])
 
 
+def test_a_task_that_is_continued():
+    """Alone and on an executor: each result may name the task that comes next."""
+    follow = lambda found: (found,) if found < 20 else None  # noqa: E731
+    expected = [10, 11, 17, 18, 24, 25]
+    assert sorted(Workers(7, 1).as_finished(add, [(3,), (4,)], follow)) == expected
+    with ThreadPoolExecutor(2) as executor, Workers(7, 1, executor) as workers:
+        assert sorted(workers.as_finished(add, [(3,), (4,)], follow)) == expected
+
+
+def test_finished_tasks_leave_memory(monkeypatch):
+    """The two futures of a task of a cluster do not keep each other alive until a garbage collection."""
+    inner, alive = ThreadPoolExecutor(1), weakref.WeakSet()
+
+    class Client:
+        def get_executor(self, pure):
+            return self
+
+        def submit(self, alike, versions, work, /, *task):
+            alive.add(future := inner.submit(work, *task))
+            return future
+
+    monkeypatch.setattr(clusters, "_pass_on", lambda done, found: found.set_result(done.result()))
+    gc.collect()
+    gc.disable()
+    try:
+        with inner, Workers(3, 1, Executing(Client())) as workers:
+            assert workers.map(add, [(k,) for k in range(20)]) == [3 + k for k in range(20)]
+        assert len(alive) <= 1
+    finally:
+        gc.enable()
+
+
+class Executing(clusters.Cluster):
+    """A cluster that sends no value."""
+
+    def share(self, value):
+        return value
+
+
 def test_claims_on_an_executor():
     touches = {"indentation": TOUCHES["indentation"][:2]}
     readings = {name: NAMED_READINGS[name] for name in ("mended", "hertz")}
@@ -151,19 +192,20 @@ OTHER = GOOD._replace(versions={**versions(), "version_numpy": "1.0"})
         ),
         ({"tcp://b": ModuleNotFoundError("softness_bayes")}, "b cannot run softness-bayes"),
         ({"tcp://a": GOOD._replace(threads=4)}, "a has 4 threads"),
-        ({"tcp://a": GOOD, "tcp://c": GOOD._replace(shares=False)}, "c cannot read"),
         ({SCHEDULER: Worker({}, True, 1), "tcp://a": GOOD}, "the scheduler itself has python None"),
         ({f"tcp://{k}": GOOD._replace(threads=2) for k in range(5)}, "and 2 more"),
     ],
 )
-def test_workers_that_are_refused(found, said, tmp_path):
+def test_workers_that_are_refused(found, said):
     with pytest.raises(InputError, match=said):
-        require_workers("tcp://s", found, tmp_path)
+        require_workers("tcp://s", found)
 
 
-def test_workers_that_are_not_refused(tmp_path):
-    require_workers("tcp://s", {"tcp://a": GOOD, "tcp://b": GOOD}, tmp_path)
-    require_workers("tcp://s", {"tcp://a": GOOD._replace(shares=False)})
+def test_workers_that_are_not_refused():
+    require_workers("tcp://s", {"tcp://a": GOOD, "tcp://b": GOOD})
+    apart = {"tcp://a": GOOD, "tcp://b": GOOD._replace(shares=False)}
+    require_workers("tcp://s", apart)
+    assert strangers(apart) == ["tcp://b"]
 
 
 def test_without_dask(monkeypatch):
@@ -225,6 +267,10 @@ metadata.version = lambda name: "1.0" if name == "numpy" else real(name)
 """
 
 
+HELD = [*(f"--fix={one}" for one in ("m=2", "tau_b=0.3", "tau_m=0.5", "varsigma_f=0.1")), "--priors", "wide"]
+FORCES = "participant,indentation_mm,force_n\n" + "".join(f"{who},{x},{x / 5}\n" for who in "AB" for x in (0.5, 1, 2))
+
+
 def own_disk(directory):
     """Command prefix of a process that has another disk at a directory; empty where this is not permitted."""
     prefix = ["unshare", "--mount", "sh", "-c", f'mount -t tmpfs none {directory} && exec "$@"', "sh"]
@@ -237,7 +283,7 @@ def own_disk(directory):
 
 @pytest.mark.slow
 def test_workers_that_cannot_be_used_on_the_command_line(real_cluster, tmp_path):
-    """None, one of another version, one with another disk: each is named, and nothing is left in --out."""
+    """None, one of another version: each is named, and nothing is left in --out; with another disk, files return."""
     file, worker = real_cluster
     out = tmp_path / "made" / "out"
     asked = ["calibrate", "--replicates", 1, "--dask", file, "--out"]
@@ -253,11 +299,19 @@ def test_workers_that_cannot_be_used_on_the_command_line(real_cluster, tmp_path)
     process.wait()
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
+    (tmp_path / "A.csv").write_text(FORCES)
+    (tmp_path / "B.csv").write_text(FORCES)
+    (tmp_path / "list.csv").write_text("table,compression\nA,A.csv\nB,B.csv\n")
     if prefix := own_disk(elsewhere):
         worker(prefix=prefix)
-        until(lambda: "cannot read" in call(*asked, elsewhere).stderr)
-        refused(call(*asked, elsewhere), f"cannot read {elsewhere}: the workers must share this directory")
-        assert not list(elsewhere.iterdir())
+        asked = ["study", tmp_path / "list.csv", *HELD, "--max-steps", 50, "--seed", 5]
+        until(lambda: "has no workers" not in call(*asked, "--out", elsewhere, "--dask", file).stderr)
+        done = call(*asked, "--out", elsewhere, "--dask", file)
+        assert "not all workers can read" in done.stderr
+        assert call(*asked, "--out", tmp_path / "here").returncode == done.returncode == 3
+        for name in (f"{RUNS}/A/summary.csv", f"{RUNS}/B/summary.csv"):
+            assert (elsewhere / name).read_bytes() == (tmp_path / "here" / name).read_bytes(), name
+        assert not list(elsewhere.glob(".shared-*"))
 
 
 @pytest.mark.slow
@@ -271,8 +325,7 @@ def test_a_study_whose_workers_and_client_are_killed(real_cluster, tmp_path):
         (tmp_path / f"F{k}.csv").write_text(compression_csv(made.compression))
         lines.append(f"F{k},F{k}.csv")
     (tmp_path / "list.csv").write_text("\n".join(lines) + "\n")
-    held = [f"--fix={one}" for one in ("m=2", "tau_b=0.3", "tau_m=0.5", "varsigma_f=0.1")]
-    asked = ["study", tmp_path / "list.csv", *held, "--priors", "wide", "--max-steps", 2000, "--seed", 5]
+    asked = ["study", tmp_path / "list.csv", *HELD, "--max-steps", 2000, "--seed", 5]
     there = [*asked, "--out", tmp_path / "there", "--dask", file]
     first, _ = worker(), worker()
     refused(call(*asked, "--out", tmp_path / "no", "--dask", tmp_path / "no.json"), "no such scheduler file")

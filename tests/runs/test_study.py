@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import gc
+import os
 import shutil
+import time
 import weakref
 
 import numpy as np
@@ -16,9 +18,9 @@ from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.cli.study import _end
 from softness_bayes.data.study_tables import Listed, list_tables
 from softness_bayes.errors import InputError, LockedError, NotConvergedError, NumericalError
-from softness_bayes.files.asked import write_asked
+from softness_bayes.files.asked import ASKED, write_asked
 from softness_bayes.files.lock import Lock
-from softness_bayes.files.run_files import RUNS
+from softness_bayes.files.run_files import CHECKPOINT, POSTERIOR, RUNS
 from softness_bayes.model.build import build_skin
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
@@ -26,10 +28,11 @@ from softness_bayes.model.simulated_forces import simulate_compression
 from softness_bayes.parameters.declared import PRIOR_SETS
 from softness_bayes.parameters.priors import HalfNormal, LogNormal, Uniform
 from softness_bayes.results.result import Result
-from softness_bayes.runs import study as studies
+from softness_bayes.runs import table_fit
 from softness_bayes.runs.plate import sample_skin
 from softness_bayes.runs.population import pool_results, population_of
-from softness_bayes.runs.study import CONVERGED, LOCK, MADE, REFUSED, UNCONVERGED, Study, TableOutcome, seed_of, study
+from softness_bayes.runs.study import LOCK, MADE, Study, study
+from softness_bayes.runs.table_fit import CONVERGED, REFUSED, UNCONVERGED, TableOutcome, seed_of
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.skin import STRAIN
 from support.command_line import FIXED, call, few_ratings, refused
@@ -119,7 +122,7 @@ def rows_of(start):
 
 
 def test_a_finished_study_runs_nothing_again(done, monkeypatch):
-    monkeypatch.setattr(studies, "sample_kept", None)
+    monkeypatch.setattr(table_fit, "sample_kept", None)
     again = study(TABLES, done.directory, OPTIONS, **LIMITED)
     assert again.population.equals(done.population)
 
@@ -195,12 +198,30 @@ def test_what_cannot_be_pooled(done, tmp_path):
 
 def test_status_of_a_study(done):
     said = call("status", done.directory).stdout
-    assert "of 3 runs that have begun, 3 have ended (3 converged), 0 are running" in said
+    assert "3 runs ended (3 converged), 0 running, 0 interrupted, 0 not begun\n" in said
     assert "B: it has ended and its results are written" in said
-    assert "have not begun" not in said
     write_asked(done.directory, 5)
-    assert "0 are interrupted; 2 more have not begun" in call("status", done.directory).stdout
-    write_asked(done.directory, 3)
+    try:
+        assert "0 interrupted, 2 not begun" in call("status", done.directory).stdout
+        end = time.time() - 4.0  # two of three ended since the call, within four seconds
+        os.utime(done.directory / ASKED, (end, end))
+        for name, when in (("A", end - 1.0), ("B", end + 2.0), ("C", end + 4.0)):
+            os.utime(done.directory / RUNS / name / POSTERIOR, (when, when))
+        home = done.directory / RUNS / "C" / CHECKPOINT
+        with Lock(home / LOCK):
+            assert "2 runs ended (2 converged), 1 running, 0 interrupted, 2 not begun; about 6 s to go" in (
+                call("status", done.directory).stdout
+            )
+    finally:
+        write_asked(done.directory, 3)
+
+
+def test_status_names_refused_tables(tmp_path):
+    (tmp_path / RUNS).mkdir()
+    (tmp_path / "tables.csv").write_text("table,outcome,run,said\nA,refused,,no\nB,converged,runs/B,yes\n")
+    write_asked(tmp_path, 2)
+    said = call("status", tmp_path).stdout
+    assert "0 runs ended (0 converged), 0 running, 0 interrupted, 1 not begun; 1 table was refused (A)" in said
 
 
 def test_a_study_under_way_is_not_disturbed(done):
@@ -257,7 +278,7 @@ def test_a_folder_with_a_bad_table(tmp_path):
     asked = [*FIXED, "--max-steps", 20, "--processes", 1, "--accuracy", 0.01, "--pool", "gamma"]
     found = call("study", tables, *asked, "--out", out)
     assert found.returncode == 2
-    assert "1 of 2 tables were refused (P03)" in found.stderr
+    assert "1 of 2 tables was refused (P03)" in found.stderr
     assert "P03: refused" in found.stdout
     kept = pd.read_csv(out / "tables.csv").set_index("table")
     assert kept["outcome"].to_dict() == {"P01": UNCONVERGED, "P03": REFUSED}
