@@ -87,9 +87,10 @@ class RatingModel:
     ) -> FloatArray:
         """Return `drive` at other mean rates [Hz], shape (..., k), centred over the rows of the design."""
         eps = np.asarray(parameters.eps, float)[..., None]
-        centre = (np.log(mean_rate + eps) @ design.weight)[..., None]
+        logs = np.log(mean_rate + eps)
+        centre = (logs @ design.weight)[..., None]
         gamma = np.asarray(parameters.gamma, float)[..., None]
-        return self.direction.sign * gamma * (np.log(elsewhere + eps) - centre)
+        return self.direction.sign * gamma * ((logs if elsewhere is mean_rate else np.log(elsewhere + eps)) - centre)
 
     def draw_effects(
         self,

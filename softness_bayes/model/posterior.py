@@ -98,9 +98,8 @@ class Density:
 
     def parameters_of(self, term: Likelihood, theta: FloatArray) -> Parameters:
         """Return the parameters of a term's model at points theta, in SI: numbers if fixed, arrays (...) if sampled."""
-        values = self.space.values(theta)
-        known = (name for name in term.model.needs if name in values)
-        return term.model.take({name: values[name] * EVERY_PARAMETER[name].si for name in known})
+        known = [name for name in term.model.needs if self.space.knows(name)]
+        return term.model.take({name: self.space.value(name, theta) * EVERY_PARAMETER[name].si for name in known})
 
     def data_density(self, theta: FloatArray) -> FloatArray:
         """Log density of the data at points theta, without checks."""

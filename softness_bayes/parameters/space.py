@@ -186,8 +186,11 @@ class ParameterSpace:
 
     def values(self, theta: FloatArray) -> dict[str, FloatArray | float]:
         """Return all parameters by name in natural units: sampled ones of shape (...), fixed ones as floats."""
-        known = self.held.keys() | self._place.keys()
-        return {name: self.value(name, theta) for name in EVERY_PARAMETER if name in known}
+        return {name: self.value(name, theta) for name in EVERY_PARAMETER if self.knows(name)}
+
+    def knows(self, name: str) -> bool:
+        """Return True for the name of a parameter that is sampled or fixed here."""
+        return name in self._place or name in self.held
 
     def value(self, name: str, theta: FloatArray) -> FloatArray | float:
         """Return one parameter in natural units: a sampled one of shape (...), a fixed one as a float."""

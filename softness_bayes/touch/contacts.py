@@ -16,7 +16,7 @@ from softness_bayes.touch.contact import (
     log_compliance_ratio,
     reduced_modulus,
 )
-from softness_bayes.touch.skin import SkinDisplacement, skin_modulus
+from softness_bayes.touch.skin import SkinDisplacement, skin_modulus, stiffened
 from softness_bayes.touch.skin_start import USEFUL, SkinBox, SkinStart
 
 Array = NDArray[np.float64]
@@ -59,7 +59,9 @@ class Contacts:
         start = None if skin_box is None else SkinStart(skin_box, self._log_scale, self._skin_power, self.log_k)
         self._start = start if start is not None and start.error <= USEFUL else None
 
-    def moduli(self, b: Array, m: Array, fabric_modulus: Array | None, finger: Fingertip) -> tuple[Array, Array]:
+    def moduli(
+        self, b: Array, m: Array, fabric_modulus: Array | None, finger: Fingertip, tolerance: float = 0.0
+    ) -> tuple[Array, Array]:
         """Return E_skin and E_star [Pa], shape (batch, conditions).
 
         Parameters
@@ -70,16 +72,31 @@ class Contacts:
             E_fab [Pa] that replaces the conditions' moduli, shape (batch, conditions), or None.
         finger
             The default finger, or one for each row.
+        tolerance
+            Relative error allowed in E_skin.
         """
-        log_scale, log_k, modulus, start = self._log_scale, self.log_k, self.modulus, None
+        if fabric_modulus is None and finger is self.finger and self._start is not None:
+            skin = self._from_start(self._start, b, m, tolerance)
+            return skin, reduced_modulus(skin, self.modulus, self.poisson, self.finger)
+        log_scale, log_k, modulus = self._log_scale, self.log_k, self.modulus
         if finger is not self.finger:
             log_scale = self._closing.log_scales(finger, self.displacement)
         if fabric_modulus is not None:
             modulus, log_k = fabric_modulus, log_k - np.log(fabric_modulus / self.modulus)
-        elif finger is self.finger and self._start is not None:
-            start = self._start(b, m)
-        skin = skin_modulus(log_scale, self._skin_power, log_k, b[:, None], m[:, None], start)
+        skin = skin_modulus(log_scale, self._skin_power, log_k, b[:, None], m[:, None])
         return skin, reduced_modulus(skin, modulus, self.poisson, self.finger)
+
+    def _from_start(self, start: SkinStart, b: Array, m: Array, tolerance: float) -> Array:
+        """Return E_skin [Pa]; the equation is solved only at points where the start is not accurate enough."""
+        w, error = start(b, m)
+        rough = error > tolerance
+        if rough.all():
+            return skin_modulus(self._log_scale, self._skin_power, self.log_k, b[:, None], m[:, None], w)
+        skin = stiffened(b[:, None], w)
+        if rough.any():
+            some = b[rough, None], m[rough, None], w[rough]
+            skin[rough] = skin_modulus(self._log_scale, self._skin_power, self.log_k, *some)
+        return skin
 
     def radius(self, reduced: Array, finger: Fingertip) -> Array:
         """Return contact radii [m] for E_star [Pa] of shape (batch, conditions)."""

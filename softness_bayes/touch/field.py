@@ -226,9 +226,10 @@ class SeveralFields:
         self.powers = powers and all(_keeps_digits_in_powers(field) for field in fields)
         series = [in_powers_of(field.table[:, 1:]) if self.powers else field.table[:, 1:] for field in fields]
         # transposed: a matrix product with the polynomials gives rows
-        # transposed: a matrix product with the polynomials gives rows
         self.series = [np.ascontiguousarray(part.T) for part in series]
-        conditions = sum(where.size for where in columns)
+        self.by_load = np.concatenate(columns)
+        self.ends = np.cumsum([0, *(where.size for where in columns)])
+        conditions = self.by_load.size
         self.terms = max(field.table.shape[0] for field in fields)
         self.order = max(field.table.shape[1] for field in fields) - 1
         self.shift, self.rise, self.fall, self.y_least = np.empty((4, conditions))
@@ -274,8 +275,8 @@ class FieldsAt:
         x *= several.rise
         x -= several.fall
         self._beyond = np.abs(x) > 1 + 1e-12
-        self._basis = chebyshev_values(np.minimum(np.maximum(x, -1.0), 1.0), several.terms)
-        unit = np.einsum("kbn,kn->bn", self._basis[: len(several.of_peak)], several.of_peak)
+        self._x = np.minimum(np.maximum(x, -1.0), 1.0)
+        unit = np.einsum("kbn,kn->bn", chebyshev_values(self._x, len(several.of_peak)), several.of_peak)
         if self._beyond.any():
             for field, where in zip(several.fields, several.columns, strict=True):
                 if (outside := self._beyond[:, where]).any():
@@ -293,11 +294,13 @@ class FieldsAt:
 
     def among(self, mask: NDArray[np.bool_]) -> tuple[NDArray[np.intp], Profile]:
         """Return indices into the flattened batch of the elements of a mask, load by load, and their profile."""
-        several, conditions = self._of, self.peak.shape[1]
-        parts = [np.nonzero(mask[:, where]) for where in several.columns]
-        lanes = [row * conditions + where[column] for (row, column), where in zip(parts, several.columns, strict=True)]
-        at, ends = np.concatenate(lanes), np.cumsum([0, *(part.size for part in lanes)])
-        basis = self._basis.reshape(several.terms, -1).take(at, axis=1)
+        several, (batch, conditions) = self._of, self.peak.shape
+        found = np.flatnonzero(mask.T.take(several.by_load, axis=0))
+        ends = found.searchsorted(batch * several.ends)
+        place, vector = np.divmod(found, batch)
+        condition = several.by_load.take(place)
+        at = vector * conditions + condition
+        basis = chebyshev_values(self._x.take(at), several.terms)
         shape, modulus, beyond = np.empty((several.order, at.size)), self._modulus.take(at), self._beyond.take(at)
         for field, series, (start, stop) in zip(several.fields, several.series, pairwise(ends.tolist()), strict=True):
             order, terms = series.shape
@@ -307,7 +310,7 @@ class FieldsAt:
                 exact = field.exact_rows(modulus[start:stop][outside])[:, 1 : order + 1]
                 shape[:order, start:stop][:, outside] = (in_powers_of(exact) if several.powers else exact).T
         shape *= several.fields[0].size(modulus, self._radius.take(at))
-        return at, Profile(self.peak.take(at), shape, several.y_least.take(at % conditions), several.powers)
+        return at, Profile(self.peak.take(at), shape, several.y_least.take(condition), several.powers)
 
 
 def _keeps_digits_in_powers(field: StressField) -> bool:

@@ -140,20 +140,24 @@ class Population:
         gain in u falls like exp(-u), up to terms of exp(-2 u). The last node also represents that gain and lies at
         the combined mean position, so that the error there is of second order.
         """
-        limit = self.saturation
-        shared = self._steps_to(onset, np.full_like(onset.beta, np.sqrt(limit)))
+        limit, vectors = self.saturation, onset.stress.size
+        near = np.flatnonzero(reach <= limit)
+        # nodes are made for each vector, then for each condition whose peak is below saturation
+        column = vector.copy()
+        column[near] = np.arange(vectors, vectors + near.size)
+        made_for = np.concatenate([np.arange(vectors), vector.take(near)])
+        tops = np.sqrt(np.concatenate([np.full(vectors, limit), reach.take(near)]))
+        root, gain = (part.take(column, axis=1) for part in self._steps_to(onset.take(made_for), tops))
         # total gain beyond saturation, relative to the gain at the last node
         rest = (1.0 + onset.odds * np.exp(-limit)) / (2.0 * limit * self.weight[-1])
-        root, gain = (part.take(vector, axis=1) for part in shared)
         beyond = np.maximum(reach - limit, 1e-300)
         share = -np.expm1(-beyond)
         more = rest.take(vector) * share
         gain[-1] *= 1.0 + more
         mean = 1.0 - beyond * (1.0 - share) / share
+        # below saturation this lies beyond the peak, like all stresses there
         stress = onset.stress.take(vector) + (limit + mean * more / (1.0 + more)) / onset.beta.take(vector)
         root[-1] = self._root(stress)
-        near = np.flatnonzero(reach <= limit)
-        root[:, near], gain[:, near] = self._steps_to(onset.take(vector[near]), np.sqrt(reach[near]))
         return _Steps(root, gain)
 
     def _steps_to(self, onset: _Onset, top: Array) -> _Steps:

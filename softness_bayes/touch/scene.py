@@ -40,6 +40,9 @@ from softness_bayes.touch.skin_start import SkinBox
 
 Array = NDArray[np.float64]
 
+SKIN_SHARE = 0.1
+"""Relative error allowed in the skin's modulus, as a share of the stress fields' tolerance."""
+
 _KEPT = (
     "loads",
     "firing",
@@ -154,7 +157,7 @@ class Scene:
         """
         if self.finger_box is not None:
             return fingertips(self.finger, parameters.radius, parameters.receptor_depth)
-        if np.any(parameters.radius) or np.any(parameters.receptor_depth):
+        if np.count_nonzero(parameters.radius) or np.count_nonzero(parameters.receptor_depth):
             raise InputError("scene: a radius or a receptor_depth is given, but the scene has one finger and no box")
         return self.finger
 
@@ -210,7 +213,8 @@ class Scene:
     def _total_rate(self, parameters: TouchParameters, modulus: Array | None) -> Array:
         """Return the total rates of one chunk; only the required parts of contact and fields are computed."""
         finger, own = self.fingertip(parameters), None if modulus is None else modulus[:, self.fabric]
-        _, reduced = self._contacts.moduli(parameters.b, parameters.m, own, finger)
+        allowed = SKIN_SHARE * self.discretisation.field_tolerance
+        _, reduced = self._contacts.moduli(parameters.b, parameters.m, own, finger, allowed)
         fields = self._side_by_side.at(reduced, self._contacts.radius(reduced, finger), finger)
         return self.population.sums(fields, self._drive(parameters)).rate
 

@@ -61,7 +61,12 @@ def skin_modulus(
     b, m = np.asarray(b, float), np.asarray(m, float)
     if not ((b > 0) & np.isfinite(b)).all() or not ((m >= 0) & np.isfinite(m)).all():
         raise InputError("skin: expected finite b > 0 and m >= 0")
-    return b * np.exp(np.minimum(np.exp(log_stiffening(log_scale, p, log_k, b, m, start)), 600.0))
+    return stiffened(b, log_stiffening(log_scale, p, log_k, b, m, start))
+
+
+def stiffened(b: Array, w: Array) -> Array:
+    """Return the skin's modulus b e^v [Pa] at rest b [Pa] and w = ln v; the exponent stays in the range of numbers."""
+    return b * np.exp(np.minimum(np.exp(w), 600.0))
 
 
 def log_stiffening(

@@ -1,8 +1,8 @@
 """Initial value of the search for the skin's modulus: a polynomial in the skin's parameters (model.md 2).
 
 For given fabrics and loads, w of `log_stiffening` is a smooth function of ln b and ln m. Over the range of a prior, a
-polynomial for each condition approximates it so well that the search takes one step instead of three. The root is
-the same, so an error of the polynomial affects only the run time.
+polynomial for each condition approximates it so well that the search takes one step instead of three, or none where
+the error of the polynomial itself is small enough.
 """
 
 from __future__ import annotations
@@ -47,7 +47,8 @@ class SkinStart:
     Attributes
     ----------
     error
-        Largest error of w within the box, multiplied by e^w where that is above 1.
+        Largest error of w within the box, multiplied by e^w where that is above 1: also a bound on the relative error
+        of the skin's modulus.
     """
 
     def __init__(self, box: SkinBox, log_scale: Array, p: Array, log_k: Array) -> None:
@@ -66,13 +67,24 @@ class SkinStart:
             if self.error <= ONE_STEP:
                 break
 
-    def __call__(self, b: Array, m: Array) -> Array:
-        """Return the initial w of the search, shape (batch, conditions), for parameters of shape (batch,)."""
+    def __call__(self, b: Array, m: Array) -> tuple[Array, Array]:
+        """Return the initial w of the search, and its largest error at each point.
+
+        Parameters
+        ----------
+        b, m
+            As for `log_stiffening`, shape (batch,).
+
+        Returns
+        -------
+        w, error
+            Shapes (batch, conditions) and (batch,); the error is `error` inside the box, and infinite outside.
+        """
         # m may be 0
         x = (np.log([b, np.maximum(m, 1e-300)]) - self._middle) / self._half
-        beyond = np.abs(x) > 1.0
+        beyond = ~(np.abs(x) <= 1.0)  # NaN is outside
         w = self._terms.basis(np.minimum(np.maximum(x, -1.0), 1.0)) @ self._coefficients
-        if beyond.any():
-            outside = beyond.any(axis=0)
+        outside = beyond.any(axis=0)
+        if outside.any():
             w[outside] = upper_bound(*self._of, b[outside, None], m[outside, None])
-        return w
+        return w, np.where(outside, np.inf, self.error)

@@ -6,7 +6,7 @@ import pytest
 from softness_bayes.model.scenes import skin_of_priors
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.touch.contact import Finger, Force, Indentation, log_compliance_ratio
-from softness_bayes.touch.scene import Discretisation, Scene
+from softness_bayes.touch.scene import SKIN_SHARE, Discretisation, Scene
 from softness_bayes.touch.skin import DISPLACEMENT, ONE_STEP, STRAIN, log_stiffening, skin_modulus
 from softness_bayes.touch.skin_start import USEFUL, SkinBox, SkinStart
 
@@ -37,9 +37,10 @@ def test_one_step_suffices_over_the_default_priors(loads, rng):
     of = conditions(loads)
     b, m = within(PRIORS, rng, 400)
     exact = log_stiffening(*of, b[:, None], m[:, None])
-    error = np.abs(SkinStart(PRIORS, *of)(b, m) - exact) * np.maximum(np.exp(exact), 1.0)
+    start, stated = SkinStart(PRIORS, *of)(b, m)
+    error = np.abs(start - exact) * np.maximum(np.exp(exact), 1.0)
     # the draws lie between the points that the polynomials were fitted at
-    assert error.max() <= 2.0 * ONE_STEP
+    assert error.max() <= 2.0 * stated.max() <= 2.0 * ONE_STEP
 
 
 @pytest.mark.parametrize("displacement", [STRAIN, DISPLACEMENT], ids=str)
@@ -49,7 +50,10 @@ def test_the_modulus_does_not_depend_on_the_start(displacement, share, rng):
     of = conditions(LOADS["both"], displacement)
     b, m = within(box, rng, 60, share)
     m[0] = 0.0
-    start = SkinStart(box, *of)(b, m)
+    start, error = SkinStart(box, *of)(b, m)
+    assert not np.isfinite(error[0])  # m = 0 lies outside
+    assert np.isfinite(error).any()
+    assert np.isfinite(error[1:]).all() == (share == 1.0)
     b, m = b[:, None], m[:, None]
     np.testing.assert_allclose(skin_modulus(*of, b, m, start), skin_modulus(*of, b, m), rtol=1e-13)
 
@@ -58,7 +62,7 @@ def test_too_wide_a_box_costs_steps_and_no_digits(rng):
     box, of = SkinBox((1.0, 1e9), (1e-3, 1e3)), conditions(LOADS["both"])
     b, m = within(box, rng, 100)
     made, exact = SkinStart(box, *of), log_stiffening(*of, b[:, None], m[:, None])
-    start = made(b, m)
+    start, _ = made(b, m)
     assert made.error > USEFUL
     assert np.abs(start - exact).max() > 1e3 * ONE_STEP
     np.testing.assert_allclose(log_stiffening(*of, b[:, None], m[:, None], start), exact, rtol=1e-12, atol=1e-12)
@@ -66,7 +70,7 @@ def test_too_wide_a_box_costs_steps_and_no_digits(rng):
 
 def test_scenes_with_and_without_a_box_answer_alike(smooth_firing, paper, rng):
     with_box, without = (
-        Scene(FABRICS, 0.3, LOADS["both"], smooth_firing(), discretisation=Discretisation(8, 6.0, 1e-3), skin_box=box)
+        Scene(FABRICS, 0.3, LOADS["both"], smooth_firing(), discretisation=Discretisation(8, 6.0, 1e-5), skin_box=box)
         for box in (PRIORS, None)
     )
     parameters = paper(b=1e5 * np.exp(0.8 * rng.normal(size=40)), m=2.0 * np.exp(0.5 * rng.normal(size=40)))
@@ -75,6 +79,33 @@ def test_scenes_with_and_without_a_box_answer_alike(smooth_firing, paper, rng):
     np.testing.assert_allclose(with_box.total_rate(parameters), wanted, rtol=1e-10, atol=1e-10 * wanted.max())
     part, few = with_box.take([3, 11]), without.take([3, 11])
     np.testing.assert_allclose(part.contact(parameters).skin_modulus, few.contact(parameters).skin_modulus, rtol=1e-13)
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-4])
+def test_coarse_scenes_take_the_polynomial_itself_within_their_tolerance(tolerance, smooth_firing, paper, rng):
+    coarse, fine = (Scene(FABRICS, 0.3, LOADS["depth"], smooth_firing(), skin_box=box) for box in (PRIORS, None))
+    b, m = within(PRIORS, rng, 40)
+    moduli = [
+        scene._contacts.moduli(b, m, None, scene.finger, allowed)[0]
+        for scene, allowed in ((coarse, SKIN_SHARE * tolerance), (coarse, 0.0), (fine, 0.0))
+    ]
+    exact = moduli[2]
+    # as above, the error is stated at other points
+    np.testing.assert_allclose(moduli[0], exact, rtol=2.0 * SKIN_SHARE * tolerance)
+    assert np.abs(moduli[0] / exact - 1.0).max() > 1e-10  # no step of the search was taken
+    np.testing.assert_allclose(moduli[1], exact, rtol=1e-13)
+
+
+def test_a_point_does_not_depend_on_others_outside_of_the_box(smooth_firing, rng):
+    scene = Scene(FABRICS, 0.3, LOADS["both"], smooth_firing(), skin_box=PRIORS)
+    b, m = within(PRIORS, rng, 10)
+    alone = scene._contacts.moduli(b, m, None, scene.finger, 1e-4)[0]
+    b, m = np.append(b, 10.0 * PRIORS.b[1]), np.append(m, 0.0)
+    beside = scene._contacts.moduli(b, m, None, scene.finger, 1e-4)[0]
+    np.testing.assert_allclose(beside[:-1], alone, rtol=1e-14)
+    exact = scene._contacts.moduli(b, m, None, scene.finger)[0]
+    np.testing.assert_allclose(beside[-1], exact[-1], rtol=1e-13)
+    assert np.abs(beside[:-1] / exact[:-1] - 1.0).max() > 1e-10  # negative control: the others are not solved
 
 
 def test_the_box_is_that_of_the_priors():

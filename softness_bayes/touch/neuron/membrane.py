@@ -233,7 +233,7 @@ def lanes(channels: Channels, **others: ArrayLike) -> tuple[tuple[int, ...], lis
 
 def rows_of(values: Sequence[ArrayLike]) -> tuple[tuple[int, ...], FloatArray]:
     """Broadcast arrays; return their common shape, and each as a row of one table, shape (len(values), size)."""
-    shape = np.broadcast_shapes(*(np.shape(value) for value in values))
+    shape = np.broadcast(*values).shape
     table = np.empty((len(values), *shape))
     for k, value in enumerate(values):
         table[k] = value

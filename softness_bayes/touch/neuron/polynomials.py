@@ -20,10 +20,14 @@ def chebyshev_values(x: Array, order: int) -> Array:
     """Return T_k(x), k < order, along a new first axis."""
     basis = np.empty((order, *x.shape))
     basis[0], basis[1:2] = 1.0, x
-    twice = 2.0 * x
-    for k in range(2, order):
-        np.multiply(twice, basis[k - 1], out=basis[k])
-        basis[k] -= basis[k - 2]
+    last = 1
+    while last < order - 1:
+        # all T_{last+k} = 2 T_last T_k - T_{last-k}, k <= last, together: few calls, each with much to do
+        more = min(last, order - 1 - last)
+        new = basis[last + 1 : last + 1 + more]
+        np.multiply(2.0 * basis[last], basis[1 : more + 1], out=new)
+        new -= basis[last - more : last][::-1]
+        last += more
     return basis
 
 
@@ -82,7 +86,7 @@ class TotalDegree:
 
     def basis(self, x: Array) -> Array:
         """Return the values of all products at points of shape (variables, n), shape (n, terms)."""
-        return np.ascontiguousarray(products(chebyshev_values(x, self.degree + 1), self.exponents).T)
+        return products(chebyshev_values(x, self.degree + 1), self.exponents).T
 
 
 def products(values: Array, exponents: NDArray[np.intp]) -> Array:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.neuron.firing import CurveError, RateCurve, exact_curve, exact_curves
-from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, Channels, Driven, Membrane, lanes
+from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, Channels, Driven, Membrane, lanes, rows_of
 from softness_bayes.touch.neuron.polynomials import TotalDegree, chebyshev_values, products
 from softness_bayes.touch.neuron.surface_design import DESIGNS, NO_SURFACE, SurfaceInputs
 
@@ -210,7 +210,10 @@ class FiringSurface:
             If a multiplier is not finite or lies outside the box.
         """
         shape, multipliers = lanes(channels)
-        flat = np.array(multipliers)
+        return self._curve(shape, np.array(multipliers))
+
+    def _curve(self, shape: tuple[int, ...], flat: FloatArray) -> RateCurve:
+        """Return the curves of multipliers (4, n), of a batch shape of n elements."""
         place = self.design.place(flat)
         self._require_inside(flat, place)
         values = self._summed(place)
@@ -234,14 +237,14 @@ class FiringSurface:
                 f"alpha = {alpha.max():.6g} µA/cm² lies beyond the {self.max_current:g} that the firing-rate "
                 "surface covers; fix the channel multipliers for larger currents"
             )
-        return self.curve(Channels(*(getattr(parameters, name) for name in Channels._fields)))
+        return self._curve(*rows_of([getattr(parameters, name) for name in Channels._fields]))
 
     def exact(self) -> ExactRates:
         """Return the source of the exact curves that the surface approximates."""
         return ExactRates(self.design.membrane, self)
 
     def _require_inside(self, channels: FloatArray, place: FloatArray) -> None:
-        outside = np.abs(place) > 1.0 + _AT_THE_EDGE
+        outside = ~(np.abs(place) <= 1.0 + _AT_THE_EDGE)  # NaN is outside
         if outside.any():
             width, said = self.design.half_width, []
             for axis in np.flatnonzero(outside.any(axis=1)):
