@@ -59,6 +59,8 @@ PROGRAMS = {
     "tools.benchmark_firing",
     "tools.benchmark_loads",
     "tools.benchmark_moves",
+    "tools.benchmark_samplers",
+    "tools.benchmark_versions",
     "tools.coverage_page",
     "tools.curve_build",
     "tools.doc_tables",

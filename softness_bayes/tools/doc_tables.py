@@ -59,6 +59,13 @@ def many_parameters(results: Path) -> str:
     return table([*head, "processor time [s]"], (list(row.values()) for row in _rows(results / "many_parameters.csv")))
 
 
+def versions(results: Path) -> str:
+    """Return the speed of the likelihood beside an earlier version's, from ``tools.benchmark_versions``."""
+    head = ["channels", "accuracy", "likelihood, old [µs]", "new [µs]", "ratio", "forward model's ratio"]
+    head += ["its time over the bare operations", "likelihood over forward model"]
+    return table(head, (list(row.values()) for row in _rows(results / "versions.csv")))
+
+
 def hard_cases(results: Path) -> str:
     """Return the largest errors of the hard cases, as written by the program in the tests folder."""
     rows = _rows(results / "hard_cases.csv")
@@ -171,6 +178,7 @@ TABLES: Mapping[tuple[str, str], Callable[[Path], str]] = {
     ("claims.md", "claims"): claims,
     ("benchmarks.md", "bench"): bench,
     ("benchmarks.md", "moves"): moves,
+    ("benchmarks.md", "versions"): versions,
     ("benchmarks.md", "many-parameters"): many_parameters,
     ("benchmarks.md", "autocorrelation"): autocorrelation,
     ("benchmarks.md", "loads"): loads,
