@@ -11,7 +11,7 @@ from softness_bayes.cli.options.values import whole
 from softness_bayes.cli.running import executor_of, reading
 from softness_bayes.defaults import LEFT_OUT
 from softness_bayes.ranges import STEPS
-from softness_bayes.readable import percent
+from softness_bayes.readable import chance
 
 COMPARE, COMPARISON = "compare", "compare.csv"
 
@@ -83,7 +83,7 @@ def command(
         click.echo(f"{label}: {model or 'the same model'}")
     for warning in found.warnings:
         click.echo(f"warning: {warning}")
-    shares = ", ".join(f"{load} {percent(share)}" for load, share in found.interior.items())
+    shares = ", ".join(f"{load} {chance(share)}" for load, share in found.interior.items())
     click.echo(f"probability of an interior maximum, averaged over the runs with their weights: {shares}")
     click.echo(f"written to {path}")
     click.echo(found.sentence)

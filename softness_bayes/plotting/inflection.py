@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from softness_bayes.plotting.panels import MODULUS_LABEL, WIDE, Array, check_loads, number_ticks, short, title
 from softness_bayes.plotting.style import USUAL, Style
-from softness_bayes.readable import percent
+from softness_bayes.readable import chance
 from softness_bayes.touch.contact import Load
 from softness_bayes.touch.load_groups import LoadGroup
 
@@ -126,7 +126,7 @@ def draw_margin(margin: Axes, inflection: Inflection, index: int, style: Style, 
     margin.set_ylim(0.0, 1.05 * np.max(heights) or 1.0)
     outcome = inflection.outcome[:, index]
     interior, silent = (float(np.mean(outcome == kind)) for kind in (CurveShape.INTERIOR, CurveShape.SILENT))
-    said = f"turning point {percent(interior)}" + (f"\nsilent {percent(silent)}" if silent else "")
+    said = f"turning point {chance(interior)}" + (f"\nsilent {chance(silent)}" if silent else "")
     # on the side away from the density
     known = inflection.modulus[np.isfinite(inflection.modulus[:, index]), index] / 1e3
     low, high = margin.get_xlim()
@@ -150,7 +150,7 @@ def _draw_density(axes: Axes, edges: Array, inflection: Inflection, index: int, 
         (dot,) = axes.plot([middle], [0], "o", markersize=4, transform=foot, gid=f"median/{gid}")
         for artist in (bar, dot):
             artist.set(color=colour, clip_on=False, zorder=3)
-        within = percent(float(np.mean(inflection.inside[:, index])))
+        within = chance(float(np.mean(inflection.inside[:, index])))
         wide = style.page >= WIDE
         words = f"{short(middle)} kPa (95 %: {short(low)} to {short(high)})\n{within} within{' ' if wide else chr(10)}"
         place = axes.text(0.99, 0.95 if wide else 0.8, f"{words}the fabrics' range", transform=axes.transAxes)
@@ -169,7 +169,7 @@ def _draw_outcomes(axes: Axes, inflection: Inflection, index: int, style: Style,
     for place, (name, (share, colour)) in enumerate(bars.items()):
         bar = axes.barh(-place, 100 * share, height=0.7, color=style.tint(colour, 0.6))[0]
         bar.set_gid(f"{name}/{gid}")
-        axes.text(100 * share + 2, -place, percent(share), va="center", fontsize=style.small)
+        axes.text(100 * share + 2, -place, chance(float(share)), va="center", fontsize=style.small)
     axes.set_yticks([-place for place in range(len(bars))], list(bars))
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_position(("data", 0.0))

@@ -17,8 +17,8 @@ from softness_bayes.checking.inflection import Inflection, find_inflection
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import RATING_SCALES, Scale
 from softness_bayes.plotting.chains import MOST_STEPS
-from softness_bayes.plotting.inflection import percent
 from softness_bayes.plotting.panels import number_ticks
+from softness_bayes.readable import chance
 from softness_bayes.touch.contact import Load
 from support.figures import FABRICS, FINGER_RADIUS, LOADS, artist, drawn, finished_run, invented_curves, outline
 
@@ -42,7 +42,7 @@ def test_response_shows_the_quantiles_of_every_load(loads: tuple[Load, ...], dra
             assert_allclose(outline(artist(figure, f"band{level}/{load}")), np.quantile(rate, limits, axis=0))
         assert_allclose(artist(figure, f"fabrics/{load}").get_xdata(), FABRICS / 1e3)
         share = np.mean(inflection.outcome[:, index] == 1)
-        assert artist(figure, f"probability/{load}").get_text().startswith(f"turning point {percent(share)}")
+        assert artist(figure, f"probability/{load}").get_text().startswith(f"turning point {chance(share)}")
         # the strip spans the part of the grid with a/R > 0.5
         beyond = curves.modulus[np.median(curves.radius[:, index], axis=0) > 0.5 * FINGER_RADIUS]
         strip = artist(figure, f"hertz/{load}").get_paths()[0].vertices[:, 0]
@@ -91,7 +91,7 @@ def test_silence_is_drawn_without_an_inflection(loads: tuple[Load, ...]) -> None
         assert artist(figure, f"silent/{load}").get_width() == 100
         assert artist(figure, f"interior/{load}").get_width() == 0
         assert not artist(figure, f"density/{load}").get_data().values.any()
-        assert artist(response, f"probability/{load}").get_text() == "turning point 0 %\nsilent 100 %"
+        assert artist(response, f"probability/{load}").get_text() == "turning point <1 %\nsilent >99 %"
     assert not figure.findobj(lambda each: str(each.get_gid()).startswith(("median", "interval")))
 
 
