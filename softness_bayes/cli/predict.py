@@ -147,13 +147,14 @@ def _of_run(
     InputError
         If there is no run, or it had no ratings, or a value cannot be set.
     """
+    import numpy as np
     import pandas as pd
 
     from softness_bayes.model.prediction import drawn_parameters, prediction_table
     from softness_bayes.model.reach import COARSE, reach_note
     from softness_bayes.model.scenes import scene_of
     from softness_bayes.parameters.declared import SHAPE_PARAMETERS
-    from softness_bayes.results.fitted import drawn_values
+    from softness_bayes.results.fitted import drawn_moduli, drawn_values, moduli_of
     from softness_bayes.results.rating_table import rating_columns
     from softness_bayes.touch.parameters import TouchParameters
 
@@ -165,13 +166,15 @@ def _of_run(
             raise KeyError(lacking[0])  # `reading` names the file
         parameters = drawn_parameters(named)
         readings, finger = result.readings, result.finger
-        compiled = partial(scene_of, fabrics, loads, named, readings, noise=noise, finger=finger)
-        scene = _accurate(compiled, named, parameters, accuracy)
+        moduli = moduli_of(result, fabrics)
+        compiled = partial(scene_of, fabrics, values=named, readings=readings, noise=noise, finger=finger)
+        scene = _accurate(partial(compiled, loads=loads, moduli=moduli), named, parameters, accuracy)
         ratings = rating_columns(result, fabrics, scene, ANSWER_DRAWS, raters, seed, values)
-        table = pd.concat([prediction_table(fabrics, scene, parameters), ratings], axis=1)
+        own = drawn_moduli(result, named, fabrics, np.random.default_rng(seed))  # the draws of `rating_columns`
+        table = pd.concat([prediction_table(fabrics, scene, parameters, modulus=own), ratings], axis=1)
 
         def under(pressed: Sequence[Load]) -> Scene:
-            return scene_of(fabrics, tuple(pressed), named, readings, discretisation=COARSE, noise=noise, finger=finger)
+            return compiled(loads=tuple(pressed), discretisation=COARSE, moduli=moduli)
 
         few = type(parameters)(*(value[:: max(1, ANSWER_DRAWS // REACHED)] for value in parameters))
         return table, scene, parameters, reach_note(under, loads, few, {})

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.kinds import numbers, require_kind, require_mapping
-from softness_bayes.results.read_back import moduli_at
 from softness_bayes.results.stored import Stored
 from softness_bayes.touch.contact import Load, require_loads
 
@@ -36,7 +35,8 @@ class Answers:
         Parameters
         ----------
         fabrics
-            Fabrics that are touched; by default those of the data. Uncertain moduli are taken from the posterior.
+            Fabrics that are touched; by default those of the data. Uncertain moduli of rated fabrics are taken from the
+            posterior, those of others from their laws.
         loads
             Loads; by default those of the data.
         draws
@@ -61,11 +61,12 @@ class Answers:
         InputError
             If the run had no ratings, which determine the receptors' parameters, or a value cannot be set.
         """
+        import numpy as np
         import pandas as pd
 
         from softness_bayes.model.prediction import drawn_parameters, prediction_table
         from softness_bayes.model.scenes import scene_of
-        from softness_bayes.results.fitted import drawn_values
+        from softness_bayes.results.fitted import drawn_moduli, drawn_values, moduli_of
         from softness_bayes.results.rating_table import rating_columns
 
         if values is not None:
@@ -73,10 +74,10 @@ class Answers:
         _require_fabrics(fabrics)
         pressed = self.loads if loads is None else require_loads("loads", loads)
         named = drawn_values(self, draws, values)
-        own = moduli_at(named, self.fabrics) if fabrics is None else None
         fabrics = self.fabrics if fabrics is None else fabrics
-        noise = self.provenance.rating_model.noise
-        scene = scene_of(fabrics, pressed, named, self.readings, noise=noise, finger=self.finger)
+        noise, moduli = self.provenance.rating_model.noise, moduli_of(self, fabrics)
+        scene = scene_of(fabrics, pressed, named, self.readings, noise=noise, finger=self.finger, moduli=moduli)
+        own = drawn_moduli(self, named, fabrics, np.random.default_rng(seed))  # the draws of `rating_columns`
         touched = prediction_table(fabrics, scene, drawn_parameters(named), modulus=own)
         return pd.concat([touched, rating_columns(self, fabrics, scene, draws, raters, seed, values)], axis=1)
 

@@ -16,8 +16,8 @@ from softness_bayes.model.posterior import Posterior
 from softness_bayes.model.scenes import scene_of
 from softness_bayes.parameters.choice import require_values
 from softness_bayes.parameters.declared import EVERY_PARAMETER
-from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS, KPA
-from softness_bayes.results.from_result import experiment_of, options_of
+from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS, KPA, FabricModuli
+from softness_bayes.results.from_result import experiment_of, options_of, unknown_of
 from softness_bayes.results.stored import Stored
 from softness_bayes.touch.contact import Load
 from softness_bayes.touch.parameters import TouchParameters
@@ -58,6 +58,41 @@ def drawn_values(result: Stored, draws: int, values: Mapping[str, float] | None 
     return named | {name: np.full_like(named[name], values.get(name, np.median(named[name]))) for name in sampled}
 
 
+def moduli_of(result: Stored, fabrics: Fabrics) -> FabricModuli:
+    """Return the moduli of some fabrics, unknown ones with the law that the run has for them."""
+    return fabric_moduli(fabrics, result.readings.fabric_modulus, unknown=unknown_of(result))
+
+
+def drawn_moduli(
+    result: Stored, named: Mapping[str, Array], fabrics: Fabrics, rng: np.random.Generator
+) -> Array | None:
+    """Return E_fab [Pa] of each fabric at each draw of `drawn_values`, (draws, fabrics); None if all are known exactly.
+
+    Moduli of rated fabrics come from the posterior; those of other, uncertain fabrics are drawn from their laws.
+    """
+    moduli, size = moduli_of(result, fabrics), max(np.size(values) for values in named.values())
+    drawn: dict[int, Array] = {k: law.draw(rng, size) for k, law in enumerate(moduli.laws) if law is not None}
+    for k, known in enumerate(rated_among(result, fabrics)):
+        own = named.get(f"{FABRIC_MODULUS}[{fabrics.names[k]}]") if known >= 0 else None
+        drawn |= {} if own is None else {k: own}
+    if not drawn:
+        return None
+    found = np.tile(moduli.middle, (size, 1))
+    for k, values in drawn.items():
+        found[:, k] = values * KPA
+    return found
+
+
+def rated_among(result: Stored, fabrics: Fabrics) -> NDArray[np.intp]:
+    """Return the index of each fabric among the rated ones; -1 if none has its name and modulus."""
+    rated = result.fabrics
+    place = {name: k for k, name in enumerate(rated.names)}
+    index = np.array([place.get(name, -1) for name in fabrics.names], np.intp)
+    modulus = np.array(moduli_of(result, fabrics).middle)
+    same = np.isclose(modulus, rated.effective_modulus[index], rtol=_SAME, atol=0.0)
+    return np.where(same, index, -1)
+
+
 class Fitted:
     """The model of a finished run, rebuilt from the stored result, with draws of its posterior.
 
@@ -92,36 +127,13 @@ class Fitted:
     def scene(self, fabrics: Fabrics, loads: tuple[Load, ...]) -> Scene:
         """Return the scene of some fabrics under some loads, with the finger and the readings of the run."""
         result = self.result
-        noise = result.provenance.rating_model.noise
-        return scene_of(fabrics, loads, self.named, result.readings, noise=noise, finger=result.finger)
+        noise, moduli = result.provenance.rating_model.noise, moduli_of(result, fabrics)
+        return scene_of(fabrics, loads, self.named, result.readings, noise=noise, finger=result.finger, moduli=moduli)
 
     def touches(self, fabrics: Fabrics, scene: Scene) -> OtherTouches:
-        """Return the touches of a scene with some fabrics, matched to rated ones by `known`."""
-        return OtherTouches(self.posterior, scene, self.known(fabrics))
-
-    def known(self, fabrics: Fabrics) -> NDArray[np.intp]:
-        """Return the index of each fabric among the rated ones; -1 if none has its name and modulus."""
-        rated = self.result.fabrics
-        place = {name: k for k, name in enumerate(rated.names)}
-        index = np.array([place.get(name, -1) for name in fabrics.names], np.intp)
-        modulus = fabrics.modulus(self.result.readings.fabric_modulus)
-        same = np.isclose(modulus, rated.effective_modulus[index], rtol=_SAME, atol=0.0)
-        return np.where(same, index, -1)
+        """Return the touches of a scene with some fabrics, matched to rated ones by `rated_among`."""
+        return OtherTouches(self.posterior, scene, rated_among(self.result, fabrics))
 
     def modulus(self, rng: np.random.Generator, fabrics: Fabrics) -> Array | None:
-        """Return E_fab [Pa] of each fabric at each draw, (draws, fabrics); None if all are known exactly.
-
-        Moduli of rated fabrics come from the posterior; those of other, uncertain fabrics are drawn.
-
-        """
-        moduli, size = fabric_moduli(fabrics, self.result.readings.fabric_modulus), len(self.theta)
-        drawn: dict[int, Array] = {k: law.draw(rng, size) for k, law in enumerate(moduli.laws) if law is not None}
-        for k, known in enumerate(self.known(fabrics)):
-            own = self.named.get(f"{FABRIC_MODULUS}[{fabrics.names[k]}]") if known >= 0 else None
-            drawn |= {} if own is None else {k: own}
-        if not drawn:
-            return None
-        found = np.tile(moduli.middle, (size, 1))
-        for k, values in drawn.items():
-            found[:, k] = values * KPA
-        return found
+        """Return E_fab [Pa] of each fabric at each draw, (draws, fabrics); None if all are known, as `drawn_moduli`."""
+        return drawn_moduli(self.result, self.named, fabrics, rng)

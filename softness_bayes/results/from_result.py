@@ -63,7 +63,7 @@ def _cells_of(constant: Any) -> AggregatedCells | None:
     return AggregatedCells(int(constant[RATERS_OF_CELLS]), known)
 
 
-def _unknown_of(result: Stored) -> Prior:
+def unknown_of(result: Stored) -> Prior:
     """Return the prior law of unknown moduli requested for a run."""
     return parse_prior(result.provenance.asked.options.get("unknown_modulus", str(UNKNOWN_MODULUS)))
 
@@ -76,7 +76,7 @@ def _fabrics_of(result: Stored) -> Fabrics:
     measured, cv, low, high = fabrics.effective_modulus.copy(), *np.full((3, len(fabrics)), np.nan)
     for name, text in zip(constant[UNCERTAIN].values, constant[MODULUS_LAW].values, strict=True):
         k, law = fabrics.names.index(str(name)), parse_prior(str(text))
-        if law == _unknown_of(result):
+        if law == unknown_of(result):
             measured[k] = np.nan
         elif isinstance(law, LogUniform):
             measured[k], low[k], high[k] = np.nan, law.low * 1e3, law.high * 1e3
@@ -127,7 +127,7 @@ def options_of(result: Stored) -> ModelOptions:
         modulus_cv=asked.get("modulus_cv"),
         load_cv=asked.get("load_cv"),
         shared_load_cv=asked.get("shared_load_cv"),
-        unknown_modulus=_unknown_of(result),
+        unknown_modulus=unknown_of(result),
         individual=tuple(asked.get("individual") or ()),
         discretisation=Discretisation(**asked["discretisation"]),
         accuracy=asked.get("accuracy") or ACCURACY,

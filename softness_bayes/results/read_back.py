@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -60,16 +59,6 @@ def _sampled_moduli(posterior: xr.Dataset, total: int) -> dict[str, Array]:
     drawn, names = posterior[FABRIC_MODULUS].values, posterior[UNCERTAIN].values
     flat = drawn.swapaxes(0, 1).reshape(total, -1)
     return {f"{FABRIC_MODULUS}[{name}]": flat[:, k] for k, name in enumerate(names)}
-
-
-def moduli_at(values: Mapping[str, Array], fabrics: Fabrics) -> Array | None:
-    """Return E_fab [Pa] of every fabric at draws of `named_values`, (draws, fabrics); None if all are known."""
-    drawn = {name: values.get(f"{FABRIC_MODULUS}[{name}]") for name in fabrics.names}
-    if all(one is None for one in drawn.values()):
-        return None
-    size = max(one.size for one in drawn.values() if one is not None)
-    each = zip(drawn.values(), fabrics.effective_modulus, strict=True)
-    return np.stack([np.full(size, known) if one is None else one * 1e3 for one, known in each], axis=-1)
 
 
 def curves_in(predictions: xr.Dataset) -> Curves:

@@ -6,7 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.stats import kstest
 
+from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError
 from softness_bayes.model.build import build
 from softness_bayes.parameters.priors import LogNormal
@@ -100,6 +102,26 @@ def test_predictions_of_its_fabrics_are_at_their_posterior_moduli(result):
     assert rows.loc[CLOTH.names[1], "e_fab_kpa_low"] == pytest.approx(20.0)
     assert rows.loc[CLOTH.names[2], "e_fab_kpa_low"] < rows.loc[CLOTH.names[2], "e_fab_kpa_high"]
     assert_allclose(rows.loc[CLOTH.names[2], "e_fab_kpa"], np.median(result.values(40)[NAMES[2]]), rtol=1e-9)
+
+
+def test_an_unknown_fabric_that_no_one_rated_has_the_law_of_unknown_moduli(result):
+    """Its modulus has the prior of the run; that of an unknown fabric of the ratings has its posterior."""
+    fabrics = Fabrics(("new", CLOTH.names[3], "felt"), effective_modulus=np.array([np.nan, np.nan, 3e4]))
+    with quickly():
+        fitted = Fitted(result, 2000)
+        drawn = np.log(fitted.modulus(np.random.default_rng(3), fabrics) / 1e3)
+        rows = result.predict(fabrics, draws=200).groupby("fabric", sort=False).first()
+    law = LogNormal(150, 1.5)
+    assert kstest(drawn[:, 0], lambda x: law.cumulative(np.exp(x))).pvalue > 1e-3
+    # independent of all parameters
+    apart = [np.corrcoef(drawn[:, 0], values)[0, 1] for values in fitted.theta.T]
+    assert_allclose(apart, 0.0, atol=4.5 / np.sqrt(2000))
+    assert_allclose(drawn[:, 1], np.log(fitted.named[NAMES[3]]))
+    low, high = law.quantile([0.05, 0.95])
+    assert rows.loc["new", "e_fab_kpa_low"] == pytest.approx(low, rel=0.7)
+    assert rows.loc["new", "e_fab_kpa_high"] == pytest.approx(high, rel=0.7)
+    posterior = np.median(result.values(200)[NAMES[3]])
+    assert rows.loc[CLOTH.names[3], "e_fab_kpa"] == pytest.approx(posterior)
 
 
 def test_sentences_and_page_say_what_became_of_the_moduli(result):
