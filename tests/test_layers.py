@@ -61,6 +61,7 @@ PROGRAMS = {
     "tools.benchmark_moves",
     "tools.benchmark_samplers",
     "tools.benchmark_versions",
+    "tools.benchmark_uncertain",
     "tools.coverage_page",
     "tools.curve_build",
     "tools.doc_tables",

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from softness_bayes.checking.inflection import turning_points
 from softness_bayes.model.build import ExperimentModel
+from softness_bayes.model.posterior import Posterior
 from softness_bayes.model.scenes import touch_parameters
 from softness_bayes.sampler.sampling import Settings, sample_until
-from softness_bayes.tools.importance import TRUSTED, weighted
+from softness_bayes.tools.importance import TRUSTED, USUAL, Effort, corrected, weighted
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.parameters import TouchParameters
 
@@ -53,7 +54,12 @@ def weighted_draws(model: ExperimentModel, seed: int, start: Mapping[str, float]
 
 
 def posterior_draws(
-    model: ExperimentModel, seed: int, start: Mapping[str, float], walk: bool = False
+    model: ExperimentModel,
+    seed: int,
+    start: Mapping[str, float],
+    walk: bool = False,
+    efforts: Sequence[Effort] = (USUAL,),
+    rough: Posterior | None = None,
 ) -> tuple[Array, dict[str, float]]:
     """Return draws of a model's posterior, weighted if these can be trusted, and otherwise of a sampler run.
 
@@ -63,6 +69,10 @@ def posterior_draws(
         As for `weighted_draws`.
     walk
         True for a sampler run in any case.
+    efforts
+        Efforts of importance sampling, of which each is tried if the weights of the one before cannot be trusted.
+    rough
+        Cheap approximation of the posterior, from whose draws those of the posterior are made by weighting.
 
     Returns
     -------
@@ -71,11 +81,14 @@ def posterior_draws(
         `k`, NaN if it was not computed, and the number of `steps` of the sampler, 0 for weighted draws.
     """
     k = np.nan
-    if not walk:
-        theta, found = weighted_draws(model, seed, start)
-        k = found["k"]
+    for effort in () if walk else efforts:
+        rng = np.random.default_rng((seed, 7))
+        found = weighted(rough or model.posterior, rng, start, effort)
+        if rough is not None:
+            found = corrected(found, rough, model.posterior, rng, int(effort.effective))
+        k = round(found.k, 3)
         if k <= TRUSTED:
-            return theta, {"k": k, "steps": 0}
+            return found.resampled(rng, DRAWS), {"k": k, "steps": 0}
     theta, ending = sampled_draws(model, seed)
     return theta, {"k": k, "steps": ending["steps"]}
 

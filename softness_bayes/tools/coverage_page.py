@@ -49,14 +49,19 @@ KEPT: Mapping[str, Mapping[str, Situation]] = {
         "taken as typical": Situation("raters' own b and m, taken as one finger", WRONG),
         "own fingers": Situation("raters' own b and m, `--individual b,m`", DECLARED),
     },
+    "finger_spreads/b_m_sigma_0.csv": {
+        "taken as typical": Situation("raters' own b, m and sigma_0, taken as one finger", WRONG),
+        "own fingers": Situation("raters' own b, m and sigma_0, `--individual b,m,sigma_0`", DECLARED),
+    },
 }
 """Meaning of each case of a stored table, by the file of the table."""
 
 CHECKED: Mapping[str, str] = {"input_errors": "modulus_p", "finger_spreads": "finger_p"}
 """Column with the p-value of the check that should detect the problem, by the folder of the table."""
 
-WALKS = "input_errors/walks.csv"
-"""Fits by MCMC of laboratories whose fits in `input_errors/coverage.csv` are weighted draws."""
+WALKED = ("input_errors", "finger_spreads")
+"""Folders in which the fits of some laboratories in `coverage.csv`, by weighted draws, are repeated by MCMC in
+`walks.csv`."""
 
 LEVEL = 0.05
 """p-value below which a check reports a problem."""
@@ -99,8 +104,8 @@ def counted(folder: Path) -> list[CoverageShare]:
 
 
 def agreement(folder: Path) -> str:
-    """Return how many fits needed MCMC, and how far it differs from weighted draws in the fits made by both."""
-    fitted, ranked = rows_of(folder / "input_errors/coverage.csv"), rows_of(folder / WALKS)
+    """Return how many fits in a folder needed MCMC, and how far it differs from weighted draws in fits made by both."""
+    fitted, ranked = rows_of(folder / "coverage.csv"), rows_of(folder / "walks.csv")
     walked, weighted = (
         {(row["lab"], row["case"], row["quantity"]): float(row["below"]) for row in rows} for rows in (ranked, fitted)
     )
@@ -190,7 +195,8 @@ def main() -> None:
     folder: Path = parser.parse_args().results
     found = counted(folder)
     print("\n".join(page_lines(found)))
-    print(agreement(folder))
+    for name in WALKED:
+        print(agreement(folder / name))
     draw(found, folder / FIGURE)
 
 

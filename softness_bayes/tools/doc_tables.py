@@ -10,6 +10,7 @@ import csv
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from statistics import mean, median
 
 import softness_bayes
 from softness_bayes.readable import percent
@@ -64,6 +65,24 @@ def versions(results: Path) -> str:
     head = ["channels", "accuracy", "likelihood, old [µs]", "new [µs]", "ratio", "forward model's ratio"]
     head += ["its time over the bare operations", "likelihood over forward model"]
     return table(head, (list(row.values()) for row in _rows(results / "versions.csv")))
+
+
+def uncertain_cost(results: Path) -> str:
+    """Return the costs of runs with uncertain inputs, in those with exact ones, from ``tools.benchmark_uncertain``."""
+    folder = results / "uncertain_cost"
+    runs, calls = _rows(folder / "runs.csv"), _rows(folder / "calls.csv")
+    names, rows = list(dict.fromkeys(row["inputs"] for row in calls)), []
+    count = {(row["inputs"], row["seed"]): float(row["evaluations"]) for row in runs}
+    for name in names:
+        own = [row for row in runs if row["inputs"] == name]
+        more = [count[name, row["seed"]] / count[names[0], row["seed"]] for row in own]
+        one = median(float(row["ratio"]) for row in calls if row["inputs"] == name)
+        seen = [own[0]["parameters"], f"{sum(row['converged'] == 'True' for row in own)} of {len(own)}"]
+        seen.append(f"{mean(count[name, row['seed']] for row in own) / 1e3:.0f}")
+        ranges = [f"{mean(x):.2f} ({min(x):.2f}–{max(x):.2f})" for x in (more, [one * each for each in more])]
+        rows.append([name, *seen, ranges[0], f"{one:.2f}", ranges[1]])
+    head = ["inputs", "parameters", "converged", "evaluations [thousands]", "number of evaluations", "time of one"]
+    return table([*head, "cost of the run"], rows)
 
 
 def hard_cases(results: Path) -> str:
@@ -180,6 +199,7 @@ TABLES: Mapping[tuple[str, str], Callable[[Path], str]] = {
     ("benchmarks.md", "moves"): moves,
     ("benchmarks.md", "versions"): versions,
     ("benchmarks.md", "many-parameters"): many_parameters,
+    ("benchmarks.md", "uncertain-cost"): uncertain_cost,
     ("benchmarks.md", "autocorrelation"): autocorrelation,
     ("benchmarks.md", "loads"): loads,
     ("benchmarks.md", "hard-cases"): hard_cases,

@@ -3,8 +3,9 @@
 Simulated laboratories rate the fabrics of `data/` with the parameters of `data/truth.json`, but each rater has an
 individual finger. Each table is fitted with fixed channels, once with the typical finger for all raters and once with
 individual fingers. The control is the same laboratory with the typical finger for all. Posteriors are
-importance-sampled, and sampled by MCMC where the weights cannot be trusted. The file gets a row per laboratory, case
-and quantity; existing rows are kept.
+importance-sampled, and sampled by MCMC where the weights cannot be trusted; `--walk` does so in all fits. If fingers
+differ in several quantities, draws are made with a coarse grid of fingers, and then weighted by the likelihood with the
+usual grid. The file gets a row per laboratory, case and quantity; existing rows are kept.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import argparse
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +24,15 @@ from numpy.typing import NDArray
 from softness_bayes.checking.finger_check import STEP, check_fingers
 from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.model.build import ExperimentModel, build, design_of
+from softness_bayes.model.individual import family_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.other_fingers import skin_slope
+from softness_bayes.model.posterior import Posterior
 from softness_bayes.model.scenes import scene_of, touch_parameters
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.tools.coverage import LOADS, compared, keep, posterior_draws
+from softness_bayes.tools.importance import Effort
+from softness_bayes.touch.finger_grid import FingerGrid
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.readings import MENDED
 
@@ -34,6 +40,12 @@ Array = NDArray[np.float64]
 
 SPREADS: Mapping[str, float] = {"b": 0.3, "m": 0.15, "sigma_0": 0.2}
 """Standard deviations of the logarithms of raters' own values, of those that differ."""
+
+COARSE: Mapping[int, Mapping[str, int]] = {2: {"b": 13, "m": 5, "sigma_0": 13}, 3: {"b": 11, "m": 5, "sigma_0": 11}}
+"""Nodes of coarse grids of fingers, by the number of quantities that differ."""
+
+EFFORTS = Effort(300, 300.0), Effort(1000, 800.0)
+"""Effort of a fit, and the one spent where its weights cannot be trusted."""
 
 CONTROL, TYPICAL, OWN = "typical fingers", "taken as typical", "own fingers"
 CASES = (CONTROL, TYPICAL, OWN)
@@ -66,17 +78,31 @@ def laboratory(folder: Path, number: int, differ: tuple[str, ...]) -> tuple[Rati
     return replace(table, rating=np.exp(log_rating + noise)), fabrics, truth
 
 
-def fitted(number: int, case: str, folder: Path, differ: tuple[str, ...]) -> Iterator[dict[str, Any]]:
+def fitted(
+    number: int, case: str, folder: Path, differ: tuple[str, ...], walk: bool = False
+) -> Iterator[dict[str, Any]]:
     """Yield a row for each quantity of one fit."""
     ratings, fabrics, truth = laboratory(folder, number, () if case == CONTROL else differ)
     held = {name: truth[name] for name in Channels._fields}
     model = build(Experiment(ratings, fabrics, ()), ModelOptions(fix=held, individual=differ if case == OWN else ()))
-    theta, how = posterior_draws(model, number, truth)
-    p_value = round(_check(model, theta, np.random.default_rng(number)), 4)
     spreads = {f"tau_{name}": SPREADS[name] for name in ("b",) if name in differ}
     spreads |= {"tau_sigma": SPREADS["sigma_0"]} if "sigma_0" in differ else {}
-    for found in compared(model, theta, {**truth, **spreads}):
+    true = {**truth, **spreads}
+    theta, how = posterior_draws(model, number, true, walk, EFFORTS, _rough(model) if case == OWN else None)
+    p_value = round(_check(model, theta, np.random.default_rng(number)), 4)
+    for found in compared(model, theta, true):
         yield {"lab": number, "case": case, **found, **how, "finger_p": p_value}
+
+
+def _rough(model: ExperimentModel) -> Posterior | None:
+    """Return the posterior with a coarse grid of fingers; None if only one quantity differs."""
+    posterior = model.posterior
+    assert posterior.fingers is not None
+    names = posterior.fingers.grid.names
+    if len(names) not in COARSE:
+        return None
+    grid = FingerGrid({name: COARSE[len(names)][name] for name in names})
+    return posterior.with_scene(model.scene, None, family_of(model.scene, grid))
 
 
 def _check(model: ExperimentModel, theta: Array, rng: np.random.Generator) -> float:
@@ -94,11 +120,14 @@ def main() -> None:
     parser.add_argument("--labs", type=int, default=200, help="number of laboratories")
     parser.add_argument("--first", type=int, default=0, help="number of the first one")
     parser.add_argument("--differ", default="b", help="what differs between fingers, some of b,m,sigma_0")
+    parser.add_argument("--cases", default=",".join(CASES), help="the fits, separated by commas; by default all")
+    parser.add_argument("--walk", action="store_true", help="sample all posteriors by MCMC")
     parser.add_argument("--data", type=Path, default=Path("data"), help="folder of fabrics.csv and truth.json")
     options = parser.parse_args()
     differ = tuple(options.differ.split(","))
     numbers = range(options.first, options.first + options.labs)
-    keep(options.file, COLUMNS, numbers, CASES, lambda number, case: fitted(number, case, options.data, differ))
+    fit = partial(fitted, folder=options.data, differ=differ, walk=options.walk)
+    keep(options.file, COLUMNS, numbers, options.cases.split(","), fit)
 
 
 if __name__ == "__main__":

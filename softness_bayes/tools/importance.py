@@ -148,6 +148,35 @@ def weighted(
     return Weighted(posterior.natural(z), weight / weight.sum(), float(k), effective)
 
 
+def corrected(
+    found: Weighted, rough: Posterior, posterior: Posterior, rng: np.random.Generator, count: int
+) -> Weighted:
+    """Return draws of a posterior from weighted draws of a rough but cheap approximation of it.
+
+    Parameters
+    ----------
+    found
+        Weighted draws of `rough`.
+    rough, posterior
+        The approximation, and the posterior; both have the same prior.
+    rng
+        Random generator.
+    count
+        Number of draws, resampled from `found`, at which both likelihoods are evaluated.
+
+    Returns
+    -------
+    Weighted
+        Pareto's k is the larger one of both steps; the effective number is the smaller one.
+    """
+    theta = found.resampled(rng, count)
+    ratio = np.concatenate([posterior.log_likelihood(x) - rough.log_likelihood(x) for x in np.array_split(theta, 10)])
+    with np.errstate(over="ignore", invalid="ignore"):
+        (log_weight,), (k,) = psis(ratio[None])
+    effective = min(_effective(log_weight), found.effective)
+    return Weighted(theta, np.exp(log_weight), max(found.k, float(k)), effective)
+
+
 def _density(posterior: Posterior, z: Array) -> Array:
     return np.concatenate([posterior(part) for part in np.array_split(z, -(-len(z) // BATCH))])
 

@@ -242,7 +242,8 @@ class _Made:
         values, rng, deviations, own = self.values, self.rng, {}, dict[str, Any](self.values)
         for name in fingers_of(self.kind.individual):
             deviation = self.factor * values[SPREAD_OF[name]] * rng.standard_normal(RATERS)
-            own[name] = values[name] + deviation if name == "m" else values[name] * np.exp(deviation)
+            # as in the model, an exponent that would be negative is 0
+            own[name] = np.maximum(values[name] + deviation, 0) if name == "m" else values[name] * np.exp(deviation)
             deviations[name] = deviation
         scene = scene_of(self.fabrics, LOADS, values, MENDED)
         skins = TouchParameters(*np.broadcast_arrays(*touch_parameters(own), np.empty(RATERS))[:-1])

@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 CONTROL = "control"
 """Name of the fits that declare half of the errors."""
 
-USUAL, RETRY = Effort(500, 300.0), Effort(4000, 800.0)
+USUAL, RETRY = Effort(300, 200.0), Effort(4000, 800.0)
 """Effort of a fit, and the one spent where its weights cannot be trusted."""
 
 HOW = ("lab", "k")

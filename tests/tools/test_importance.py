@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from softness_bayes.tools.importance import TRUSTED, Effort, weighted
+from softness_bayes.tools.importance import TRUSTED, Effort, corrected, weighted
 
 COVARIANCE = np.array([[1.0, 0.9, 0.0], [0.9, 1.0, 0.3], [0.0, 0.3, 0.5]]) * 0.04
 MEAN = np.array([0.5, -0.5, 1.0])
@@ -55,3 +55,18 @@ def test_resampled_draws_have_the_weighted_shares():
 def test_a_law_with_heavier_tails_than_proposals_is_not_trusted():
     found = weighted(Known(lambda z: -0.6 * np.log1p((z**2).sum(axis=1) * 1e4)), np.random.default_rng(1), {})
     assert found.k > TRUSTED
+
+
+@pytest.mark.parametrize(("away", "trusted"), [(0.03, True), (3.0, False)])
+def test_draws_of_a_rough_law_are_corrected(away, trusted):
+    """A law whose mean is off by a sixth of a standard deviation is mended; one off by fifteen is not trusted."""
+    shifted = SimpleNamespace(log_likelihood=lambda z: normal(z - [away, 0.0, 0.0]))
+    rough = Known(shifted.log_likelihood)
+    rough.log_likelihood = shifted.log_likelihood
+    rng = np.random.default_rng(4)
+    found = corrected(weighted(rough, rng, {}), rough, SimpleNamespace(log_likelihood=normal), rng, 2000)
+    assert (found.k < TRUSTED) is trusted
+    assert found.weight.sum() == pytest.approx(1.0)
+    if trusted:
+        error = np.sqrt(np.diag(COVARIANCE) / found.effective)
+        assert_allclose((found.weight @ found.theta - MEAN) / error, 0.0, atol=4.0)

@@ -60,3 +60,12 @@ def test_laboratories_are_those_of_the_model(name):
     assert residual.std() == pytest.approx(made.start["varsigma"], rel=0.12)
     for take, true in made.effects.values():
         assert abs(take(effects).mean() - true) < 5 * take(effects).std()
+
+
+def test_an_exponent_that_would_be_negative_is_zero():
+    """Some raters of this laboratory would have an own m below 0, where the model has skin that does not stiffen."""
+    kind = KINDS["own_m"]
+    model = model_of(kind)
+    made = laboratory(kind, model, 3, control=False)
+    assert made.start["m"] < made.start["tau_m"]
+    assert np.isfinite(made.posterior(model.posterior).log_likelihood(made.theta[None])).all()

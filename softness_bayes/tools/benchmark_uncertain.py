@@ -1,0 +1,125 @@
+"""Cost of uncertain inputs until convergence: ``python -m softness_bayes.tools.benchmark_uncertain DIR``.
+
+Samples the shipped ratings with all channel multipliers free until they converge: with exact inputs, with all moduli
+uncertain, and with an individual `b` for each rater. The cost of a run is its number of evaluations of the posterior,
+pilot included, times the cost of one evaluation. The latter is measured as a ratio of processor times, in alternating
+calls at the positions of the walkers after the first stage of the pilot, half an ensemble at a time, as the sampler
+calls it.
+
+The directory gets the runs (`runs.csv`), whose rows are kept, and the ratios of each round of calls (`calls.csv`),
+which are measured anew. `tools.doc_tables` makes the table.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import time
+from collections import deque
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import softness_bayes
+from softness_bayes.data import read_experiment
+from softness_bayes.model.build import build
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.sampler.sampling import Settings, walk
+from softness_bayes.sampler.starts import TargetDensity
+from softness_bayes.tools.coverage import rows_of
+
+Array = NDArray[np.float64]
+
+RATINGS = Path(softness_bayes.__file__).parent.parent / "data" / "ratings.csv"
+
+EXACT = "exact inputs"
+CASES: Mapping[str, ModelOptions] = {
+    EXACT: ModelOptions(),
+    "all moduli uncertain": ModelOptions(modulus_cv=0.15),
+    "raters' own `b`": ModelOptions(individual=("b",)),
+}
+"""Options of the runs by the names of their inputs."""
+
+RUN_COLUMNS = ("inputs", "parameters", "seed", "converged", "steps", "tau_steps", "evaluations")
+CALL_COLUMNS = ("inputs", "points", "round", "microseconds", "ratio")
+"""`points`: number evaluated together; `ratio`: processor time of an evaluation, in that of exact inputs."""
+
+RUNS, CALLS = "runs.csv", "calls.csv"
+
+
+def run(target: TargetDensity, seed: int, max_steps: int = 20_000) -> dict[str, object]:
+    """Sample until convergence in this process; return the last columns of a row of runs."""
+    end = deque(walk(target, Settings(processes=1, max_steps=max_steps), seed), maxlen=1).pop()
+    verdict = end.verdict
+    assert verdict is not None, "a walk that has ended was looked at"
+    return {
+        "parameters": len(target.names),
+        "seed": seed,
+        "converged": verdict.converged,
+        "steps": verdict.steps,
+        "tau_steps": f"{verdict.tau.max():.1f}",
+        "evaluations": end.nonfinite.evaluations,
+    }
+
+
+def positions(target: TargetDensity) -> Array:
+    """Return the positions of half an ensemble after the first stage of the pilot."""
+    settings = Settings(ensembles=2, processes=1)
+    for state in walk(target, settings, 1):
+        if state.steps >= settings.pilot[0]:
+            break
+    found = state.map.forward(state.ensembles[0].coordinates)  # the walk is in the coordinates of the map
+    return found[: len(found) // 2]
+
+
+def calls(targets: Mapping[str, TargetDensity], rounds: int, each: int) -> list[dict[str, object]]:
+    """Return the processor times of evaluations in alternating calls, a row for each target and round."""
+    points = {name: positions(target) for name, target in targets.items()}
+    found: list[dict[str, object]] = []
+    for number in range(rounds):
+        spent = {}
+        for name, target in targets.items():
+            begun = time.process_time()
+            for _ in range(each):
+                target(points[name])
+            spent[name] = (time.process_time() - begun) / each / len(points[name])
+        for name, seconds in spent.items():
+            ratio = seconds / spent[EXACT]
+            timed = {"microseconds": f"{1e6 * seconds:.1f}", "ratio": f"{ratio:.3f}"}
+            found.append({"inputs": name, "points": len(points[name]), "round": number, **timed})
+    return found
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Add the missing runs, and time the calls."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("directory", type=Path, help="directory of the two files; the runs in it are kept")
+    parser.add_argument("--seeds", default="1,2,3", help="seeds of the runs, separated by commas")
+    parser.add_argument("--rounds", type=int, default=20, help="rounds of alternating calls; 0 keeps those in the file")
+    options = parser.parse_args(arguments)
+    options.directory.mkdir(parents=True, exist_ok=True)
+    experiment = read_experiment(RATINGS)
+    targets = {name: build(experiment, of).posterior for name, of in CASES.items()}
+    done = {(row["inputs"], row["seed"]) for row in rows_of(options.directory / RUNS)}
+    for seed in options.seeds.split(","):
+        for name, target in targets.items():
+            if (name, seed) not in done:
+                row = {"inputs": name, **run(target, int(seed))}
+                _write(options.directory / RUNS, RUN_COLUMNS, [row], "a" if done else "w")
+                done.add((name, seed))
+    if options.rounds:
+        _write(options.directory / CALLS, CALL_COLUMNS, calls(targets, options.rounds, 5), "w")
+
+
+def _write(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, object]], mode: str) -> None:
+    with path.open(mode, encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, columns, lineterminator="\n")
+        if mode == "w":
+            writer.writeheader()
+        writer.writerows(rows)
+
+
+if __name__ == "__main__":
+    main()
