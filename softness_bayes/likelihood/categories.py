@@ -163,6 +163,10 @@ class CategoryRatings(IntervalRatings):
         category = self.values[self._order]
         return np.where((category == 1.0) | (category == self.model.categories), np.inf, 0.5)
 
+    def _finite_ends(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        category = self.values[self._order]
+        return category > 1.0, category < self.model.categories
+
     def _middle_of(self, rows: Rows, spread: FloatArray) -> FloatArray:
         low, high = (np.where(np.isfinite(end), end, np.nan) for end in (rows.low, rows.high))
         middle = 0.5 * (low + high)

@@ -25,7 +25,7 @@ from softness_bayes.likelihood.pieces import in_pieces
 from softness_bayes.likelihood.quadrature import DENSE, DENSER, FAST, Quadrature, finer_than, quadrature_for
 from softness_bayes.likelihood.random_effects import Effects
 from softness_bayes.likelihood.rater_integrals import RaterIntegrals
-from softness_bayes.likelihood.rater_rows import LawParameters, RowParameters
+from softness_bayes.likelihood.rater_rows import LawParameters, RowParameters, times_of
 from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
 from softness_bayes.likelihood.scales import SLIDER, Scale
 from softness_bayes.likelihood.stated import Stated
@@ -167,8 +167,9 @@ class IntervalRatings(RatingsLikelihood):
         walled = np.bincount(rater, np.isfinite(self._widths())).min() == 0.0
         kind: type[RaterIntegrals] = WalledIntegrals if walled else RaterIntegrals
         kind = DenseIntegrals if self._quadrature in (DENSE, DENSER) else kind
-        times = _times(rater, self._condition, self._rows.low, self._rows.high, self._middle)
-        self._integrals = kind(model.law, rater, weight, model.level.mean, model.level.sd, self._widths(), times)
+        times = times_of(rater, self._condition, self._rows.low, self._rows.high, self._middle)
+        level, ends = model.level, self._finite_ends()
+        self._integrals = kind(model.law, rater, weight, level.mean, level.sd, self._widths(), times, ends)
         self._slope = np.where(self._exact, scale.log_slope(self.values), 0.0)
         self._log = float(self._slope.sum())
 
@@ -338,6 +339,10 @@ class IntervalRatings(RatingsLikelihood):
         """Return the typical width of every row's interval, infinite if an end is, sorted by rater."""
         return self._rows.high - self._rows.low
 
+    def _finite_ends(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return True for rows whose interval has a finite lower (upper) end, sorted by rater."""
+        return np.isfinite(self._rows.low), np.isfinite(self._rows.high)
+
     def _middle_of(self, rows: Rows, spread: FloatArray) -> FloatArray:
         """Return a number inside of each interval."""
         return self._middle
@@ -360,14 +365,6 @@ class IntervalRatings(RatingsLikelihood):
         with np.errstate(divide="ignore", invalid="ignore"):
             found = np.log(np.maximum(inside, 0.0) / (most - least))
         return np.where(most > least, found, -np.inf)
-
-
-def _times(*keys: FloatArray | NDArray[np.intp]) -> FloatArray:
-    """Return the number of rows with equal keys, (rows,), at the first of them, and 0 at the others."""
-    _, first, count = np.unique(np.stack(keys, axis=1), axis=0, return_index=True, return_counts=True)
-    found = np.zeros(len(keys[0]))
-    found[first] = count
-    return found
 
 
 def _robust(values: FloatArray, rater: NDArray[np.intp], condition: NDArray[np.intp]) -> FloatArray:

@@ -137,3 +137,19 @@ def draw_index(rng: np.random.Generator, log_weight: FloatArray) -> NDArray[np.i
     cumulative = np.cumsum(weight, axis=0)
     at = rng.random(log_weight.shape[1:]) * cumulative[-1]
     return np.minimum((cumulative <= at).sum(axis=0), len(log_weight) - 1)
+
+
+def draw_on(rng: np.random.Generator, points: FloatArray, log_density: FloatArray) -> FloatArray:
+    """Return a draw from each density along the last axis, piecewise linear between evenly spaced points."""
+    weight = np.exp(log_density - log_density.max(axis=-1, keepdims=True))
+    cumulative = np.cumsum(0.5 * (weight[..., 1:] + weight[..., :-1]), axis=-1)
+    at = rng.random(cumulative.shape[:-1])[..., None] * cumulative[..., -1:]
+    k = np.minimum((cumulative <= at).sum(axis=-1), cumulative.shape[-1] - 1)[..., None]
+    before = np.where(k > 0, np.take_along_axis(cumulative, np.maximum(k - 1, 0), axis=-1), 0.0)
+    left, right = (np.take_along_axis(weight, k + j, axis=-1) for j in (0, 1))
+    area = at - before
+    # the root of left f + (right - left) f²/2 = area, in the form without cancellation
+    total = left + np.sqrt(np.maximum(left**2 + 2.0 * (right - left) * area, 0.0))
+    part = np.clip(np.divide(2.0 * area, total, out=np.full_like(area, 0.5), where=total > 0), 0.0, 1.0)
+    low, high = (np.take_along_axis(points, k + j, axis=-1) for j in (0, 1))
+    return np.asarray((low + part * (high - low))[..., 0])

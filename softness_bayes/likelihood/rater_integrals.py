@@ -10,15 +10,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
+from softness_bayes.likelihood.box_integrals import POINTS, Boxes
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.interval_law import derivatives, log_probability, scaled_derivatives, weights
-from softness_bayes.likelihood.mu_nodes import log_sum
+from softness_bayes.likelihood.mu_nodes import draw_on, log_sum
 from softness_bayes.likelihood.pieces import blocks
 from softness_bayes.likelihood.quadrature import FAST, FINE, ROUGHLY, Quadrature, gauss_hermite, to_chebyshev
 from softness_bayes.likelihood.rater_rows import RowParameters, WidthGroup, groups_by_width
@@ -53,6 +54,13 @@ _NO_WEIGHT = 1e-3  # replaces the total weight 0 of a rater without narrow inter
 _LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 
 
+class HasParts(Protocol):
+    """Arrays with an axis of draws."""
+
+    def part(self, piece: Any) -> Self:
+        """Return some of the draws."""
+
+
 class ScaleModes(NamedTuple):
     """The joint mode of all raters' scales and the level, and the normal approximation about it."""
 
@@ -72,11 +80,14 @@ class ScaleModes(NamedTuple):
     """Mode of the level, shape (draws, 1)."""
     sd: FloatArray
     """Standard deviation of the level, shape (draws, 1)."""
+    tables: HasParts | None = None
+    """Log densities that were tabulated on the way, for further use at the same parameters."""
 
     def part(self, piece: Any) -> ScaleModes:
         """Return some of the draws."""
-        at, slopes, *others = self
-        return ScaleModes(at[piece], tuple(one[piece] for one in slopes), *(one[piece] for one in others))
+        at, slopes, *others, tables = self
+        part = ScaleModes(at[piece], tuple(one[piece] for one in slopes), *(one[piece] for one in others))
+        return part if tables is None else part._replace(tables=tables.part(piece))
 
     @property
     def bend(self) -> FloatArray:
@@ -114,6 +125,8 @@ class RaterIntegrals:
     times
         Multiplicity of each row, shape (rows,): the first of several rows with equal rater, condition and interval has
         their number, the others have 0.
+    ends
+        True for rows whose interval has a finite lower (upper) end, each (rows,).
     """
 
     def __init__(
@@ -125,10 +138,12 @@ class RaterIntegrals:
         sd: float,
         width: FloatArray,
         times: FloatArray,
+        ends: tuple[NDArray[np.bool_], NDArray[np.bool_]],
     ) -> None:
         self.law, self.rater, self.mean, self.sd = law, rater, mean, sd
         self._first = np.flatnonzero(np.diff(rater, prepend=-1))
         self.count = np.diff(np.append(self._first, rater.size)).astype(float)
+        self._boxes = Boxes(self._first, *ends)
         self._groups = groups_by_width(rater, width, times)
         # in the start an interval counts as its midpoint, unless an end is infinite
         closed = np.isfinite(width)
@@ -212,15 +227,29 @@ class RaterIntegrals:
     def log_density(self, given: RowParameters, quadrature: Quadrature) -> FloatArray:
         """Return the log density of all rows, shape (draws,)."""
         modes = self.modes(given, quadrature.settled)
-        if not quadrature.points:
-            rough = modes.rough
-            if rough.any():
-                found = np.empty(rough.size)
-                found[rough] = self.log_density(given.part(rough), ROUGHLY)
-                if not rough.all():
-                    found[~rough] = self._summed(given.part(~rough), modes.part(~rough), quadrature)
-                return found
-        return self._summed(given, modes, quadrature)
+        boxed, rough = self._boxes.needed(given, modes.bend), np.asarray(modes.rough & (quadrature.points == 0))
+        if not (boxed.any() or rough.any()):
+            return self._summed(given, modes, quadrature)
+        found, rough = np.empty(rough.size), rough & ~boxed
+        if boxed.any():
+            found[boxed] = self._on_points(given.part(boxed), modes.part(boxed), 1.0 + quadrature.points / FINE.points)
+        if rough.any():
+            part = given.part(rough)
+            found[rough] = self._summed(part, self.modes(part, ROUGHLY.settled), ROUGHLY)
+        rest = ~(boxed | rough)
+        if rest.any():
+            found[rest] = self._summed(given.part(rest), modes.part(rest), quadrature)
+        return found
+
+    def _on_points(self, given: RowParameters, modes: ScaleModes, finer: float) -> FloatArray:
+        width, found = given.tau * np.sqrt(modes.shrink), np.empty(len(given.drive))
+        for one in blocks(len(found), POINTS * self.count.size):
+            found[one] = self._boxes.log_density(self, given.part(one), modes.a[one], width[one], finer)
+        return found
+
+    def at_walls(self, given: RowParameters) -> Callable[[FloatArray], FloatArray]:
+        """Return a function of levels: log densities of the raters whose intervals have one finite end each."""
+        raise NotImplementedError  # only `walled_integrals` has such raters
 
     def _summed(self, given: RowParameters, modes: ScaleModes, quadrature: Quadrature) -> FloatArray:
         width = quadrature.levels * quadrature.scales * self.count.size
@@ -353,22 +382,6 @@ class RaterIntegrals:
         rest = 1.0 / (1.0 / variance + np.maximum(modes.curvature - curved, 0.0))
         width = REACH * np.sqrt(rest) + steep * rest
         return modes.a[:, None] + np.linspace(-1.0, 1.0, GRID)[:, None] * width[:, None]
-
-
-def draw_on(rng: np.random.Generator, points: FloatArray, log_density: FloatArray) -> FloatArray:
-    """Return a draw from each density along the last axis, piecewise linear between evenly spaced points."""
-    weight = np.exp(log_density - log_density.max(axis=-1, keepdims=True))
-    cumulative = np.cumsum(0.5 * (weight[..., 1:] + weight[..., :-1]), axis=-1)
-    at = rng.random(cumulative.shape[:-1])[..., None] * cumulative[..., -1:]
-    k = np.minimum((cumulative <= at).sum(axis=-1), cumulative.shape[-1] - 1)[..., None]
-    before = np.where(k > 0, np.take_along_axis(cumulative, np.maximum(k - 1, 0), axis=-1), 0.0)
-    left, right = (np.take_along_axis(weight, k + j, axis=-1) for j in (0, 1))
-    area = at - before
-    # the root of left f + (right - left) f²/2 = area, in the form without cancellation
-    total = left + np.sqrt(np.maximum(left**2 + 2.0 * (right - left) * area, 0.0))
-    part = np.clip(np.divide(2.0 * area, total, out=np.full_like(area, 0.5), where=total > 0), 0.0, 1.0)
-    low, high = (np.take_along_axis(points, k + j, axis=-1) for j in (0, 1))
-    return np.asarray((low + part * (high - low))[..., 0])
 
 
 def _series(modes: ScaleModes) -> Callable[[FloatArray], FloatArray]:

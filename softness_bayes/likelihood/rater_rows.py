@@ -96,3 +96,11 @@ def groups_by_width(rater: IndexArray, width: FloatArray, times: FloatArray) -> 
         own = times[rows]
         found.append(WidthGroup(rows, rater[rows], first, raters, None if (own == 1.0).all() else own))
     return found
+
+
+def times_of(*keys: FloatArray | IndexArray) -> FloatArray:
+    """Return the number of rows with equal keys, (rows,), at the first of them, and 0 at the others."""
+    _, first, count = np.unique(np.stack(keys, axis=1), axis=0, return_index=True, return_counts=True)
+    found = np.zeros(len(keys[0]))
+    found[first] = count
+    return found

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.likelihood.interval_law import scaled_derivatives
+from softness_bayes.likelihood.interval_law import two_derivatives_beyond
 from softness_bayes.likelihood.mu_nodes import log_sum
 from softness_bayes.likelihood.quadrature import FINEST, Quadrature
 from softness_bayes.likelihood.rater_integrals import RaterIntegrals, ScaleModes
@@ -76,6 +76,15 @@ class Walls(NamedTuple):
     """Not exactly 0, shape (draws, 1)."""
     rows: FloatArray
     """Number of each rater's rows, shape (raters,)."""
+
+    def part(self, piece: Any) -> Walls:
+        """Return the tables of some draws."""
+        return self._replace(
+            place=self.place[piece],
+            coefficients=self.coefficients[:, piece],
+            spread=self.spread[piece],
+            tau=self.tau[piece],
+        )
 
     def slopes(self, a: FloatArray, orders: int = 3) -> list[FloatArray]:
         """Return l_p and its derivatives at a (draws, levels, raters, nodes), each of the same shape."""
@@ -194,13 +203,13 @@ class WalledIntegrals(RaterIntegrals):
         at[:, own] = a[:, own]
         for one in slopes[3:]:
             one[:, own] = 0.0  # these raters need no expansion
-        return ScaleModes(at, slopes, a, pull, curvature, shrink, mu, precision**-0.5)
+        return ScaleModes(at, slopes, a, pull, curvature, shrink, mu, precision**-0.5, walls)
 
     def curve(
         self, given: RowParameters, modes: ScaleModes, quadrature: Quadrature
     ) -> Callable[[FloatArray], FloatArray]:
         """Equivalent of `RaterIntegrals.curve`, from tables for raters with a wall."""
-        others, walls = super().curve(given, modes, quadrature), self._walls(given, _resolution(quadrature))
+        others, walls = super().curve(given, modes, quadrature), self._walls_of(given, modes, quadrature)
 
         def evaluate(a: FloatArray) -> FloatArray:
             found = others(a)
@@ -220,16 +229,21 @@ class WalledIntegrals(RaterIntegrals):
     ) -> FloatArray:
         """Equivalent of `RaterIntegrals.at_levels`."""
         found = super().at_levels(given, modes, curve, level, quadrature)
-        found[..., self.walled] = self._walls(given, _resolution(quadrature)).integrated(level)[0]
+        found[..., self.walled] = self._walls_of(given, modes, quadrature).integrated(level)[0]
         return found
+
+    def at_walls(self, given: RowParameters) -> Callable[[FloatArray], FloatArray]:
+        """Equivalent of `RaterIntegrals.at_walls`."""
+        walls, one_sided = self._walls(given), ~self._boxes.both[self.walled]
+        return lambda level: walls.integrated(level)[0][..., one_sided]
 
     def _summed_at_once(self, given: RowParameters, modes: ScaleModes, quadrature: Quadrature) -> FloatArray:
         if self.walled.size < self.count.size:
             levels = max(quadrature.levels, LEAST_LEVELS)
             return super()._summed_at_once(given, modes, quadrature._replace(levels=levels))
         # only the prior of the level and walls are left
-        resolution = _resolution(quadrature)
-        walls = self._walls(given, resolution)
+        walls = self._walls_of(given, modes, quadrature)
+        resolution = walls.resolution
         reach = FARTHEST * self.sd + np.abs(modes.mu - self.mean)
         edges = panels_about(modes.mu, modes.sd, reach, resolution)[:, 0]
         width = np.hypot(given.tau, given.spread)
@@ -239,6 +253,13 @@ class WalledIntegrals(RaterIntegrals):
         with np.errstate(divide="ignore"):
             terms = walls.integrated(level)[0].sum(axis=-1) + self.log_prior(level) + np.log(weight)
         return log_sum(terms, axis=-1)
+
+    def _walls_of(self, given: RowParameters, modes: ScaleModes, quadrature: Quadrature) -> Walls:
+        """Return the tables with which the modes were found, or finer ones."""
+        usual = modes.tables if isinstance(modes.tables, Walls) else None
+        if usual is None or quadrature.points == FINEST.points:
+            return self._walls(given, FINER)
+        return usual
 
     def _walls(self, given: RowParameters, resolution: Resolution = USUAL) -> Walls:
         """Return the tables of the raters with a wall."""
@@ -255,23 +276,19 @@ class WalledIntegrals(RaterIntegrals):
         edge = np.where(upper, ends.high, ends.low) - drive
         place = sign * np.minimum.reduceat(sign[side] * edge, first, axis=-1)
         points = place[:, None] + given.spread[:, None] * sign * resolution.at[:, None]
-        each = scaled_derivatives(
+        each = two_derivatives_beyond(
             self.law,
             ends.at_points(),
             drive[:, None] + points[..., side],
             given.spread[:, None],
             given.parameters.at_points(),
         )
-        value, slope, bend = (np.add.reduceat(one * self._times[rows], first, axis=-1) for one in each[:3])
+        value, slope, bend = (np.add.reduceat(one * self._times[rows], first, axis=-1) for one in each)
         coefficients = _polynomials(resolution.at, *(np.moveaxis(one, 1, 2) for one in (value, slope * sign, bend)))
         start = np.flatnonzero(np.diff(rater, prepend=-1))
         raters = self.count[self.walled]
         tau = np.maximum(given.tau, _LEAST_TAU * given.spread)
         return Walls(place, sign, rater, start, coefficients, resolution, given.spread, tau, raters)
-
-
-def _resolution(quadrature: Quadrature) -> Resolution:
-    return FINER if quadrature.points == FINEST.points else USUAL
 
 
 def _polynomials(at: FloatArray, value: FloatArray, slope: FloatArray, bend: FloatArray) -> FloatArray:

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.special import log_ndtr, logsumexp
 
-from softness_bayes.likelihood import intervals, walled_integrals
+from softness_bayes.likelihood import box_integrals, intervals, walled_integrals
 from softness_bayes.likelihood.categories import CategoryModel
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
@@ -86,9 +86,14 @@ def by_force(observed, given):
 @pytest.mark.parametrize("kind", MODELS)
 @pytest.mark.parametrize(
     ("people", "walled", "noises"),
-    # the other raters' own intervals are wide compared with less noise, which their expansions do not resolve
-    [(5, 1, NOISES[:3]), (5, 3, NOISES[:3]), (3, 3, NOISES), (1, 1, NOISES)],
-    ids=["one", "several", "all", "alone"],
+    [
+        (5, 0, (0.1, 0.02, 0.006)),
+        (5, 1, (0.5, 0.05, 0.006)),
+        (5, 3, (0.5, 0.05, 0.006)),
+        (3, 3, NOISES),
+        (1, 1, NOISES),
+    ],
+    ids=["none", "one", "several", "all", "alone"],
 )
 def test_integrals_are_those_by_force(kind, people, walled, noises, monkeypatch):
     for varsigma in noises:
@@ -101,6 +106,11 @@ def test_integrals_are_those_by_force(kind, people, walled, noises, monkeypatch)
             monkeypatch.setattr(intervals, "WalledIntegrals", RaterIntegrals)
             wrong = observed.with_quadrature(FINEST)
             assert abs(wrong.log_likelihood(RATE, given)[0] - expected) > 0.05, varsigma
+            monkeypatch.undo()
+        if walled == 0 and varsigma == 0.02 and kind == "categories":
+            # negative control: expansions about the modes, of intervals much wider than the noise
+            monkeypatch.setattr(box_integrals, "WIDE", np.inf)
+            assert abs(observed.log_likelihood(RATE, given)[0] - expected) > 0.05
             monkeypatch.undo()
 
 
