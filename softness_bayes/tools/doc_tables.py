@@ -185,7 +185,7 @@ def model_ranks(results: Path) -> str:
     rows = _rows(results / "model_ranks" / "verdicts.csv")
     right = [row for row in rows if row["fit"] == "right"]
     wrong = [row for row in rows if row["fit"] != "right"]
-    head = ["model", "laboratories", "k of 0.7 or more", "quantities", "smallest p", "alarm below", "says first"]
+    head = ["model", "laboratories", "k above 0.7", "quantities", "smallest p", "alarm below", "says first"]
     keys = ["model", "labs", "k_large", "quantities", "smallest_p", "alarm_below", "says_first", "width", "shift"]
     own = table([*head, "too narrow by", "shifted by"], ([row[key] for key in keys] for row in right))
     head = ["model", "mistake in the fit", "laboratories", "smallest p", "says first"]

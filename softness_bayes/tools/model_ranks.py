@@ -21,9 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import multivariate_t
 
-from softness_bayes.arviz_bridge import psis
 from softness_bayes.checking.ranks import DRAWS, Calibration
 from softness_bayes.data import Fabrics
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
@@ -38,6 +36,7 @@ from softness_bayes.runs.ranked_quantities import quantities, turning_point, tur
 from softness_bayes.runs.replicate import independent, ranks, simulate
 from softness_bayes.sampler.sampling import Settings, sample_until
 from softness_bayes.tools.coverage import keep
+from softness_bayes.tools.importance import TRUSTED, Effort, weighted
 from softness_bayes.touch.readings import MENDED
 
 Array = NDArray[np.float64]
@@ -47,32 +46,8 @@ SCENE = CalibrationScene(Fabrics(tuple("abcdefghijkl"), effective_modulus=np.geo
 HELD = ("m", "alpha", "beta", "sigma_0", "c_Na", "c_K", "c_L", "c_A")
 """Parameters of the forward model that are fixed at their usual values, in simulation and fit."""
 
-
-class Effort(NamedTuple):
-    """Amount of work of an importance sampling."""
-
-    proposed: int
-    """Proposals of each round."""
-    rounds: int
-    """Rounds before the last."""
-    last: int
-    """Proposals of the last round, as a multiple of those of the others."""
-    batch: int
-    """Proposals whose density is computed in one call."""
-
-
-EFFORTS = Effort(300, 6, 5, 300), Effort(1000, 8, 6, 500)
-"""Work of the first importance sampling, and of a second one where k is above `TRUSTED`."""
-
-TRUSTED = 0.7
-"""Pareto's k of weights below which draws can be trusted; above it the second effort is made."""
-
-TAILS, LEAST_EFFECTIVE = 6.0, 100.0
-"""Degrees of freedom of proposals, and the smallest effective number of draws from which the mean and covariance of a
-round are computed."""
-
-RESAMPLED = 1000
-"""Number of draws resampled by their weights."""
+USUAL, RETRY = Effort(1000, 500.0), Effort(5000, 1000.0)
+"""Effort of a fit, and the one spent where a right model's weights cannot be trusted."""
 
 RUN = Settings(ensembles=2, processes=1)
 """The run with which importance sampling is compared."""
@@ -200,57 +175,17 @@ def laboratory(case: str, number: int) -> tuple[Posterior, Array, Any]:
     return posterior.with_term(observation), theta, effects
 
 
-def weighted(posterior: Posterior, rng: np.random.Generator, at: Array, effort: Effort) -> tuple[Array, float]:
-    """Return `RESAMPLED` draws of a posterior by importance sampling, and Pareto's shape k of their weights.
-
-    Proposals are multivariate t distributions (Cappé and colleagues, J. Comp. Graph. Stat. 13, 907, 2004). The first
-    has the prior's spread about `at`, and about the prior's mean where `at` is NaN; each later one has the mean and
-    covariance of the previous weighted draws. Weights are flattened as long as a few draws dominate. The final weights
-    are Pareto-smoothed.
-    """
-    prior = posterior.draw_start(rng, effort.proposed)
-    mean, covariance = np.where(np.isfinite(at), at, prior.mean(axis=0)), np.cov(prior.T)
-    for _ in range(effort.rounds):
-        z, log_ratio = _proposed(rng, posterior, mean, covariance, effort.proposed, effort.batch)
-        power = 1.0
-        while _effective(power * log_ratio) < LEAST_EFFECTIVE:
-            power *= 0.8
-        weight = np.exp(power * (log_ratio - log_ratio.max()))
-        mean, covariance = np.average(z, axis=0, weights=weight), np.cov(z.T, aweights=weight)
-    z, log_ratio = _proposed(rng, posterior, mean, covariance, effort.last * effort.proposed, effort.batch)
-    (log_weight,), (k,) = psis(log_ratio[None])
-    weight = np.exp(log_weight - log_weight.max())
-    chosen = rng.choice(len(z), RESAMPLED, p=weight / weight.sum())
-    return posterior.natural(z[chosen]), float(k)
-
-
-def _proposed(
-    rng: np.random.Generator, posterior: Posterior, mean: Array, covariance: Array, size: int, batch: int
-) -> tuple[Array, Array]:
-    """Return draws of the proposal and the log ratios of posterior to proposal density."""
-    law = multivariate_t(mean, covariance, df=TAILS)
-    z = law.rvs(size, random_state=rng)
-    return z, np.concatenate([posterior(part) for part in np.array_split(z, -(-size // batch))]) - law.logpdf(z)
-
-
-def _effective(log_weight: Array) -> float:
-    """Return the effective number of draws with these weights."""
-    weight = np.exp(log_weight - log_weight.max())
-    return float(weight.sum() ** 2 / (weight**2).sum())
-
-
 def fit(posterior: Posterior, number: int, right: bool = True) -> tuple[Array, float]:
     """Return draws of a posterior by importance sampling, and Pareto's k; with more draws if a right model needs them.
 
-    Posteriors of mistaken models may be far from the ratings. They only have to be wrong, so that their weights need
-    not be good.
+    Nothing is told about the truth. Posteriors of mistaken models may be far from the ratings. They only have to be
+    wrong, so that their weights need not be good.
     """
-    nowhere = np.full(posterior.space.dimension, np.nan)  # nothing is known about the truth
-    for effort in EFFORTS:
-        theta, k = weighted(posterior, np.random.default_rng((number, effort.proposed)), nowhere, effort)
-        if k < TRUSTED or not right:
-            break
-    return theta[:DRAWS], k
+    rng = np.random.default_rng((number, 1))
+    found = weighted(posterior, rng, {}, USUAL)
+    if found.k > TRUSTED and right:
+        found = weighted(posterior, rng, {}, RETRY)
+    return found.resampled(rng, DRAWS), found.k
 
 
 def ranked(number: int, case: str) -> Iterator[dict[str, Any]]:
@@ -303,7 +238,7 @@ def judged(rows: Iterable[Mapping[str, str]]) -> Iterator[dict[str, Any]]:
             "model": model,
             "fit": name,
             "labs": len(found.rank),
-            "k_large": sum(row["case"] == case and float(row["k"]) >= TRUSTED for row in kept),
+            "k_large": sum(row["case"] == case and float(row["k"]) > TRUSTED for row in kept),
             "quantities": len(found.names),
             "smallest_p": f"{max(0.0, min(min(one.uniform_p, one.spread_p) for one in each)):.2g}",
             "alarm_below": f"{found.threshold:.1g}",
@@ -318,7 +253,7 @@ VERDICTS = (
     *("model", "fit", "labs", "k_large", "quantities", "smallest_p", "alarm_below", "says_first"),
     *("width", "shift"),
 )
-"""`k_large`: number of fits with k of at least `TRUSTED`; `says_first`: the first quantity with an alarm; `width`,
+"""`k_large`: number of fits with k above `importance.TRUSTED`; `says_first`: the first quantity with an alarm; `width`,
 `shift`: factor by which a posterior must be too narrow, and shift in its standard deviations, to be detected nine times
 in ten."""
 
@@ -336,8 +271,7 @@ def write_verdicts(path: Path) -> None:
 def agreement(number: int, case: str) -> Iterator[dict[str, Any]]:
     """Yield the differences between importance sampling and a run for one laboratory, by parameter."""
     made = laboratory(case, number)[0]
-    nowhere = np.full(made.space.dimension, np.nan)
-    weighed, k = weighted(made, np.random.default_rng(number), nowhere, EFFORTS[1])
+    weighed, k = fit(made, number)
     run = made.natural(independent(sample_until(made, RUN, number), len(weighed), np.random.default_rng(number)))
     for name, one, other in zip(
         made.names, made.space.coordinates(weighed).T, made.space.coordinates(run).T, strict=True
@@ -363,13 +297,15 @@ def main() -> None:
     parser.add_argument("file", type=Path, help="CSV file of the fits; what it holds is kept")
     parser.add_argument("--labs", type=int, default=200, help="number of laboratories of each model")
     parser.add_argument("--first", type=int, default=0, help="number of the first one")
+    parser.add_argument("--models", default=",,".join(CASES), help="models, separated by two commas; by default all")
     parser.add_argument("--agree", action="store_true", help="compare importance sampling with runs instead")
     options = parser.parse_args()
-    numbers = range(options.first, options.first + options.labs)
+    numbers, models = range(options.first, options.first + options.labs), options.models.split(",,")
     if options.agree:
-        keep(options.file, AGREEMENT, numbers, CASES, agreement)
+        keep(options.file, AGREEMENT, numbers, models, agreement)
     else:
-        keep(options.file, COLUMNS, numbers, [*names_of_fits()], ranked)
+        fits = [name for name in names_of_fits() if name.partition(" / ")[0] in models]
+        keep(options.file, COLUMNS, numbers, fits, ranked)
         write_verdicts(options.file)
 
 

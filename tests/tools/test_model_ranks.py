@@ -14,7 +14,7 @@ FOLDER = ROOT / "notebooks" / "results" / "model_ranks"
 PARAMETERS = ("b", "gamma", "tau", "varsigma", "eps", "nu", "lapse", "tau_gamma", "tau_varsigma")
 FITTED = {"whole numbers, Student": 2, "whole numbers, lapses": 2, "categories": 6}
 """Laboratory of each model that is fitted anew, by default 1; in these some raters of laboratory 1 have answers in
-one open interval only, whose likelihood was wrong when the others were fitted."""
+one open interval only, whose likelihood was wrong when the laboratories of these models were fitted."""
 
 
 def kept():
