@@ -23,7 +23,7 @@ FloatArray = NDArray[np.float64]
 Function = Callable[[FloatArray], FloatArray]
 
 WIDE, BOX, BENT = 4.0, 2.0, 4.0
-"""Where the widest interval is wider than the first, in error spreads, evenly spaced points are used if the range that
+"""If the widest interval is wider than the first, in error spreads, evenly spaced points are used if the range that
 a rater's intervals have in common is wider than the second, or if third and fourth derivatives change a log density by
 more than the third (as `rater_integrals.ROUGH`)."""
 
@@ -49,7 +49,7 @@ _LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 
 
 class Scales(Protocol):
-    """What is needed of `rater_integrals.RaterIntegrals`."""
+    """The part of `rater_integrals.RaterIntegrals` that is needed here."""
 
     mean: float
     """Prior mean of the level."""
