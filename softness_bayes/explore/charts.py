@@ -140,7 +140,9 @@ class Charts:
         relay.put("receptors", x=x, y=y)
         fires = found.receptors >= LEAST_RATE
         relay.put("firing receptors", x=x[fires], y=y[fires], rate=found.receptors[fires])
-        relay.set("colours", "high", self._ends["colours"].of(float(found.firing.max())))
+        highest = self._ends["colours"].of(float(found.firing.max()))
+        for name in ("colours", "bar colours"):
+            relay.set(name, "high", highest)
         relay.put("contact", **self._outline(found.chosen["contact_radius_mm"]))
 
     def _outline(self, radius: float) -> dict[str, NDArray[np.float64]]:
@@ -208,15 +210,16 @@ class Charts:
         chart.sizing_mode = "fixed"
         chart.width = min(round(PAD_HEIGHT * long / wide), LONGEST_PAD) + PAD_BESIDE
         chart.x_range, chart.y_range = Range1d(start=0.0, end=long), Range1d(start=0.0, end=wide)
-        colours = LinearColorMapper(palette=Viridis256, low=0.0, high=1.0)
-        self.models["colours"] = colours
+        # two mappers, because Bokeh repaints a colour bar whenever its mapper has coloured receptors
+        colours, bar_colours = (LinearColorMapper(palette=Viridis256, low=0.0, high=1.0) for _ in range(2))
+        self.models |= {"colours": colours, "bar colours": bar_colours}
         fill: Any = {"field": "rate", "transform": colours}
         drawn: Any = {"size": 6, "line_color": USUAL.absent, "line_width": 0.5}
         chart.scatter("x", "y", source=self._source("receptors", "x", "y"), fill_color=None, **drawn)
         firing = self._source("firing receptors", "x", "y", "rate")
         chart.scatter("x", "y", source=firing, fill_color=fill, **drawn, **MOVING)
         chart.line("x", "y", source=self._source("contact", "x", "y"), color=INK, **MOVING)
-        chart.add_layout(ColorBar(color_mapper=colours, title="Hz", background_fill_color=None), "right")
+        chart.add_layout(ColorBar(color_mapper=bar_colours, title="Hz", background_fill_color=None), "right")
         return chart
 
 

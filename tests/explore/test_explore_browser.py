@@ -130,14 +130,15 @@ def test_only_the_moving_layer_is_repainted(window):
         "for (const [name, kind] of [['_paint_primary', 'still'], ['_paint_overlays', 'moving']]) { "
         "const paint = view[name].bind(view); view[name] = (...all) => { window.painted[kind]++; paint(...all) } } }"
     )
-    curve = COLUMN.format("curve", "rating")
-    before = window.script(curve)
-    window.script(f"{{ const one = {MODEL.format('gamma')}; one.value += (one.end - one.start) / 100 }}")
-    window.wait(f"JSON.stringify({curve}) !== JSON.stringify({json.dumps(before)})")
-    window.script(TWO_FRAMES)
-    painted = window.script("window.painted")
-    assert painted["still"] == 0
-    assert painted["moving"] >= 1
+    for slider, source, key in (("gamma", "curve", "rating"), ("alpha", "firing receptors", "rate")):
+        drawn = COLUMN.format(source, key)
+        before = window.script(drawn)
+        window.script(f"{{ const one = {MODEL.format(slider)}; one.value += (one.end - one.start) / 1000 }}")
+        window.wait(f"JSON.stringify({drawn}) !== JSON.stringify({json.dumps(before)})")
+        window.script(TWO_FRAMES)
+        painted = window.script("window.painted")
+        assert painted["still"] == 0
+        assert painted["moving"] >= 1
     window.script(f"{MODEL.format('load')}.value = '0'")
     wait_for(window, "--indentation-mm 2")
     window.script(TWO_FRAMES)
