@@ -22,10 +22,11 @@ from softness_bayes.likelihood.rater_rows import RowParameters
 FloatArray = NDArray[np.float64]
 Function = Callable[[FloatArray], FloatArray]
 
-WIDE, BOX, BENT = 4.0, 2.0, 4.0
+WIDE, BOX, BENT = 4.0, 6.0, 10.0
 """If the widest interval is wider than the first, in error spreads, evenly spaced points are used if the range that
 a rater's intervals have in common is wider than the second, or if third and fourth derivatives change a log density by
-more than the third (as `rater_integrals.ROUGH`)."""
+more than the third (as `rater_integrals.ROUGH`). Below these limits the rules about the modes err by less than 2e-4 at
+432 draws of a run on categories; even points take forty times as long."""
 
 POINTS, LEVELS = 129, 65
 """Number of evenly spaced points of each rater's scale, and of the level."""

@@ -143,7 +143,7 @@ def test_check_counts_many_loads_and_lists_few(tmp_path):
     head = "participant,fabric,indentation_mm,force_n,rating,effective_modulus_kpa"
     path.write_text("\n".join([head, *rows]) + "\n")
     shown = call("check", "--data", path).stdout
-    assert "1 mm (1 ratings), 2 mm (1 ratings), 20 different forces, 0.9 N to 1.09 N (20 ratings)" in shown
+    assert "1 mm (1 rating), 2 mm (1 rating), 20 different forces, 0.9 N to 1.09 N (20 ratings)" in shown
 
 
 def test_check_of_one_participant_without_loads(files):

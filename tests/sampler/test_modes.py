@@ -87,7 +87,7 @@ def test_masses_come_out_right_or_the_run_has_not_converged(target, mass, seed):
 )
 def test_modes_that_no_move_joins_are_not_converged(target):
     """Negative control: the proportions are those of the start, each mode's own times are short, ensembles agree."""
-    state = last(target, moves=LOCAL, max_steps=500, relearning=0)
+    state = last(target, moves=LOCAL, max_steps=750, relearning=0)
     verdict = state.verdict
     assert verdict.kept > 10 * verdict.own
     assert not verdict.converged
