@@ -90,6 +90,7 @@ def _show(found: Ranking) -> None:
         tied, silent = int((one.tie > 0).sum()), int((one.p_silent >= 0.5).sum())
         if tied:
             click.echo(
-                f"{some_of(tied, len(rows), 'fabric')} tied with others; no receptor fires for {silent} in most draws"
+                f"{some_of(tied, len(rows), 'fabric')} tied with others and share the mean of their places; "
+                f"no receptor fires for {silent} in most draws"
             )
         click.echo()
