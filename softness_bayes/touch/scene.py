@@ -44,16 +44,8 @@ SKIN_SHARE = 0.1
 """Relative error allowed in the skin's modulus, as a share of the stress fields' tolerance."""
 
 _KEPT = (
-    "loads",
-    "firing",
-    "fabric",
-    "load",
-    "finger",
-    "readings",
-    "discretisation",
-    "modulus_range",
-    "finger_box",
-    "skin_box",
+    *("loads", "firing", "fabric", "load", "finger"),
+    *("readings", "discretisation", "modulus_range", "finger_box", "skin_box"),
 )
 """Arguments of a scene that it keeps by their names."""
 
