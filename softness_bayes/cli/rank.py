@@ -75,7 +75,7 @@ def command(
         )
         click.echo(agreement.to_string(index=False, float_format="{:.3f}".format, na_rep="–"))
         if left:
-            click.echo(f"note: {some_of(left, len(observed), 'fabric', 'was', 'were')} not ranked", err=True)
+            click.echo(f"note: {against}: {some_of(left, len(observed), 'fabric', 'was', 'were')} not ranked", err=True)
     click.echo(f"written to {target}: {', '.join((*tables, *MADE[3:]))}", err=True)
 
 

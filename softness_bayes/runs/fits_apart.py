@@ -19,7 +19,7 @@ from softness_bayes.files.lock import Lock
 from softness_bayes.files.run_files import CHECKPOINT, LOCK, MANIFEST, MANIFEST_COPY, POSTERIOR
 from softness_bayes.files.whole import is_part, write_whole
 from softness_bayes.results.request import Request
-from softness_bayes.runs.table_fit import REFUSED, UNCONVERGED, Kept, TableOutcome, fit_table
+from softness_bayes.runs.table_fit import REFUSED, UNCONVERGED, Kept, TableOutcome, final_verdict, fit_table
 from softness_bayes.sampler.workers import Workers
 
 SLICE = 300.0
@@ -149,8 +149,7 @@ def _has_ended(home: Path, request: Request) -> bool:
     if not (home / CHECKPOINT / MANIFEST).exists() or not (home / POSTERIOR).is_file():
         return False
     status = read_status(home)
-    good = status.verdict is not None and (status.verdict.converged or status.steps >= request.run.max_steps)
-    return status.written and good
+    return status.written and final_verdict(status, request.run.max_steps) is not None
 
 
 def _at_the_limit(home: Path) -> bool:

@@ -12,12 +12,14 @@ import numpy as np
 
 from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.checkpoints.identity import identity
+from softness_bayes.checkpoints.status import Status
 from softness_bayes.data import Compression, Experiment
 from softness_bayes.errors import LockedError, ResourceError, SoftnessError
 from softness_bayes.files.run_files import CHECKPOINT, MANIFEST, POSTERIOR
 from softness_bayes.results.request import Request
 from softness_bayes.results.versions import versions
 from softness_bayes.runs.kept import model_of, sample_kept
+from softness_bayes.sampler.diagnostics import Verdict
 
 CONVERGED, UNCONVERGED, REFUSED = "converged", "not converged", "refused"
 """Possible outcomes of a table."""
@@ -75,8 +77,7 @@ def _fit(
         status = checkpoint.status
         if status is not None and status.written and (directory / POSTERIOR).is_file():
             checkpoint.require_same(identity(data, model.posterior, run.settings, asked.choices()))
-            verdict = status.verdict
-            if verdict is not None and (verdict.converged or status.steps >= run.max_steps):
+            if (verdict := final_verdict(status, run.max_steps)) is not None:
                 return TableOutcome(name, CONVERGED if verdict.converged else UNCONVERGED, verdict.sentence())
         if kept is not None:
             record = {"files": kept.files, "options": asked.record(), "figures": kept.figures}
@@ -84,6 +85,12 @@ def _fit(
         figures = () if kept is not None and kept.figures else None
         ending = sample_kept(checkpoint, model, run, figures).provenance.ending
     return TableOutcome(name, CONVERGED if ending.converged else UNCONVERGED, ending.verdict)
+
+
+def final_verdict(status: Status, max_steps: int) -> Verdict | None:
+    """Return the verdict on a run that needs no further steps; None for others."""
+    verdict = status.verdict
+    return verdict if verdict is not None and (verdict.converged or status.steps >= max_steps) else None
 
 
 def seed_of(seed: int, table: str) -> int:
