@@ -191,7 +191,7 @@ def test_observed_orders_are_read(tmp_path):
 
 def test_the_command_line_ranks(result, saved, tmp_path):
     seen = tmp_path / "seen.csv"
-    names = pd.DataFrame({"fabric": [*result.fabrics.names], "rating": [1.0, 2.0, 3.0, 4.0]})
+    names = pd.DataFrame({"fabric": [*result.fabrics.names, "another"], "rating": [1.0, 2.0, 3.0, 4.0, 5.0]})
     names.to_csv(seen, index=False)
     with quickly():
         done = call("rank", saved, "--against", seen)
@@ -200,6 +200,7 @@ def test_the_command_line_ranks(result, saved, tmp_path):
     assert "2 mm, the softest first (the highest predicted rating):" in done.stdout
     assert "1.5 N, the softest first (" in done.stdout
     assert "spearman" in done.stdout
+    assert f"note: {seen}: 1 of 5 fabrics was not ranked" in done.stderr
     made = {"ranking.csv", "places.csv", "pairs.csv", "agreement.csv", "ranking.png", "ranking.pdf"}
     assert {path.name for path in (saved / "ranking").iterdir()} == {".softness-bayes.json", *made}
     refused(again, "ranking.csv", "--force")
