@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from softness_bayes.files.outputs import write_outputs
-from softness_bayes.plotting.figures import FIGURES, drawn, every_figure, figures_of
+from softness_bayes.plotting.figures import FIGURES, drawn, figures_of
 from softness_bayes.plotting.style import PLOT
 from softness_bayes.results.result import Result
 from softness_bayes.sampler.workers import Workers
@@ -20,11 +20,14 @@ if TYPE_CHECKING:
 RUN_FORMATS = ("png", "csv")
 """Formats of the figures of a run; no PDF by default, as embedding its fonts doubles the time."""
 
-FIRST_FIGURES = ("response", "rating", "inflection", "trace", "compression")
-"""Figures of a first look; ``plot`` draws the others."""
+FIRST_FIGURES = ("response", "rating", "inflection", "compression")
+"""Figures of a first look."""
 
-OF_THE_WALK = ("corner", "trace", "rank")
-"""Figures that need only the posterior draws, which are available before anything is computed from them."""
+RUN_FIGURES = (*FIRST_FIGURES, "corner", "touch", "predictive_checks", "category_counts", "psychometric")
+"""Figures of a run; ``plot`` draws the others, which would take a user's time before the result is complete."""
+
+OF_THE_WALK = ("corner",)
+"""Figures of a run that need only the posterior draws, available before anything is computed from them."""
 
 LARGE = (
     "posterior",
@@ -48,22 +51,24 @@ class FiguresUnderWay:
         Processes that draw; without other processes, figures are drawn when they are written.
     directory
         Directory to which they will be written.
+    requested
+        Names of further figures, built-in or custom.
     """
 
-    def __init__(self, workers: Workers, directory: Path) -> None:
-        self._workers, self._directory = workers, directory
+    def __init__(self, workers: Workers, directory: Path, requested: Sequence[str] = ()) -> None:
+        self._workers, self._directory, self._requested = workers, directory, requested
         self._begun: dict[str, Callable[[], dict[str, bytes]]] = {}
 
     def begin_walk(self, tree: xr.DataTree) -> None:
         """Start the figures of the posterior draws; the tree contains only these."""
-        self._begin(_result(tree), [name for name in OF_THE_WALK if name in every_figure()])
+        self._begin(_result(tree), OF_THE_WALK)
 
     def begin_usual(self, tree: xr.DataTree) -> None:
         """Start the built-in figures of all groups of a result, before its tables are available."""
         result = _result(tree)
-        self._begin(result, [name for name in figures_of(result) if name in FIGURES])
+        self._begin(result, [name for name in figures_of(result, every=True) if name in FIGURES])
 
-    def write(self, result: Result, own: Sequence[str]) -> list[Path]:
+    def write(self, result: Result) -> list[Path]:
         """Draw figures not yet started, such as custom ones, wait for all figures and write them.
 
         Raises
@@ -71,7 +76,8 @@ class FiguresUnderWay:
         InputError
             If a custom figure fails, or another file is in the way.
         """
-        self._begin(result, [*figures_of(result), *own])
+        custom = [name for name in (*figures_of(result), *self._requested) if name not in FIGURES]
+        self._begin(result, [*figures_of(result, every=True), *custom])
         return write_outputs(self._directory, _finished(self._begun.values()), PLOT)
 
     @cached_property
@@ -79,10 +85,16 @@ class FiguresUnderWay:
         """Formats, determined when the first figure is started, after files of a replaced run have been removed."""
         return formats_in(self._directory)
 
+    @cached_property
+    def _earlier(self) -> tuple[str, ...]:
+        """Figures that were drawn there before, and would show an old result; determined like the formats."""
+        return tuple(name for name in FIGURES if any(self._directory.glob(f"{name}.*")))
+
     def _begin(self, result: Result, names: Iterable[str]) -> None:
-        first = result.is_first_look
+        usual = FIRST_FIGURES if result.is_first_look else RUN_FIGURES
         for name in names:
-            if name not in self._begun and not (first and name in FIGURES and name not in FIRST_FIGURES):
+            wanted = name not in FIGURES or name in (*usual, *self._earlier, *self._requested)
+            if wanted and name not in self._begun:
                 shown = replace(result, tree=_needed(result.tree, name)) if name in FIGURES else result
                 self._begun[name] = self._workers.start(_drawn_of, shown, name, self._formats)
 

@@ -49,7 +49,7 @@ def sample_kept(
     model, run
         The model, and how long to run.
     own_figures
-        Custom figures to draw in addition to the others; None to draw no figures at all.
+        Figures to draw in addition to those of every run, custom or built-in; None to draw no figures at all.
     progress
         Function called at least every few seconds.
     listener
@@ -61,7 +61,7 @@ def sample_kept(
         As for `runs.run.sample`.
     """
     with run.settings.workers(model.posterior) as workers:
-        figures = None if own_figures is None else _figures(workers, checkpoint)
+        figures = None if own_figures is None else _figures(workers, checkpoint, own_figures)
         if isinstance(model, ExperimentModel):
             result = sample_model(model, run, progress, checkpoint, listener, workers, figures)
         else:
@@ -70,12 +70,12 @@ def sample_kept(
         result.save(checkpoint.directory)
         if figures is not None:
             listener(Stage.FIGURES)
-            figures.write(result, own_figures or ())
+            figures.write(result)
     checkpoint.finish()
     return result
 
 
-def _figures(workers: Workers, checkpoint: Checkpoint) -> FiguresUnderWay:
+def _figures(workers: Workers, checkpoint: Checkpoint, requested: Sequence[str]) -> FiguresUnderWay:
     from softness_bayes.runs.drawing import FiguresUnderWay  # imports the plotting libraries
 
-    return FiguresUnderWay(workers, checkpoint.directory / "figures")
+    return FiguresUnderWay(workers, checkpoint.directory / "figures", requested)

@@ -210,7 +210,7 @@ def test_an_effect_per_fabric_from_end_to_end(tmp_path, brief_pilot, monkeypatch
         tmp_path / "few.csv", index=False, sep=";"
     )
     (tmp_path / "out").mkdir()
-    few_figures = ("response", "rating", "corner", "rank")  # every figure is drawn elsewhere
+    few_figures = ("response", "rating", "corner", "touch")  # every figure is drawn elsewhere
     monkeypatch.setattr(figures, "FIGURES", {name: figures.FIGURES[name] for name in few_figures})
     done = call(
         *["sample", "--data", tmp_path / "few.csv", "--fabrics", DATA / "fabrics.csv", *FIXED],

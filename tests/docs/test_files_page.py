@@ -38,11 +38,12 @@ from softness_bayes.results.result import Result
 from softness_bayes.results.result_file import SCHEMA
 from softness_bayes.runs import calibrated, calibration_files, study
 from softness_bayes.runs.comparison import compare
+from softness_bayes.runs.drawing import FIRST_FIGURES, RUN_FIGURES
 from softness_bayes.runs.run import sample
 from softness_bayes.sampler.moves import MANY_DIMENSIONS, MANY_DIMENSIONS_MOVES, MOVES
 from softness_bayes.touch.finger_grid import SPREAD_OF
 from softness_bayes.touch.readings import MENDED
-from support.pages import headings, in_the_code, numbers, plain, sections, table, tables
+from support.pages import headings, in_the_code, numbers, paragraphs, plain, sections, table, tables
 from support.paths import DATA, ROOT
 from support.report_runs import HELD, OPTIONS, cells_run, experiment, quickly
 
@@ -238,6 +239,10 @@ def test_files_of_a_run(directory):
 
 def test_figures():
     assert column(table(PAGE, "4", "figure"), "figure") == [*FIGURES]
+    (said,) = (part for part in paragraphs(sections(PAGE)["4"]) if part.startswith("A run draws "))
+    run, first = said.split("A first look draws ")
+    assert {*re.findall(r"`(\w+)`", run.split(", as far as")[0])} == {*RUN_FIGURES}
+    assert {*re.findall(r"`(\w+)`", first)} == {*FIRST_FIGURES}
 
 
 def test_data_of_figures():

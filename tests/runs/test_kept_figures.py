@@ -26,14 +26,16 @@ def test_a_run_draws_anew_what_was_drawn_before(tmp_path, there, more):
 def test_figures_that_begin_early_show_what_the_whole_result_shows(report_run, tmp_path, monkeypatch):
     """A group that is not there is an error, so that none of those left out is shown."""
     result, seen = report_run("ratings"), {}
+    (tmp_path / "trace.svg").touch()  # drawn before: it would show an old result
     monkeypatch.setattr(drawing, "drawn", lambda part, name, _: seen.update({name: part}) or {f"{name}.csv": b"1"})
     walk = xr.DataTree(children={"posterior": xr.DataTree(result.tree["posterior"].to_dataset())})
     with Workers(None, 1) as workers:
-        figures = drawing.FiguresUnderWay(workers, tmp_path)
+        figures = drawing.FiguresUnderWay(workers, tmp_path, ["tests.own:figure", "membrane"])
         figures.begin_walk(walk)
         figures.begin_usual(result.tree)
-        paths = figures.write(result, ["tests.own:figure"])
-    usual = figures_of(result)
+        paths = figures.write(result)
+    usual = [name for name in figures_of(result) if name in (*drawing.RUN_FIGURES, "trace", "membrane")]
+    assert {"corner", "trace", "membrane"} < {*usual} < {*figures_of(result)}
     assert {path.stem for path in paths} == {*usual, "tests.own:figure"}
     assert seen["tests.own:figure"] is result
     for name in drawing.OF_THE_WALK:

@@ -310,7 +310,7 @@ def test_a_run_from_the_command_line(tmp_path):
     held = Result.load(tmp_path / "skin").group("constant_data")
     assert float(held["tau_m"]) == 0.3
     names = {path.stem for path in (tmp_path / "skin" / "figures").glob("[a-z]*")}
-    assert names == {"corner", "prior", "trace", "rank", "compression"}
+    assert names == {"corner", "compression"}
     refused(
         call("predict", "--fabrics", DATA / "fabrics.csv", "--force-n", "1", "--posterior", tmp_path / "skin"),
         "this run has no ratings",

@@ -58,11 +58,11 @@ own_figures = click.option(
     "own_figures",
     multiple=True,
     shell_complete=figures,
-    metavar="MODULE:NAME",
-    help="Also draw this custom figure, a function of a result and a style. Repeatable. Figures of installed "
-    "packages are always drawn.",
+    metavar="NAME",
+    help="Also draw this figure: one that 'figures' lists, or a custom one such as mymodule:mine, a function of a "
+    "result and a style. Repeatable. Figures of installed packages are always drawn.",
 )
-"""Passes `own_figures` to a command: importable names."""
+"""Passes `own_figures` to a command: names of figures."""
 
 seed = click.option(
     "--seed",
