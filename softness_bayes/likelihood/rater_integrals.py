@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Protocol, Self
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -22,11 +22,10 @@ from softness_bayes.likelihood.interval_law import derivatives, log_probability,
 from softness_bayes.likelihood.mu_nodes import draw_on, log_sum
 from softness_bayes.likelihood.pieces import blocks
 from softness_bayes.likelihood.quadrature import FAST, FINE, ROUGHLY, Quadrature, gauss_hermite, to_chebyshev
-from softness_bayes.likelihood.rater_rows import RowParameters, WidthGroup, groups_by_width
+from softness_bayes.likelihood.rater_rows import HasParts, RowParameters, WidthGroup, groups_by_width
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
-
 
 LEVELS = 33
 """Number of levels at which the level's density is computed to draw from it."""
@@ -52,13 +51,6 @@ _LEAST_CURVATURE = 0.1  # in Newton steps, relative to that of as many normal er
 _NO_CURVATURE = 0.002  # same ratio, for the normal approximation about the mode
 _NO_WEIGHT = 1e-3  # replaces the total weight 0 of a rater without narrow intervals as a divisor
 _LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
-
-
-class HasParts(Protocol):
-    """Arrays with an axis of draws."""
-
-    def part(self, piece: Any) -> Self:
-        """Return some of the draws."""
 
 
 class ScaleModes(NamedTuple):
@@ -194,7 +186,12 @@ class RaterIntegrals:
 
     def _steepest(self, given: RowParameters, a: FloatArray, slopes: FloatArray) -> ScaleModes:
         """Return a Newton step, for l_p that far from its mode may not be concave if errors have heavy tails."""
-        return self._step(given, a, slopes[1], np.maximum(-slopes[2], _LEAST_CURVATURE * self.count / given.spread**2))
+        least = self.least_curvature(given, a, slopes[1])
+        return self._step(given, a, slopes[1], np.maximum(-slopes[2], least))
+
+    def least_curvature(self, given: RowParameters, a: FloatArray, slope: FloatArray) -> FloatArray:
+        """Return the smallest curvature of l_p for a Newton step from a_p, given its slope there, (draws, raters)."""
+        return np.asarray(_LEAST_CURVATURE * self.count / given.spread**2)
 
     def _step(self, given: RowParameters, a: FloatArray, slope: FloatArray, curvature: FloatArray) -> ScaleModes:
         """Return the mode of all scales and the level for quadratic l_p of that slope and curvature at a_p."""
@@ -221,7 +218,10 @@ class RaterIntegrals:
             slope = curvature * (mean - start)
         if self._open:
             _, steep, bend, _, _ = self._slopes(given, start, self._open)
-            slope, curvature = slope + steep, curvature + np.maximum(-bend, 0.0)
+            curvature = curvature + np.maximum(-bend, 0.0)
+            own = self.walled  # raters without other rows
+            curvature[:, own] = np.maximum(curvature, self.least_curvature(given, start, steep))[:, own]
+            slope = slope + steep
         return self._step(given, start, slope, curvature).a
 
     def log_density(self, given: RowParameters, quadrature: Quadrature) -> FloatArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,13 @@ class LawParameters(NamedTuple):
     def at_points(self) -> LawParameters:
         """Return the parameters with an axis of points after that of draws."""
         return LawParameters(self.nu[:, None], self.lapse[:, None])
+
+
+class HasParts(Protocol):
+    """Arrays with an axis of draws."""
+
+    def part(self, piece: Any) -> Self:
+        """Return some of the draws."""
 
 
 class RowParameters(NamedTuple):

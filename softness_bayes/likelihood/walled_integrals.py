@@ -15,8 +15,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.likelihood.interval_law import two_derivatives_beyond
+from softness_bayes.likelihood.box_integrals import innermost
+from softness_bayes.likelihood.interval_law import Rows, two_derivatives_beyond
 from softness_bayes.likelihood.mu_nodes import log_sum
+from softness_bayes.likelihood.pieces import blocks
 from softness_bayes.likelihood.quadrature import FINEST, Quadrature
 from softness_bayes.likelihood.rater_integrals import RaterIntegrals, ScaleModes
 from softness_bayes.likelihood.rater_rows import RowParameters
@@ -76,6 +78,8 @@ class Walls(NamedTuple):
     """Not exactly 0, shape (draws, 1)."""
     rows: FloatArray
     """Number of each rater's rows, shape (raters,)."""
+    kind: IndexArray
+    """Number of the law of each rater, shape (raters,); raters with equal rows have the same."""
 
     def part(self, piece: Any) -> Walls:
         """Return the tables of some draws."""
@@ -85,6 +89,25 @@ class Walls(NamedTuple):
             spread=self.spread[piece],
             tau=self.tau[piece],
         )
+
+    def only(self, raters: IndexArray) -> Walls:
+        """Return the tables of some raters."""
+        sides = np.flatnonzero(np.isin(self.rater, raters))
+        rater = np.searchsorted(raters, self.rater[sides])
+        return self._replace(
+            place=self.place[:, sides],
+            sign=self.sign[sides],
+            rater=rater,
+            first=np.flatnonzero(np.diff(rater, prepend=-1)),
+            coefficients=self.coefficients[:, :, sides],
+            rows=self.rows[raters],
+            kind=np.arange(raters.size),
+        )
+
+    def distinct(self) -> Walls:
+        """Return the tables of one rater of each kind."""
+        raters = np.unique(self.kind, return_index=True)[1]
+        return self if raters.size == self.kind.size else self.only(np.sort(raters))
 
     def slopes(self, a: FloatArray, orders: int = 3) -> list[FloatArray]:
         """Return l_p and its derivatives at a (draws, levels, raters, nodes), each of the same shape."""
@@ -117,6 +140,10 @@ class Walls(NamedTuple):
 
         Each has the shape (draws, levels, raters).
         """
+        few = self.distinct()
+        if few is not self:
+            whole, mean, variance = (one[..., self.kind] for one in few.integrated(level))
+            return whole, mean, variance
         tau, here = self.tau[:, :, None], np.repeat(level[:, :, None], self.rows.size, axis=2)
         mode, width = self._mode(here)
         edges = [panels_about(mode, width, FARTHEST * tau + np.abs(mode - here), self.resolution)]
@@ -205,6 +232,17 @@ class WalledIntegrals(RaterIntegrals):
             one[:, own] = 0.0  # these raters need no expansion
         return ScaleModes(at, slopes, a, pull, curvature, shrink, mu, precision**-0.5, walls)
 
+    def least_curvature(self, given: RowParameters, a: FloatArray, slope: FloatArray) -> FloatArray:
+        """Equivalent of `RaterIntegrals.least_curvature`; a step towards a wall does not go beyond it.
+
+        Beyond a wall, heavy tails are hardly curved, and on its flat side nothing is.
+        """
+        found = np.broadcast_to(super().least_curvature(given, a, slope), a.shape).copy()
+        low, high = innermost(given, self._first)
+        distance = np.maximum(np.maximum(a - high, low - a), given.spread)
+        found[:, self.walled] = (np.abs(slope) / distance)[:, self.walled]
+        return found
+
     def curve(
         self, given: RowParameters, modes: ScaleModes, quadrature: Quadrature
     ) -> Callable[[FloatArray], FloatArray]:
@@ -243,15 +281,18 @@ class WalledIntegrals(RaterIntegrals):
             return super()._summed_at_once(given, modes, quadrature._replace(levels=levels))
         # only the prior of the level and walls are left
         walls = self._walls_of(given, modes, quadrature)
-        resolution = walls.resolution
+        few, resolution = walls.distinct(), walls.resolution
+        times = np.bincount(walls.kind)
         reach = FARTHEST * self.sd + np.abs(modes.mu - self.mean)
         edges = panels_about(modes.mu, modes.sd, reach, resolution)[:, 0]
         width = np.hypot(given.tau, given.spread)
-        around = (walls.place[..., None] + (walls.sign * width)[..., None] * EDGES).reshape(len(edges), -1)
+        around = (few.place[..., None] + (few.sign * width)[..., None] * EDGES).reshape(len(edges), -1)
         edges = np.sort(np.hstack([edges, np.clip(around, edges[:, :1], edges[:, -1:])]), axis=-1)
         level, weight = nodes_of(edges, resolution)
+        size = level.shape[1] * few.rows.size * resolution.nodes * (edges.shape[1] - 1)
+        each = [few.part(one).integrated(level[one])[0] @ times for one in blocks(len(level), size)]
         with np.errstate(divide="ignore"):
-            terms = walls.integrated(level)[0].sum(axis=-1) + self.log_prior(level) + np.log(weight)
+            terms = np.concatenate(each) + self.log_prior(level) + np.log(weight)
         return log_sum(terms, axis=-1)
 
     def _walls_of(self, given: RowParameters, modes: ScaleModes, quadrature: Quadrature) -> Walls:
@@ -288,7 +329,16 @@ class WalledIntegrals(RaterIntegrals):
         start = np.flatnonzero(np.diff(rater, prepend=-1))
         raters = self.count[self.walled]
         tau = np.maximum(given.tau, _LEAST_TAU * given.spread)
-        return Walls(place, sign, rater, start, coefficients, resolution, given.spread, tau, raters)
+        own = np.split(np.arange(rows.size), np.flatnonzero(np.diff(self.rater[rows])) + 1)
+        kind = _numbered([(drive[:, k], ends.take(k), self._times[rows[k]]) for k in own])
+        return Walls(place, sign, rater, start, coefficients, resolution, given.spread, tau, raters, kind)
+
+
+def _numbered(laws: list[tuple[FloatArray, Rows, FloatArray]]) -> IndexArray:
+    """Return numbers of laws in order of appearance, equal ones for equal drives, intervals and multiplicities."""
+    keys = [b"".join(np.ascontiguousarray(one).tobytes() for one in (drive, *rows, n)) for drive, rows, n in laws]
+    number = {key: k for k, key in enumerate(dict.fromkeys(keys))}
+    return np.array([number[key] for key in keys])
 
 
 def _polynomials(at: FloatArray, value: FloatArray, slope: FloatArray, bend: FloatArray) -> FloatArray:

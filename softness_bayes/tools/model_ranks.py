@@ -46,7 +46,7 @@ SCENE = CalibrationScene(Fabrics(tuple("abcdefghijkl"), effective_modulus=np.geo
 HELD = ("m", "alpha", "beta", "sigma_0", "c_Na", "c_K", "c_L", "c_A")
 """Parameters of the forward model that are fixed at their usual values, in simulation and fit."""
 
-USUAL, RETRY = Effort(1000, 500.0), Effort(5000, 1000.0)
+USUAL, RETRY = Effort(500, 500.0), Effort(2000, 500.0)
 """Effort of a fit, and the one spent where a right model's weights cannot be trusted."""
 
 RUN = Settings(ensembles=2, processes=1)

@@ -13,7 +13,8 @@ from softness_bayes.likelihood.intervals import IntervalModel, SliderModel
 from softness_bayes.likelihood.quadrature import DENSE, FINEST
 from softness_bayes.likelihood.rater_integrals import RaterIntegrals
 from softness_bayes.likelihood.stated import Stated
-from softness_bayes.likelihood.walled_integrals import Resolution, WalledIntegrals
+from softness_bayes.likelihood.walled_integrals import Resolution, WalledIntegrals, Walls
+from softness_bayes.tools.model_ranks import laboratory
 
 FABRICS, TAU = 12, 0.6
 RATE = np.geomspace(1.0, 40.0, FABRICS)[None]
@@ -121,6 +122,52 @@ def test_other_laws_are_those_on_evenly_spaced_points(law, most, kind):
         observed, given = table(kind, 3, 3, varsigma, law)
         expected = observed.with_quadrature(DENSE).log_likelihood(RATE, given)[0]
         assert abs(observed.log_likelihood(RATE, given)[0] - expected) < most, varsigma
+
+
+def test_search_from_far_beyond_a_wall(monkeypatch):
+    """With heavy tails, the search for the modes began 40 000 error spreads off, and did not come back."""
+    posterior = laboratory("whole numbers, Student", 1)[0]
+    observed = posterior.observation
+    assert observed._integrals.walled.size == 2
+    theta = np.array([[124.4, 2.25, 1.84, 0.0726, 0.645, 95.9], [103.4, 2.93, 1.67, 0.0819, 1.58, 75.9]])
+    given = posterior.response(theta), posterior.rating_parameters(theta)
+    expected = observed.with_quadrature(DENSE).log_likelihood(*given)
+    assert (expected < 0.0).all()  # probabilities of whole numbers
+    assert_allclose(observed.log_likelihood(*given), expected, atol=3e-4)
+    assert_allclose(observed.finer().log_likelihood(*given), expected, atol=3e-4)
+    begin = RaterIntegrals._start
+
+    def far_off(self, given):
+        found = begin(self, given)
+        found[:, self.walled] = -2900.0
+        return found
+
+    monkeypatch.setattr(WalledIntegrals, "_start", far_off)
+    assert_allclose(observed.log_likelihood(*given), expected, atol=3e-4)
+    # negative control: the curvature that is assumed of other raters
+    monkeypatch.setattr(WalledIntegrals, "least_curvature", RaterIntegrals.least_curvature)
+    assert (np.abs(observed.log_likelihood(*given) - expected) > 100.0).all()
+
+
+@pytest.mark.parametrize("law", [NORMAL, STUDENT])
+def test_raters_with_equal_rows_are_integrated_once(law, monkeypatch):
+    observed, given = table("categories", 5, 5, 0.3, law)
+    rows = observed._given(RATE, given)[0]
+    walls = observed._integrals._walls(rows)
+    assert walls.kind.tolist() == [0, 0, 0, 0, 1]  # the last one's answers are in the other end category
+    assert walls.distinct().rows.size == 2
+    found = observed.log_likelihood(RATE, given)
+    monkeypatch.setattr(Walls, "distinct", lambda self: self)
+    monkeypatch.setattr(walled_integrals, "_numbered", lambda laws: np.arange(len(laws)))
+    assert_allclose(found, observed.log_likelihood(RATE, given), atol=3e-5)
+
+
+def test_raters_of_other_fabrics_are_of_another_kind():
+    design = Design(np.array([0, 1, 2, 0, 1, 3]), np.array([0, 0, 0, 1, 1, 1]), np.arange(4), 2)
+    observed = CategoryModel(categories=4).observe(np.ones(6), design)
+    given = table("categories", 1, 1, 0.3)[1]
+    walls = observed._integrals._walls(observed._given(RATE[:, ::3], given)[0])
+    assert walls.kind.tolist() == [0, 1]
 
 
 def test_finer_integrals_reveal_an_error_at_the_walls(monkeypatch):
