@@ -165,6 +165,7 @@ class IndividualRatings(LogRatings):
         self._centred = self._log - math.log(self.model.centre)
         self._own = RaterSums.of(design, self._centred)
         self._shares = self._own.shares
+        self._alike = pressed is None and bool((self._own.cells == self._own.cells[:1]).all())
 
     @property
     def n_blocks(self) -> int:
@@ -217,7 +218,7 @@ class IndividualRatings(LogRatings):
             for k, rater in enumerate(self._own.participant):
                 # nodes placed for the other raters: without this rater, mu may lie elsewhere
                 term, gap, variance, constant = (np.delete(part, k, axis=-1) for part in law[:4])
-                rest = self._placed(RaterLaw(term, gap, variance, constant, law.centre, law.step))
+                rest = self._placed(RaterLaw(term, gap, variance, constant, law.centre, law.step, alike=law.alike))
                 others = log_sum(self._at_mu(rest), axis=-1)
                 found[..., rater] = everyone + law.constant[..., k] - others
             return found - np.bincount(self.design.participant, self._log, self.design.n_participants)
@@ -331,9 +332,11 @@ class IndividualRatings(LogRatings):
         drive = self._drives(mean_rate, parameters)
         row = np.maximum(np.asarray(parameters.varsigma, float) ** 2, _LEAST_VARIANCE)[..., None]
         tau = np.asarray(parameters.tau, float)[..., None] ** 2
-        mean = self._of_raters(drive, self._shares, self._own.participant)
-        sums = self._of_raters(drive, self._own.sums, self._own.participant)
-        own = self._of_raters(drive * drive, self._own.cells, self._own.participant)
+        who = self._own.participant
+        some = slice(1) if self._alike else slice(None)  # one rater stands for all
+        mean = self._of_raters(drive, self._shares[some], who[some])
+        sums = self._of_raters(drive, self._own.sums, who)
+        own = self._of_raters(drive * drive, self._own.cells[some], who[some])
         squares = self._own.squares - 2.0 * sums + own - self._own.rows * mean**2
         log_term = self.model.grid.log_weight[:, None] - 0.5 * squares / row[..., None, :]
         variance = row / self._own.rows + tau
@@ -341,9 +344,8 @@ class IndividualRatings(LogRatings):
         constant = -0.5 * (self._own.rows * _LOG_TWO_PI + determinant)
         shape = drive.shape[:-3]
         variance, constant = (np.broadcast_to(v, (*shape, self._own.rows.size)) for v in (variance, constant))
-        return self._placed(
-            RaterLaw(log_term, self._own.means - mean, variance, constant, np.zeros(shape), np.zeros(shape))
-        )
+        gap, nothing = self._own.means - mean, np.zeros(shape)
+        return self._placed(RaterLaw(log_term, gap, variance, constant, nothing, nothing, alike=self._alike))
 
     def _placed(self, law: RaterLaw) -> RaterLaw:
         """Return the law with the nodes of mu placed."""

@@ -39,6 +39,7 @@ class RaterLaw(NamedTuple):
     centre: FloatArray  # mean of mu, (...)
     step: FloatArray  # distance of its nodes, (...)
     steps: int = 0  # nodes to either side of the mean
+    alike: bool = False  # all raters have the same variance, and a finger shifts all their gaps by the same amount
 
 
 def about_mu(law: RaterLaw, spread: float, raters: int) -> RaterLaw:
@@ -56,8 +57,8 @@ def about_mu(law: RaterLaw, spread: float, raters: int) -> RaterLaw:
     prior = np.full(law.centre.shape, spread**-2)
     share = np.exp(law.log_term - law.log_term.max(axis=-2, keepdims=True))
     share /= share.sum(axis=-2, keepdims=True)
-    mean = (share * law.gap).sum(axis=-2)
-    variance = law.variance + (share * (law.gap - mean[..., None, :]) ** 2).sum(axis=-2)
+    mean, scatter = _moments(law, share)
+    variance = law.variance + scatter
     precision = prior + (1.0 / variance).sum(axis=-1)
     narrow = prior + (1.0 / law.variance).sum(axis=-1)
     ratio = float(np.sqrt(narrow / precision).max(initial=1.0))
@@ -65,6 +66,23 @@ def about_mu(law: RaterLaw, spread: float, raters: int) -> RaterLaw:
     steps = min(int(np.ceil(ratio * reach / MU_STEP)), MOST_MU_STEPS)
     step = reach / steps * precision**-0.5
     return law._replace(centre=(mean / variance).sum(axis=-1) / precision, step=step, steps=steps)
+
+
+def _moments(law: RaterLaw, share: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return mean and variance of each rater's gap over fingers with these shares, each (..., raters)."""
+    if law.alike:
+        shift, typical = _shifts(law)
+        powers = np.stack([shift, shift * shift], axis=-2)
+        first, second = np.moveaxis(powers @ share, -2, 0)
+        return typical + first, np.maximum(second - first**2, 0.0)
+    mean = (share * law.gap).sum(axis=-2)
+    return mean, (share * (law.gap - mean[..., None, :]) ** 2).sum(axis=-2)
+
+
+def _shifts(law: RaterLaw) -> tuple[FloatArray, FloatArray]:
+    """Return the gap of each finger, (..., fingers), beyond those of the middle finger, (..., raters)."""
+    typical = law.gap[..., law.gap.shape[-2] // 2, :]
+    return law.gap[..., 0] - typical[..., :1], typical
 
 
 def log_prior(law: RaterLaw, spread: float) -> FloatArray:
@@ -81,14 +99,14 @@ def at_nodes(law: RaterLaw) -> FloatArray:
     """Return each rater's log density at the nodes of mu, up to a constant, shape (..., nodes, raters).
 
     The term of a finger is the exponential of a quadratic in mu: from one node to the next, it changes by a factor
-    specific to the finger times a factor common to all fingers. If these factors overflow (far from the raters' means
-    with very little noise), each term is computed separately.
+    specific to the finger times a factor common to all fingers. If the raters are alike, these factors are the same for
+    all of them. If they overflow (far from the raters' means with very little noise), each term is computed separately.
     """
     with np.errstate(over="ignore", invalid="ignore"):
-        found = _by_factors(law)
+        found = _of_raters_alike(law) if law.alike else _by_factors(law)
         failed = ~(np.isfinite(found.sum(axis=-1)).any(axis=-1) & (found < np.inf).all(axis=(-2, -1)))
     if failed.any():
-        arrays = {name: getattr(law, name)[failed] for name in law._fields if name != "steps"}
+        arrays = {name: getattr(law, name)[failed] for name in law._fields[:6]}
         found[failed] = _one_by_one(law._replace(**arrays))
     return found
 
@@ -120,6 +138,20 @@ def _by_factors(law: RaterLaw) -> FloatArray:
     shared = -0.5 * (np.arange(-law.steps, law.steps + 1)[:, None] * step) ** 2 * inverse
     with np.errstate(divide="ignore"):
         return np.log(sums) + shared + largest
+
+
+def _of_raters_alike(law: RaterLaw) -> FloatArray:
+    """Compute `at_nodes` for raters who are alike, as one matrix product over fingers."""
+    shift, typical = _shifts(law)
+    inverse = 1.0 / law.variance[..., :1]
+    exponent = law.log_term - 0.5 * (law.gap - law.centre[..., None, None]) ** 2 * inverse[..., None]
+    largest = exponent.max(axis=-2, keepdims=True)
+    offset = np.arange(-law.steps, law.steps + 1) * law.step[..., None]
+    factors = np.exp((offset * inverse)[..., None] * shift[..., None, :])
+    sums = factors @ np.exp(exponent - largest)
+    shared = offset[..., None] * ((typical - law.centre[..., None])[..., None, :] - 0.5 * offset[..., None])
+    with np.errstate(divide="ignore"):
+        return np.log(sums) + shared * inverse[..., None] + largest
 
 
 def log_sum(values: FloatArray, axis: int) -> FloatArray:

@@ -21,6 +21,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 import softness_bayes
 from softness_bayes.data import read_experiment
@@ -110,7 +111,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 _write(options.directory / RUNS, RUN_COLUMNS, [row], "a" if done else "w")
                 done.add((name, seed))
     if options.rounds:
-        _write(options.directory / CALLS, CALL_COLUMNS, calls(targets, options.rounds, 5), "w")
+        with threadpool_limits(1):  # as in the workers of a run
+            timed = calls(targets, options.rounds, 5)
+        _write(options.directory / CALLS, CALL_COLUMNS, timed, "w")
 
 
 def _write(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, object]], mode: str) -> None:

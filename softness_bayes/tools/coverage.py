@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from softness_bayes.checking.inflection import turning_points
 from softness_bayes.model.build import ExperimentModel
@@ -137,7 +138,8 @@ def keep(
 ) -> None:
     """Append the rows of all fits to a file, skipping fits that it already contains."""
     done = {(int(row["lab"]), row["case"]) for row in rows_of(path)}
-    with path.open("a", encoding="utf-8", newline="") as file:
+    # the matrices are small: further threads of linear algebra would mostly wait, with a processor each
+    with threadpool_limits(1), path.open("a", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, columns, lineterminator="\n")
         if not done:
             writer.writeheader()

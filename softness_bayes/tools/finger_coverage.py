@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 from softness_bayes.checking.finger_check import STEP, check_fingers
 from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.model.build import ExperimentModel, build, design_of
-from softness_bayes.model.individual import family_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.other_fingers import skin_slope
 from softness_bayes.model.posterior import Posterior
@@ -32,6 +31,7 @@ from softness_bayes.model.scenes import scene_of, touch_parameters
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.tools.coverage import LOADS, compared, keep, posterior_draws
 from softness_bayes.tools.importance import Effort
+from softness_bayes.touch.finger_family import FingerFamily
 from softness_bayes.touch.finger_grid import FingerGrid
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.readings import MENDED
@@ -41,8 +41,9 @@ Array = NDArray[np.float64]
 SPREADS: Mapping[str, float] = {"b": 0.3, "m": 0.15, "sigma_0": 0.2}
 """Standard deviations of the logarithms of raters' own values, of those that differ."""
 
-COARSE: Mapping[int, Mapping[str, int]] = {2: {"b": 13, "m": 5, "sigma_0": 13}, 3: {"b": 11, "m": 5, "sigma_0": 11}}
-"""Nodes of coarse grids of fingers, by the number of quantities that differ."""
+COARSE, COARSE_REACH, COARSE_NODES = {"b": 9, "m": 5, "sigma_0": 9}, 3.0, (10, 6)
+"""Nodes and half-width of a coarse grid of fingers, and the resolution of its responses. At draws of the posterior, the
+log-likelihood then has an error of about 0.5 (standard deviation)."""
 
 EFFORTS = Effort(300, 300.0), Effort(1000, 800.0)
 """Effort of a fit, and the one spent where its weights cannot be trusted."""
@@ -99,14 +100,16 @@ def _rough(model: ExperimentModel) -> Posterior | None:
     posterior = model.posterior
     assert posterior.fingers is not None
     names = posterior.fingers.grid.names
-    if len(names) not in COARSE:
+    if len(names) == 1:
         return None
-    grid = FingerGrid({name: COARSE[len(names)][name] for name in names})
-    return posterior.with_scene(model.scene, None, family_of(model.scene, grid))
+    grid = FingerGrid({name: COARSE[name] for name in names}, COARSE_REACH)
+    return posterior.with_scene(model.scene, None, FingerFamily(model.scene, grid, *COARSE_NODES))
 
 
 def _check(model: ExperimentModel, theta: Array, rng: np.random.Generator) -> float:
-    posterior, theta = model.posterior, theta[::4]
+    posterior = model.posterior
+    every = 4 if posterior.fingers is None or len(posterior.fingers.grid.names) == 1 else 10
+    theta = theta[::every]
     rate, parameters = posterior.response(theta), posterior.rating_parameters(theta)
     effects = posterior.observation.draw_effects(rng, rate, parameters)
     slope = skin_slope(posterior, theta, parameters, STEP)

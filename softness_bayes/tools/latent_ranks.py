@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from softness_bayes.checking.inflection import turning_points
 from softness_bayes.checking.ranks import DRAWS, Calibration
@@ -130,7 +131,8 @@ def main() -> None:
 def _keep(path: Path, kind: Kind, labs: int, control: bool) -> None:
     """Append the rows that are missing in a file."""
     done = {int(row["lab"]) for row in rows_of(path)}
-    with path.open("a", encoding="utf-8", newline="") as file:
+    # the matrices are small: further threads of linear algebra would mostly wait, with a processor each
+    with threadpool_limits(1), path.open("a", encoding="utf-8", newline="") as file:
         for number in range(labs):
             if number not in done:
                 row = fitted(kind, number, control)
