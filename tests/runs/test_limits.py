@@ -1,0 +1,93 @@
+"""Inputs whose errors vanish: the posterior is that of exact inputs, up to Monte-Carlo error."""
+
+import numpy as np
+import pytest
+
+from softness_bayes.model.build import build
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.parameters.priors import Normal
+from softness_bayes.runs.run import sample
+from softness_bayes.tools.importance import TRUSTED, Effort, weighted
+from support.report_runs import COARSE, HELD, experiment, quickly
+
+FIXED = {**HELD, "alpha": 40.0}
+NAMES = ("b", "sigma_0", "gamma", "varsigma")
+"""Sampled parameters."""
+
+NO_SPREAD = {"tau_b": 0.0, "tau_sigma": 0.0}
+LIMITS = {
+    "moduli": {"modulus_cv": 1e-6},
+    "single loads": {"load_cv": 1e-6},
+    "shared loads": {"shared_load_cv": 1e-6},
+    "finger": {"priors": {"radius": Normal(8.0, 1e-4), "receptor_depth": Normal(0.7, 1e-5)}},
+    "fingers of their own": {"individual": ("b",), "fix": FIXED | {"tau_b": 0.0}},
+    "two quantities of a finger": {"individual": ("b", "sigma_0"), "fix": FIXED | NO_SPREAD},
+}
+"""Options whose errors almost vanish."""
+
+ERRORS = {"load_cv": 0.3}, {"shared_load_cv": 0.1}, {"individual": ("b",), "fix": FIXED | {"tau_b": 0.6}}
+"""Options of real errors, of which the comparison must say so."""
+
+EFFORT = Effort(500, 2500.0)
+APART = 4.0
+"""Difference of two moments, in its Monte-Carlo errors, above which posteriors differ."""
+
+
+def options_of(changed):
+    return ModelOptions(**{"fix": FIXED, "discretisation": COARSE} | changed)
+
+
+def moments(changed):
+    """Means and standard deviations of the logarithms of `NAMES`, each with its Monte-Carlo error."""
+    with quickly():
+        posterior = build(experiment(), options_of(changed)).posterior
+        found = weighted(posterior, np.random.default_rng(3), {"sigma_0": 7.0, "varsigma": 0.2}, EFFORT)
+    assert found.k < TRUSTED
+    value = np.log(found.theta[:, [posterior.names.index(name) for name in NAMES]])
+    mean = found.weight @ value
+    sd = np.sqrt(found.weight @ (value - mean) ** 2)
+    error = sd / np.sqrt(found.effective)
+    return np.concatenate([mean, sd]), np.concatenate([error, error])
+
+
+def apart(one, other):
+    """Largest difference of moments, in its Monte-Carlo errors."""
+    return np.abs((one[0] - other[0]) / np.hypot(one[1], other[1])).max()
+
+
+@pytest.fixture(scope="module")
+def exact():
+    return moments({})
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if "two" in name else name for name in LIMITS]
+)
+def test_errors_that_vanish_leave_the_posterior(exact, name):
+    assert apart(moments(LIMITS[name]), exact) < APART
+
+
+@pytest.mark.parametrize("changed", ERRORS, ids=lambda changed: next(iter(changed)))
+def test_errors_that_do_not_vanish_change_it(exact, changed):
+    assert apart(moments(changed), exact) > 2.0 * APART
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", LIMITS)
+def test_a_run_has_the_posterior_of_exact_inputs(exact, name, few_pictures):
+    """As above, with the whole run: its starts, pilot, ensembles and convergence."""
+    with quickly():
+        result = sample(experiment(), seed=5, processes=2, max_steps=20_000, **vars_of(LIMITS[name]))
+    assert result.attributes["converged"]
+    drawn = result.group("posterior")
+    value = np.log(np.stack([drawn[parameter].values.ravel() for parameter in NAMES]))
+    effective = result.summary().loc[[*NAMES], "ess_bulk"].to_numpy()
+    sd = value.std(axis=1)
+    error = sd / np.sqrt(effective)
+    found = np.concatenate([value.mean(axis=1), sd]), np.concatenate([error, error])
+    assert apart(found, exact) < APART
+
+
+def vars_of(changed):
+    options = options_of(changed)
+    return {name: getattr(options, name) for name in {"fix": None, "discretisation": None} | changed}
