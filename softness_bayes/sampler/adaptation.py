@@ -8,6 +8,7 @@ map affects the speed of mixing but not the stationary distribution.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cache
 
@@ -22,6 +23,7 @@ _CURVATURE = 0.3  # expected size of a coefficient, in standard deviations
 _REACH = 8.0  # standard deviations at which the arguments of curved terms are clipped
 _REFITS = 4  # fits, each with a better estimate of the unexplained variance
 _LEAST_VARIANCE = 1e-30  # used if all draws are equal
+_LOOSE = 1e3  # the same of a coefficient that is not shrunk; keeps the regression solvable if no walker moved
 _EXACT = 1e-8  # smallest unexplained share of a coordinate's variance
 
 
@@ -68,7 +70,8 @@ class TriangularMap:
         effective
             Effective sample size of the draws; the smaller it is, the more the fitted curvature is shrunk.
         linear
-            Number of last coordinates that depend linearly on the others; they are also placed last in the order.
+            Number of last coordinates that depend linearly on each other, though not on the first ones; they are
+            also placed last in the order.
         """
         centre, curved = draws.mean(axis=0), draws.shape[-1] - linear
         covariance = np.atleast_2d(np.cov(draws, rowvar=False))
@@ -86,7 +89,7 @@ class TriangularMap:
             fitted = [bends.fit(order[k], order[:k])[0] for k in range(curved)]
         order += range(curved, centre.size)
         t = t[:, order]
-        fitted += [_straight(t, k) for k in range(curved, centre.size)]
+        fitted += _partly_straight(t, curved, effective)
         spread = (t - _bent(t, tuple(fitted))).std(axis=0)
         # the width along an axis is unknown if no walker moved on it
         return cls(centre, axes[:, order], np.where(spread > 0, spread, 1.0), tuple(fitted))
@@ -181,16 +184,7 @@ class _Bends:
         """Return coefficients of t_k on the features of the others, and the explained mean square."""
         terms = np.array([0, *(term for i, j in enumerate(others) for term in self._terms(j, others[: i + 1]))])
         moments, moment = self._moments[np.ix_(terms, terms)], self._with_features[terms, k]
-        left = 1.0
-        for _ in range(_REFITS):
-            normal = moments + left / (_CURVATURE**2 * self._effective) * np.diag(terms > 0)
-            solved = np.linalg.solve(normal, np.column_stack([moment, moments]))
-            # a copy, because a strided column would be multiplied in a different order, with different rounding
-            bend, spent = solved[:, 0].copy(), float(np.trace(solved[:, 1:]))
-            unexplained = self._square[k] - 2.0 * bend @ moment + bend @ moments @ bend
-            if spent >= self._effective:
-                break
-            left = min(1.0, max(float(unexplained) / (1.0 - spent / self._effective), _EXACT))
+        bend = _shrunk(moments, moment, self._square[k], np.where(terms > 0, _CURVATURE, np.inf), self._effective)
         return bend, float(bend @ moment)
 
     @staticmethod
@@ -208,13 +202,23 @@ class _Bends:
         return order[::-1]
 
 
-def _straight(t: FloatArray, k: int) -> FloatArray:
-    """Return the coefficients of t_k on the features of the earlier coordinates, nonzero only for linear ones."""
-    bend = np.zeros(_count(k))
-    terms = [0, *(_count(j) for j in range(k))]
-    linear = np.column_stack([np.ones(len(t)), np.clip(t[:, :k], -_REACH, _REACH)])
-    bend[terms] = np.linalg.lstsq(linear, t[:, k], rcond=None)[0]
-    return bend
+def _partly_straight(t: FloatArray, curved: int, effective: float) -> list[FloatArray]:
+    """Return coefficients of each t_k after the first `curved`: linear in those before it, curved in the first ones."""
+    features = np.column_stack([_features(t[:, :curved]), np.clip(t[:, curved:], -_REACH, _REACH)])
+    first = _count(curved)
+    moments, with_features = features.T @ features / len(t), features.T @ t[:, curved:] / len(t)
+    places = np.array([*range(first), *(_count(k) for k in range(curved, t.shape[-1]))])
+    # these coordinates may be highly correlated with others, so that only their curvature is small
+    expected = np.full(len(places), _CURVATURE)
+    expected[[0, *(_count(k) for k in range(curved)), *range(first, len(places))]] = _LOOSE
+    found = []
+    for k, square in enumerate((t[:, curved:] ** 2).mean(axis=0)):
+        known = first + k
+        coefficients = _shrunk(moments[:known, :known], with_features[:known, k], square, expected[:known], effective)
+        bend = np.zeros(_count(curved + k))
+        bend[places[:known]] = coefficients
+        found.append(bend)
+    return found
 
 
 def _features(t: FloatArray) -> FloatArray:
@@ -222,12 +226,39 @@ def _features(t: FloatArray) -> FloatArray:
 
     The shape is (..., features) for t of shape (..., dimension); features of the first k coordinates come first.
     """
-    near = np.clip(t, -_REACH, _REACH).reshape(-1, t.shape[-1]).T
+    near = np.clip(t, -_REACH, _REACH).reshape(math.prod(t.shape[:-1]), t.shape[-1]).T
     features = np.empty((_count(len(near)), near.shape[1]))
     features[0] = 1.0
     for k in range(len(near)):
         _extend(features, near, k)
     return features.T.reshape(*t.shape[:-1], -1)
+
+
+def _shrunk(
+    moments: FloatArray, moment: FloatArray, square: float, expected: FloatArray, effective: float
+) -> FloatArray:
+    """Return the coefficients of a regression, shrunk towards 0 if the draws determine them poorly.
+
+    Parameters
+    ----------
+    moments, moment, square
+        Mean products of the features, of features and target, and mean square of the target.
+    expected
+        Standard deviation of the normal prior of each coefficient.
+    effective
+        Effective sample size of the draws.
+    """
+    left, bend = 1.0, moment
+    for _ in range(_REFITS):
+        normal = moments + np.diag(left / (expected**2 * effective))
+        solved = np.linalg.solve(normal, np.column_stack([moment, moments]))
+        # a copy, because a strided column would be multiplied in a different order, with different rounding
+        bend, spent = np.array(solved[:, 0], float), float(np.trace(solved[:, 1:]))
+        unexplained = square - 2.0 * bend @ moment + bend @ moments @ bend
+        if spent >= effective:
+            break
+        left = min(1.0, max(float(unexplained) / (1.0 - spent / effective), _EXACT))
+    return bend
 
 
 @cache
