@@ -22,9 +22,9 @@ from softness_bayes.likelihood.interval_law import Rows, below, score_at
 from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.mu_nodes import log_sum
 from softness_bayes.likelihood.pieces import in_pieces
-from softness_bayes.likelihood.quadrature import DENSE, DENSER, FAST, Quadrature, finer_than, quadrature_for
+from softness_bayes.likelihood.quadrature import DENSE, DENSER, FAST, FINE, Quadrature, finer_than, quadrature_for
 from softness_bayes.likelihood.random_effects import Effects
-from softness_bayes.likelihood.rater_integrals import RaterIntegrals
+from softness_bayes.likelihood.rater_integrals import LEVELS, RaterIntegrals
 from softness_bayes.likelihood.rater_rows import LawParameters, RowParameters, times_of
 from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
 from softness_bayes.likelihood.scales import SLIDER, Scale
@@ -277,7 +277,8 @@ class IntervalRatings(RatingsLikelihood):
     def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Effects:
         """Draws of mu and participants' scales given the ratings, from their densities on grids."""
         shape = np.broadcast_shapes(mean_rate.shape[:-1], *(np.shape(v) for v in parameters))
-        found = in_pieces(lambda rate, p: self._drawn(rng, rate, p), 100 * self.design.n_rows, mean_rate, parameters)
+        width = self.design.n_rows + LEVELS * FINE.scales * self.design.n_participants
+        found = in_pieces(lambda rate, p: self._drawn(rng, rate, p), width, mean_rate, parameters)
         tau = np.broadcast_to(np.asarray(parameters.tau, float), shape)[..., None]
         participant = tau * rng.standard_normal((*shape, self.design.n_participants))
         participant[..., self._raters] = found[..., 1:]
