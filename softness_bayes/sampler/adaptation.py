@@ -24,6 +24,7 @@ _REACH = 8.0  # standard deviations at which the arguments of curved terms are c
 _REFITS = 4  # fits, each with a better estimate of the unexplained variance
 _LEAST_VARIANCE = 1e-30  # used if all draws are equal
 _LOOSE = 1e3  # the same of a coefficient that is not shrunk; keeps the regression solvable if no walker moved
+_MOST_DRAWS = 50_000  # many times their effective number; more would need gigabytes in 30 dimensions
 _EXACT = 1e-8  # smallest unexplained share of a coordinate's variance
 
 
@@ -162,7 +163,11 @@ def learn(walks: FloatArray, log_density: FloatArray, tau: float, linear: int = 
     # are still approaching, as with very precise data, use the upper half
     low = min(height.max() - max(20.0, 4.0 * draws.shape[-1]), float(np.median(height)))
     draws = draws[height >= low]
-    return TriangularMap.fit(draws, len(draws) / tau, linear)
+    effective = len(draws) / tau
+    if len(draws) > _MOST_DRAWS:
+        # at random, because equal steps through the array might meet the same walkers again and again
+        draws = draws[np.random.default_rng(0).choice(len(draws), _MOST_DRAWS, replace=False)]
+    return TriangularMap.fit(draws, effective, linear)
 
 
 class _Bends:

@@ -33,15 +33,23 @@ HELD = ("b=100", "m=2", "beta=0.6", "c_Na=1.05", "c_K=1.16", "c_L=1", "c_A=1.5")
 """What a table without measured moduli cannot tell."""
 
 
+SOFT, RIGID = ("Rug 1", "Rug 2", "Throw", "Towel", "Gel pad"), ("Tile", "Garden deck tile")
+
+
+def with_brackets(home):
+    """Write the brackets into a directory; return the arguments that name the table and them."""
+    if not TABLE.is_file():
+        pytest.skip("the table is not there")
+    rows = "".join(f"{name},{low:g},{high:g}\n" for name, (low, high) in BRACKETS.items())
+    (home / "fabrics.csv").write_text("fabric,effective_modulus_low_kpa,effective_modulus_high_kpa\n" + rows)
+    return ("--data", TABLE, "--column", "rating=hardness_rating", "--force-n", "2", "--fabrics", "fabrics.csv")
+
+
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
     """A directory with first looks at the table under two laws of errors, and what each printed."""
-    if not TABLE.is_file():
-        pytest.skip("the table is not there")
     home = tmp_path_factory.mktemp("hardness")
-    rows = "".join(f"{name},{low:g},{high:g}\n" for name, (low, high) in BRACKETS.items())
-    (home / "fabrics.csv").write_text("fabric,effective_modulus_low_kpa,effective_modulus_high_kpa\n" + rows)
-    data = ("--data", TABLE, "--column", "rating=hardness_rating", "--force-n", "2", "--fabrics", "fabrics.csv")
+    data = with_brackets(home)
     held = [word for one in HELD for word in ("--fix", one)]
     said = {"check": call("check", *data, cwd=home)}
     for law in ("student", "normal"):
@@ -75,10 +83,27 @@ def test_what_a_first_look_at_it_says(runs):
     table = pd.read_csv(home / "student" / "fabric_ratings.csv")
     assert spearmanr(table["rated"], table["predicted"]).statistic > 0.9
     stiff = table.set_index("fabric")["predicted"]
-    assert stiff[["Tile", "Garden deck tile"]].min() > stiff[["Rug 1", "Rug 2", "Throw", "Towel", "Gel pad"]].max()
+    assert stiff[[*RIGID]].min() > stiff[[*SOFT]].max()
     done = call("compare", "student", "normal", cwd=home)
     assert done.returncode == 0, done.stderr
     compared = pd.read_csv(home / "compare.csv")
     assert compared["result"].tolist() == ["student", "normal"]
     assert compared["units"].tolist() == [1440, 1440]
     assert compared["elpd_diff"][1] < -40.0
+
+
+@pytest.mark.slow
+def test_without_its_zeros_it_converges_with_all_parameters_free(tmp_path):
+    """29 sampled parameters, 16 of them moduli in brackets: minutes on two idle cores."""
+    data = with_brackets(tmp_path)
+    exact = ("--drop-zeros", "--resolution", "0", "--errors", "normal")
+    done = call("sample", *data, *exact, "--seed", "1", "--out", "run", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    result = Result.load(tmp_path / "run")
+    assert result.group("constant_data")["rating_as_filed"].size == 1440 - 67
+    # the materials stand in the order of their mean ratings, and rigid ones are harder and stiffer than soft ones
+    table = pd.read_csv(tmp_path / "run" / "fabric_ratings.csv").set_index("fabric")
+    assert spearmanr(table["rated"], table["predicted"]).statistic > 0.9
+    assert table["predicted"][[*RIGID]].min() > table["predicted"][[*SOFT]].max()
+    modulus = result.group("posterior")["fabric_modulus"].median(("chain", "draw")).to_series()
+    assert modulus[[*RIGID]].min() > 100.0 * modulus[[*SOFT]].max()

@@ -193,6 +193,18 @@ def test_a_map_is_learnt_where_no_walker_moved_along_some_axes(rng):
     assert_allclose(found.forward(y), draws, atol=1e-9)
 
 
+def test_a_long_walk_gives_the_map_of_a_part_of_it(rng):
+    """What is left out hardly matters, and the number of independent draws is that of the whole walk."""
+    x = rng.standard_normal((4, 500, 40, 2))
+    x[..., 1] += 0.4 * (x[..., 0] ** 2 - 1.0)
+    height = -0.5 * (x[..., 0] ** 2 + (x[..., 1] - 0.4 * (x[..., 0] ** 2 - 1.0)) ** 2)
+    found = learn(x, height, 10.0)
+    y = found.inverse(x.reshape(-1, 2))
+    assert_allclose(np.cov(y, rowvar=False), np.eye(2), atol=0.03)
+    whole = TriangularMap.fit(x.reshape(-1, 2), 8000.0)
+    assert_allclose(y, whole.inverse(x.reshape(-1, 2)), atol=0.2)
+
+
 def test_many_dimensions_have_proposals_and_walkers_of_their_own():
     settings = Settings()
     assert settings.moves_for(MANY_DIMENSIONS) is MOVES
