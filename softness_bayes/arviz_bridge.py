@@ -20,7 +20,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
+from softness_bayes.files.netcdf import netcdf_of
 from softness_bayes.files.whole import write_whole
+from softness_bayes.imports import without
 
 if TYPE_CHECKING:
     import xarray
@@ -184,7 +186,7 @@ def netcdf(tree: xarray.DataTree) -> bytes:
 
     The content is created in memory because HDF5 does not reliably report a full disk.
     """
-    return bytes(tree.to_netcdf(None, engine="h5netcdf"))
+    return netcdf_of(tree)
 
 
 def write_netcdf(tree: xarray.DataTree, path: str | os.PathLike[str]) -> None:
@@ -254,7 +256,10 @@ def _enough(chains: ArrayLike) -> bool:
 
 
 def _arviz() -> Any:
-    import arviz
+    with without(
+        "bokeh"
+    ):  # of which ArviZ copies descriptions when it is imported, in a third of the time of the import
+        import arviz
 
     return arviz
 

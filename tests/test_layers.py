@@ -17,7 +17,7 @@ from support.paths import ROOT
 
 LAYERS = (
     {"errors"},
-    {"defaults", "files", "kinds", "ranges", "readable", "supplied"},
+    {"defaults", "files", "imports", "kinds", "ranges", "readable", "supplied"},
     {"arviz_bridge", "touch.neuron"},
     {"touch", "sampler"},
     {"data", "parameters"},

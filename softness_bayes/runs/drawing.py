@@ -23,8 +23,8 @@ RUN_FORMATS = ("png", "csv")
 FIRST_FIGURES = ("response", "rating", "inflection", "compression")
 """Figures of a first look."""
 
-RUN_FIGURES = (*FIRST_FIGURES, "corner", "touch", "predictive_checks", "category_counts", "psychometric")
-"""Figures of a run; ``plot`` draws the others, which would take a user's time before the result is complete."""
+RUN_FIGURES = ("touch", "predictive_checks", *FIRST_FIGURES, "corner", "category_counts", "psychometric")
+"""Figures of a run, those that take longest first; ``plot`` draws the others, which would delay the end of the run."""
 
 OF_THE_WALK = ("corner",)
 """Figures of a run that need only the posterior draws, available before anything is computed from them."""
@@ -92,9 +92,9 @@ class FiguresUnderWay:
 
     def _begin(self, result: Result, names: Iterable[str]) -> None:
         usual = FIRST_FIGURES if result.is_first_look else RUN_FIGURES
-        for name in names:
-            wanted = name not in FIGURES or name in (*usual, *self._earlier, *self._requested)
-            if wanted and name not in self._begun:
+        wanted = [name for name in names if name not in FIGURES or name in (*usual, *self._earlier, *self._requested)]
+        for name in sorted(wanted, key=lambda name: usual.index(name) if name in usual else len(usual)):
+            if name not in self._begun:
                 shown = replace(result, tree=_needed(result.tree, name)) if name in FIGURES else result
                 self._begun[name] = self._workers.start(_drawn_of, shown, name, self._formats)
 
