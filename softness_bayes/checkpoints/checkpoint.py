@@ -37,7 +37,7 @@ from softness_bayes.files.run_files import (
 )
 from softness_bayes.files.whole import write_whole
 from softness_bayes.sampler.schedule import Schedule
-from softness_bayes.sampler.serial import as_json, packed, state_of, state_values, unpacked
+from softness_bayes.sampler.serial import as_json, packed, piece_arrays, state_of, state_values, unpacked
 from softness_bayes.sampler.starts import TargetDensity
 from softness_bayes.sampler.state import RunState
 
@@ -282,13 +282,8 @@ class Checkpoint:
             pieces = list(self._pieces)
         try:
             if state.steps // state.stride > stored:
-                chains = state.chains
                 pieces.append(f"piece-{self._serial:07d}.npz")
-                new = {
-                    "coordinates": chains.coordinates[:, stored:],
-                    "log_density": chains.log_density[:, stored:],
-                }
-                self._write_file(pieces[-1], packed(new))
+                self._write_file(pieces[-1], packed(piece_arrays(state, stored)))
             arrays = f"state-{self._serial:07d}.npz"
             found = {"piloting": schedule.in_pilot(state), "missing": schedule.missing(state)}
             self._write_file(arrays, packed(whole_state(state, found)))

@@ -105,6 +105,18 @@ def state_arrays(state: RunState) -> dict[str, NDArray[Any]]:
     }
 
 
+def piece_arrays(state: RunState, stored: int) -> dict[str, NDArray[Any]]:
+    """Return the stored steps of all ensembles after the first ``stored`` ones.
+
+    Only these are copied: a long run is saved thousands of times.
+    """
+    new = [Segment.join(Segment.after(part, stored)) for part in state.parts]
+    return {
+        "coordinates": np.stack([one.coordinates for one in new]),
+        "log_density": np.stack([one.log_density for one in new]),
+    }
+
+
 def state_values(state: RunState) -> dict[str, Any]:
     """Return the numbers of a state and its verdicts as JSON data."""
     plain = ("phase", "steps", "stride", "due", "seconds", "ended", "relearnt")

@@ -1,6 +1,7 @@
 """What a checkpoint survives: kills, full disks, a second process, other data; and what a continued run draws."""
 
 import errno
+import itertools
 import json
 import os
 import signal
@@ -22,8 +23,10 @@ from softness_bayes.errors import InputError, LockedError
 from softness_bayes.files import whole
 from softness_bayes.files.lock import Lock, is_held
 from softness_bayes.files.outputs import write_outputs
+from softness_bayes.sampler.chains import Segment
 from softness_bayes.sampler.nonfinite import Failure, Nonfinite
 from softness_bayes.sampler.sampling import walk
+from softness_bayes.sampler.serial import piece_arrays
 from support.full_disk import fill_disk
 from support.killable import SEED, WHAT, follow, settings
 from support.killable import fake_posterior as posterior_of_the_fake
@@ -242,6 +245,27 @@ def test_writes_wait_and_pieces_are_joined(tmp_path, states, monkeypatch):
 
 
 @pytest.mark.usefixtures("eager")
+def test_a_save_copies_only_the_steps_since_the_last_one(states):
+    """In whatever segments they were drawn; joined, the pieces are the chains."""
+    chains, state = states[-1].chains, states[-1]
+    stored = chains.log_density.shape[1]
+    cut = (0, 7, 8, stored - 1, stored)
+    parts = tuple(
+        tuple(
+            Segment(chains.coordinates[e, a:b], chains.log_density[e, a:b], state.parts[e][0].accepted)
+            for a, b in itertools.pairwise(cut)
+        )
+        for e in range(len(chains.log_density))
+    )
+    for first in (0, 3, 7, 9, stored - 1):
+        piece = piece_arrays(replace(state, parts=parts), first)
+        np.testing.assert_array_equal(piece["coordinates"], chains.coordinates[:, first:])
+        np.testing.assert_array_equal(piece["log_density"], chains.log_density[:, first:])
+    last = Segment.after(parts[0], stored - 1)
+    assert len(last) == 1
+    assert last[0].coordinates.base is not None  # a view
+
+
 def test_where_the_density_failed_is_kept_beside_the_results(tmp_path, states):
     target = posterior_of_the_fake()
     point = tuple(target.space.coordinates(target.space.median).tolist())
