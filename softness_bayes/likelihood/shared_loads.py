@@ -256,7 +256,7 @@ class OverFactors(SharedLoads):
         terms = []
         for step in z:
             factor = law.mean + root @ step
-            drive = _between(knots, every, factor[..., self.load])
+            drive = between(knots, every, factor[..., self.load])
             density = self._effects.log_density(drive, spreads)
             # ratio of the prior of the factors to their sampling density
             terms.append(density - 0.5 * (factor**2).sum(axis=-1) + 0.5 * (step**2).sum())
@@ -274,8 +274,8 @@ class OverFactors(SharedLoads):
         return middle, np.tensordot(weight * knots, every, 1)[..., None, :] * self._member
 
 
-def _between(knots: FloatArray, values: FloatArray, at: FloatArray) -> FloatArray:
-    """Interpolate values (knots, ..., conditions) at points (..., conditions), by cubics through four knots."""
+def between(knots: FloatArray, values: FloatArray, at: FloatArray) -> FloatArray:
+    """Interpolate values (knots, ..., columns) at points (..., columns), by cubics through four evenly spaced knots."""
     place = np.clip((at - knots[0]) / (knots[1] - knots[0]), 0.0, knots.size - 1.0)
     first = np.clip(place.astype(int), 1, knots.size - 3)
     t = place - first

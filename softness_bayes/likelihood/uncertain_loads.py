@@ -1,7 +1,8 @@
 """Magnitude estimates of touches with independent load errors (model.md 9).
 
 The effect of a load error on a log rating is approximated as normal, with the mean and the variance of the response
-under the distribution of the load.
+under the distribution of the load. `OverLoads` integrates over each load without this approximation and is the
+reference of the exactness check.
 """
 
 from __future__ import annotations
@@ -15,11 +16,20 @@ from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.erring_loads import ErringLoads
 from softness_bayes.likelihood.load_errors import OUTER, LoadErrors
 from softness_bayes.likelihood.magnitude import RatingModel
+from softness_bayes.likelihood.mu_nodes import log_sum
 from softness_bayes.likelihood.random_effects import Effects, EffectSpreads, LeaveOneOut
 from softness_bayes.likelihood.ratings import RatingParameters
+from softness_bayes.likelihood.shared_loads import FINE_NODES, between
 from softness_bayes.likelihood.weighted_effects import EffectLaw, WeightedEffects, law_of
 
 FloatArray = NDArray[np.float64]
+
+LOAD_POINTS = np.linspace(-5.0, 5.0, 81)
+"""Points of the reference integral over a load, in standard deviations of its logarithm."""
+
+LEVEL_REACH, LEVEL_STEP, MOST_LEVELS = 9.0, 0.2, 401
+"""Half-width and spacing of its points over a rater's level, in standard deviations of that level, and their largest
+number."""
 
 
 class UncertainLoads(ErringLoads):
@@ -56,6 +66,10 @@ class UncertainLoads(ErringLoads):
         """Return the likelihood of the other ratings, with x still centred over all rows."""
         errors = self.errors.without(rows)
         return type(self)(self.values[~rows], self.design.without(rows), self.model, errors, self._over)
+
+    def finer(self) -> OverLoads:
+        """Return the reference likelihood, integrated over each load without approximation as normal."""
+        return OverLoads(self.values, self.design, self.model, self.errors.at_nodes(FINE_NODES), self._over)
 
     def moments(self, mean_rate: FloatArray, parameters: RatingParameters) -> tuple[FloatArray, FloatArray]:
         """Return mean and variance of the drive under the distribution of each touch's load, each (..., touches)."""
@@ -124,3 +138,79 @@ class UncertainLoads(ErringLoads):
         mean, variance = self.moments(mean_rate, parameters)
         spreads = EffectSpreads(parameters.tau, parameters.varsigma, parameters.omega)
         return law_of(mean, variance + np.asarray(parameters.varsigma, float)[..., None] ** 2, spreads)
+
+
+class OverLoads(UncertainLoads):
+    """The same ratings, integrated over each load, each rater's level and mu: the reference of `UncertainLoads`.
+
+    The drive is interpolated between the loads of `errors.nodes`. Individual deviations of fabrics (omega) connect all
+    raters; with them, the likelihood is that of the normal approximation, with mean and variance from more loads.
+    """
+
+    def moments(self, mean_rate: FloatArray, parameters: RatingParameters) -> tuple[FloatArray, FloatArray]:
+        """Return mean and variance of the drive under the distribution of each touch's load, each (..., touches)."""
+        knots = np.sort(np.append(self.errors.nodes, 0.0))
+        weight = np.exp(-0.5 * knots**2)
+        weight /= weight.sum()
+        every = self.drives(mean_rate, parameters)
+        mean = np.tensordot(weight, every, 1)
+        return mean, np.tensordot(weight, (every - mean) ** 2, 1)
+
+    def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log density of all ratings together, shape (...)."""
+        if np.any(np.asarray(parameters.omega) > 0):
+            return super().log_likelihood(mean_rate, parameters)
+        knots = np.sort(np.append(self.errors.nodes, 0.0))
+        every = self.drives(mean_rate, parameters)
+        drive = np.stack([between(knots, every, np.full(every.shape[1:], z)) for z in LOAD_POINTS])
+        mean, variance = self.moments(mean_rate, parameters)
+        tau, noise = (np.broadcast_to(v, mean.shape[:-1]) for v in (parameters.tau, self.model.error_sd(parameters)))
+        found = np.empty(mean.shape[:-1])
+        for at in np.ndindex(found.shape):
+            found[at] = self._joint(drive[:, *at], mean[at], variance[at], float(tau[at]), float(noise[at]))
+        return found - self._log.sum()
+
+    def _joint(self, drive: FloatArray, mean: FloatArray, variance: FloatArray, tau: float, noise: float) -> float:
+        """Return the log density of all log ratings for one point of the batch; `drive` is (points, touches)."""
+        levels = [
+            self._of_rater(self.design.participant == rater, drive, mean, variance + noise**2, tau, noise)
+            for rater in np.unique(self.design.participant)
+        ]
+        centre, spread = float(np.log(self.model.centre)), self.model.spread
+        precision = np.array([1.0 / (width**2 + tau**2) for _, _, _, width in levels])
+        middle = np.array([middle for _, _, middle, _ in levels])
+        sd = (precision.sum() + spread**-2) ** -0.5
+        mu = sd**2 * (precision @ middle + centre / spread**2) + sd * np.arange(-LEVEL_REACH, LEVEL_REACH, LEVEL_STEP)
+        total = _normal(mu - centre, spread) + np.log(LEVEL_STEP * sd)
+        for level, log_density, _, _ in levels:
+            total = total + log_sum(log_density + _normal(mu[:, None] - level, tau), axis=-1)
+        return float(log_sum(total, axis=0))
+
+    def _of_rater(
+        self,
+        rows: NDArray[np.bool_],
+        drive: FloatArray,
+        mean: FloatArray,
+        variance: FloatArray,
+        tau: float,
+        noise: float,
+    ) -> tuple[FloatArray, FloatArray, float, float]:
+        """Return levels of a rater, the log density of the ratings at each times their spacing, and its mean and sd."""
+        touch, log = self.errors.of_row[rows], self._log[rows]
+        precision = 1.0 / variance[touch]
+        width = precision.sum() ** -0.5
+        middle = float(precision @ (log - mean[touch])) * width**2
+        step = min(LEVEL_STEP * width, tau)
+        reach = min(int(np.ceil(LEVEL_REACH * width / step)), MOST_LEVELS // 2)
+        level = middle + LEVEL_REACH * width * np.linspace(-1.0, 1.0, 2 * reach + 1)
+        weight = np.exp(-0.5 * LOAD_POINTS**2)
+        total = np.full(level.size, np.log(level[1] - level[0]))
+        for one, value in zip(touch, log, strict=True):
+            gap = (value - level)[:, None] - drive[:, one]
+            total += log_sum(_normal(gap, noise) + np.log(weight / weight.sum()), axis=-1)
+        return level, total, middle, float(width)
+
+
+def _normal(gap: FloatArray, sd: float) -> FloatArray:
+    """Return the log density of a normal law with mean 0."""
+    return np.asarray(-0.5 * (gap / sd) ** 2 - np.log(sd) - 0.5 * np.log(2.0 * np.pi))

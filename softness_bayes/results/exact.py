@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checking.exactness import EXACT_RATES, SAME_RATES, Exactness, compare_likelihoods
+from softness_bayes.errors import InputError
 from softness_bayes.model.individual import finer_family_of
 from softness_bayes.model.other_loads import Touched, beside
 from softness_bayes.model.posterior import ForwardModel, Posterior
@@ -36,11 +37,20 @@ def exact_log_likelihood(posterior: Posterior, theta: Array) -> Array:
     """Return the log-likelihood at points theta with exact firing rates and a finer quadrature, shape (points,)."""
     exact, fingers = _scene(posterior).exact(), posterior.fingers
     finer = None if fingers is None else finer_family_of(exact, fingers.grid.finer())
-    finest = posterior.with_term(posterior.observation.finer())
-    others, errors = None, finest.observation.load_errors
-    if posterior.other_loads is not None and errors is not None:
-        others = exact.under(*beside(Touched(exact.loads, exact.fabric, exact.load), errors))
+    finest, others = posterior.with_term(posterior.observation.finer()), None
+    if posterior.other_loads is not None:
+        try:
+            others = _other_loads(exact, finest)
+        except InputError:  # a load of the reference is out of range, where those of the run are not
+            finest, others = posterior, _other_loads(exact, posterior)
     return finest.with_scene(exact, others, finer).log_likelihood(theta)
+
+
+def _other_loads(exact: Scene, posterior: Posterior) -> Scene:
+    """Return the scene of the additional loads of a posterior whose loads have errors."""
+    errors = posterior.observation.load_errors
+    assert errors is not None, "a posterior with other loads has errors of loads"
+    return exact.under(*beside(Touched(exact.loads, exact.fabric, exact.load), errors))
 
 
 def begin_comparison(posterior: Posterior, theta: Array, workers: Workers, reweight: bool) -> Callable[[], Exactness]:
