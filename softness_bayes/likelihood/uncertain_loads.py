@@ -24,10 +24,10 @@ from softness_bayes.likelihood.weighted_effects import EffectLaw, WeightedEffect
 
 FloatArray = NDArray[np.float64]
 
-LOAD_POINTS = np.linspace(-5.0, 5.0, 81)
+LOAD_POINTS = np.linspace(-4.5, 4.5, 51)
 """Points of the reference integral over a load, in standard deviations of its logarithm."""
 
-LEVEL_REACH, LEVEL_STEP, MOST_LEVELS = 9.0, 0.2, 401
+LEVEL_REACH, LEVEL_STEP, MOST_LEVELS = 8.0, 0.3, 401
 """Half-width and spacing of its points over a rater's level, in standard deviations of that level, and their largest
 number."""
 
