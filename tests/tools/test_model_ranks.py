@@ -4,9 +4,20 @@ import csv
 
 import numpy as np
 import pytest
+from scipy.special import logsumexp
+from scipy.stats import norm
 
 from softness_bayes.checking.ranks import Calibration
-from softness_bayes.tools.model_ranks import CASES, COLUMNS, RIGHT, calibrations, judged, names_of_fits, ranked
+from softness_bayes.tools.model_ranks import (
+    CASES,
+    COLUMNS,
+    RIGHT,
+    calibrations,
+    judged,
+    laboratory,
+    names_of_fits,
+    ranked,
+)
 from support.paths import ROOT
 
 FOLDER = ROOT / "notebooks" / "results" / "model_ranks"
@@ -40,7 +51,7 @@ def test_few_laboratories_show_the_wrong_sign():
     assert Calibration(("log_likelihood",), np.array([[row["log_likelihood"]] for row in rows])).faults()
 
 
-CLEAN = ("whole numbers, normal", "whole numbers, Student", "pairs", "ranks", "aggregated", "raters' own gamma")
+CLEAN = ("whole numbers, normal", "whole numbers, Student", "ranks", "aggregated", "raters' own gamma")
 """Models without an alarm; the page explains those of the others."""
 
 
@@ -55,7 +66,43 @@ def test_the_kept_fits_show_every_mistake_and_no_alarm_of_clean_models():
             assert calibration.faults(), case
         elif model in CLEAN:
             assert not calibration.faults(), case
+        elif model == "pairs":
+            (alarm,) = calibration.faults()
+            assert alarm.startswith("varsigma (too narrow")
         assert len(calibration.rank) >= (70 if name == RIGHT else 10), case
+
+
+OWN = "raters' own varsigma"
+
+
+@pytest.mark.parametrize("first", [1000, 2000])
+def test_laboratories_added_because_of_an_alarm_give_none(first):
+    rows = [row for row in kept() if row["case"] == f"{OWN} / {RIGHT}" and first <= int(row["lab"]) < first + 1000]
+    (found,) = calibrations(rows).values()
+    assert len(found.rank) >= 180
+    assert not found.faults()
+
+
+@pytest.mark.parametrize("number", [77, 1041, 25])
+def test_noise_of_raters_is_integrated_where_its_spread_has_an_extreme_rank(number):
+    """By sums over dense grids of raters' log noise and of the level, at the true values."""
+    made, theta, _ = laboratory(OWN, number)
+    observed, true = made.observation, dict(zip(made.names, theta, strict=True))
+    drive = observed.drive(made.response(theta[None]), made.rating_parameters(theta[None]))[0]
+    left = np.log(observed.values) - drive[observed.design.condition]
+    w, tau = np.linspace(-9.0, 9.0, 1201), true["tau"]
+    variance = np.square(true["varsigma"] * np.exp(true["tau_varsigma"] * w))
+    level = np.linspace(-9.0, 15.0, 6001)
+    joint = norm.logpdf(level, np.log(20.0), 3.0) + np.log(level[1] - level[0])
+    for rater in range(observed.design.n_participants):
+        own = left[observed.design.participant == rater]
+        n, squares = own.size, np.square(own - own.mean()).sum()
+        between = variance + n * tau**2
+        constant = -0.5 * (squares / variance + (n - 1) * np.log(variance) + np.log(between) + n * np.log(2.0 * np.pi))
+        constant += norm.logpdf(w) + np.log(w[1] - w[0])
+        joint += [logsumexp(constant - 0.5 * n * (own.mean() - mu) ** 2 / between) for mu in level]
+    expected = logsumexp(joint) - np.log(observed.values).sum()
+    assert made.log_likelihood(theta[None])[0] == pytest.approx(expected, abs=1e-4)
 
 
 def test_the_kept_verdicts_are_those_of_the_kept_ranks():
