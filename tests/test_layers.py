@@ -70,6 +70,7 @@ PROGRAMS = {
     "tools.benchmark_tasks",
     "tools.injected_faults",
     "tools.rank_goal",
+    "tools.rank_agreement",
     "tools.input_coverage",
     "tools.latent_ranks",
     "tools.outlier_coverage",

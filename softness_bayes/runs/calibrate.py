@@ -6,6 +6,7 @@ import hashlib
 import math
 from collections.abc import Callable
 from concurrent.futures import Executor
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -52,9 +53,20 @@ TRUTHS = 4000
 ENSEMBLES = 2
 """Number of independent ensembles per replicate: the smallest number that can disagree."""
 
-RANKED = Goal(lengths=20.0, tau_change=math.inf, r_hat=1.02, ess=4.0 * DRAWS, looks=1)
+RANKED = Goal(lengths=10.0, tau_change=math.inf, r_hat=1.02, ess=4.0 * DRAWS, looks=1)
 """Convergence goal of a replicate: ranks among `DRAWS` draws require that many independent draws after burn-in, but not
 the precision of quantiles required in a run."""
+
+REPLICATE = Settings(ensembles=ENSEMBLES, processes=1, optima=1, pilot=(60, 100), round_steps=50, slow=5.0, goal=RANKED)
+"""Settings of the sampler for a replicate: a short pilot and an early first check, with many walkers.
+
+A step of many walkers takes little longer than one of few, and the more draws of the pilot, the better the map.
+"""
+
+WALKERS = 8
+"""Walkers of each ensemble for each dimension, up to `MOST_WALKERS` in all unless the sampler's default is larger."""
+
+MOST_WALKERS = 120
 
 
 def calibrate(
@@ -90,7 +102,7 @@ def calibrate(
     progress
         Function called with the number of finished replicates and the last of them.
     settings
-        Settings of the sampler; by default `ENSEMBLES` ensembles until they meet `RANKED`, or `run.max_steps`.
+        Settings of the sampler; by default `REPLICATE`, with many walkers, up to `run.max_steps`.
     executor
         Executor that runs the replicates instead of local processes, one task per replicate, with the same ranks. If
         its workers do not share the directory (see `runs.cluster`), this process writes the replicates.
@@ -110,7 +122,7 @@ def calibrate(
     ranges.PARTICIPANTS.require("calibration: number of participants", scene.participants)
     model = scene.model(options)
     model.posterior.space.require_sampled()
-    settings = settings or _usual(run)
+    settings = settings or replicate_settings(run, model.posterior)
     manifest = _manifest(scene, Request(model.options, run), settings)
     return _calibrated(
         ReplicateSource(model.posterior), manifest, run, count, directory, progress, settings, executor, earlier
@@ -148,8 +160,7 @@ def calibrate_like(
         If another process is calibrating there.
     """
     ranges.REPLICATES.require("calibration: number of replicates", count)
-    settings = settings or _usual(run)
-    source, manifest = _like(result, run, settings)
+    source, manifest, settings = _like(result, run, settings)
     return _calibrated(source, manifest, run, count, directory, progress, settings, executor, earlier)
 
 
@@ -157,7 +168,7 @@ def finished_like(
     result: Result, run: RunOptions, count: int, directory: Path, settings: Settings | None = None
 ) -> Calibrated:
     """Return the finished replicates of `calibrate_like` without running any; otherwise like `finished`."""
-    _, manifest = _like(result, run, settings or _usual(run))
+    _, manifest, _ = _like(result, run, settings)
     return _so_far(manifest, count, directory)
 
 
@@ -168,11 +179,14 @@ class ReplicateSource(NamedTuple):
     truths: NDArray[np.float64] | None = None
 
 
-def _like(result: Result, run: RunOptions, settings: Settings) -> tuple[ReplicateSource, dict[str, Any]]:
-    """Return the source of replicates for a finished run, and all settings that affect the ranks."""
+def _like(
+    result: Result, run: RunOptions, settings: Settings | None
+) -> tuple[ReplicateSource, dict[str, Any], Settings]:
+    """Return the source of replicates for a finished run, all settings that affect the ranks, and the sampler's."""
     if not result.provenance.ending.converged:
         raise InputError(f"{result.source}: the run has not converged, so its draws do not represent the posterior")
     posterior = build(experiment_of(result), options_of(result)).posterior
+    settings = settings or replicate_settings(run, posterior)
     values = result.values(TRUTHS)
     truths = np.stack([np.asarray(values[name]) for name in posterior.names], axis=-1)
     manifest = {
@@ -186,7 +200,7 @@ def _like(result: Result, run: RunOptions, settings: Settings) -> tuple[Replicat
         "max_steps": settings.max_steps,
         "goal": str(settings.goal),
     }
-    return ReplicateSource(posterior, truths), manifest
+    return ReplicateSource(posterior, truths), manifest, settings
 
 
 def _calibrated(
@@ -248,8 +262,9 @@ def finished(
     InputError
         If none is finished.
     """
-    settings = settings or _usual(run)
-    return _so_far(_manifest(scene, Request(scene.model(options).options, run), settings), count, directory)
+    model = scene.model(options)
+    settings = settings or replicate_settings(run, model.posterior)
+    return _so_far(_manifest(scene, Request(model.options, run), settings), count, directory)
 
 
 def _so_far(manifest: dict[str, Any], count: int, directory: Path) -> Calibrated:
@@ -262,8 +277,11 @@ def _so_far(manifest: dict[str, Any], count: int, directory: Path) -> Calibrated
     return Calibrated(done, missing, earlier_of(directory))
 
 
-def _usual(run: RunOptions) -> Settings:
-    return Settings(ensembles=ENSEMBLES, max_steps=run.max_steps, processes=1, goal=RANKED)
+def replicate_settings(run: RunOptions, posterior: Posterior) -> Settings:
+    """Return `REPLICATE` with many walkers for the dimension of a posterior, and the limit of the options."""
+    dimension = len(posterior.names)
+    walkers = max(min(WALKERS * dimension, MOST_WALKERS), REPLICATE.walkers_for(dimension))
+    return replace(REPLICATE, walkers=walkers, max_steps=run.max_steps)
 
 
 def _run(

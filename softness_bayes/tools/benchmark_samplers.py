@@ -1,10 +1,11 @@
 """Whole runs of several samplers on one posterior: ``python -m softness_bayes.tools.benchmark_samplers FILE.csv``.
 
-Samples the posterior of the shipped ratings with this package's sampler, with emcee's default move, and with nested
-samplers by other authors: dynesty (random walks) and nautilus (importance nested sampling with neural networks).
-Each runs to its own usual end in one process. A row has the evaluations of the posterior, the processor time of the
-whole run, everything included, the effective draws of the worst quantity, and how far means and standard deviations
-lie from those of the first sampler with the same seed. Samplers that are not installed are left out, which is said.
+Samples the posterior of the shipped ratings, with fixed channels, with this package's sampler, with emcee's default
+move, and with nested samplers by other authors: dynesty (random walks) and nautilus (importance nested sampling with
+neural networks). Each runs in one process, to its own end or to a limit. A row has the evaluations of the posterior,
+the processor time of the whole run, everything included, the effective draws of the worst quantity, these per second,
+and how far means and standard deviations lie from those of the first sampler with the same seed. Samplers that are not
+installed are left out, which is said.
 
 The nested samplers are not dependencies of the project. Install them in an environment of their own.
 """
@@ -35,14 +36,21 @@ from softness_bayes.touch.scene import Discretisation
 Array = NDArray[np.float64]
 
 RATINGS = Path(softness_bayes.__file__).parent.parent / "data" / "ratings.csv"
-OPTIONS = ModelOptions(fix={"eps": 0.1}, discretisation=Discretisation(8, 6.0, 1e-4, field_source=1e-5))
-"""The twelve parameters of the main job, at its default accuracy."""
+CHANNELS = {"c_Na": 1.05, "c_K": 1.16, "c_L": 1.0, "c_A": 1.5}
+OPTIONS = ModelOptions(fix=CHANNELS, discretisation=Discretisation(8, 6.0, 1e-4, field_source=1e-5))
+"""Nine parameters, at the default accuracy: with the channels free, nautilus did not end within six minutes."""
 
 NO_DENSITY = -1e300
 """Log-likelihood for nested samplers where the prior has no density, which they do not know."""
 
-LIVE = 100
-"""Live points of dynesty, a fifth of its default: its time and its effective draws are proportional to them."""
+LIVE = 50
+"""Live points of dynesty, a tenth of its default: its time and its effective draws are proportional to them."""
+
+LENIENT = {"n_live": 200, "n_networks": 1}
+"""Settings of nautilus: a tenth of its default live points, and one network instead of four."""
+
+EFFECTIVE = 1000
+"""Effective draws at which nautilus ends, a tenth of its default."""
 
 MOST_STEPS = 3000
 """Limit of emcee's default move."""
@@ -136,11 +144,12 @@ def dynesty(target: Counted, seed: int) -> Weighted:
 
 
 def nautilus(target: Counted, seed: int) -> Weighted:
-    """Sample with nautilus as it is set by default, in batches, and drop the draws of its exploration."""
+    """Sample with nautilus in batches, with `LENIENT` settings, and drop the draws of its exploration."""
     from nautilus import Sampler
 
-    sampler = Sampler(target.theta, target.batch, target.dimension, seed=seed, vectorized=True, pass_dict=False)
-    ended = sampler.run(discard_exploration=True)
+    plain = {"vectorized": True, "pass_dict": False, "seed": seed}
+    sampler = Sampler(target.theta, target.batch, target.dimension, **plain, **LENIENT)
+    ended = sampler.run(discard_exploration=True, n_eff=EFFECTIVE)
     theta, log_weight, _ = sampler.posterior()
     return weighted(theta, log_weight, bool(ended))
 
@@ -155,9 +164,9 @@ class Way(NamedTuple):
 
 WAYS: Mapping[str, Way] = {
     "softness-bayes": Way(ours, "emcee"),
-    "nautilus, default": Way(nautilus, "nautilus"),
-    f"dynesty, {LIVE} live points": Way(dynesty, "dynesty"),
     "emcee, default move": Way(stretch, "emcee"),
+    f"nautilus, {LENIENT['n_live']} live points": Way(nautilus, "nautilus"),
+    f"dynesty, {LIVE} live points": Way(dynesty, "dynesty"),
 }
 
 SEEDS = (1, 2)
@@ -169,6 +178,7 @@ COLUMNS = (
     "evaluations",
     "processor_s",
     "effective_draws",
+    "effective_draws_per_second",
     "largest_shift_of_a_mean_in_sd",
     "least_ratio_of_sds",
     "largest_ratio_of_sds",
@@ -186,19 +196,30 @@ def row(name: str, seed: int, draws: Weighted, spent: float, evaluations: int, o
     (mean, sd), (usual, width) = moments(draws), moments(other)
     shift, ratio = np.abs(mean - usual) / width, sd / width
     numbers = f"{shift.max():.3f}", f"{ratio.min():.3f}", f"{ratio.max():.3f}"
-    return name, str(seed), str(draws.ended), str(evaluations), f"{spent:.1f}", f"{draws.effective:.0f}", *numbers
+    speed = f"{spent:.1f}", f"{draws.effective:.0f}", f"{draws.effective / spent:.3g}"
+    return name, str(seed), str(draws.ended), str(evaluations), *speed, *numbers
+
+
+def kept_rows(path: Path) -> dict[tuple[str, str], tuple[str, ...]]:
+    """Return the rows of an earlier file, by sampler and seed."""
+    if not path.exists():
+        return {}
+    with path.open(encoding="utf-8", newline="") as file:
+        return {(one[0], one[1]): tuple(one) for one in list(csv.reader(file))[1:]}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print a row for each sampler and seed, and write all rows."""
+    """Print a row for each sampler and seed, and write them; other rows of the file are kept."""
     parser = argparse.ArgumentParser(description="Compare whole runs of several samplers on the shipped ratings.")
     parser.add_argument("file", type=Path, metavar="FILE.csv", help="file to write")
     parser.add_argument("--seeds", type=int, nargs="+", default=SEEDS, help="seeds of the runs")
+    parser.add_argument("--samplers", nargs="+", choices=WAYS, default=[*WAYS], help="samplers beside the first")
     given = parser.parse_args(arguments)
-    posterior, rows = build(read_experiment(RATINGS), OPTIONS).posterior, []
-    there = {name: way for name, way in WAYS.items() if find_spec(way.needs) is not None}
-    for name in WAYS.keys() - there.keys():
-        print(f"left out: {name}: {WAYS[name].needs} is not installed")
+    posterior, rows = build(read_experiment(RATINGS), OPTIONS).posterior, kept_rows(given.file)
+    chosen = {name: way for name, way in WAYS.items() if name in given.samplers or way.sample is ours}
+    there = {name: way for name, way in chosen.items() if find_spec(way.needs) is not None}
+    for name in chosen.keys() - there.keys():
+        print(f"left out: {name}: {chosen[name].needs} is not installed")
     print(" | ".join(COLUMNS))
     for seed in given.seeds:
         usual = None
@@ -207,10 +228,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
             draws = way.sample(target, seed)
             spent = time.process_time() - begun
             usual = usual or draws
-            rows.append(row(name, seed, draws, spent, target.evaluations, usual))
-            print(" | ".join(rows[-1]), flush=True)
+            rows[name, str(seed)] = row(name, seed, draws, spent, target.evaluations, usual)
+            print(" | ".join(rows[name, str(seed)]), flush=True)
             with given.file.open("w", encoding="utf-8", newline="") as file:
-                csv.writer(file, lineterminator="\n").writerows([COLUMNS, *rows])
+                csv.writer(file, lineterminator="\n").writerows([COLUMNS, *rows.values()])
 
 
 if __name__ == "__main__":

@@ -10,9 +10,10 @@ import csv
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from statistics import mean, median
+from statistics import mean, median, stdev
 
 import softness_bayes
+from softness_bayes.checking.ranks import DRAWS
 from softness_bayes.readable import percent
 from softness_bayes.sampler.workers import AHEAD
 
@@ -150,6 +151,22 @@ def rank_goal(results: Path) -> str:
     return table(head, (list(row.values()) for row in _rows(results / "rank_goal.csv")))
 
 
+def rank_agreement(results: Path) -> str:
+    """Return how far ranks of short replicates are from those of long ones, from ``tools.rank_agreement``."""
+    rows = _rows(results / "rank_agreement.csv")
+    made = []
+    for name in dict.fromkeys(row["settings"] for row in rows):
+        own = [row for row in rows if row["settings"] == name]
+        squares = [float(row["mean_square"]) for row in own]
+        seconds = mean(float(row["processor_s"]) for row in own)
+        steps = f"{median(int(row['steps']) for row in own):.0f}"
+        far = f"{mean(squares):.1f} ± {stdev(squares) / len(squares) ** 0.5:.1f}"
+        made.append([name, str(len(own)), steps, f"{seconds:.1f}", far])
+    made.append(["*expected of two sets of independent draws*", "", "", "", f"*{DRAWS / 3:.0f}*"])
+    head = ["settings", "replicates", "median steps", "processor time [s]", "mean square of the difference of ranks"]
+    return table(head, made)
+
+
 def tasks(results: Path) -> str:
     """Return the overhead per task, and what it means for very many fits, from ``tools.benchmark_tasks``."""
     rows = _rows(results / "tasks.csv")
@@ -209,6 +226,7 @@ TABLES: Mapping[tuple[str, str], Callable[[Path], str]] = {
     ("calibration.md", "model-ranks"): model_ranks,
     ("calibration.md", "injected-faults"): injected_faults,
     ("calibration.md", "rank-goal"): rank_goal,
+    ("calibration.md", "rank-agreement"): rank_agreement,
 }
 """Function that builds each table, by page and name."""
 

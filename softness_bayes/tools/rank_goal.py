@@ -25,11 +25,11 @@ from scipy.signal import lfilter
 
 from softness_bayes.checking.ranks import DRAWS, Calibration
 from softness_bayes.files.whole import write_whole
-from softness_bayes.runs.calibrate import ENSEMBLES, RANKED
+from softness_bayes.runs.calibrate import ENSEMBLES, RANKED, REPLICATE
 from softness_bayes.runs.replicate import independent, ranks
 from softness_bayes.sampler.chains import Chains
 from softness_bayes.sampler.diagnostics import Goal, Verdict, look
-from softness_bayes.sampler.sampling import Sampled, Settings
+from softness_bayes.sampler.sampling import Sampled
 from softness_bayes.sampler.schedule import APART, PARTS
 
 FloatArray = NDArray[np.float64]
@@ -80,7 +80,7 @@ class _Simulated:
 
 def walked(times: tuple[float, ...], goal: Goal, rng: np.random.Generator) -> tuple[FloatArray, Verdict]:
     """Simulate walks until a check finds that they meet a goal, with the checks of a run."""
-    simulated, every = _Simulated(rng, times), Settings().round_steps
+    simulated, every = _Simulated(rng, times), REPLICATE.round_steps
     steps, before = 3 * every, None
     while True:
         values = simulated.until(steps)

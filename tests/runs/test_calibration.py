@@ -7,6 +7,7 @@ files and the resuming on both.
 import json
 import math
 import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
@@ -392,6 +393,24 @@ def test_an_interrupted_calibration_continues(tmp_path):
     fewer, finished = run(tmp_path / "a", 1)
     assert finished == []
     assert [*fewer.replicates] == [0]
+
+
+class Elsewhere(ThreadPoolExecutor):
+    """An executor whose workers are said not to share the directory."""
+
+    shares_files = False
+
+
+@pytest.mark.parametrize("kind", [ThreadPoolExecutor, Elsewhere])
+def test_ranks_do_not_depend_on_what_runs_them(tmp_path, kind):
+    here, _ = run(tmp_path / "here", 3)
+    with kind(2) as executor:
+        there = calibrate(
+            FakeCalibration(), *Request().with_options(processes=1), 3, tmp_path / "there", None, BRIEF, executor
+        )
+    assert there.replicates == here.replicates
+    for path in (tmp_path / "here" / "replicates").iterdir():
+        assert (tmp_path / "there" / "replicates" / path.name).read_bytes() == path.read_bytes()
 
 
 def test_another_calibration_is_not_continued(tmp_path):

@@ -160,6 +160,26 @@ def test_finished_tasks_leave_memory(monkeypatch):
         gc.enable()
 
 
+def test_equal_data_are_sent_under_one_key():
+    """Of the content, not of the object: the scheduler keeps a value that is sent again, by this or another command."""
+    sent = {}
+
+    class Client:
+        def get_executor(self, pure):
+            return self
+
+        def submit(self, work, content, key):
+            sent.setdefault(key, []).append(work(content))
+            return key
+
+    one, other = (clusters.Cluster(Client()) for _ in range(2))
+    ratings = np.arange(3.0)
+    assert one.share(ratings) == one.share(ratings.copy()) == other.share(ratings.copy())
+    assert one.share(ratings + 1e-12) != one.share(ratings)
+    assert len(sent) == 2
+    np.testing.assert_array_equal(next(iter(sent.values()))[0], ratings)
+
+
 class Executing(clusters.Cluster):
     """A cluster that sends no value."""
 

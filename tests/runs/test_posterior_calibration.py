@@ -135,7 +135,7 @@ def test_replicates_like_a_run(report_run, tmp_path):
     result = converged(report_run("ratings"))
     run = RunOptions(seed=1, processes=1)
     with quickly():
-        source, _ = _like(result, run, BRIEF)
+        source, _, _ = _like(result, run, BRIEF)
         found = calibrate_like(result, run, 2, tmp_path / "out", settings=BRIEF)
         again = finished_like(result, run, 3, tmp_path / "out", settings=BRIEF)
         with pytest.raises(InputError, match="seed was 1 and is now 2"):

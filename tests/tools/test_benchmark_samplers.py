@@ -1,10 +1,12 @@
 """The comparison of samplers: weights, the count of evaluations, and a row."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from softness_bayes.tools import benchmark_samplers
-from softness_bayes.tools.benchmark_samplers import COLUMNS, NO_DENSITY, WAYS, Counted, Weighted, row, weighted
+from softness_bayes.tools.benchmark_samplers import COLUMNS, NO_DENSITY, WAYS, Counted, Way, Weighted, row, weighted
 from support.fake_scene import fake_posterior
 
 
@@ -49,3 +51,27 @@ def test_samplers_that_are_not_installed_are_named(monkeypatch, capsys, tmp_path
     monkeypatch.setattr(benchmark_samplers, "WAYS", nothing)
     benchmark_samplers.main([str(tmp_path / "samplers.csv")])
     assert capsys.readouterr().out.count("not installed") == len(WAYS)
+
+
+def test_rows_of_other_samplers_are_kept(monkeypatch, tmp_path):
+    """Each call adds its samplers to the file; the first one always runs, for the comparison."""
+    calls = []
+
+    def first(target, seed):
+        calls.append(seed)
+        theta = np.random.default_rng(seed).standard_normal((50, target.dimension))
+        return Weighted(theta, np.full(50, 1 / 50), 50.0, True)
+
+    ways = {"a": Way(first, "emcee")} | {name: Way(lambda *at: first(*at), "emcee") for name in "bc"}
+    monkeypatch.setattr(benchmark_samplers, "WAYS", ways)
+    monkeypatch.setattr(benchmark_samplers, "ours", first)
+    monkeypatch.setattr(benchmark_samplers, "build", lambda *_: SimpleNamespace(posterior=fake_posterior()))
+    file = tmp_path / "samplers.csv"
+    benchmark_samplers.main([str(file), "--seeds", "1", "--samplers", "b"])
+    before = benchmark_samplers.kept_rows(file)
+    assert [*before] == [("a", "1"), ("b", "1")]
+    benchmark_samplers.main([str(file), "--seeds", "1", "--samplers", "c"])
+    after = benchmark_samplers.kept_rows(file)
+    assert [*after] == [("a", "1"), ("b", "1"), ("c", "1")]
+    assert after["b", "1"] == before["b", "1"]
+    assert len(calls) == 4

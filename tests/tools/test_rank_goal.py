@@ -5,6 +5,7 @@ import csv
 import numpy as np
 import pytest
 
+from softness_bayes.runs.calibrate import REPLICATE
 from softness_bayes.sampler.autocorrelation import autocorrelation_time
 from softness_bayes.tools import rank_goal
 from support.paths import ROOT
@@ -42,7 +43,7 @@ def test_few_walks_end_at_the_goal_and_the_control_does_not():
         assert verdict.converged
         assert verdict.burn_in > 0
     _, early = rank_goal.ranked((60.0,), rank_goal.GOALS["first check, start kept"], 0)
-    assert (early.steps, early.burn_in) == (300, 0)
+    assert (early.steps, early.burn_in) == (REPLICATE.first_look, 0)
 
 
 def test_the_kept_table():
