@@ -10,19 +10,23 @@ from numpy.typing import NDArray
 
 from softness_bayes.bench.subject import BATCH, Effort, Subject, quickest
 from softness_bayes.touch.field import SeveralFields, StressField
+from softness_bayes.touch.neuron.surface import FiringSurface
+from softness_bayes.touch.population import GAINS
 from softness_bayes.touch.resolution import first
 
 Array = NDArray[np.float64]
 
-EXPONENTIALS, ROOTS, DIVISIONS = 1, 2, 3
-"""For each node of the rate's gain: expm1(-t²); s and the root of the stress; the sigmoid, s / t and the speed."""
+EXPONENTIALS, ROOTS, DIVISIONS = 1, 1, 3
+"""For each node of the rate's gain: expm1(-t²); s; the sigmoid, s / t and the speed."""
 
 TOGETHER = 16
 """Vectors whose bare operations are done in one call: enough for array speed, few enough for the cache."""
 
-SKIN_STEPS, SKIN_EXPONENTIALS = 1, 3
-"""Operations of the search for the skin's modulus from a start, for each condition: e^w, and softplus with exp and
-log."""
+SKIN_EXPONENTIALS = 3
+"""For each condition, in one step of the search for the skin's modulus: e^w, and softplus with exp and log."""
+
+OF_SERIES = 2
+"""Exponentials for each condition where polynomials of the skin's parameters give E_star and the peak stress."""
 
 
 class Limit(NamedTuple):
@@ -37,7 +41,8 @@ class Limit(NamedTuple):
     seconds: float
     """Time of the scene for a vector."""
     bare_seconds: float
-    """Time of these operations alone in NumPy, in place, in blocks that fit the cache."""
+    """Time of these operations alone in NumPy, in place, in blocks that fit the cache; that of matrix products at the
+    rate of a large one."""
     flop_seconds: float
     """Time of the multiply-adds alone at the rate of a matrix product."""
 
@@ -52,34 +57,39 @@ def limit(of: Subject, effort: Effort) -> Limit:
 
     At each node of a condition that fires, the polynomials are those of the stress field's inverse (two passes of
     Horner's rule each order, or three of a Clenshaw recurrence) and of the receptor count, and there is one division,
-    1/y. The rate's gain has a polynomial too. Conditions beyond saturation share its nodes: it is evaluated
-    once for each vector, and again for each condition whose peak is below saturation.
+    1/y. The rate's gain has a polynomial too, and nodes of its own. Conditions beyond saturation share these: it is
+    evaluated once for each vector, and again for each condition whose peak is below saturation. Matrix products give
+    the coefficients of the rate curves and stress fields and, if they come from polynomials, the contacts.
     """
     scene = of.model.scene
     some = first(of.draws.parameters, BATCH)
-    contact, curve = scene.contact(some), scene.firing.curves(some)
+    contact, curve = scene.contact(some), scene.rates.curves(some)
     one_finger = [field for field in scene.fields if isinstance(field, StressField)]
     fields = SeveralFields(one_finger, scene.columns, powers=True)
     profile = fields.at(contact.reduced_modulus, contact.radius).whole()
     orders, rates, count = len(profile.shape), curve.coefficients.shape[-1], scene.count.coefficients[0].size
-    nodes, conditions = scene.discretisation.nodes + 1, scene.n_conditions
+    nodes, conditions = scene.discretisation.nodes, scene.n_conditions
     odds = some.alpha / curve.rheobase - 1.0
     with np.errstate(invalid="ignore"):
         reach = some.beta[:, None] * (profile.peak - some.sigma_0[:, None]) + np.log(odds)[:, None]
     fires, near = ((reach > 0.0) & (reach <= most) for most in (np.inf, scene.discretisation.saturation))
-    firing = round(float(fires.sum(axis=-1).mean()))
-    lanes, gains = firing * nodes, round((1.0 + float(near.sum(axis=-1).mean())) * nodes)
+    firing, made = round(float(fires.sum(axis=-1).mean())), 1.0 + float(near.sum(axis=-1).mean())
+    lanes, gains = firing * nodes, round(made * (GAINS * nodes + 1))
     of_field = (2 if profile.powers else 3) * orders
     at_lanes, at_gains = of_field + 2 * count, 2 * rates
-    adds = lanes * (2 * orders + count) + gains * rates
-    exponentials = gains * EXPONENTIALS + firing + conditions * SKIN_STEPS * SKIN_EXPONENTIALS
-    roots, divisions = gains * ROOTS + firing, gains * DIVISIONS + lanes
+    series = scene.mechanics.products
+    of_curves = scene.rates.table.size if isinstance(scene.rates, FiringSurface) else 0
+    products = series + of_curves + round(firing * float(np.mean([part.size for part in fields.series])))
+    adds = lanes * (2 * orders + count) + gains * rates + products
+    at_conditions = OF_SERIES if series else SKIN_EXPONENTIALS
+    exponentials = gains * EXPONENTIALS + firing + conditions * at_conditions
+    roots, divisions = gains * ROOTS + round(made * nodes) + 2 * firing, gains * DIVISIONS + lanes
     traffic = 8.0 * (3 * (at_lanes * lanes + at_gains * gains) + 2 * (exponentials + roots + divisions))
     rng = np.random.default_rng(0)
     points = [rng.uniform(0.1, 0.9, (BATCH // TOGETHER, TOGETHER * n)) for n in (lanes, gains, conditions)]
-    work = partial(_bare, points, at_lanes, at_gains)
-    matrix = np.random.default_rng(1).uniform(size=(256, 256))
-    product = quickest(lambda: matrix @ matrix, effort.repeats)
+    matrix = rng.uniform(size=(256, 256))
+    product = quickest(lambda: matrix @ matrix, effort.repeats) / 256**3
+    bare = quickest(partial(_bare, points, at_lanes, at_gains, at_conditions), effort.repeats) / BATCH
     return Limit(
         exponentials,
         roots,
@@ -87,16 +97,16 @@ def limit(of: Subject, effort: Effort) -> Limit:
         adds,
         traffic / 1e6,
         quickest(partial(scene.total_rate, some), effort.repeats) / BATCH,
-        quickest(work, effort.repeats) / BATCH,
-        product / 256**3 * adds,
+        bare + product * products,
+        product * adds,
     )
 
 
-def _bare(points: list[Array], passes_at_lanes: int, passes_at_gains: int) -> None:
+def _bare(points: list[Array], passes_at_lanes: int, passes_at_gains: int, passes_at_conditions: int) -> None:
     """Run the operations of a batch in blocks that fit in the cache."""
     for x, gain, skin in zip(*points, strict=True):
         y, speed, root = np.empty_like(x), np.empty_like(gain), np.empty_like(skin)
-        for _ in range(SKIN_STEPS * SKIN_EXPONENTIALS):
+        for _ in range(passes_at_conditions):
             np.exp(skin, out=root)
         for _ in range(EXPONENTIALS):
             np.expm1(gain, out=speed)

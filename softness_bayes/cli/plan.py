@@ -14,6 +14,7 @@ from softness_bayes.errors import InputError
 if TYPE_CHECKING:
     from softness_bayes.model.cost import Setting
     from softness_bayes.touch.accuracy import Errors
+    from softness_bayes.touch.discretisation import Discretisation
 
 
 @click.command()
@@ -52,7 +53,7 @@ def command(files: DataFiles, model: ModelChoice, scale: str) -> None:
         _row("mechanics", "", *_numbers(chosen.mechanics)),
         _row("  stress field", f"tolerance {d.field_tolerance:.0e}", "", ""),
         _row("  population", f"{d.nodes} nodes, to exp(-{d.saturation:g})", "", ""),
-        _row("firing rates", _rates(scene.firing, d.rate_nodes), *_numbers(chosen.firing)),
+        _row("firing rates", _rates(scene.firing, d), *_numbers(chosen.firing)),
         _row("sum", "", *_numbers(chosen.errors)),
     ):
         click.echo(line.rstrip())
@@ -65,10 +66,16 @@ def command(files: DataFiles, model: ModelChoice, scale: str) -> None:
         click.echo(_choice(setting))
 
 
-def _rates(firing: object, nodes: int) -> str:
+def _rates(firing: object, d: Discretisation) -> str:
     from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 
-    return f"curve through {nodes} rates" if isinstance(firing, FixedChannels) else "surface over the channels"
+    if not isinstance(firing, FixedChannels):
+        return f"surface, {_terms(d)}"
+    return f"curve through {d.rate_nodes} rates, {_terms(d)}"
+
+
+def _terms(d: Discretisation) -> str:
+    return "all terms" if d.rate_terms is None else f"{d.rate_terms} terms"
 
 
 def _numbers(errors: Errors) -> tuple[str, str]:
@@ -80,7 +87,11 @@ def _row(stage: str, resolution: str, peak: str, log: str) -> str:
 
 
 def _choice(setting: Setting) -> str:
-    d, population = setting.discretisation, setting.stage == "population"
-    what = f"{d.nodes} nodes, to exp(-{d.saturation:g})" if population else f"tolerance {d.field_tolerance:.0e}"
+    d = setting.discretisation
+    what = {
+        "population": f"{d.nodes} nodes, to exp(-{d.saturation:g})",
+        "field": f"tolerance {d.field_tolerance:.0e}",
+        "firing rates": _terms(d),
+    }[setting.stage]
     mark = "  <- chosen" if setting.chosen else ""
     return f"{_row(setting.stage, what, *_numbers(setting.errors))} {1e6 * setting.seconds:9.1f} µs{mark}"

@@ -45,7 +45,7 @@ from softness_bayes.touch.load_groups import groups_of
 from softness_bayes.touch.resolution import resolution_for
 from softness_bayes.touch.scene import Discretisation, Scene
 
-COARSE = Discretisation(8, 6.0, 1e-4)
+COARSE = Discretisation(4, 5.5, 1e-4)
 """Resolution sufficient to order fabrics by firing."""
 
 ALPHA_WIDTH = 0.3

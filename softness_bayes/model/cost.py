@@ -10,7 +10,15 @@ import numpy as np
 
 from softness_bayes.model.build import ExperimentModel
 from softness_bayes.readable import counted
-from softness_bayes.touch.accuracy import QUADRATURES, TOLERANCES, ChosenResolution, Errors, errors, thinned
+from softness_bayes.touch.accuracy import (
+    QUADRATURES,
+    RATE_TERMS,
+    TOLERANCES,
+    ChosenResolution,
+    Errors,
+    errors,
+    thinned,
+)
 from softness_bayes.touch.load_field import LoadField
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 from softness_bayes.touch.parameters import TouchParameters
@@ -40,6 +48,7 @@ def ladder(choice: ChosenResolution, draws: Draws) -> tuple[Setting, ...]:
     finest = scene.discretisation.field_tolerance
     every = [("population", replace(chosen, nodes=n, saturation=s)) for n, s in QUADRATURES]
     every += [("field", replace(chosen, field_tolerance=t)) for t in TOLERANCES if t >= finest]
+    every += [("firing rates", replace(chosen, rate_terms=terms)) for terms in (*RATE_TERMS, None)]
     found = []
     for stage, d in every:
         error = errors(few.coarser(d).total_rate(draws.parameters), exact, few.n_receptors, draws.eps).worst()

@@ -84,7 +84,7 @@ def build(design: SurfaceInputs, say: Say, spread: Spread = map) -> FiringSurfac
     axes = len(design.axes)
     place = low_discrepancy(axes, design.points)
     border = np.zeros(0) if design.border is None else _border(design, design.border)
-    surface = FiringSurface(design, np.zeros((0, 0)), border, _UNMEASURED)
+    surface = FiringSurface(design, np.zeros((0, 0)), border, _UNMEASURED, design.degree)
     if design.border is not None:
         place = place[:, surface.before_corner(place) > design.border.margin]
     channels = design.channels_at(place)
@@ -114,7 +114,9 @@ def build(design: SurfaceInputs, say: Say, spread: Spread = map) -> FiringSurfac
     known = np.vstack([begin.rheobase, begin.rate, polynomials]).T
     fitted = np.linalg.lstsq(basis, known, rcond=None)[0]
     to_monomials = np.array([_padded(chebyshev.cheb2poly(row), design.nodes) for row in np.eye(design.nodes)])
-    return FiringSurface(design, np.hstack([fitted[:, :2], fitted[:, 2:] @ to_monomials]), border, _UNMEASURED)
+    return FiringSurface(
+        design, np.hstack([fitted[:, :2], fitted[:, 2:] @ to_monomials]), border, _UNMEASURED, design.degree
+    )
 
 
 def _begin_at_fold(design: SurfaceInputs, channels: Channels) -> Onset:

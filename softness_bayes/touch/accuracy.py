@@ -22,23 +22,26 @@ from softness_bayes.touch.scene import Discretisation, Scene
 Array = NDArray[np.float64]
 
 QUADRATURES: tuple[tuple[int, float], ...] = (
-    (4, 3.5), (5, 4.0), (6, 4.0), (7, 5.0), (8, 6.0), (9, 6.0), (10, 6.5), (11, 7.0), (12, 8.0), (14, 9.0), (16, 10.5),
-    (18, 11.5), (21, 13.0), (24, 15.0), (30, 18.0),
+    (3, 4.0), (4, 5.5), (5, 7.0), (6, 8.0), (7, 8.5), (8, 9.5), (9, 10.5), (10, 11.0), (11, 12.0), (12, 12.5),
+    (14, 14.0), (16, 15.5), (20, 19.0), (24, 22.0),
 )  # fmt: skip
 """Nodes of the population integral and its extent along the sigmoid, from cheap to accurate. For each number of nodes
-the extent has the least of the errors measured under indentations of 1 to 3 mm; both errors shrink together, because
-refining one of them alone gains nothing."""
+the extent has the least of the errors measured under indentations of 1 to 3 mm and forces of 0.1 to 2 N; both errors
+shrink together, because refining one of them alone gains nothing."""
 
 TOLERANCES = (1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7, 3e-8, 1e-8)
 """Tolerances of the stress fields, from cheap to accurate."""
 
-COARSEST = Discretisation(*QUADRATURES[0], TOLERANCES[0])
+RATE_TERMS = (8, 10, 12, 14, 16, 18)
+"""Numbers of terms of the rate curves, from cheap to accurate; all terms are left if none of these is sufficient."""
+
+COARSEST = Discretisation(*QUADRATURES[0], TOLERANCES[0], rate_terms=RATE_TERMS[0])
 """The coarsest candidate."""
 
 RATE_NODES = (18, 28)
 """Numbers of exact rates interpolated by the curve of fixed channels, first and second attempt."""
 
-BEYOND_SATURATION = 0.01
+BEYOND_SATURATION = 0.002
 """Least error that a saturation leaves, relative to the exponential of its extent."""
 
 REFERENCE = (40, 24.0)
@@ -46,6 +49,9 @@ REFERENCE = (40, 24.0)
 
 RATES_SHARE = 0.2
 """Share of the bound that the error of a fixed-channel curve may use before more exact rates are added."""
+
+SHORTER_SHARE = 0.12
+"""Share of the bound that fewer terms of the rate curves may use."""
 
 FIRST_SHARE = 0.3
 """Share of the bound that the quadrature error may use; the fields may use the remainder."""
@@ -99,7 +105,7 @@ class ChosenResolution(NamedTuple):
     mechanics: Errors
     """Errors of fields and population, maximum over the measured vectors and conditions."""
     firing: Errors
-    """Errors of the rate curves."""
+    """Errors of the rate curves, with the terms that are left out."""
     tried: tuple[Tried, ...]
     """The candidates and their errors."""
     reference: Scene
@@ -185,13 +191,21 @@ def choose(
     exact = few.total_rate(parameters)
     # the two fields may have a common error that their difference does not show
     lacking = Errors(*np.full((2,), few.field_error))
-    room, tried = MARGIN * accuracy - rates.largest, list[Tried]()
+    tried = list[Tried]()
 
     def measured(stage: str, d: Discretisation) -> float:
-        found = errors(few.coarser(d).total_rate(parameters), exact, few.n_receptors, eps).worst().plus(lacking)
+        found = errors(few.coarser(d).total_rate(parameters), exact, few.n_receptors, eps)
+        found = (_usual(found) if stage == "firing rates" else found.worst()).plus(lacking)
         tried.append(Tried(stage, d, found))
         return found.largest
 
+    terms = None
+    for fewer in () if least.rate_terms is None else RATE_TERMS:
+        over = measured("firing rates", replace(best, rate_terms=fewer)) - few.field_error
+        if over <= SHORTER_SHARE * accuracy:
+            terms, rates = fewer, rates.plus(Errors(*np.full((2,), over)))
+            break
+    room = MARGIN * accuracy - rates.largest
     allowed = FIRST_SHARE * (room - few.field_error)
     # truncation at a saturation costs a share of its exponential, a field about its tolerance: settings beyond the
     # bound are skipped
@@ -206,6 +220,7 @@ def choose(
         source = best.field_tolerance if tolerance > best.field_tolerance else None
         d = replace(best, nodes=nodes, saturation=saturation, field_tolerance=tolerance, field_source=source)
         if measured("field", d) <= room:
+            d = replace(d, rate_terms=terms)
             return ChosenResolution(accuracy, d, tried[-1].errors, rates, tuple(tried), reference)
     raise _unreachable(accuracy, min(t.errors.largest for t in tried), rates, reference)
 
@@ -223,8 +238,7 @@ def held_rates(scene: Scene) -> Errors:
 def sampled_rates(scene: Scene, firing: Firing, parameters: TouchParameters, eps: float | None) -> Errors:
     """Return the change of a scene's response at some parameter vectors when exact rate curves are used.
 
-    The result is the quantile exceeded by a share `BEYOND` of the vectors. As alpha approaches the rheobase, the
-    response vanishes and relative errors become meaningless.
+    The result is the one exceeded by a share `BEYOND` of the vectors.
 
     Parameters
     ----------
@@ -236,7 +250,14 @@ def sampled_rates(scene: Scene, firing: Firing, parameters: TouchParameters, eps
         As for `choose`.
     """
     few = thinned(scene)
-    found = errors(few.total_rate(parameters), few.fired_by(firing).total_rate(parameters), few.n_receptors, eps)
+    return _usual(errors(few.total_rate(parameters), few.fired_by(firing).total_rate(parameters), few.n_receptors, eps))
+
+
+def _usual(found: Errors) -> Errors:
+    """Return the quantile of errors of the rates that a share `BEYOND` of the vectors exceeds.
+
+    As alpha approaches the rheobase, the response vanishes and relative errors become meaningless.
+    """
     return Errors(*(np.asarray(np.quantile(error, 1.0 - BEYOND)) for error in found))
 
 

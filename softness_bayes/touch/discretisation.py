@@ -9,13 +9,15 @@ from dataclasses import dataclass
 class Discretisation:
     """Resolution of a scene; the defaults have errors of about 1e-5 of the peak response."""
 
-    nodes: int = 12
+    nodes: int = 10
     """Nodes of the population integral for each condition."""
-    saturation: float = 8.0
+    saturation: float = 11.0
     """Extent of the integral along the sigmoid, in units of its exponent beyond the rheobase."""
     field_tolerance: float = 3e-6
     """Error allowed in the tabulated stress field."""
     rate_nodes: int = 18
     """Number of exact rates interpolated by the curve of fixed channels."""
+    rate_terms: int | None = None
+    """Number of terms that are left of the polynomials in the root of the current; by default all."""
     field_source: float | None = None
     """Tolerance to which the stress field is computed before truncation to `field_tolerance`; by default the same."""

@@ -242,48 +242,61 @@ class SeveralFields:
             self.shift[where], self.y_least[where] = field.shift, field.y_least
             self.of_peak[: peak.size, where] = peak[:, None]
 
-    def at(self, modulus: Array, radius: Array) -> FieldsAt:
+    def at(self, modulus: Array, radius: Array, peak: Array | None = None) -> FieldsAt:
         """Return the fields at E_star [Pa] and the contact radius [m], both of shape (batch, conditions).
+
+        Parameters
+        ----------
+        modulus, radius
+            Reduced modulus and contact radius.
+        peak
+            Stress on the axis [Pa], if it is known.
 
         Raises
         ------
         NumericalError
             If a modulus is not a positive finite number.
         """
-        return FieldsAt(self, modulus, radius)
+        if not ((modulus > 0) & np.isfinite(modulus)).all():
+            raise NumericalError("stress field: a reduced modulus is not positive and finite")
+        return FieldsAt(self, modulus, radius, self.peak(modulus, radius) if peak is None else peak)
+
+    def peak(self, modulus: Array, radius: Array) -> Array:
+        """Return the stress on the axis [Pa]; arguments as for `at`."""
+        x, beyond = self.places(modulus, slice(None))
+        unit = np.einsum("kbn,kn->bn", chebyshev_values(x, len(self.of_peak)), self.of_peak)
+        if beyond.any():
+            for field, where in zip(self.fields, self.columns, strict=True):
+                if (outside := beyond[:, where]).any():
+                    rows, columns = np.nonzero(outside)
+                    unit[rows, where[columns]] = field.exact_rows(modulus[rows, where[columns]])[:, 0]
+        first = self.fields[0]
+        return first.readings.pressure.amplitude(modulus, radius, first.finger) * unit
+
+    def places(self, modulus: Array, condition: NDArray[np.intp] | slice) -> tuple[Array, NDArray[np.bool_]]:
+        """Return the places of moduli [Pa] of some conditions in the tables, and which lie beyond their ends.
+
+        A place is ln(E_star + shift), scaled to [-1, 1] over the range of the table.
+        """
+        x = np.log(modulus + self.shift[condition])
+        x *= self.rise[condition]
+        x -= self.fall[condition]
+        return np.minimum(np.maximum(x, -1.0), 1.0), np.abs(x) > 1 + 1e-12
 
 
 class FieldsAt:
-    """The fields of several loads at reduced moduli: peaks at once, profiles where they are asked for.
+    """The fields of several loads at reduced moduli, with profiles only where they are asked for.
 
     Parameters
     ----------
-    several, modulus, radius
+    several
+        The fields.
+    modulus, radius, peak
         As `SeveralFields.at` takes them.
-
-    Attributes
-    ----------
-    peak
-        Stress on the axis [Pa], shape (batch, conditions).
     """
 
-    def __init__(self, several: SeveralFields, modulus: Array, radius: Array) -> None:
-        if not ((modulus > 0) & np.isfinite(modulus)).all():
-            raise NumericalError("stress field: a reduced modulus is not positive and finite")
-        self._of, self._modulus, self._radius = several, modulus, radius
-        x = np.log(modulus + several.shift)
-        x *= several.rise
-        x -= several.fall
-        self._beyond = np.abs(x) > 1 + 1e-12
-        self._x = np.minimum(np.maximum(x, -1.0), 1.0)
-        unit = np.einsum("kbn,kn->bn", chebyshev_values(self._x, len(several.of_peak)), several.of_peak)
-        if self._beyond.any():
-            for field, where in zip(several.fields, several.columns, strict=True):
-                if (outside := self._beyond[:, where]).any():
-                    rows, columns = np.nonzero(outside)
-                    unit[rows, where[columns]] = field.exact_rows(modulus[rows, where[columns]])[:, 0]
-        first = several.fields[0]
-        self.peak = first.readings.pressure.amplitude(modulus, radius, first.finger) * unit
+    def __init__(self, several: SeveralFields, modulus: Array, radius: Array, peak: Array) -> None:
+        self._of, self._modulus, self._radius, self.peak = several, modulus, radius, peak
 
     def whole(self) -> Profile:
         """Return the profile of all elements."""
@@ -300,8 +313,9 @@ class FieldsAt:
         place, vector = np.divmod(found, batch)
         condition = several.by_load.take(place)
         at = vector * conditions + condition
-        basis = chebyshev_values(self._x.take(at), several.terms)
-        shape, modulus, beyond = np.empty((several.order, at.size)), self._modulus.take(at), self._beyond.take(at)
+        modulus, shape = self._modulus.take(at), np.empty((several.order, at.size))
+        x, beyond = several.places(modulus, condition)
+        basis = chebyshev_values(x, several.terms)
         for field, series, (start, stop) in zip(several.fields, several.series, pairwise(ends.tolist()), strict=True):
             order, terms = series.shape
             np.matmul(series, basis[:terms, start:stop], out=shape[:order, start:stop])

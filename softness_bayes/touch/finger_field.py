@@ -270,18 +270,26 @@ class FieldsOfLoads:
     ----------
     fields, columns
         As `softness_bayes.touch.field.SeveralFields` takes them; all fields of one kind.
+
+    Attributes
+    ----------
+    several
+        The fields of one finger with a table each; None for other kinds.
     """
 
     def __init__(self, fields: Sequence[StressField | FingerField], columns: Sequence[NDArray[np.intp]]) -> None:
         self._fields, self._columns = fields, columns
         one = [field for field in fields if isinstance(field, StressField)]
         shared = any(isinstance(field, LoadField) for field in one)
-        self._several = SeveralFields(one, columns, powers=True) if one and not shared else None
+        self.several = SeveralFields(one, columns, powers=True) if one and not shared else None
 
-    def at(self, modulus: Array, radius: Array, finger: Fingertip) -> Fields:
-        """Return the fields at reduced moduli and contact radii; arguments as `profiles` takes them."""
-        if self._several is not None:
-            return self._several.at(modulus, radius)
+    def at(self, modulus: Array, radius: Array, finger: Fingertip, peak: Array | None = None) -> Fields:
+        """Return the fields at reduced moduli and contact radii.
+
+        Arguments as `profiles` takes them, and the stress on the axis [Pa] if it is known.
+        """
+        if self.several is not None:
+            return self.several.at(modulus, radius, peak)
         return profiles(self._fields, self._columns, modulus, radius, finger)
 
 

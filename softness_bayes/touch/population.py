@@ -18,15 +18,18 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import eval_legendre, roots_jacobi
 
 from softness_bayes.touch.field import Fields, Profile
 from softness_bayes.touch.neuron.firing import RateCurve
 from softness_bayes.touch.neuron.polynomials import horner
 from softness_bayes.touch.receptors import ReceptorCount
+from softness_bayes.touch.rules import gain_nodes, to_peak, to_saturation
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+
+GAINS = 2
+"""Nodes of the rate's gain for each node of the count."""
 
 WIDE = 0.02
 """Share of the peak stress below which the edge of a patch makes it wide: the pole of M at stress 0 is then close."""
@@ -68,7 +71,7 @@ class Population:
     count
         Function that counts the receptors within a distance of the axis.
     nodes
-        Number of nodes in t for each condition, excluding the one at the peak.
+        Number of nodes at which the receptors of each condition are counted.
     saturation
         Upper limit of u - u_rheobase. Beyond it the sigmoid is within exp(-saturation) of its limit, and the rest
         of the rate is one term for all receptors.
@@ -76,16 +79,15 @@ class Population:
 
     def __init__(self, root: float, count: ReceptorCount, nodes: int, saturation: float) -> None:
         self.root, self.count, self.saturation = root, count, saturation
-        # Lobatto's rule uses M at both ends: at the onset it is needed anyway, and at the peak it is 0
-        inside = roots_jacobi(nodes - 1, 1.0, 1.0)[0]
-        self.part = np.concatenate([[0.0], 0.5 * (inside + 1.0), [1.0]])
-        at_nodes = eval_legendre(nodes, 2.0 * self.part - 1.0)
-        self.weight = 1.0 / (nodes * (nodes + 1) * at_nodes**2)
-        x, weight = np.polynomial.legendre.leggauss(nodes)
+        gains = GAINS * nodes
+        self._to_peak, self._to_saturation = to_peak(nodes, gains), to_saturation(nodes, gains, saturation)
+        x, weight = gain_nodes(gains)
+        # the gain at the top gives the one beyond saturation
+        self._gain_part = np.append(x, 1.0)
         # in Gauss's rule the ends have weight 0; they are kept for the count of responding receptors and for the term
         # beyond saturation
-        self.gauss_part = np.concatenate([[0.0], 0.5 * (x + 1.0), [1.0]])
-        self.gauss_weight = np.concatenate([[0.0], 0.5 * weight, [0.0]])
+        self.gauss_part = np.concatenate([[0.0], x, [1.0]])
+        self.gauss_weight = np.concatenate([[0.0], weight, [0.0]])
 
     def sums(self, fields: Fields, drive: Drive, intervals: bool = False) -> ReceptorSums:
         """Integrate over the receptors for a batch of parameter vectors and all conditions.
@@ -136,35 +138,45 @@ class Population:
     def _steps(self, onset: _Onset, vector: Index, reach: Array) -> _Steps:
         """Return the nodes of conditions from the onset to the peak, or to saturation and beyond.
 
-        Conditions whose peak is beyond saturation have the same nodes if they share a parameter vector. Beyond it the
-        gain in u falls like exp(-u), up to terms of exp(-2 u). The last node also represents that gain and lies at
-        the combined mean position, so that the error there is of second order.
+        Conditions whose peak is beyond saturation have the same nodes if they share a parameter vector.
         """
         limit, vectors = self.saturation, onset.stress.size
-        near = np.flatnonzero(reach <= limit)
+        near, far = np.flatnonzero(reach <= limit), np.flatnonzero(reach > limit)
         # nodes are made for each vector, then for each condition whose peak is below saturation
         column = vector.copy()
         column[near] = np.arange(vectors, vectors + near.size)
-        made_for = np.concatenate([np.arange(vectors), vector.take(near)])
-        tops = np.sqrt(np.concatenate([np.full(vectors, limit), reach.take(near)]))
-        root, gain = (part.take(column, axis=1) for part in self._steps_to(onset.take(made_for), tops))
-        # total gain beyond saturation, relative to the gain at the last node
-        rest = (1.0 + onset.odds * np.exp(-limit)) / (2.0 * limit * self.weight[-1])
-        beyond = np.maximum(reach - limit, 1e-300)
-        share = -np.expm1(-beyond)
-        more = rest.take(vector) * share
-        gain[-1] *= 1.0 + more
-        mean = 1.0 - beyond * (1.0 - share) / share
-        # below saturation this lies beyond the peak, like all stresses there
-        stress = onset.stress.take(vector) + (limit + mean * more / (1.0 + more)) / onset.beta.take(vector)
-        root[-1] = self._root(stress)
-        return _Steps(root, gain)
+        of = onset.take(np.concatenate([np.arange(vectors), vector.take(near)]))
+        extent = np.concatenate([np.full(vectors, limit), reach.take(near)])
+        gains, height, gain = self._gains(of, np.sqrt(extent)), *np.empty((2, self._to_peak.nodes.size, extent.size))
+        for rule, part in (self._to_saturation, slice(vectors)), (self._to_peak, slice(vectors, None)):
+            np.outer(rule.nodes, extent[part], out=height[:, part])
+            np.matmul(rule.weights, gains[:-1, part], out=gain[:, part])
+        gain[0] += of.rate_0
+        steps = _Steps(*(part.take(column, axis=1) for part in (self._root(of.stress + height / of.beta), gain)))
+        tail = gains[-1, :vectors] * (1.0 + onset.odds * np.exp(-limit)) / (2.0 * limit)
+        self._add_tail(steps, onset, tail, far, vector.take(far), reach.take(far) - limit)
+        return steps
 
-    def _steps_to(self, onset: _Onset, top: Array) -> _Steps:
-        t = top * self.part[:, None]
-        gain = (top * self.weight[:, None]) * onset.gain(t)
-        gain[0] += onset.rate_0
-        return _Steps(self._root(onset.stress_at(t)), gain)
+    def _gains(self, of: _Onset, top: Array) -> Array:
+        """Return d nu / d t times the extent of t, at the nodes of the gain and at the top."""
+        gains = of.gain(top * self._gain_part[:, None])
+        gains *= top
+        return gains
+
+    def _add_tail(self, steps: _Steps, onset: _Onset, tail: Array, far: Index, vector: Index, beyond: Array) -> None:
+        """Add the gain beyond saturation to the last nodes of the conditions that reach farther, in place.
+
+        Beyond saturation the gain in u falls like exp(-u), up to terms of exp(-2 u). `tail` is its total for each
+        vector, and `beyond` the extent of u that is left. The last node moves to the mean position of both parts, so
+        that the error is of second order.
+        """
+        left = np.exp(-beyond)
+        share, tail = 1.0 - left, tail.take(vector)
+        gain = steps.gain[-1].take(far) + tail * share
+        moved = tail * (share - beyond * left) / gain
+        height = self.saturation + np.minimum(np.maximum(moved, 0.0), 1.0)
+        steps.gain[-1, far] = gain
+        steps.root[-1, far] = self._root(onset.stress.take(vector) + height / onset.beta.take(vector))
 
     def _root(self, stress: Array) -> Array:
         """Return stresses to the power `root`; the ratio to its value at the peak is y."""

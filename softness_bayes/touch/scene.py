@@ -29,6 +29,7 @@ from softness_bayes.touch.discretisation import Discretisation
 from softness_bayes.touch.family import MANY, Family
 from softness_bayes.touch.field import Profile
 from softness_bayes.touch.finger_field import FieldsOfLoads, profiles
+from softness_bayes.touch.mechanics import Mechanics
 from softness_bayes.touch.neuron.fixed_channels import Firing
 from softness_bayes.touch.parameters import TouchParameters, checked_rows
 from softness_bayes.touch.population import Drive, Population
@@ -39,9 +40,6 @@ from softness_bayes.touch.shared_fields import covered_moduli, cut, fields_of
 from softness_bayes.touch.skin_start import SkinBox
 
 Array = NDArray[np.float64]
-
-SKIN_SHARE = 0.1
-"""Relative error allowed in the skin's modulus, as a share of the stress fields' tolerance."""
 
 _KEPT = (
     *("loads", "firing", "fabric", "load", "finger"),
@@ -116,7 +114,9 @@ class Scene:
         )
         self.population = Population(self.fields[0].root, self.count, discretisation.nodes, discretisation.saturation)
         self._finer: Scene | None = None
-        self._once = self._each_once()
+        # the scene of the distinct conditions and the place of each in it; None if all are distinct
+        first, place = distinct(self.load, self.modulus, self.poisson)
+        self._once = None if first.size == self.n_conditions else (self.take(first), place)
 
     @cached_property
     def _contacts(self) -> Contacts:
@@ -129,10 +129,17 @@ class Scene:
         """The stress fields of all loads."""
         return FieldsOfLoads(self.fields, self.columns)
 
-    def _each_once(self) -> tuple[Scene, NDArray[np.intp]] | None:
-        """Return the scene of the distinct conditions and each condition's index in it; None if all are distinct."""
-        first, place = distinct(self.load, self.modulus, self.poisson)
-        return None if first.size == self.n_conditions else (self.take(first), place)
+    @cached_property
+    def rates(self) -> Firing:
+        """The source of rate curves, at the scene's resolution."""
+        terms = self.discretisation.rate_terms
+        return self.firing if terms is None else self.firing.shortened(terms)
+
+    @cached_property
+    def mechanics(self) -> Mechanics:
+        """From the skin to the stress fields."""
+        tolerance = self.discretisation.field_tolerance
+        return Mechanics(self._contacts, self._side_by_side, self.finger, self.skin_box, tolerance)
 
     @property
     def n_repeated(self) -> int:
@@ -205,18 +212,15 @@ class Scene:
     def _total_rate(self, parameters: TouchParameters, modulus: Array | None) -> Array:
         """Return the total rates of one chunk; only the required parts of contact and fields are computed."""
         finger, own = self.fingertip(parameters), None if modulus is None else modulus[:, self.fabric]
-        allowed = SKIN_SHARE * self.discretisation.field_tolerance
-        _, reduced = self._contacts.moduli(parameters.b, parameters.m, own, finger, allowed)
-        fields = self._side_by_side.at(reduced, self._contacts.radius(reduced, finger), finger)
+        fields = self.mechanics.fields(parameters.b, parameters.m, own, finger)
         return self.population.sums(fields, self._drive(parameters)).rate
 
     def _interpolated_rate(self, parameters: TouchParameters) -> Array:
         shape, flat = checked_rows(parameters)
-        found, curve = np.empty((flat.b.size, self.n_conditions)), self.firing.curves(flat)
-        finger = self.fingertip(flat)
+        found, curve = np.empty((flat.b.size, self.n_conditions)), self.rates.curves(flat)
+        finger, chunk = self.fingertip(flat), batches.CHUNK // self.discretisation.nodes
         for columns, field in zip(self.columns, self.fields, strict=True):
             family = Family(field, self._contacts.log_k[columns], self.readings.skin_displacement)
-            chunk = batches.CHUNK // self.discretisation.nodes
             found[:, columns] = family.total_rate(flat, curve, self.population, finger, chunk)
         return found.reshape(*shape, self.n_conditions)
 
@@ -263,8 +267,7 @@ class Scene:
         """Return the same scene at a finer resolution, the reference for this scene's error; cached."""
         if self._finer is None:
             d = self.discretisation
-            nodes, saturation, tolerance = d.nodes + 12, d.saturation + 8.0, 1e-2 * d.field_tolerance
-            finer = replace(d, nodes=nodes, saturation=saturation, field_tolerance=tolerance, field_source=None)
+            finer = Discretisation(d.nodes + 12, d.saturation + 8.0, 1e-2 * d.field_tolerance, d.rate_nodes)
             self._finer = self._with(discretisation=finer)
         return self._finer
 
@@ -311,12 +314,10 @@ class Scene:
         finger = replace(self.finger, contact_centre=contact_centre or self.finger.contact_centre)
         if kink_distances(finger)[-1] > kink_distances(self.finger)[-1]:
             raise InputError(f"scene: from {contact_centre} m the pad extends farther than the stress fields")
-        chosen, part = indices(conditions, self.n_conditions, "condition"), copy.copy(self)
+        chosen = indices(conditions, self.n_conditions, "condition")
         if not chosen.size:
             raise InputError("scene: expected at least one condition")
-        part._finer = None
-        for made in ("_contacts", "_side_by_side"):
-            part.__dict__.pop(made, None)
+        part = self._without("_contacts", "_side_by_side", "mechanics")
         part.finger, part.count = finger, receptor_count(finger, self.readings.receptor_density)
         for name in ("fabric", "load", "modulus", "poisson"):
             setattr(part, name, getattr(self, name)[chosen])
@@ -329,22 +330,26 @@ class Scene:
         return part
 
     def coarser(self, discretisation: Discretisation) -> Scene:
-        """Return the scene at a coarser resolution; its stress fields are truncated from the present ones at no cost.
-
-        Its responses agree with those of a scene compiled at that resolution, within the tolerance of the fields.
-        """
-        part, d = copy.copy(self), discretisation
-        part.discretisation, part._once, part._finer = d, None, None
-        part.__dict__.pop("_side_by_side", None)
+        """Return the scene at a coarser resolution, with stress fields truncated from the present ones at no cost."""
+        part, d = self._without("_side_by_side", "mechanics", "rates"), discretisation
+        part.discretisation, part._once = d, None
         part.fields = cut(self.fields, d.field_tolerance)
         part.population = Population(part.fields[0].root, self.count, d.nodes, d.saturation)
         return part
 
     def fired_by(self, firing: Firing) -> Scene:
         """Return the scene with its rate curves from another source."""
-        part = copy.copy(self)
-        part.firing, part._finer = firing, None
+        part = self._without("rates")
+        part.firing = firing
         part._once = None if self._once is None else (self._once[0].fired_by(firing), self._once[1])
+        return part
+
+    def _without(self, *made: str) -> Scene:
+        """Return a copy in which some cached properties are made again."""
+        part = copy.copy(self)
+        part._finer = None
+        for name in made:
+            part.__dict__.pop(name, None)
         return part
 
     def on_grid(self, modulus: Array, loads: Sequence[Load] | None = None) -> Scene:
@@ -392,4 +397,4 @@ class Scene:
         return self._contacts.close(parameters.b, parameters.m, own, self.fingertip(parameters))
 
     def _drive(self, parameters: TouchParameters) -> Drive:
-        return Drive(parameters.alpha, parameters.beta, parameters.sigma_0, self.firing.curves(parameters))
+        return Drive(parameters.alpha, parameters.beta, parameters.sigma_0, self.rates.curves(parameters))

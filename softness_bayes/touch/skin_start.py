@@ -1,12 +1,14 @@
-"""Initial value of the search for the skin's modulus: a polynomial in the skin's parameters (model.md 2).
+"""Functions of the skin's parameters over a prior's range as polynomials (model.md 2).
 
-For given fabrics and loads, w of `log_stiffening` is a smooth function of ln b and ln m. Over the range of a prior, a
-polynomial for each condition approximates it so well that the search takes one step instead of three, or none where
-the error of the polynomial itself is small enough.
+For given fabrics and loads, w of `log_stiffening`, and what follows from it, are smooth functions of ln b and ln m.
+Over the range of a prior, a polynomial for each condition approximates them so well that the search for the skin's
+modulus takes one step instead of three, or none where the error of the polynomial itself is small enough.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -34,6 +36,59 @@ class SkinBox(NamedTuple):
     """Stiffening exponent, as the reading of the skin's compression has it."""
 
 
+class SkinSeries:
+    """Polynomials in ln b and ln m, one for each column, fitted to a function over a box.
+
+    Parameters
+    ----------
+    box
+        The range that the polynomials cover.
+    function
+        Values (points, columns) of skins b and m, each of shape (points, 1).
+    enough
+        Error at which no higher degree is tried.
+    scale
+        Function of the values; errors are multiplied by its result.
+
+    Attributes
+    ----------
+    error
+        Largest error within the box.
+    """
+
+    def __init__(
+        self,
+        box: SkinBox,
+        function: Callable[[Array, Array], Array],
+        enough: float,
+        scale: Callable[[Array], Array] = np.ones_like,
+    ) -> None:
+        ends = np.log(box)
+        self._middle, self._half = ends.mean(axis=1)[:, None], np.maximum(0.5 * np.diff(ends, axis=1), 1e-6)
+        grid = np.array(np.meshgrid(*2 * (chebyshev.chebpts2(DEGREES[-1] + 4),))).reshape(2, -1)
+        b, m = np.exp(self._middle + self._half * grid)[..., None]
+        exact = function(b, m)
+        for degree in DEGREES:
+            self._terms = TotalDegree(2, degree)
+            basis = self._terms.basis(grid)
+            self._coefficients = np.linalg.lstsq(basis, exact, rcond=None)[0]
+            self.error = float((np.abs(basis @ self._coefficients - exact) * scale(exact)).max())
+            if self.error <= enough:
+                break
+
+    @property
+    def products(self) -> int:
+        """Number of multiply-adds for each skin."""
+        return self._coefficients.size
+
+    def __call__(self, b: Array, m: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Return the values, shape (batch, columns), and which of the skins b and m (batch,) lie outside the box."""
+        # m may be 0
+        x = (np.log([b, np.maximum(m, 1e-300)]) - self._middle) / self._half
+        outside = ~(np.abs(x) <= 1.0).all(axis=0)  # NaN is outside
+        return self._terms.basis(np.minimum(np.maximum(x, -1.0), 1.0)) @ self._coefficients, outside
+
+
 class SkinStart:
     """Initial values of w for the conditions of a scene.
 
@@ -53,19 +108,10 @@ class SkinStart:
 
     def __init__(self, box: SkinBox, log_scale: Array, p: Array, log_k: Array) -> None:
         self._of = log_scale, p, log_k
-        ends = np.log(box)
-        self._middle, self._half = ends.mean(axis=1)[:, None], np.maximum(0.5 * np.diff(ends, axis=1), 1e-6)
-        grid = np.array(np.meshgrid(*2 * (chebyshev.chebpts2(DEGREES[-1] + 4),))).reshape(2, -1)
-        b, m = np.exp(self._middle + self._half * grid)[..., None]
-        exact = log_stiffening(log_scale, p, log_k, b, m)
-        for degree in DEGREES:
-            self._terms = TotalDegree(2, degree)
-            basis = self._terms.basis(grid)
-            self._coefficients = np.linalg.lstsq(basis, exact, rcond=None)[0]
-            error = np.abs(basis @ self._coefficients - exact) * np.maximum(np.exp(exact), 1.0)
-            self.error = float(error.max())
-            if self.error <= ONE_STEP:
-                break
+        self._series = SkinSeries(
+            box, partial(log_stiffening, *self._of), ONE_STEP, lambda w: np.maximum(np.exp(w), 1.0)
+        )
+        self.error = self._series.error
 
     def __call__(self, b: Array, m: Array) -> tuple[Array, Array]:
         """Return the initial w of the search, and its largest error at each point.
@@ -80,11 +126,7 @@ class SkinStart:
         w, error
             Shapes (batch, conditions) and (batch,); the error is `error` inside the box, and infinite outside.
         """
-        # m may be 0
-        x = (np.log([b, np.maximum(m, 1e-300)]) - self._middle) / self._half
-        beyond = ~(np.abs(x) <= 1.0)  # NaN is outside
-        w = self._terms.basis(np.minimum(np.maximum(x, -1.0), 1.0)) @ self._coefficients
-        outside = beyond.any(axis=0)
+        w, outside = self._series(b, m)
         if outside.any():
             w[outside] = upper_bound(*self._of, b[outside, None], m[outside, None])
         return w, np.where(outside, np.inf, self.error)

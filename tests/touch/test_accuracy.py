@@ -179,8 +179,8 @@ def test_a_run_takes_the_choice_with_it_and_a_record_brings_it_back():
     assert any("stress fields" in reason for reason in left_out(model))
     assert any("one rate curve" in reason for reason in left_out(model))
     settings = ladder(choice, prior_draws(model.posterior.space, 32))
-    assert {setting.stage for setting in settings} == {"population", "field"}
-    assert sum(setting.chosen for setting in settings) == 2
+    assert {setting.stage for setting in settings} == {"population", "field", "firing rates"}
+    assert sum(setting.chosen for setting in settings) == 3
     assert all(setting.seconds > 0 for setting in settings)
     # at the same fields more nodes never leave a larger error, beyond what the fields leave
     population = [s.errors.largest for s in settings if s.stage == "population"]
@@ -211,7 +211,7 @@ def test_plan_prints_stages_errors_cost_and_the_ladder():
     assert done.returncode == 0, done.stderr
     for said in ("stress field", "population", "firing rates", "sum", "µs for each parameter vector", "left out:"):
         assert said in done.stdout
-    assert done.stdout.count("<- chosen") == 2
+    assert done.stdout.count("<- chosen") == 3
     assert "one rate curve" in done.stdout
 
 

@@ -174,7 +174,7 @@ def test_evaluation_is_chunked(smooth_firing, paper, monkeypatch):
     """What is handled at once does not grow with the number of vectors."""
     scene = Scene(FABRICS[::20], 0.3, [Indentation(1e-3)], smooth_firing())
     seen = []
-    monkeypatch.setattr(batches, "CHUNK", 12_000)
+    monkeypatch.setattr(batches, "CHUNK", 10_000)
     sums = scene.population.sums
     monkeypatch.setattr(
         scene.population, "sums", lambda profile, *rest: seen.append(profile.peak.size) or sums(profile, *rest)

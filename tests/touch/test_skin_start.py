@@ -6,7 +6,9 @@ import pytest
 from softness_bayes.model.scenes import skin_of_priors
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.touch.contact import Finger, Force, Indentation, log_compliance_ratio
-from softness_bayes.touch.scene import SKIN_SHARE, Discretisation, Scene
+from softness_bayes.touch.mechanics import SKIN_SHARE
+from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.scene import Discretisation, Scene
 from softness_bayes.touch.skin import DISPLACEMENT, ONE_STEP, STRAIN, log_stiffening, skin_modulus
 from softness_bayes.touch.skin_start import USEFUL, SkinBox, SkinStart
 
@@ -30,6 +32,15 @@ def within(box, rng, size, share=1.0):
     x = share * np.concatenate([rng.uniform(-1, 1, (size, 2)), [[-1, -1], [-1, 1], [1, -1], [1, 1]]]).T
     ends = np.log(box)
     return np.exp(ends.mean(axis=1)[:, None] + 0.5 * np.diff(ends, axis=1) * x)
+
+
+def scene_at(tolerance, loads, firing):
+    return Scene(FABRICS, 0.3, loads, firing, discretisation=Discretisation(6, 8.0, tolerance), skin_box=PRIORS)
+
+
+def paper_like(b, m):
+    """Parameter vectors with these skins and the paper's other values."""
+    return TouchParameters(b, m, 20.3, 0.6e-3, 9e3, 1.05, 1.16, 1.0, 1.5)
 
 
 @pytest.mark.parametrize("loads", LOADS.values(), ids=LOADS)
@@ -119,3 +130,38 @@ def test_the_box_is_that_of_the_priors():
     # a law that reaches down to 0 gives a box with a positive end
     reaching = skin_of_priors(parameter_space(priors={"b": "uniform(0,300)"}))
     assert 0 < reaching.b[0] < 0.02 * reaching.b[1]
+
+
+@pytest.mark.parametrize("loads", LOADS.values(), ids=LOADS)
+def test_contacts_from_polynomials_are_those_of_the_search(loads, smooth_firing, rng):
+    """Their error is within the share of the tolerance that is allowed, also between the points of the fit."""
+    scene = scene_at(1e-4, loads, smooth_firing())
+    assert scene.mechanics.products
+    b, m = within(PRIORS, rng, 300)
+    found = scene.mechanics.fields(b, m, None, scene.finger)
+    exact = scene.contact(paper_like(b, m))
+    peak = scene.stress_profile(exact).peak
+    np.testing.assert_allclose(found.peak, peak, rtol=2.0 * SKIN_SHARE * 1e-4)
+    assert np.abs(found.peak / peak - 1.0).max() > 1e-9  # they are polynomials
+
+
+def test_skins_outside_the_box_are_solved(smooth_firing, rng):
+    scene = Scene(
+        FABRICS, 0.3, LOADS["both"], smooth_firing(), discretisation=Discretisation(6, 8.0, 1e-4), skin_box=PRIORS
+    )
+    b, m = within(PRIORS, rng, 20, 3.0)
+    m[0] = 0.0
+    outside = ~((b >= PRIORS.b[0]) & (b <= PRIORS.b[1]) & (m >= PRIORS.m[0]) & (m <= PRIORS.m[1]))
+    assert outside[0]
+    assert 1 < outside.sum() < b.size
+    found = scene.mechanics.fields(b, m, None, scene.finger).peak
+    exact = scene.stress_profile(scene.contact(paper_like(b, m))).peak
+    np.testing.assert_allclose(found[outside], exact[outside], rtol=1e-12)
+    np.testing.assert_allclose(found[~outside], exact[~outside], rtol=2e-5)
+
+
+def test_a_tolerance_that_the_polynomials_miss_is_met_by_the_search(smooth_firing):
+    fine = Scene(
+        FABRICS, 0.3, LOADS["both"], smooth_firing(), discretisation=Discretisation(6, 8.0, 1e-8), skin_box=PRIORS
+    )
+    assert fine.mechanics.products == 0

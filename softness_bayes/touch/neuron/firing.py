@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -101,6 +102,10 @@ class RateCurve:
         total *= fires
         return total
 
+    def shortened(self, terms: int) -> RateCurve:
+        """Return the curves with no more than some number of terms, those of the lowest Chebyshev orders in ``w``."""
+        return replace(self, coefficients=self.coefficients @ shortening(self.coefficients.shape[-1], terms))
+
     def take(self, index: Any) -> RateCurve:
         """Return the curves at ``index`` of the batch."""
         return replace(
@@ -110,6 +115,29 @@ class RateCurve:
             coefficients=self.coefficients[index],
             max_current=self.max_current if np.ndim(self.max_current) == 0 else np.asarray(self.max_current)[index],
         )
+
+
+@lru_cache(maxsize=64)
+def shortening(size: int, terms: int) -> FloatArray:
+    """Return the matrix that leaves the lowest Chebyshev orders of polynomials, from monomials to monomials.
+
+    Parameters
+    ----------
+    size
+        Number of coefficients of the polynomials.
+    terms
+        Number of orders that are left.
+
+    Returns
+    -------
+    ndarray, shape (size, min(size, terms))
+        To be multiplied from the left by the coefficients.
+    """
+    matrix = np.zeros((size, min(size, terms)))
+    for k, monomial in enumerate(np.eye(size)):
+        lowest = chebyshev.cheb2poly(chebyshev.poly2cheb(monomial[: k + 1])[:terms])
+        matrix[k, : lowest.size] = lowest
+    return matrix
 
 
 def exact_curve(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from typing import Protocol
 
 import numpy as np
@@ -30,6 +31,9 @@ class Firing(Protocol):
 
     def exact(self) -> Firing:
         """Return a source of exact curves, the reference for the error of these."""
+
+    def shortened(self, terms: int) -> Firing:
+        """Return a source of curves with no more than some number of terms; exact curves keep theirs."""
 
 
 class FixedChannels:
@@ -76,6 +80,12 @@ class FixedChannels:
         if self._exact is None:
             self._exact = FixedChannels(self.channels, self.membrane, self.max_current, nodes=max(28, self.nodes + 6))
         return self._exact
+
+    def shortened(self, terms: int) -> FixedChannels:
+        """Return the same source with a shorter default curve; curves to larger currents stay as they are."""
+        part = copy.copy(self)
+        part.curve = self.curve.shortened(terms)
+        return part
 
     def curves(self, parameters: Driven) -> RateCurve:
         """Return the common curve, of batch shape (), or one per vector if an alpha requires a longer curve.

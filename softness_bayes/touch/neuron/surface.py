@@ -12,7 +12,7 @@ The tables are built and measured by ``python -m softness_bayes.tools.surface_bu
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from importlib import resources
 
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError, NumericalError
-from softness_bayes.touch.neuron.firing import CurveError, RateCurve, exact_curve, exact_curves
+from softness_bayes.touch.neuron.firing import CurveError, RateCurve, exact_curve, exact_curves, shortening
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, Channels, Driven, Membrane, lanes, rows_of
 from softness_bayes.touch.neuron.polynomials import TotalDegree, chebyshev_values, products
 from softness_bayes.touch.neuron.surface_design import DESIGNS, NO_SURFACE, SurfaceInputs
@@ -32,6 +32,9 @@ TABLES = "firing_surface.npz"
 
 ERRORS = "firing_surface.json"
 """Name of the file with the measured errors beside it."""
+
+FITTED = 3000
+"""Channel vectors to which shorter surfaces are fitted."""
 
 _CHECKING = 5e-8  # tolerance for batches of exact curves: relative error of a rate within 1e-6, in half the time
 _AT_THE_EDGE = 1e-9  # relative to the box's half-width: allows for rounding at a prior's end
@@ -84,12 +87,15 @@ class FiringSurface:
         Polynomial coefficients of the place of the corner's border in ``c_K``; empty without a corner.
     error : CurveError
         Largest measured error.
+    degree : int
+        Total degree in the multipliers.
     """
 
     design: SurfaceInputs
     table: FloatArray
     border: FloatArray
     error: CurveError
+    degree: int
     noise = 0.0
 
     @classmethod
@@ -118,7 +124,7 @@ class FiringSurface:
                 "rebuild it with `python -m softness_bayes.tools.surface_build`"
             )
         measured = json.loads((folder / ERRORS).read_text())[membrane.name]
-        return cls(design, table, border, CurveError(*(measured[name] for name in CurveError._fields)))
+        return cls(design, table, border, CurveError(*(measured[name] for name in CurveError._fields)), design.degree)
 
     @property
     def max_current(self) -> float:
@@ -127,7 +133,7 @@ class FiringSurface:
 
     @cached_property
     def _terms(self) -> TotalDegree:
-        return TotalDegree(len(self.design.axes), self.design.degree)
+        return TotalDegree(len(self.design.axes), self.degree)
 
     @cached_property
     def _summed(self) -> Summed:
@@ -219,6 +225,7 @@ class FiringSurface:
         values = self._summed(place)
         for i in np.flatnonzero(self.corner(place)):
             own = _own_curve(Channels(*flat[:, i].tolist()), self.design.membrane, self.max_current, self.design.nodes)
+            own = own.shortened(self.table.shape[1] - 2)
             values[i] = np.hstack([own.rheobase, own.onset_rate, own.coefficients])
         values = values.reshape(*shape, values.shape[-1])
         return RateCurve(values[..., 0], values[..., 1], values[..., 2:], self.max_current, self.error)
@@ -242,6 +249,21 @@ class FiringSurface:
     def exact(self) -> ExactRates:
         """Return the source of the exact curves that the surface approximates."""
         return ExactRates(self.design.membrane, self)
+
+    def shortened(self, terms: int) -> FiringSurface:
+        """Return a surface with fewer terms in the root of the current and a lower degree in the multipliers.
+
+        The lower polynomials are fitted to this surface by least squares, at points all over the box and, as many,
+        around its centre. Two further terms in the root of the current for each degree make both errors similar.
+        """
+        degree = min(max((terms - 2) // 2, 2), self.design.degree)
+        lower = TotalDegree(len(self.design.axes), degree)
+        rng, shape = np.random.default_rng(0), (len(self.design.axes), FITTED // 2)
+        place = np.hstack([rng.uniform(-1.0, 1.0, shape), rng.normal(0.0, 0.3, shape).clip(-1.0, 1.0)])
+        place = place[:, ~self.corner(place)]
+        table = np.linalg.lstsq(lower.basis(place), self._summed(place), rcond=None)[0]
+        shorter = table[:, 2:] @ shortening(self.design.nodes, terms)
+        return replace(self, degree=degree, table=np.hstack([table[:, :2], shorter]))
 
     def _require_inside(self, channels: FloatArray, place: FloatArray) -> None:
         outside = ~(np.abs(place) <= 1.0 + _AT_THE_EDGE)  # NaN is outside
@@ -292,6 +314,10 @@ class ExactRates:
 
     def exact(self) -> ExactRates:
         """Return itself."""
+        return self
+
+    def shortened(self, terms: int) -> ExactRates:
+        """Return itself: exact curves stay as they are."""
         return self
 
 

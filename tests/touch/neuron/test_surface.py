@@ -98,7 +98,7 @@ def test_a_small_measurement_agrees_with_the_kept_one(surface: FiringSurface) ->
     assert error["of_allowance"] < 1.0
     assert error["relative_median"] < 1e-5
     # negative control: a table that is wrong in the third digit fails it
-    spoilt = FiringSurface(surface.design, surface.table * 1.005, surface.border, surface.error)
+    spoilt = FiringSurface(surface.design, surface.table * 1.005, surface.border, surface.error, surface.degree)
     assert surface_build.measure(spoilt, lambda _: None, points=4, corner=0, seed=7, onsets=0)["of_allowance"] > 1.0
 
 
@@ -280,3 +280,38 @@ def test_the_sum_without_products_is_that_of_all_products(rng):
         x = rng.uniform(-1, 1, (terms.variables, 40))
         wanted = terms.basis(x) @ coefficients
         np.testing.assert_allclose(Summed(terms, coefficients)(x), wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
+
+
+def test_shorter_surfaces_are_nearly_as_good_about_the_centre(surface: FiringSurface, rng: np.random.Generator) -> None:
+    """More terms come closer; one degree of the multipliers alone is not enough."""
+    place = rng.normal(0.0, 0.3, (len(surface.design.axes), 400)).clip(-1.0, 1.0)
+    channels = surface.design.channels_at(place[:, ~surface.corner(place)])
+    full = surface.curve(channels)
+    current = full.rheobase[:, None] + np.linspace(1.0, 20.0, 30)
+    exact, errors = full.rate(current), []
+    for terms in (8, 12, 16):
+        short = surface.shortened(terms)
+        assert short.table.shape == (TotalDegree(len(surface.design.axes), short.degree).exponents.shape[1], 2 + terms)
+        errors.append(float(np.quantile(np.abs(short.curve(channels).rate(current) / exact - 1.0), 0.99)))
+    assert errors[2] < 2e-3
+    assert errors[2] < 0.5 * errors[0]
+    assert errors[1] <= errors[0]
+
+
+def test_a_shorter_surface_refuses_and_finds_corners_as_the_full_one(connor_stevens: FiringSurface) -> None:
+    short = connor_stevens.shortened(12)
+    with pytest.raises(InputError, match="outside"):
+        short.curve(PAPER_CHANNELS._replace(c_Na=2.0))
+    full, own = (s.curve(Channels(*CORNER)) for s in (connor_stevens, short))
+    np.testing.assert_allclose(own.rheobase, full.rheobase)
+    assert own.coefficients.shape[-1] == 12
+
+
+def test_all_terms_are_the_polynomial_itself(rng: np.random.Generator) -> None:
+    curve = firing.RateCurve(np.array(18.0), np.array(0.0), rng.normal(size=9), 40.0, firing.CurveError(0, 0, 0))
+    np.testing.assert_allclose(curve.shortened(9).coefficients, curve.coefficients, atol=1e-13)
+    np.testing.assert_allclose(curve.shortened(12).coefficients, curve.coefficients, atol=1e-13)
+    w = np.linspace(-1.0, 1.0, 101)
+    full, short = (np.polynomial.polynomial.polyval(w, c.coefficients) for c in (curve, curve.shortened(6)))
+    left_out = np.append(np.zeros(6), np.polynomial.chebyshev.poly2cheb(curve.coefficients)[6:])
+    np.testing.assert_allclose(full - short, np.polynomial.chebyshev.chebval(w, left_out), atol=1e-12)

@@ -1,0 +1,76 @@
+"""Rules of the population integral: exact for polynomials times any resolved gain, and better than the former ones."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from softness_bayes.touch.rules import RISE, gain_nodes, to_peak, to_saturation
+
+EXTENT = 6.0
+
+
+def gain(t):
+    """A gain that is no polynomial, with the fall of a saturating rate."""
+    return np.exp(-(t**2)) * (1.0 + 0.5 * np.cos(2.0 * t))
+
+
+def by_rule(rule, count, extent, gains):
+    t, _ = gain_nodes(gains)
+    top = np.sqrt(extent)
+    return top * (rule.weights @ gain(top * t)) @ count(extent * rule.nodes)
+
+
+def exactly(count, extent):
+    return quad(lambda t: gain(t) * count(t**2), 0.0, np.sqrt(extent), epsabs=1e-13, epsrel=1e-13)[0]
+
+
+@pytest.mark.parametrize("nodes", [2, 3, 4, 7, 12, 40])
+def test_nodes_are_inside_and_in_order(nodes):
+    peak, saturation = to_peak(nodes, 2 * nodes), to_saturation(nodes, 2 * nodes, EXTENT)
+    for rule in (peak, saturation):
+        assert rule.nodes.size == nodes
+        assert rule.nodes[0] == 0.0
+        assert (np.diff(rule.nodes) > 0).all()
+    assert peak.nodes[-1] < 1.0
+    assert saturation.nodes[-1] == 1.0
+
+
+@pytest.mark.parametrize("nodes", [3, 5, 8])
+def test_polynomials_of_the_nodes_are_exact_whatever_the_gain(nodes, rng):
+    saturation, peak = to_saturation(nodes, 30, EXTENT), to_peak(nodes, 30)
+    polynomial = np.polynomial.Polynomial(rng.normal(size=nodes))
+    assert by_rule(saturation, polynomial, EXTENT, 30) == pytest.approx(exactly(polynomial, EXTENT), rel=1e-11)
+    falling = polynomial * np.polynomial.Polynomial([EXTENT, -1.0])
+    assert by_rule(peak, falling, EXTENT, 30) == pytest.approx(exactly(falling, EXTENT), rel=1e-11)
+    # of a higher degree than the nodes determine: not exact for this gain
+    beyond = np.polynomial.Polynomial([0.0] * (2 * nodes + 2) + [1.0])
+    assert by_rule(saturation, beyond, 1.0, 30) != pytest.approx(exactly(beyond, 1.0), rel=1e-6)
+
+
+@pytest.mark.parametrize("nodes", [3, 5, 8])
+def test_gauss_for_the_typical_gain(nodes):
+    """Twice as many degrees are exact for the gain that the nodes were made for."""
+
+    def typical(t):
+        return 2.0 * RISE * t * np.exp(-(t**2)) * (-np.expm1(-(t**2))) ** (RISE - 1.0)
+
+    rule, (t, _) = to_saturation(nodes, 400, EXTENT), gain_nodes(400)
+    top = np.sqrt(EXTENT)
+    weights = top * rule.weights @ typical(top * t)
+    for degree in range(2 * nodes - 2):
+        wanted = top * (gain_nodes(400)[1] * typical(top * t)) @ t ** (2 * degree)
+        assert weights @ rule.nodes**degree == pytest.approx(wanted, rel=1e-9)
+
+
+def test_errors_fall_fast_for_counts_with_a_pole():
+    """M has its pole at stress 0: here as far beyond the onset as a fifth of the extent."""
+
+    def count(u):
+        return (EXTENT - u) / (0.2 * EXTENT + u)
+
+    exact = exactly(count, EXTENT)
+    errors = [abs(by_rule(to_peak(nodes, 30), count, EXTENT, 30) / exact - 1.0) for nodes in (3, 5, 7, 9)]
+    assert errors[0] < 0.05
+    assert all(after < 0.2 * before for before, after in pairwise(errors))
