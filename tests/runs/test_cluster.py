@@ -335,9 +335,15 @@ def test_workers_that_cannot_be_used_on_the_command_line(real_cluster, tmp_path)
 
 
 @pytest.mark.slow
-def test_a_study_whose_workers_and_client_are_killed(real_cluster, tmp_path):
-    """It ends with the very draws of an undisturbed one on this machine."""
+@pytest.mark.parametrize("shared", [True, False])
+def test_a_study_whose_workers_and_client_are_killed(real_cluster, tmp_path, shared):
+    """It ends with the very draws of an undisturbed one on this machine, whether or not workers see its directory."""
     file, worker = real_cluster
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    prefix = [] if shared else own_disk(elsewhere)
+    if not (shared or prefix):
+        pytest.skip("processes here may not have disks of their own")
     lines = ["table,compression"]
     for k in range(5):
         values = usual_values(MENDED, given={"b": 60.0 + 20 * k}, n_fingers=4)
@@ -346,21 +352,25 @@ def test_a_study_whose_workers_and_client_are_killed(real_cluster, tmp_path):
         lines.append(f"F{k},F{k}.csv")
     (tmp_path / "list.csv").write_text("\n".join(lines) + "\n")
     asked = ["study", tmp_path / "list.csv", *HELD, "--max-steps", 2000, "--seed", 5]
-    there = [*asked, "--out", tmp_path / "there", "--dask", file]
-    first, _ = worker(), worker()
+    there = [*asked, "--out", elsewhere, "--dask", file]
+    first, _ = worker(prefix=prefix), worker(prefix=prefix)
     refused(call(*asked, "--out", tmp_path / "no", "--dask", tmp_path / "no.json"), "no such scheduler file")
-    runs = tmp_path / "there" / RUNS
+    runs = elsewhere / RUNS
 
     client = started("softness_bayes", *there)
-    until(lambda: len(list(runs.glob("*/checkpoint/lock"))) > 1)
+    begun = "*/checkpoint/lock" if shared else "*/posterior.nc"  # their checkpoints are on the disks of the workers
+    until(lambda: len(list(runs.glob(begun))) > (1 if shared else 0))
     first.send_signal(signal.SIGKILL)
-    until(lambda: list(runs.glob("*/posterior.nc")))
+    until(lambda: len(list(runs.glob("*/posterior.nc"))) > (0 if shared else 1))
     client.send_signal(signal.SIGKILL)
     client.wait()
-    worker()
+    finished = {path: path.read_bytes() for path in runs.glob("*/posterior.nc")}
+    assert 0 < len(finished) < 5
+    worker(prefix=prefix)
     again = started("softness_bayes", *there)
     assert again.wait(timeout=300) == 0
+    assert all(path.read_bytes() == before for path, before in finished.items())
 
     assert call(*asked, "--out", tmp_path / "here").returncode == 0
     for name in (*(f"{RUNS}/F{k}/summary.csv" for k in range(5)), "individual.csv", "population.csv"):
-        assert (tmp_path / "there" / name).read_bytes() == (tmp_path / "here" / name).read_bytes(), name
+        assert (elsewhere / name).read_bytes() == (tmp_path / "here" / name).read_bytes(), name
