@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr, ndtr, ndtri
 
-from softness_bayes.likelihood.error_laws import ErrorLaw
+from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.interval_rule import by_rule
 
 FloatArray = NDArray[np.float64]
@@ -29,6 +29,10 @@ OPEN = 1e40
 
 FARTHEST = -1e10
 """Log probability below which rounding leaves no digits of its ratio to the density."""
+
+OUTLYING = 100.0
+"""Distance from an interval [spreads] beyond which derivatives of a normal law are series in its inverse (Mills).
+Differences of moments lose their digits there: at 1e5, the second derivative would be -6000 instead of -1."""
 
 MOST_OTHERS = 0.5
 """Largest share of rows computed by distribution functions; if it is exceeded, all rows are."""
@@ -106,7 +110,26 @@ def scaled_derivatives(
     two -= square
     three -= one * (3.0 * two + square)
     four -= 4.0 * one * three + 3.0 * two * (two + 2.0 * square) + square * square
+    if law == NORMAL and value.min(initial=0.0) < -0.5 * OUTLYING**2:
+        _set_outlying(rows, expected, spread, (one, two, three, four))
     return value, one, two, three, four
+
+
+def _set_outlying(rows: Rows, expected: FloatArray, spread: FloatArray, slopes: tuple[FloatArray, ...]) -> None:
+    """Set derivatives under the normal law far from intervals, where only the nearer end matters."""
+    low, high = ((end - expected) / spread for end in (rows.low, rows.high))
+    near = np.maximum(low, -high)
+    far = (near > OUTLYING) & ((high - low) * near > 40.0)  # the other end's density is e^-40 or less
+    side, c = np.where(low > 0, 1.0, -1.0)[far], np.minimum(near[far], OPEN)
+    inverse = 1.0 / (c * c)
+    of_c = (
+        side * c * (1.0 + inverse * (1.0 - 2.0 * inverse)),
+        inverse * (1.0 - 6.0 * inverse) - 1.0,
+        side * 2.0 * inverse / c * (1.0 - 12.0 * inverse),
+        6.0 * inverse**2 * (1.0 - 20.0 * inverse),
+    )
+    for slope, value in zip(slopes, of_c, strict=True):
+        slope[far] = value
 
 
 def two_derivatives_beyond(
@@ -239,7 +262,7 @@ def _by_functions(
     if orders:
         ends = []
         for end in (low, high):
-            weight = np.exp(law.log_density(end, parameters) - found[0])
+            weight = np.exp(np.where(found[0] < FARTHEST, -np.inf, law.log_density(end, parameters) - found[0]))
             ends.append([weight, *(weight * part for part in law.slopes(end, parameters)[:3])])
         found += [sign * (above - below) for sign, below, above in zip(SIGNS, *ends, strict=True)]
     if orders and some:

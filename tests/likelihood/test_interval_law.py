@@ -1,5 +1,6 @@
 """Probabilities of intervals, their derivatives and their limits."""
 
+import mpmath
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -7,13 +8,21 @@ from scipy.stats import kstest, norm, t
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT, error_law_named
-from softness_bayes.likelihood.interval_law import NARROW, Rows, below, derivatives, log_probability, score_at
+from softness_bayes.likelihood.interval_law import (
+    NARROW,
+    Rows,
+    below,
+    derivatives,
+    log_probability,
+    scaled_derivatives,
+    score_at,
+)
 from softness_bayes.likelihood.interval_rule import REACHES, by_rule, rule
 from softness_bayes.likelihood.rater_rows import LawParameters
 from softness_bayes.likelihood.ratings import RatingParameters
 
 LAWS = NORMAL, STUDENT, LAPSES
-SPREAD = np.array([[0.4]])
+SPREAD, ONE = np.array([[0.4]]), np.array([[1.0]])
 POINT = RatingParameters(*[np.ones(1)] * 8, np.array([3.3]), np.array([0.05]))
 WIDTH = np.concatenate([np.zeros(5), 10.0 ** np.linspace(-7.0, 0.6, 20)])
 MIDDLE = np.linspace(-2.5, 2.5, 25)
@@ -87,6 +96,37 @@ def test_far_intervals_keep_their_digits():
     assert_allclose(found[0], tails, rtol=1e-12)
     for part in derivatives(NORMAL, rows, np.zeros((1, 3)), np.ones((1, 1)), POINT):
         assert np.isfinite(part).all()
+
+
+@pytest.mark.parametrize("law", [NORMAL, LAPSES], ids=lambda law: law.name)
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_derivatives_far_from_an_interval_keep_their_digits(law, side):
+    """Against 80 digits: intervals with one or two finite ends, 90 to 1e12 spreads away; lapses leave nothing there."""
+    away = np.array([90.0, 120.0, 1e3, 1e5, 1e8, 1e10, 1e12])
+
+    def log_mass(z, width):
+        # by symmetry the mass above a distance z, less that above z + width
+        above = [mpmath.erfc(x / mpmath.sqrt(2)) for x in ((z,) if np.isinf(width) else (z, z + width))]
+        return mpmath.log(above[0] - sum(above[1:]))
+
+    for width in (0.7, np.inf):
+        low, high = (np.full(away.size, end) for end in ((0.0, width) if side > 0 else (-width, 0.0)))
+        found = scaled_derivatives(law, Rows(low, high, np.full(away.size, -3.0)), -side * away[None], ONE, POINT)
+        if law is LAPSES:
+            assert_allclose(found[0], np.full((1, away.size), np.log(0.05) - 3.0), rtol=1e-12)
+            assert_allclose(found[1:], np.zeros((4, 1, away.size)), atol=1e-300)
+            continue
+        with mpmath.workdps(80):
+            known = [mpmath.taylor(lambda z, w=width: log_mass(z, w), mpmath.mpf(z), 4) for z in away[:4]]
+        for order in range(1, 5):
+            truth = [float(exact[order] * mpmath.factorial(order)) * (-side) ** order for exact in known]
+            # the series end after 1/c^4 relative to their first term
+            assert_allclose(found[order][0, 1:4], truth[1:], rtol=10.0 ** (order - 9), err_msg=str(order))
+            # nearer, by moments, which have lost some digits
+            assert_allclose(found[order][0, 0], truth[0], rtol=1e-9, atol=10.0 ** (2 * order - 11))
+        assert_allclose(found[1][0, 4:], side * away[4:], rtol=1e-15)
+        assert_allclose(found[2][0, 4:], -1.0, rtol=1e-15)
+        assert_allclose(np.abs(found[3:])[..., 4:], 0.0, atol=1e-20)
 
 
 @pytest.mark.parametrize("law", [NORMAL, STUDENT], ids=lambda law: law.name)
