@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
-from softness_bayes.files.netcdf import netcdf_of
 from softness_bayes.files.whole import write_whole
 from softness_bayes.imports import without
 
@@ -186,7 +185,9 @@ def netcdf(tree: xarray.DataTree) -> bytes:
 
     The content is created in memory because HDF5 does not reliably report a full disk.
     """
-    return netcdf_of(tree)
+    # xarray imports dask wherever it is installed, and needs it for arrays on other machines alone
+    with without("dask"):
+        return bytes(tree.to_netcdf(None, engine="h5netcdf"))
 
 
 def write_netcdf(tree: xarray.DataTree, path: str | os.PathLike[str]) -> None:
@@ -256,9 +257,8 @@ def _enough(chains: ArrayLike) -> bool:
 
 
 def _arviz() -> Any:
-    with without(
-        "bokeh"
-    ):  # of which ArviZ copies descriptions when it is imported, in a third of the time of the import
+    # ArviZ copies bokeh's descriptions when it is imported, which takes a third of the time of the import
+    with without("bokeh"):
         import arviz
 
     return arviz
