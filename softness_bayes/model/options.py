@@ -181,7 +181,7 @@ class ModelOptions:
             **({} if self.n_categories is None else {"n_categories": self.n_categories}),
             "noise": self.noise,
             "accuracy": self.kept_accuracy,
-            "discretisation": None if self.discretisation is None else asdict(self.discretisation),
+            "discretisation": None if self.discretisation is None else _record_of(self.discretisation),
         }
 
     @classmethod
@@ -244,3 +244,11 @@ class ModelOptions:
 
 def _kind(names: tuple[str, ...]) -> str:
     return "own answers" if answers_of(names) else "own fingers"
+
+
+def _record_of(discretisation: Discretisation) -> dict[str, Any]:
+    """Return the resolution for the record; like earlier versions without the number of terms if all are used."""
+    record = asdict(discretisation)
+    if record["rate_terms"] is None:
+        del record["rate_terms"]
+    return record

@@ -17,7 +17,7 @@ class Discretisation:
     """Error allowed in the tabulated stress field."""
     rate_nodes: int = 18
     """Number of exact rates interpolated by the curve of fixed channels."""
-    rate_terms: int | None = None
-    """Number of terms that are left of the polynomials in the root of the current; by default all."""
     field_source: float | None = None
     """Tolerance to which the stress field is computed before truncation to `field_tolerance`; by default the same."""
+    rate_terms: int | None = None
+    """Number of terms that are left of the polynomials in the root of the current; by default all."""

@@ -129,17 +129,22 @@ class Scene:
         """The stress fields of all loads."""
         return FieldsOfLoads(self.fields, self.columns)
 
-    @cached_property
+    @property
     def rates(self) -> Firing:
         """The source of rate curves, at the scene's resolution."""
-        terms = self.discretisation.rate_terms
-        return self.firing if terms is None else self.firing.shortened(terms)
+        return self.firing if self.discretisation.rate_terms is None else self._shortened
+
+    @cached_property
+    def _shortened(self) -> Firing:
+        assert self.discretisation.rate_terms is not None
+        return self.firing.shortened(self.discretisation.rate_terms)
 
     @cached_property
     def mechanics(self) -> Mechanics:
         """From the skin to the stress fields."""
-        tolerance = self.discretisation.field_tolerance
-        return Mechanics(self._contacts, self._side_by_side, self.finger, self.skin_box, tolerance)
+        return Mechanics(
+            self._contacts, self._side_by_side, self.finger, self.skin_box, self.discretisation.field_tolerance
+        )
 
     @property
     def n_repeated(self) -> int:

@@ -26,7 +26,7 @@ from softness_bayes.touch.contact import PRINTED_RIGIDITY, Force, Indentation
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation
 
-FINE = Discretisation(16, 14.0, 1e-6)
+FINE = Discretisation(16, 14.0, 1e-8)
 LOADS = (Indentation(2e-3), Force(1.5))
 KPA = 1e3
 

@@ -24,6 +24,7 @@ from softness_bayes.report.page import report_page
 from softness_bayes.results.from_result import experiment_of, options_of
 from softness_bayes.results.result import Result
 from softness_bayes.runs.run import sample
+from softness_bayes.touch.discretisation import Discretisation
 from softness_bayes.touch.finger_family import FingerFamily
 from softness_bayes.touch.finger_grid import FingerGrid
 from softness_bayes.touch.readings import MENDED
@@ -96,7 +97,9 @@ def test_two_raters_and_two_fabrics_agree_with_quadrature():
     """The likelihood against dense normal laws over a product of fine grids, the scene asked for each finger."""
     whole = experiment()
     with quickly():
-        options = ModelOptions(fix={**OPTIONS["fix"], "tau_b": 0.2}, individual=("b",))
+        # so fine that the responses of the two ways agree better than their integrals
+        fine = Discretisation(16, 14.0, 1e-8)
+        options = ModelOptions(fix={**OPTIONS["fix"], "tau_b": 0.2}, individual=("b",), discretisation=fine)
         model = build(whole, options)
         posterior, design = model.posterior, design_of(whole)
         few = (design.participant < 2) & (design.fabric[design.condition] < 2)
