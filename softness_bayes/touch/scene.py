@@ -336,7 +336,7 @@ class Scene:
 
     def coarser(self, discretisation: Discretisation) -> Scene:
         """Return the scene at a coarser resolution, with stress fields truncated from the present ones at no cost."""
-        part, d = self._without("_side_by_side", "mechanics", "rates"), discretisation
+        part, d = self._without("_side_by_side", "mechanics", "_shortened"), discretisation
         part.discretisation, part._once = d, None
         part.fields = cut(self.fields, d.field_tolerance)
         part.population = Population(part.fields[0].root, self.count, d.nodes, d.saturation)
@@ -344,7 +344,7 @@ class Scene:
 
     def fired_by(self, firing: Firing) -> Scene:
         """Return the scene with its rate curves from another source."""
-        part = self._without("rates")
+        part = self._without("_shortened")
         part.firing = firing
         part._once = None if self._once is None else (self._once[0].fired_by(firing), self._once[1])
         return part

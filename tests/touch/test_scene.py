@@ -159,6 +159,33 @@ def test_a_part_of_a_scene_shares_its_fields(scene, rng, paper):
         scene.take([15])
 
 
+class Shortening:
+    """Another source of rates, of which it is known how it was shortened."""
+
+    def __init__(self, of, terms=None):
+        self._of, self.terms = of, terms
+
+    def __getattr__(self, name):
+        return getattr(self._of, name)
+
+    def shortened(self, terms):
+        return Shortening(self._of, terms)
+
+
+def test_copies_of_a_scene_do_not_keep_its_shortened_rate_curves(smooth_firing, paper):
+    """Neither with another source of rates nor at another resolution, after the scene has responded itself."""
+    few, fewer, whole = (Discretisation(10, 11.0, 1e-4, rate_terms=terms) for terms in (3, 2, None))
+    used = Scene(FABRICS, 0.3, LOADS, Shortening(smooth_firing()), discretisation=few)
+    before = used.total_rate(paper())
+    assert used.rates.terms == 3
+    jumping = Shortening(smooth_firing(onset_rate=10.0))
+    other = used.fired_by(jumping).total_rate(paper())
+    np.testing.assert_allclose(other, Scene(FABRICS, 0.3, LOADS, jumping, discretisation=few).total_rate(paper()))
+    assert np.abs(other - before).max() > 1.0
+    assert used.coarser(fewer).rates.terms == 2
+    assert used.coarser(whole).rates is used.firing
+
+
 def test_a_scene_touched_elsewhere_on_the_pad(smooth_firing, rng, paper):
     parameters = draws(rng, 6, paper)
     fabrics, loads, firing = FABRICS[:4], LOADS[:2], smooth_firing()
