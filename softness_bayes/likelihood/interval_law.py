@@ -119,7 +119,8 @@ def _set_outlying(rows: Rows, expected: FloatArray, spread: FloatArray, slopes: 
     """Set derivatives under the normal law far from intervals, where only the nearer end matters."""
     low, high = ((end - expected) / spread for end in (rows.low, rows.high))
     near = np.maximum(low, -high)
-    far = (near > OUTLYING) & ((high - low) * near > 40.0)  # the other end's density is e^-40 or less
+    # there, the other end's density is e^-40 or less; an end may be infinite, and `near` zero
+    far = (near > OUTLYING) & ((high - low) * np.maximum(near, 1.0) > 40.0)
     side, c = np.where(low > 0, 1.0, -1.0)[far], np.minimum(near[far], OPEN)
     inverse = 1.0 / (c * c)
     of_c = (

@@ -29,6 +29,9 @@ DRAWS = 1000
 PARAMETERS = ("b", "m", "sigma_0", "gamma", "tau_b", "tau_sigma")
 """Parameters whose coverage is counted, where they are sampled."""
 
+STIFF = 3
+"""Rank of the direction whose coverage is counted, from the one in which the posterior is narrowest."""
+
 
 def sampled_draws(model: ExperimentModel, seed: int) -> tuple[Array, dict[str, int]]:
     """Return evenly spaced draws of a model's posterior, and the final state of the sampler run."""
@@ -108,7 +111,10 @@ def compared(model: ExperimentModel, theta: Array, truth: Mapping[str, float]) -
 def quantities(
     model: ExperimentModel, theta: Array, truth: Mapping[str, float], others: Sequence[str] = ()
 ) -> dict[str, tuple[Array, float]]:
-    """Return draws and true values of `PARAMETERS`, other parameters and turning points, as logarithms."""
+    """Return draws and true values of `PARAMETERS`, other parameters and turning points, as logarithms.
+
+    The last one is the place along a stiff direction, see `_stiff_direction`.
+    """
     names, counted = model.posterior.names, (*PARAMETERS, *others)
     found = {n: (np.log(theta[:, names.index(n)]), float(np.log(truth[n]))) for n in counted if n in names}
     # the true values are the last row, so that one scene is compiled for all
@@ -118,7 +124,23 @@ def quantities(
     for k, load in enumerate(LOADS):
         if np.isfinite(places[-1, k]):
             found[f"turning point at {load}"] = np.log(places[:-1, k]), float(np.log(places[-1, k]))
-    return found
+    return found | {"third stiffest direction": _stiff_direction(model.posterior, theta, truth)}
+
+
+def _stiff_direction(posterior: Posterior, theta: Array, truth: Mapping[str, float]) -> tuple[Array, float]:
+    """Return draws and true value along the direction in which a posterior is the narrowest but `STIFF` - 1.
+
+    It is a direction in the standardised coordinates of the sampled parameters whose true values are known and are not
+    zero. Latent values of fabrics, loads and raters are left out, so that the fits of a laboratory are comparable.
+    """
+    known = [place for place, name in enumerate(posterior.names) if truth.get(name, 0.0) != 0.0]
+    # parameters without a true value have a coordinate too, which is not used
+    true = [truth.get(name) or float(middle) for name, middle in zip(posterior.names, theta.mean(axis=0), strict=True)]
+    drawn, value = (posterior.space.coordinates(each)[:, known] for each in (theta, np.array([true])))
+    direction = np.linalg.eigh(np.cov(drawn.T))[1][:, STIFF - 1]
+    # its sign is arbitrary
+    direction *= np.sign(direction[np.argmax(np.abs(direction))])
+    return drawn @ direction, float(value[0] @ direction)
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:

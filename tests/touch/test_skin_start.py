@@ -92,7 +92,7 @@ def test_scenes_with_and_without_a_box_answer_alike(smooth_firing, paper, rng):
     np.testing.assert_allclose(part.contact(parameters).skin_modulus, few.contact(parameters).skin_modulus, rtol=1e-13)
 
 
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-4])
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-3])
 def test_coarse_scenes_take_the_polynomial_itself_within_their_tolerance(tolerance, smooth_firing, paper, rng):
     coarse, fine = (Scene(FABRICS, 0.3, LOADS["depth"], smooth_firing(), skin_box=box) for box in (PRIORS, None))
     b, m = within(PRIORS, rng, 40)
@@ -135,13 +135,14 @@ def test_the_box_is_that_of_the_priors():
 @pytest.mark.parametrize("loads", LOADS.values(), ids=LOADS)
 def test_contacts_from_polynomials_are_those_of_the_search(loads, smooth_firing, rng):
     """Their error is within the share of the tolerance that is allowed, also between the points of the fit."""
-    scene = scene_at(1e-4, loads, smooth_firing())
+    tolerance = 3e-4
+    scene = scene_at(tolerance, loads, smooth_firing())
     assert scene.mechanics.products
     b, m = within(PRIORS, rng, 300)
     found = scene.mechanics.fields(b, m, None, scene.finger)
     exact = scene.contact(paper_like(b, m))
     peak = scene.stress_profile(exact).peak
-    np.testing.assert_allclose(found.peak, peak, rtol=2.0 * SKIN_SHARE * 1e-4)
+    np.testing.assert_allclose(found.peak, peak, rtol=2.0 * SKIN_SHARE * tolerance)
     assert np.abs(found.peak / peak - 1.0).max() > 1e-9  # they are polynomials
 
 
