@@ -7,6 +7,7 @@ This probability is computed exactly from the Markov chain of counts from point 
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -42,7 +43,7 @@ def simultaneous_band(size: int, points: ArrayLike, probability: float = 0.95) -
         Smallest probability of staying within all limits.
     """
     points = np.asarray(points, float)
-    below, above = _tails(size, points)
+    below, above = _tails(size, tuple(points))
     least, most = 0.0, 1.0 - probability  # bounds of the local level; the upper one is exact for a single point
     wide = narrow = _limits(below, above, least)
     for _ in range(_HALVINGS):
@@ -71,19 +72,24 @@ def uniformity_p_value(values: ArrayLike, points: ArrayLike) -> float:
     """
     values, points = np.sort(np.asarray(values, float)), np.asarray(points, float)
     counts = np.searchsorted(values, points * (1.0 + 1e-12), side="right")
-    below, above = _tails(values.size, points)
+    below, above = _tails(values.size, tuple(points))
     place = np.arange(points.size)
     level = float(np.minimum(1.0, 2.0 * np.minimum(below[place, counts], above[place, counts])).min())
     # counts strictly less extreme everywhere, with a tolerance so that rounding does not exclude equal ones
     return min(1.0, 1.0 - _stays(values.size, points, *_limits(below, above, level * (1.0 + 1e-9))))
 
 
-def _tails(size: int, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return P(C <= c) and P(C >= c) of the count at each point, shapes (points, size + 1)."""
-    counts = np.arange(size + 1)
-    below = bdtr(counts, size, points[:, None])
-    above = bdtr(size - counts, size, 1.0 - points[:, None])
-    return below, above
+@lru_cache(maxsize=4)
+def _tails(size: int, points: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
+    """Return P(C <= c) and P(C >= c) of the count at each point, shapes (points, size + 1).
+
+    All quantities of a calibration have the same ones.
+    """
+    counts, place = np.arange(size + 1), np.array(points)[:, None]
+    tails = bdtr(counts, size, place), bdtr(size - counts, size, 1.0 - place)
+    for each in tails:
+        each.setflags(write=False)
+    return tails
 
 
 def _limits(below: FloatArray, above: FloatArray, level: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -6,14 +6,21 @@ pilot included, times the cost of one evaluation. The latter is measured as a ra
 calls at the positions of the walkers after the first stage of the pilot, half an ensemble at a time, as the sampler
 calls it.
 
-The directory gets the runs (`runs.csv`), whose rows are kept, and the ratios of each round of calls (`calls.csv`),
-which are measured anew. `tools.doc_tables` makes the table.
+With ``--other OTHER``, a directory with the source of an earlier version (as for `tools.benchmark_versions`), whole
+walks are also timed: exact inputs with that version, and each case with this one, in turn, each in a process of its
+own.
+
+The directory gets the runs (`runs.csv`), whose rows are kept, the ratios of each round of calls (`calls.csv`), and the
+processor times of the walks (`walks.csv`). The last two are measured anew. `tools.doc_tables` makes the table.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+import os
+import subprocess
+import sys
 import time
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
@@ -47,7 +54,35 @@ RUN_COLUMNS = ("inputs", "parameters", "seed", "converged", "steps", "tau_steps"
 CALL_COLUMNS = ("inputs", "points", "round", "microseconds", "ratio")
 """`points`: number evaluated together; `ratio`: processor time of an evaluation, in that of exact inputs."""
 
-RUNS, CALLS = "runs.csv", "calls.csv"
+WALK_COLUMNS = ("inputs", "seed", "seconds")
+"""`seconds`: processor time of a walk until convergence."""
+
+EARLIER = "exact inputs, earlier version"
+"""Inputs of the walks with the other version."""
+
+RUNS, CALLS, WALKS = "runs.csv", "calls.csv", "walks.csv"
+
+_CHILD = """
+import os, sys
+where, ratings, name, seed = sys.argv[1:]
+sys.path.insert(0, where)
+import softness_bayes
+assert softness_bayes.__file__.startswith(where), softness_bayes.__file__
+from softness_bayes.data import read_experiment
+try:
+    from softness_bayes.sampler.sampling import Settings, walk
+    from softness_bayes.tools.benchmark_uncertain import CASES, build
+    target = build(read_experiment(ratings), CASES[name]).posterior
+except ImportError:  # an earlier version keeps them in other places
+    from softness_bayes.inference.sampling import Settings, walk
+    from softness_bayes.run import RunOptions, posterior_of
+    target = posterior_of(read_experiment(ratings), RunOptions())
+begun = os.times()
+for state in walk(target, Settings(processes=1, max_steps=20_000), int(seed)):
+    pass
+assert state.verdict.converged
+print(sum(os.times()[:4]) - sum(begun[:4]))
+"""
 
 
 def run(target: TargetDensity, seed: int, max_steps: int = 20_000) -> dict[str, object]:
@@ -93,12 +128,37 @@ def calls(targets: Mapping[str, TargetDensity], rounds: int, each: int) -> list[
     return found
 
 
+def seconds(where: Path, name: str, seed: int) -> float:
+    """Return the processor time of a walk until convergence, with the version of the source in a directory [s]."""
+    found = subprocess.run(
+        [sys.executable, "-c", _CHILD, str(where.resolve()), str(RATINGS), name, str(seed)],
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+        cwd=where,
+        env=os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+    )
+    return float(found.stdout)
+
+
+def walks(other: Path, names: Iterable[str], seeds: Sequence[int]) -> list[dict[str, object]]:
+    """Return the processor times of whole walks, a row for each seed and inputs, in alternation."""
+    here = Path(softness_bayes.__file__).parent.parent
+    cases = [(EARLIER, other, EXACT), *((name, here, name) for name in names)]
+    return [
+        {"inputs": of, "seed": seed, "seconds": f"{seconds(where, name, seed):.1f}"}
+        for seed in seeds
+        for of, where, name in cases
+    ]
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Add the missing runs, and time the calls."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("directory", type=Path, help="directory of the two files; the runs in it are kept")
     parser.add_argument("--seeds", default="1,2,3", help="seeds of the runs, separated by commas")
     parser.add_argument("--rounds", type=int, default=20, help="rounds of alternating calls; 0 keeps those in the file")
+    parser.add_argument("--other", type=Path, help="directory with the source of an earlier version, to time walks")
     options = parser.parse_args(arguments)
     options.directory.mkdir(parents=True, exist_ok=True)
     experiment = read_experiment(RATINGS)
@@ -114,6 +174,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         with threadpool_limits(1):  # as in the workers of a run
             timed = calls(targets, options.rounds, 5)
         _write(options.directory / CALLS, CALL_COLUMNS, timed, "w")
+    if options.other:
+        found = walks(options.other, CASES, [int(seed) for seed in options.seeds.split(",")])
+        _write(options.directory / WALKS, WALK_COLUMNS, found, "w")
 
 
 def _write(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, object]], mode: str) -> None:

@@ -15,15 +15,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.kinds import require_kind, require_members
 from softness_bayes.touch import batches
 from softness_bayes.touch.conditions import checked_conditions, checked_fabrics, distinct, frozen, indices
-from softness_bayes.touch.contact import (
-    Contact,
-    Finger,
-    FingerBox,
-    Fingertip,
-    Load,
-    fingertips,
-    require_loads,
-)
+from softness_bayes.touch.contact import Contact, Finger, FingerBox, Fingertip, Load, fingertips, require_loads
 from softness_bayes.touch.contacts import Contacts
 from softness_bayes.touch.discretisation import Discretisation
 from softness_bayes.touch.family import MANY, Family

@@ -374,3 +374,45 @@ def test_a_study_whose_workers_and_client_are_killed(real_cluster, tmp_path, sha
     assert call(*asked, "--out", tmp_path / "here").returncode == 0
     for name in (*(f"{RUNS}/F{k}/summary.csv" for k in range(5)), "individual.csv", "population.csv"):
         assert (elsewhere / name).read_bytes() == (tmp_path / "here" / name).read_bytes(), name
+
+
+CHANNELS = [f"--fix={name}=1" for name in ("c_Na", "c_K", "c_L", "c_A")]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_a_calibration_under_kills_at_random_times(real_cluster, tmp_path, seed):
+    """Workers and client are killed with -9 and replaced: no finished replicate changes, and the ranks are the same."""
+    file, worker = real_cluster
+    rng = np.random.default_rng((20261125, seed))
+    asked = ["calibrate", "--replicates", 8, "--seed", seed, "--max-steps", 1000, *CHANNELS]
+    out, here = tmp_path / "out", tmp_path / "here"
+
+    def client():
+        return started("softness_bayes", *asked, "--out", out, "--dask", file)
+
+    workers, running = [worker(), worker()], client()
+    until(lambda: [*out.glob("replicates/*.json")])
+    kills, finished = 0, {}
+    while running.poll() not in (0, 3):  # 3: too few replicates for a verdict
+        if running.poll() is not None:
+            assert running.returncode == -signal.SIGKILL
+            running = client()
+        time.sleep(rng.uniform(0.5, 6.0))
+        for path in out.glob("replicates/*.json"):
+            said = path.read_bytes()
+            assert finished.setdefault(path.name, said) == said
+        one = int(rng.integers(3))
+        if kills < 12 and running.poll() is None:
+            kills += 1
+            if one == 2:
+                running.send_signal(signal.SIGKILL)
+                running.wait()
+            else:
+                workers[one].send_signal(signal.SIGKILL)
+                workers[one].wait()
+                workers[one] = worker()
+    assert kills > 2
+    assert call(*asked, "--out", here).returncode in (0, 3)
+    for name in ("ranks.csv", "coverage.csv"):
+        assert (out / name).read_bytes() == (here / name).read_bytes(), name

@@ -31,8 +31,13 @@ def test_kept_ranks_are_uniform_and_those_of_the_control_are_not(name):
     if not (rows and control):
         pytest.skip("no ranks of this kind are kept")
     assert np.mean([float(row["k"]) > TRUSTED for row in rows]) < 0.05
-    assert not calibration_of(rows).faults()
+    found = calibration_of(rows)
+    assert not found.faults()
     assert calibration_of(control).faults()
+    inside = [float(row["share"]) for row in found.coverage() if row["mass"] == 0.9]
+    assert len(inside) == len(found.names)
+    assert len(rows) >= 200
+    assert 0.845 < min(inside) <= max(inside) < 0.955  # of 200, with a standard error of 0.02
 
 
 def test_ranks_made_anew_are_even_and_those_of_the_control_are_not():
