@@ -31,6 +31,9 @@ LEVEL_REACH, LEVEL_STEP, MOST_LEVELS = 8.0, 0.3, 401
 """Half-width and spacing of its points over a rater's level, in standard deviations of that level, and their largest
 number."""
 
+FABRIC_DRAWS = 16
+"""Number of draws of the fabrics' deviations over which the reference averages."""
+
 
 class UncertainLoads(ErringLoads):
     """Positive ratings under a `RatingModel`, with mu, participants, fabrics and load errors integrated out.
@@ -144,7 +147,8 @@ class OverLoads(UncertainLoads):
     """The same ratings, integrated over each load, each rater's level and mu: the reference of `UncertainLoads`.
 
     The drive is interpolated between the loads of `errors.nodes`. Individual deviations of fabrics (omega) connect all
-    raters; with them, the likelihood is that of the normal approximation, with mean and variance from more loads.
+    raters. With them, the density is that of the normal approximation times the mean, over draws of the deviations in
+    this approximation, of the ratio of both densities given the deviations.
     """
 
     def moments(self, mean_rate: FloatArray, parameters: RatingParameters) -> tuple[FloatArray, FloatArray]:
@@ -158,17 +162,31 @@ class OverLoads(UncertainLoads):
 
     def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Log density of all ratings together, shape (...)."""
-        if np.any(np.asarray(parameters.omega) > 0):
-            return super().log_likelihood(mean_rate, parameters)
+        law = self._law(mean_rate, parameters)
+        if not (law.fabric > 0).any():
+            return self._given(np.zeros_like(law.offset), mean_rate, parameters) - self._log.sum()
+        fabric, rng, ratio = self.design.fabric[self.errors.condition], np.random.default_rng(0), []
+        for _ in range(FABRIC_DRAWS):
+            shift = self._weighted.draw_effects(rng, law).fabric[..., fabric]
+            normal = self._weighted.log_density(
+                law._replace(offset=law.offset + shift, fabric=np.zeros_like(law.fabric))
+            )
+            ratio.append(self._given(shift, mean_rate, parameters) - normal)
+        averaged = log_sum(np.array(ratio), axis=0) - np.log(FABRIC_DRAWS)
+        return self._weighted.log_density(law) + averaged - self._log.sum()
+
+    def _given(self, shift: FloatArray, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Return the log density of the log ratings given fabrics' deviations, a shift of each touch (..., touches)."""
         knots = np.sort(np.append(self.errors.nodes, 0.0))
-        every = self.drives(mean_rate, parameters)
+        every = self.drives(mean_rate, parameters) + shift
         drive = np.stack([between(knots, every, np.full(every.shape[1:], z)) for z in LOAD_POINTS])
         mean, variance = self.moments(mean_rate, parameters)
+        mean = mean + shift
         tau, noise = (np.broadcast_to(v, mean.shape[:-1]) for v in (parameters.tau, self.model.error_sd(parameters)))
         found = np.empty(mean.shape[:-1])
         for at in np.ndindex(found.shape):
             found[at] = self._joint(drive[:, *at], mean[at], variance[at], float(tau[at]), float(noise[at]))
-        return found - self._log.sum()
+        return found
 
     def _joint(self, drive: FloatArray, mean: FloatArray, variance: FloatArray, tau: float, noise: float) -> float:
         """Return the log density of all log ratings for one point of the batch; `drive` is (points, touches)."""
