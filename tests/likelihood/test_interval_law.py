@@ -129,6 +129,16 @@ def test_derivatives_far_from_an_interval_keep_their_digits(law, side):
         assert_allclose(np.abs(found[3:])[..., 4:], 0.0, atol=1e-20)
 
 
+def test_an_expectation_at_the_end_of_an_open_interval_among_outlying_ones():
+    """Its distance is 0 and the interval infinite: their product is not a number, and must not be formed."""
+    low, high = np.array([0.0, 50.0]), np.array([np.inf, 51.0])
+    found = scaled_derivatives(NORMAL, Rows(low, high, np.full(2, -3.0)), np.zeros((1, 2)), ONE, POINT)
+    assert np.isfinite(found).all()
+    # half of the law lies in the first interval: slopes of log(ndtr) at 0
+    density = np.sqrt(2.0 / np.pi)
+    assert_allclose([part[0, 0] for part in found[:3]], [np.log(0.5), density, -(density**2)], rtol=1e-12)
+
+
 @pytest.mark.parametrize("law", [NORMAL, STUDENT], ids=lambda law: law.name)
 def test_scores_of_intervals_are_normal(law):
     """Draws put on a coarse grid: scores at uniform shares of their intervals are standard normal."""
