@@ -2,11 +2,14 @@
 
 import csv
 import re
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from scipy.stats import binom
 
-from softness_bayes.tools.coverage_page import FIGURE, WRONG, agreement, counted, draw, page_lines
+from softness_bayes.tools.coverage import _stiff_direction
+from softness_bayes.tools.coverage_page import DECLARED, FIGURE, WRONG, agreement, counted, draw, page_lines
 from support.paths import ROOT
 
 RESULTS = ROOT / "notebooks" / "results"
@@ -46,6 +49,7 @@ def test_the_negative_controls_fail_and_declared_errors_do_not(found):
     for shares in by.values():
         if shares[0].role != WRONG:
             assert all(share.high > 0.85 for share in shares)
+        if shares[0].role == DECLARED:
             assert all(share.share >= 0.85 for share in shares)
     assert all(share.tables >= 200 for shares in by.values() for share in shares if "15 %, errors" in share.situation)
 
@@ -59,6 +63,30 @@ def test_weighted_draws_agree_with_walks(name, bias, scatter):
     assert abs(mean) < bias
     # two samples of 1000 draws, of which several hundred are independent
     assert sd < scatter
+
+
+def test_the_stiff_direction_shows_fingers_that_no_parameter_shows(found):
+    """Different fingers taken as one: b is covered, the third stiffest direction is not; declared, both are."""
+    cell = {(share.situation, share.quantity): share for share in found}
+    for names in ("b", "b and m"):
+        situation = f"raters' own {names}, taken as one finger"
+        assert cell[situation, "b"].share > 0.9
+        assert cell[situation, "third stiffest direction"].high < 0.6
+        declared = f"raters' own {names}, `--individual {names.replace(' and ', ',')}`"
+        assert 0.85 <= cell[declared, "third stiffest direction"].share <= 0.95
+
+
+def test_the_third_stiffest_direction_is_that_of_the_third_smallest_variance(rng):
+    """Of parameters with known spreads; those without a true value, or a true value of 0, do not count."""
+    names, spread = ("wide", "first", "latent", "second", "third", "zero"), np.array([9.0, 0.01, 0.02, 0.1, 1.0, 0.05])
+    posterior = SimpleNamespace(names=names, space=SimpleNamespace(coordinates=lambda theta: theta))
+    theta = 3.0 + spread * rng.standard_normal((4000, 6))
+    truth = {"wide": 1.0, "first": 2.0, "second": 3.0, "third": 5.0, "zero": 0.0}
+    drawn, value = _stiff_direction(posterior, theta, truth)
+    assert drawn.std() == pytest.approx(1.0, rel=0.05)
+    assert np.corrcoef(drawn, theta[:, 4])[0, 1] > 0.99
+    # the true value lies two standard deviations above the mean
+    assert value - drawn.mean() == pytest.approx(2.0, abs=0.3)
 
 
 def test_an_empty_folder_has_nothing(tmp_path):
