@@ -371,27 +371,34 @@ def _of_numbers(ratings: Ratings, said: Stated, alone: str) -> str:
 
 
 def _law_of(ratings: Ratings, said: Stated, options: ModelOptions) -> tuple[ErrorLaw, str]:
-    """Return Student's t if the residuals of participants and conditions have heavy tails, else the normal law."""
+    """Return Student's t if the residuals of participants and conditions have heavy tails, else the normal law.
+
+    Censored ratings have no residual: a 0 is some number below a limit, and any number in its place may lie far out.
+    """
     conditions = ratings.conditions
-    design = Design(conditions.of_rating, ratings.participant, conditions.fabric, len(ratings.participants))
-    layout = Layout(design, np.ones(design.n_conditions), conditions.load, scale=options.scale)
+    kept = (said.values >= said.limit) & (said.values <= said.most)
+    left_out = f", without {counted(int((~kept).sum()), 'censored rating')}" if not kept.all() else ""
+    rated, of_row = np.unique(conditions.of_rating[kept], return_inverse=True)
+    people = ratings.participant[kept]
+    design = Design(of_row, people, conditions.fabric[rated], len(ratings.participants))
+    layout = Layout(design, np.ones(design.n_conditions), conditions.load[rated], scale=options.scale)
     groups, within = groups_of(ratings.loads), ""
     if groups.merged and design.n_rows - design.n_conditions - design.n_participants < FEWEST:
         # exact loads hardly repeat; changes of the response within a group have light tails
         layout, within = merge(layout, groups.of)[0], f" within {counted(groups.at.size, 'group')} of loads"
         design = layout.design
-    fit = layout.fit(said.values)
+    fit = layout.fit(said.values[kept])
     if layout.residual_freedom < FEWEST or not fit.sd > 0:
         why = f"normal, because too few ratings repeat a condition{within} to test for heavier tails"
         return NORMAL, (f"{why}; --errors overrides{', --round-load STEP merges nearby loads' if within else ''}")
     participant = np.nan_to_num(fit.participant)[design.participant]
-    residual = options.scale.additive(said.values) - fit.condition[design.condition] - participant
+    residual = options.scale.additive(said.values[kept]) - fit.condition[design.condition] - participant
     # ratings that alone determine their condition have zero residuals, which would look like a narrow peak
     spread = np.sqrt(np.maximum(1.0 - layout.leverage, 0.0))
     residual = residual[spread > LEAST_FREE] / spread[spread > LEAST_FREE]
     kurtosis = float((residual**4).mean() / (residual**2).mean() ** 2 - 3.0)
     error = float(np.sqrt(24.0 / layout.residual_freedom))
-    numbers = f"(excess kurtosis of the residuals{within} {kurtosis:.2f} ± {error:.2f}); --errors overrides"
+    numbers = f"(excess kurtosis of the residuals{within}{left_out} {kurtosis:.2f} ± {error:.2f}); --errors overrides"
     if kurtosis > HEAVY * error:
         return STUDENT, f"{STUDENT.meaning}, because tails are heavier than normal {numbers}"
     return NORMAL, f"normal, because tails are no heavier than that {numbers}"

@@ -19,6 +19,7 @@ from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.parameters.priors import HalfNormal, parse_prior
 from softness_bayes.parameters.signed import Signed
+from softness_bayes.readable import counted
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation
@@ -161,6 +162,20 @@ def test_the_table_decides_between_normal_and_heavy_tails():
     few = simulated(0, 2, errors=STUDENT, values={"nu": 2.5})[0].ratings
     assert as_given(few, QUICK).law is NORMAL
     assert "too few ratings" in as_given(few, QUICK).errors_note
+
+
+@pytest.mark.parametrize("count", [1, 24])
+def test_zeros_are_no_heavy_tails(count):
+    """Of ratings that have become 0 it is only known that they are small: any number in their place lies far out."""
+    laws = []
+    for seed in range(6):
+        table = simulated(seed, 20)[0].ratings
+        silent = np.zeros(len(table), bool)
+        silent[np.random.default_rng(seed).choice(len(table), count, replace=False)] = True
+        given = as_given(replace(table, rating=np.where(silent, 0.0, table.rating)), replace(QUICK, resolution=0.0))
+        assert f"without {counted(count, 'censored rating')}" in given.errors_note
+        laws.append(given.law)
+    assert laws == [NORMAL] * 6
 
 
 def test_conditions_that_hardly_repeat_are_no_heavy_tails():
