@@ -16,7 +16,7 @@ from softness_bayes.cli.options.ratings import rating_scale
 from softness_bayes.cli.options.run import dask, seed
 from softness_bayes.cli.options.tables import decimal, load_options
 from softness_bayes.cli.options.values import whole
-from softness_bayes.cli.running import executor_of, reading
+from softness_bayes.cli.running import executor_of, reading, warn_of_unconverged
 from softness_bayes.errors import InputError, NotConvergedError, NumericalError
 from softness_bayes.ranges import PARTICIPANTS, PROCESSES, REPLICATES, STEPS
 from softness_bayes.readable import some_of
@@ -153,6 +153,7 @@ def command(
     if like is not None:
         _require_no_design()
         with reading(like) as (result,):
+            warn_of_unconverged(result)
             begin, end = partial(calibrate_like, result), partial(finished_like, result)
     else:
         scene = CalibrationScene(

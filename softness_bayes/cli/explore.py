@@ -11,7 +11,7 @@ import click
 from softness_bayes.cli.options.model import ReadingChoice, finger, fix, prior, prior_set, readings
 from softness_bayes.cli.options.tables import RequestedTouches, touches_or_example
 from softness_bayes.cli.options.values import FILE, whole
-from softness_bayes.cli.running import reading
+from softness_bayes.cli.running import reading, warn_of_unconverged
 from softness_bayes.defaults import PRIOR_SET
 from softness_bayes.errors import InputError
 from softness_bayes.ranges import PORTS
@@ -82,6 +82,7 @@ def _of_run(directory: Path) -> Subject:
     from softness_bayes.explore.subject import of_run
 
     with reading(directory) as (result,):
+        warn_of_unconverged(result)
         return of_run(result)
 
 

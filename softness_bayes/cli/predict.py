@@ -20,7 +20,7 @@ from softness_bayes.cli.options.model import (
 from softness_bayes.cli.options.run import seed
 from softness_bayes.cli.options.tables import RequestedTouches, touches
 from softness_bayes.cli.options.values import whole
-from softness_bayes.cli.running import reading
+from softness_bayes.cli.running import reading, warn_of_unconverged
 from softness_bayes.defaults import ANSWER_DRAWS, PRIOR_SET
 from softness_bayes.errors import InputError
 from softness_bayes.ranges import PANEL
@@ -159,6 +159,7 @@ def _of_run(
     from softness_bayes.touch.parameters import TouchParameters
 
     with reading(directory) as (result,):
+        warn_of_unconverged(result)
         if not result.has_ratings:
             raise InputError(f"{directory}: this run has no ratings, so it does not inform the receptors; give --set")
         named, noise = drawn_values(result, ANSWER_DRAWS, values), result.provenance.rating_model.noise

@@ -10,7 +10,7 @@ import click
 from softness_bayes.cli.options.run import seed
 from softness_bayes.cli.options.tables import RequestedTouches, touches_of_run
 from softness_bayes.cli.options.values import FILE
-from softness_bayes.cli.running import reading
+from softness_bayes.cli.running import reading, warn_of_unconverged
 from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.errors import InputError
 from softness_bayes.readable import some_of
@@ -57,6 +57,7 @@ def command(
     require_outputs(target, (*MADE, *([] if against is None else [AGREEMENT])), RANK, force, inputs)
     observed = None if against is None else read_order(against, touches.decimal)
     with reading(directory) as (result,):
+        warn_of_unconverged(result)
         if not result.has_ratings:
             raise InputError(f"{directory}: a run without ratings cannot predict ratings")
         fabrics, loads = touches.of_run(result)

@@ -77,6 +77,13 @@ def reading(*directories: Path) -> Iterator[list[Result]]:
         raise InputError(f"{sources}: lacks {error}, which every run of this version has") from error
 
 
+def warn_of_unconverged(result: Result) -> None:
+    """Warn if the chains of a run have not converged, so that answers from its draws are preliminary."""
+    if not result.provenance.ending.converged:
+        kind = "a first look (--quick), whose chains have" if result.is_first_look else "the chains of this run have"
+        click.echo(f"warning: {result.source}: {kind} not converged; all numbers below are preliminary", err=True)
+
+
 def in_numbers(verdict: Verdict, seconds: float) -> str:
     """Return the numbers of the last convergence check, in one line."""
     return (

@@ -10,7 +10,7 @@ import click
 from softness_bayes.cli.options.run import seed
 from softness_bayes.cli.options.tables import load_options
 from softness_bayes.cli.options.values import FILE
-from softness_bayes.cli.running import reading
+from softness_bayes.cli.running import reading, warn_of_unconverged
 from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.errors import InputError
 from softness_bayes.readable import chance, counted, number, percent
@@ -87,6 +87,7 @@ def command(
     cloth.require()
     loads = loads_of(indentation_mm, force_n)
     with reading(directory) as (result,):
+        warn_of_unconverged(result)
         if not result.has_ratings:
             raise InputError(f"{directory}: a run without ratings cannot predict ratings")
         found = result.target(rating, loads or None, *cloth, draws=ANSWER_DRAWS, seed=seed)

@@ -1,9 +1,12 @@
 """A first look, `sample --quick`: labelled as such wherever it is seen, and upgraded to the draws of a full run."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from softness_bayes.checkpoints.status import read_status
+from softness_bayes.cli.running import warn_of_unconverged
 from softness_bayes.plotting.drawing import FIRST_LOOK as LABEL
 from softness_bayes.plotting.figures import FIGURES
 from softness_bayes.report.conclusion import conclude, facts_of
@@ -59,7 +62,28 @@ def test_its_report_is_labelled_and_repeats_it(result):
     page = report_page(result)
     assert "This is a first look" in page
     assert "Not checked" in page
+    assert "largest error" in page
+    assert ">nan<" not in page
     assert "--quick" in repetition(result).commands[0]
+
+
+@pytest.mark.parametrize("asked", [("rank", "out", "--out", "order"), ("target", "out", "--rating", "5")])
+def test_answers_from_it_are_called_preliminary(looked, asked):
+    directory, _ = looked
+    done = call(*asked, cwd=directory)
+    assert done.returncode == 0, done.stderr
+    assert "a first look (--quick), whose chains have not converged; all numbers below are preliminary" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("converged", "quick", "said"),
+    [(True, False, ""), (False, False, "the chains of this run"), (False, True, "first")],
+)
+def test_only_unconverged_chains_are_warned_of(capsys, converged, quick, said):
+    ending = SimpleNamespace(converged=converged)
+    warn_of_unconverged(SimpleNamespace(provenance=SimpleNamespace(ending=ending), is_first_look=quick, source="run"))
+    assert said in (told := capsys.readouterr().err)
+    assert bool(told) == (not converged)
 
 
 def test_its_findings_are_told_only_where_the_ensembles_agree(result):
