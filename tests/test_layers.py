@@ -70,7 +70,6 @@ PROGRAMS = {
     "tools.benchmark_tasks",
     "tools.injected_faults",
     "tools.rank_goal",
-    "tools.rank_agreement",
     "tools.input_coverage",
     "tools.latent_ranks",
     "tools.outlier_coverage",

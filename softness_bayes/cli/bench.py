@@ -20,12 +20,14 @@ if TYPE_CHECKING:
     from softness_bayes.bench.subject import Effort, Subject
 
 PRECISION, SCALING, FACTS, WORDS = "work_precision.csv", "scaling.csv", "bench.json", "summary.md"
+WHOLE_RUNS = "whole_runs.csv"
 FIGURE, FORMATS = "work_precision", ("png", "pdf")
 BENCH, MADE = "bench", (PRECISION, SCALING, FACTS, WORDS, *(f"{FIGURE}.{name}" for name in FORMATS))
 
 
 @click.command()
 @click.option("--quick", is_flag=True, help="A trial run: few draws, small scenes and no sampler.")
+@click.option("--scale", is_flag=True, help="Measure instead whole runs on growing tables: time and memory.")
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
@@ -35,7 +37,7 @@ BENCH, MADE = "bench", (PRECISION, SCALING, FACTS, WORDS, *(f"{FIGURE}.{name}" f
     help="Directory to write to.",
 )
 @force
-def command(quick: bool, out: Path, force: bool) -> None:
+def command(quick: bool, scale: bool, out: Path, force: bool) -> None:
     """Measure time and error of the forward model on this machine, and of other ways to compute it.
 
     Measures each stage and the whole likelihood at all resolutions, on one core, for 12 fabrics under 3 indentations
@@ -43,15 +45,40 @@ def command(quick: bool, out: Path, force: bool) -> None:
     programs that simulate every receptor. Each of these is given with its error, and with the ratio of its time to
     that of the likelihood at the same error or less. Writes work_precision.csv, scaling.csv, bench.json (machine,
     sampler, limit, ratios), summary.md (the main numbers) and work_precision.png and .pdf.
+
+    With --scale, runs the whole job with few steps on simulated tables of up to 102 000 ratings of 1000 raters, 10 002
+    conditions and 3000 loads, and predicts 40 000 touches, each in a process of its own. Writes whole_runs.csv.
     """
     from threadpoolctl import threadpool_limits
 
     from softness_bayes.files.outputs import require_outputs
 
+    if scale:
+        require_outputs(out, (WHOLE_RUNS,), BENCH, force)
+        _whole_runs(quick, out)
+        return
     require_outputs(out, MADE, BENCH, force)
     click.echo(f"this takes minutes; it then writes {', '.join(MADE)} to {out.resolve()}", err=True)
     with threadpool_limits(1):
         _measure(quick, out)
+    click.echo(f"written to {out}")
+
+
+def _whole_runs(quick: bool, out: Path) -> None:
+    """Measure, print and write whole runs on growing tables; a trial run measures the smallest of each kind."""
+    import pandas as pd
+
+    from softness_bayes.bench.scale import TABLES, grown
+    from softness_bayes.files.outputs import write_outputs
+    from softness_bayes.files.spreadsheet import csv_of
+
+    found, smallest = [], {table.what: table for table in reversed(TABLES)}
+    click.echo(f"{'':12} {'size':>8} {'ratings':>8} {'seconds':>9} {'MB':>7}   grows as size to the power")
+    for one in grown([*reversed(smallest.values())] if quick else TABLES):
+        power = "" if one.exponent != one.exponent else f"{one.exponent:.2f}"
+        click.echo(f"{one.what:12} {one.size:8} {one.ratings:8} {one.seconds:9.1f} {one.megabytes:7.0f}   {power}")
+        found.append(one)
+    write_outputs(out, {WHOLE_RUNS: csv_of(pd.DataFrame(found), index=False)}, BENCH)
     click.echo(f"written to {out}")
 
 

@@ -1,28 +1,25 @@
 """Cost of uncertain inputs until convergence: ``python -m softness_bayes.tools.benchmark_uncertain DIR``.
 
 Samples the shipped ratings with all channel multipliers free until they converge: with exact inputs, with all moduli
-uncertain, and with an individual `b` for each rater. The cost of a run is its number of evaluations of the posterior,
-pilot included, times the cost of one evaluation. The latter is measured as a ratio of processor times, in alternating
-calls at the positions of the walkers after the first stage of the pilot, half an ensemble at a time, as the sampler
-calls it.
+uncertain, and with an individual `b` for each rater, in turn, each in a process of its own. With ``--other OTHER``, a
+directory with the source of an earlier version (as for `tools.benchmark_versions`), also with exact inputs and that
+version. The cost of a run is its processor time, or its number of evaluations of the posterior, pilot included, times
+the cost of one evaluation. The latter is measured as a ratio of processor times, in alternating calls at the positions
+of the walkers after the first stage of the pilot, half an ensemble at a time, as the sampler calls it.
 
-With ``--other OTHER``, a directory with the source of an earlier version (as for `tools.benchmark_versions`), whole
-walks are also timed: exact inputs with that version, and each case with this one, in turn, each in a process of its
-own.
-
-The directory gets the runs (`runs.csv`), whose rows are kept, the ratios of each round of calls (`calls.csv`), and the
-processor times of the walks (`walks.csv`). The last two are measured anew. `tools.doc_tables` makes the table.
+The directory gets the runs (`runs.csv`), whose rows are kept, and the ratios of each round of calls (`calls.csv`),
+which are measured anew. `tools.doc_tables` makes the table.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+import json
 import os
 import subprocess
 import sys
 import time
-from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -40,7 +37,8 @@ from softness_bayes.tools.coverage import rows_of
 
 Array = NDArray[np.float64]
 
-RATINGS = Path(softness_bayes.__file__).parent.parent / "data" / "ratings.csv"
+HERE = Path(softness_bayes.__file__).parent.parent
+RATINGS = HERE / "data" / "ratings.csv"
 
 EXACT = "exact inputs"
 CASES: Mapping[str, ModelOptions] = {
@@ -50,20 +48,18 @@ CASES: Mapping[str, ModelOptions] = {
 }
 """Options of the runs by the names of their inputs."""
 
-RUN_COLUMNS = ("inputs", "parameters", "seed", "converged", "steps", "tau_steps", "evaluations")
+RUN_COLUMNS = ("inputs", "parameters", "seed", "steps", "tau_steps", "evaluations", "seconds")
 CALL_COLUMNS = ("inputs", "points", "round", "microseconds", "ratio")
-"""`points`: number evaluated together; `ratio`: processor time of an evaluation, in that of exact inputs."""
-
-WALK_COLUMNS = ("inputs", "seed", "seconds")
-"""`seconds`: processor time of a walk until convergence."""
+"""`seconds`: processor time; `points`: number evaluated together; `ratio`: processor time of an evaluation, in that of
+exact inputs."""
 
 EARLIER = "exact inputs, earlier version"
-"""Inputs of the walks with the other version."""
+"""Inputs of the runs with the other version."""
 
-RUNS, CALLS, WALKS = "runs.csv", "calls.csv", "walks.csv"
+RUNS, CALLS = "runs.csv", "calls.csv"
 
 _CHILD = """
-import os, sys
+import json, os, sys
 where, ratings, name, seed = sys.argv[1:]
 sys.path.insert(0, where)
 import softness_bayes
@@ -80,24 +76,24 @@ except ImportError:  # an earlier version keeps them in other places
 begun = os.times()
 for state in walk(target, Settings(processes=1, max_steps=20_000), int(seed)):
     pass
-assert state.verdict.converged
-print(sum(os.times()[:4]) - sum(begun[:4]))
+seconds, verdict = sum(os.times()[:4]) - sum(begun[:4]), state.verdict
+assert verdict.converged
+found = {"parameters": len(target.names), "steps": verdict.steps, "tau_steps": f"{verdict.tau.max():.1f}"}
+print(json.dumps(found | {"evaluations": state.nonfinite.evaluations, "seconds": f"{seconds:.1f}"}))
 """
 
 
-def run(target: TargetDensity, seed: int, max_steps: int = 20_000) -> dict[str, object]:
-    """Sample until convergence in this process; return the last columns of a row of runs."""
-    end = deque(walk(target, Settings(processes=1, max_steps=max_steps), seed), maxlen=1).pop()
-    verdict = end.verdict
-    assert verdict is not None, "a walk that has ended was looked at"
-    return {
-        "parameters": len(target.names),
-        "seed": seed,
-        "converged": verdict.converged,
-        "steps": verdict.steps,
-        "tau_steps": f"{verdict.tau.max():.1f}",
-        "evaluations": end.nonfinite.evaluations,
-    }
+def run(where: Path, name: str, seed: int) -> dict[str, object]:
+    """Sample until convergence with the source in a directory, in another process; return columns of a row of runs."""
+    found = subprocess.run(
+        [sys.executable, "-c", _CHILD, str(where.resolve()), str(RATINGS), name, str(seed)],
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+        cwd=where,
+        env=os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+    )
+    return dict(json.loads(found.stdout))
 
 
 def positions(target: TargetDensity) -> Array:
@@ -128,55 +124,31 @@ def calls(targets: Mapping[str, TargetDensity], rounds: int, each: int) -> list[
     return found
 
 
-def seconds(where: Path, name: str, seed: int) -> float:
-    """Return the processor time of a walk until convergence, with the version of the source in a directory [s]."""
-    found = subprocess.run(
-        [sys.executable, "-c", _CHILD, str(where.resolve()), str(RATINGS), name, str(seed)],
-        stdout=subprocess.PIPE,
-        text=True,
-        check=True,
-        cwd=where,
-        env=os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
-    )
-    return float(found.stdout)
-
-
-def walks(other: Path, names: Iterable[str], seeds: Sequence[int]) -> list[dict[str, object]]:
-    """Return the processor times of whole walks, a row for each seed and inputs, in alternation."""
-    here = Path(softness_bayes.__file__).parent.parent
-    cases = [(EARLIER, other, EXACT), *((name, here, name) for name in names)]
-    return [
-        {"inputs": of, "seed": seed, "seconds": f"{seconds(where, name, seed):.1f}"}
-        for seed in seeds
-        for of, where, name in cases
-    ]
-
-
 def main(arguments: Sequence[str] | None = None) -> None:
     """Add the missing runs, and time the calls."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("directory", type=Path, help="directory of the two files; the runs in it are kept")
     parser.add_argument("--seeds", default="1,2,3", help="seeds of the runs, separated by commas")
     parser.add_argument("--rounds", type=int, default=20, help="rounds of alternating calls; 0 keeps those in the file")
-    parser.add_argument("--other", type=Path, help="directory with the source of an earlier version, to time walks")
+    parser.add_argument("--other", type=Path, help="directory with the source of an earlier version")
     options = parser.parse_args(arguments)
     options.directory.mkdir(parents=True, exist_ok=True)
-    experiment = read_experiment(RATINGS)
-    targets = {name: build(experiment, of).posterior for name, of in CASES.items()}
+    runs = {name: (HERE, name) for name in CASES}
+    if options.other:
+        runs = {EARLIER: (options.other, EXACT)} | runs
     done = {(row["inputs"], row["seed"]) for row in rows_of(options.directory / RUNS)}
     for seed in options.seeds.split(","):
-        for name, target in targets.items():
+        for name, (where, case) in runs.items():
             if (name, seed) not in done:
-                row = {"inputs": name, **run(target, int(seed))}
+                row = {"inputs": name, "seed": seed, **run(where, case, int(seed))}
                 _write(options.directory / RUNS, RUN_COLUMNS, [row], "a" if done else "w")
                 done.add((name, seed))
     if options.rounds:
+        experiment = read_experiment(RATINGS)
+        targets = {name: build(experiment, of).posterior for name, of in CASES.items()}
         with threadpool_limits(1):  # as in the workers of a run
             timed = calls(targets, options.rounds, 5)
         _write(options.directory / CALLS, CALL_COLUMNS, timed, "w")
-    if options.other:
-        found = walks(options.other, CASES, [int(seed) for seed in options.seeds.split(",")])
-        _write(options.directory / WALKS, WALK_COLUMNS, found, "w")
 
 
 def _write(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, object]], mode: str) -> None:

@@ -10,12 +10,15 @@ import csv
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from statistics import mean, median, stdev
+from statistics import mean, median
+
+import numpy as np
 
 import softness_bayes
-from softness_bayes.checking.ranks import DRAWS
+from softness_bayes.checking.ranks import Calibration
 from softness_bayes.readable import percent
 from softness_bayes.sampler.workers import AHEAD
+from softness_bayes.tools.rank_agreement import EXPECTED, LONG, SHORT, agreements
 
 PACKAGE = Path(softness_bayes.__file__).parent
 DOCS = PACKAGE / "docs"
@@ -73,17 +76,22 @@ def uncertain_cost(results: Path) -> str:
     folder = results / "uncertain_cost"
     runs, calls = _rows(folder / "runs.csv"), _rows(folder / "calls.csv")
     names, rows = list(dict.fromkeys(row["inputs"] for row in calls)), []
-    count = {(row["inputs"], row["seed"]): float(row["evaluations"]) for row in runs}
+    earlier = next(row["inputs"] for row in runs if row["inputs"] not in names)
+    count, spent = (
+        {(row["inputs"], row["seed"]): float(row[column]) for row in runs} for column in ("evaluations", "seconds")
+    )
     for name in names:
         own = [row for row in runs if row["inputs"] == name]
-        more = [count[name, row["seed"]] / count[names[0], row["seed"]] for row in own]
+        more, whole, since = (
+            [of[name, row["seed"]] / of[other, row["seed"]] for row in own]
+            for of, other in ((count, names[0]), (spent, names[0]), (spent, earlier))
+        )
         one = median(float(row["ratio"]) for row in calls if row["inputs"] == name)
-        seen = [own[0]["parameters"], f"{sum(row['converged'] == 'True' for row in own)} of {len(own)}"]
-        seen.append(f"{mean(count[name, row['seed']] for row in own) / 1e3:.0f}")
-        ranges = [f"{mean(x):.2f} ({min(x):.2f}–{max(x):.2f})" for x in (more, [one * each for each in more])]
-        rows.append([name, *seen, ranges[0], f"{one:.2f}", ranges[1]])
-    head = ["inputs", "parameters", "converged", "evaluations [thousands]", "number of evaluations", "time of one"]
-    return table([*head, "cost of the run"], rows)
+        thousands = f"{mean(count[name, row['seed']] for row in own) / 1e3:.0f}"
+        ranges = [f"{mean(x):.2f} ({min(x):.2f}–{max(x):.2f})" for x in (more, whole, since)]
+        rows.append([name, own[0]["parameters"], str(len(own)), thousands, ranges[0], f"{one:.2f}", *ranges[1:]])
+    head = ["inputs", "parameters", "runs", "evaluations [thousands]", "number of evaluations", "time of one"]
+    return table([*head, "time of the run", "of that of the earlier version"], rows)
 
 
 def hard_cases(results: Path) -> str:
@@ -107,6 +115,17 @@ def loads(results: Path) -> str:
     return table([*head, *ratios], ([*row.values(), *_ratios(row, first[row["kind"]])] for row in rows))
 
 
+def whole_runs(results: Path) -> str:
+    """Return time and memory of whole runs on growing tables, from ``softness-bayes bench --scale``."""
+    head = ["what grows", "number", "ratings", "processor time [s]", "peak memory [MB]", "grows as number to the power"]
+    rows = []
+    for row in _rows(results / "bench" / "whole_runs.csv"):
+        exponent = f"{float(row['exponent']):.2f}" if row["exponent"] else ""
+        cost = [f"{float(row['seconds']):.0f}", f"{float(row['megabytes']):.0f}", exponent]
+        rows.append([row["what"], row["size"], row["ratings"], *cost])
+    return table(head, rows)
+
+
 def _ratios(row: Mapping[str, str], first: Mapping[str, str]) -> list[str]:
     """Return compile and call times of a row relative to the first row of its kind in the same run."""
     compiled = float(row["compile_s"]) / float(first["compile_s"])
@@ -124,7 +143,18 @@ def calibration(results: Path) -> str:
     held = ([f"`{name}`", *(percent(shares[name, mass], 1) for mass in expected)] for name in names)
     exact = ["*expected*", *(f"*{percent(share, 1)}*" for share in expected.values())]
     verdict = (results / "calibration" / "verdict.txt").read_text(encoding="utf-8").strip()
-    return f"> {verdict}\n\n{table(head, [*held, exact])}"
+    return f"> {verdict}\n\n{_converged_alone(results)}\n\n{table(head, [*held, exact])}"
+
+
+def _converged_alone(results: Path) -> str:
+    """Return the sentence on the stored replicates without those that have not converged."""
+    rows = [row for row in _rows(results / "calibration" / "ranks.csv") if row["converged"] == "True"]
+    names = tuple(name.removeprefix("true_") for name in rows[0] if name.startswith("true_"))
+    found = Calibration(names, np.array([[int(row[name]) for name in names] for row in rows]))
+    least = min(min(one.uniform_p, one.spread_p) for one in found.judge().values())
+    says = ", ".join(found.faults()) or "no alarm"
+    numbers = f"smallest p-value {least:.2g}, alarm below {found.threshold:.1g}"
+    return f"The {len(rows)} converged replicates alone: {says} ({numbers})."
 
 
 def injected_faults(results: Path) -> str:
@@ -152,19 +182,12 @@ def rank_goal(results: Path) -> str:
 
 
 def rank_agreement(results: Path) -> str:
-    """Return how far ranks of short replicates are from those of long ones, from ``tools.rank_agreement``."""
-    rows = _rows(results / "rank_agreement.csv")
-    made = []
-    for name in dict.fromkeys(row["settings"] for row in rows):
-        own = [row for row in rows if row["settings"] == name]
-        squares = [float(row["mean_square"]) for row in own]
-        seconds = mean(float(row["processor_s"]) for row in own)
-        steps = f"{median(int(row['steps']) for row in own):.0f}"
-        far = f"{mean(squares):.1f} ± {stdev(squares) / len(squares) ** 0.5:.1f}"
-        made.append([name, str(len(own)), steps, f"{seconds:.1f}", far])
-    made.append(["*expected of two sets of independent draws*", "", "", "", f"*{DRAWS / 3:.0f}*"])
-    head = ["settings", "replicates", "median steps", "processor time [s]", "mean square of the difference of ranks"]
-    return table(head, made)
+    """Return how far ranks of short replicates are from those of long ones, from two stored calibrations."""
+    long, short = (_rows(results / name / "ranks.csv") for name in (LONG, SHORT))
+    found = agreements(long, short)
+    rows = [[f"`{one.quantity}`", str(one.replicates), f"{one.mean_square:.1f} ± {one.error:.1f}"] for one in found]
+    rows.append(["*expected of two sets of independent draws*", "", f"*{EXPECTED:.0f}*"])
+    return table(["quantity", "replicates", "mean square of the difference of ranks"], rows)
 
 
 def tasks(results: Path) -> str:
@@ -217,6 +240,7 @@ TABLES: Mapping[tuple[str, str], Callable[[Path], str]] = {
     ("benchmarks.md", "versions"): versions,
     ("benchmarks.md", "many-parameters"): many_parameters,
     ("benchmarks.md", "uncertain-cost"): uncertain_cost,
+    ("benchmarks.md", "whole-runs"): whole_runs,
     ("benchmarks.md", "autocorrelation"): autocorrelation,
     ("benchmarks.md", "loads"): loads,
     ("benchmarks.md", "hard-cases"): hard_cases,

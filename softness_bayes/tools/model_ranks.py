@@ -46,13 +46,16 @@ SCENE = CalibrationScene(Fabrics(tuple("abcdefghijkl"), effective_modulus=np.geo
 HELD = ("m", "alpha", "beta", "sigma_0", "c_Na", "c_K", "c_L", "c_A")
 """Parameters of the forward model that are fixed at their usual values, in simulation and fit."""
 
-USUAL, RETRY = Effort(500, 500.0), Effort(2000, 500.0)
+USUAL, RETRY = Effort(1000, 1000.0), Effort(4000, 1000.0)
 """Effort of a fit, and the one spent where a right model's weights cannot be trusted."""
 
 RUN = Settings(ensembles=2, processes=1)
 """The run with which importance sampling is compared."""
 
-CONTROLLED, FAINT = 10, MappingProxyType({"differences ignored": 40})
+CONTROLLED = 10
+FAINT = MappingProxyType(
+    dict.fromkeys(("differences ignored", "tails ignored", "lapses ignored", "inner categories twice as wide"), 40)
+)
 """Number of laboratories that are also fitted with each mistake; of those that are hard to see, by name."""
 
 RIGHT = "right"

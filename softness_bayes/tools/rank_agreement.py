@@ -1,85 +1,62 @@
-"""Ranks of short replicates beside those of long ones: ``python -m softness_bayes.tools.rank_agreement``.
+"""Ranks of short replicates beside those of long ones, from two stored calibrations with the same seed.
 
-Runs the first replicates of the stored calibration again, each with the settings of a replicate
-(``runs.calibrate.REPLICATE``) and with those before them. Truths and ratings are the same, draws are not: ranks of a
-truth among two independent sets of 99 draws of one posterior differ by a mean square of 33 on average over uniform
-truths. Writes ``notebooks/results/rank_agreement.csv``, from which ``tools.doc_tables`` makes the table of the page on
-calibration. A replicate that is already in the file is not repeated.
+Truths and ratings are the same in both, draws are not. Ranks of a truth among two independent sets of draws of one
+posterior differ by a mean square of a third of the number of draws, averaged over uniform truths.
 """
 
 from __future__ import annotations
 
-import argparse
-import csv
-import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from softness_bayes.checking.ranks import DRAWS, Replicate
-from softness_bayes.model.options import ModelOptions
-from softness_bayes.model.posterior import Posterior
-from softness_bayes.results.request import RunOptions
-from softness_bayes.runs.calibrate import ENSEMBLES, RANKED, replicate_settings
-from softness_bayes.runs.calibration_scene import CalibrationScene
-from softness_bayes.runs.replicate import replicate
-from softness_bayes.sampler.sampling import Settings
+from softness_bayes.checking.ranks import DRAWS
+from softness_bayes.parameters.declared import PARAMETERS
 
-STORED = Path("notebooks/results/calibration/ranks.csv")
-TABLE = Path("notebooks/results/rank_agreement.csv")
+LONG, SHORT = "calibration_long", "calibration"
+"""Folders of the stored calibrations."""
 
-COUNT, SEED, MOST_STEPS = 8, 1, 5000
-"""Number of replicates, the seed of the stored calibration, and the largest number of steps."""
-
-BEFORE = Settings(ensembles=ENSEMBLES, processes=1, max_steps=MOST_STEPS, goal=replace(RANKED, lengths=20.0))
-"""Settings of a replicate before: 20 autocorrelation times, pilot and walkers of a run."""
-
-COLUMNS = ("settings", "replicate", "steps", "stored_steps", "converged", "processor_s", "mean_square")
+COMPARED = (*PARAMETERS, "log_likelihood")
+"""Quantities that are compared, where they are ranked. Effects of participants given the parameters are drawn with the
+same random numbers in both, and ranks of turning points are often tied."""
 
 EXPECTED = DRAWS / 3.0
 """Mean square of the difference of ranks among two sets of `DRAWS` independent draws of one posterior."""
 
 
-def ways(posterior: Posterior) -> Mapping[str, Settings]:
-    """Return the settings to compare, by name."""
-    now = replicate_settings(RunOptions(max_steps=MOST_STEPS, processes=1, seed=SEED), posterior)
-    return {"of a replicate": now, "20 times, pilot and walkers of a run": BEFORE}
+class Agreement(NamedTuple):
+    """Differences of the ranks of one quantity."""
+
+    quantity: str
+    replicates: int
+    mean_square: float
+    error: float
+    """Its standard error."""
 
 
-def mean_square(one: Replicate, stored: Mapping[str, str]) -> float:
-    """Return the mean square of the differences of ranks; those of turning points are often tied, and left out."""
-    names = [name for name in one.names if not name.startswith("turn")]
-    apart = [one.rank[one.names.index(name)] - int(stored[name]) for name in names]
-    return float(np.mean(np.square(apart)))
+def agreements(long: Sequence[Mapping[str, str]], short: Sequence[Mapping[str, str]]) -> list[Agreement]:
+    """Return the differences for each quantity, from the rows of two files of ranks.
+
+    Compared are the replicates that have converged in both.
+    """
+    pairs = _pairs(long, short)
+    return [_agreement(name, pairs) for name in COMPARED if name in long[0]]
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run what is missing, and append a row for each replicate and way."""
-    parser = argparse.ArgumentParser(description="Compare ranks of short replicates with those of stored long ones.")
-    parser.add_argument("--count", type=int, default=COUNT, help="number of replicates")
-    count = parser.parse_args(arguments).count
-    with STORED.open(encoding="utf-8", newline="") as file:
-        stored = {int(row["replicate"]): row for row in csv.DictReader(file)}
-    done: set[tuple[str, str]] = set()
-    if TABLE.exists():
-        with TABLE.open(encoding="utf-8", newline="") as file:
-            done = {(row["settings"], row["replicate"]) for row in csv.DictReader(file)}
-    else:
-        TABLE.write_text(",".join(COLUMNS) + "\n", encoding="utf-8")
-    posterior = CalibrationScene().model(ModelOptions()).posterior
-    for name, settings in ways(posterior).items():
-        for index in range(count):
-            if (name, str(index)) in done:
-                continue
-            begun = time.process_time()
-            one = replicate(posterior, settings, SEED, index)
-            spent, found = time.process_time() - begun, stored[index]
-            row = (name, index, one.steps, found["steps"], one.converged, f"{spent:.2f}")
-            with TABLE.open("a", encoding="utf-8", newline="") as file:
-                csv.writer(file, lineterminator="\n").writerow([*row, f"{mean_square(one, found):.2f}"])
+def steps(long: Sequence[Mapping[str, str]], short: Sequence[Mapping[str, str]]) -> tuple[float, float]:
+    """Return the median numbers of steps of the replicates that are compared."""
+    one, other = (np.median([int(row["steps"]) for row in rows]) for rows in zip(*_pairs(long, short), strict=True))
+    return float(one), float(other)
 
 
-if __name__ == "__main__":
-    main()
+def _pairs(
+    long: Sequence[Mapping[str, str]], short: Sequence[Mapping[str, str]]
+) -> list[tuple[Mapping[str, str], Mapping[str, str]]]:
+    found = {row["replicate"]: row for row in short if row["converged"] == "True"}
+    return [(row, found[row["replicate"]]) for row in long if row["converged"] == "True" and row["replicate"] in found]
+
+
+def _agreement(name: str, pairs: Sequence[tuple[Mapping[str, str], Mapping[str, str]]]) -> Agreement:
+    squares = np.array([(int(one[name]) - int(other[name])) ** 2 for one, other in pairs])
+    return Agreement(name, squares.size, float(squares.mean()), float(squares.std(ddof=1) / np.sqrt(squares.size)))

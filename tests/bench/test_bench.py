@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from softness_bayes.bench import peers
+from softness_bayes.bench import peers, scale
 from softness_bayes.bench.brian import ABSENT, brian_peers
 from softness_bayes.bench.limit import Limit, limit
 from softness_bayes.bench.peers import PEERS, Peer, Ratio, Work, faster, measure_peer, solve_each, step_all
@@ -163,3 +163,30 @@ def test_the_kept_words_are_those_of_the_kept_measurements():
     machine = f"{about['processor']}, {about['cores']} cores, Python {about['python']}, NumPy {about['numpy']}"
     words = summary(points, ratios, sizes, bare, SamplerSpeed(**facts["sampler"]), machine)
     assert words == (kept / "summary.md").read_text(encoding="utf-8")
+
+
+def test_growth_is_the_slope_between_neighbouring_sizes(monkeypatch):
+    """Of known times: quadratic in the ratings, constant in the loads."""
+    times = {"ratings": lambda n: 1e-6 * n**2, "loads": lambda n: 2.0}
+    monkeypatch.setattr(scale, "_measured", lambda table: (times[table.what](table.size), 100.0))
+    found = [*scale.grown([table for table in scale.TABLES if table.what in times])]
+    assert [one.size for one in found] == [1020, 10_200, 102_000, 30, 300, 3000]
+    np.testing.assert_allclose([one.exponent for one in found], [np.nan, 2.0, 2.0, np.nan, 0.0, 0.0], atol=1e-12)
+
+
+def test_time_and_memory_are_those_of_the_process():
+    seconds, megabytes = scale._run(["--help"])
+    assert 0.0 < seconds < 60.0
+    assert 10.0 < megabytes < 2000.0
+    with pytest.raises(RuntimeError, match=r"(?s)ended with 2: .*--nothing"):
+        scale._run(["--nothing"])
+
+
+@pytest.mark.slow
+def test_whole_runs_from_the_command_line(tmp_path):
+    done = call("bench", "--scale", "--quick", "--out", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    table = pd.read_csv(tmp_path / "out" / "whole_runs.csv")
+    assert table["what"].tolist() == ["ratings", "conditions", "loads", "predictions"]
+    assert (table["seconds"] > 0).all()
+    assert table["megabytes"].between(50, 4000).all()

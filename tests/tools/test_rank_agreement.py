@@ -1,14 +1,28 @@
-"""Replicates beside stored ones: the mean square of ranks, its expectation, and the kept table."""
+"""Ranks of short replicates beside those of long ones: the mean square, its expectation, and the kept calibrations."""
 
 import csv
 
 import numpy as np
 import pytest
 
-from softness_bayes.checking.ranks import DRAWS, Replicate
-from softness_bayes.tools import rank_agreement
-from softness_bayes.tools.rank_agreement import EXPECTED, mean_square
+from softness_bayes.checking.ranks import DRAWS
+from softness_bayes.tools.rank_agreement import COMPARED, EXPECTED, LONG, SHORT, agreements, steps
 from support.paths import ROOT
+
+RESULTS = ROOT / "notebooks" / "results"
+
+
+def rows_of(ranks):
+    same = {"steps": "200", "converged": "True"}
+    return [{"replicate": str(k), "b": str(rank), **same} for k, rank in enumerate(ranks)]
+
+
+def kept():
+    found = []
+    for name in (LONG, SHORT):
+        with (RESULTS / name / "ranks.csv").open(encoding="utf-8", newline="") as file:
+            found.append([*csv.DictReader(file)])
+    return found
 
 
 def test_the_expected_mean_square(rng):
@@ -19,20 +33,29 @@ def test_the_expected_mean_square(rng):
         return (width * rng.standard_normal((len(truth), DRAWS)) < truth).sum(axis=-1)
 
     one = rank()
-    assert np.square(one - rank()).mean() == pytest.approx(EXPECTED, rel=0.03)
-    assert np.square(one - rank(0.7)).mean() > 1.5 * EXPECTED
+    (same,) = agreements(rows_of(one), rows_of(rank()))
+    assert same.mean_square == pytest.approx(EXPECTED, rel=0.03)
+    assert abs(same.mean_square - EXPECTED) < 4.0 * same.error
+    (wrong,) = agreements(rows_of(one), rows_of(rank(0.7)))
+    assert wrong.mean_square > 1.5 * EXPECTED
 
 
-def test_turning_points_are_left_out():
-    one = Replicate(("b", "turns[1 mm]"), (40, 99), (1.0, 1.0), 300, 10.0, True)
-    assert mean_square(one, {"b": "43", "turns[1 mm]": "0"}) == 9.0
+def test_replicates_that_have_not_converged_are_left_out():
+    long, short = rows_of([10, 20, 30]), rows_of([10, 24, 90])
+    short[2]["converged"] = "False"
+    (found,) = agreements(long, short)
+    assert (found.quantity, found.replicates, found.mean_square) == ("b", 2, 8.0)
+    assert steps(long, short) == (200.0, 200.0)
 
 
-def test_the_kept_table():
-    """Mean squares of the settings of a replicate are those of independent draws, within three standard errors."""
-    with (ROOT / rank_agreement.TABLE).open(encoding="utf-8", newline="") as file:
-        rows = [row for row in csv.DictReader(file) if row["settings"] == "of a replicate"]
-    assert all(row["converged"] == "True" for row in rows)
-    squares = np.array([float(row["mean_square"]) for row in rows])
-    assert len(squares) >= 4
-    assert abs(squares.mean() - EXPECTED) < 3.0 * squares.std(ddof=1) / np.sqrt(len(squares))
+def test_kept_ranks_of_short_replicates_are_those_of_independent_draws():
+    long, short = kept()
+    found = agreements(long, short)
+    assert [one.quantity for one in found] == [name for name in COMPARED if name in long[0]]
+    assert len(found) == 14
+    assert min(one.replicates for one in found) >= 140
+    # of 14 standardised differences, the largest is above 3.5 by chance once in 150
+    assert max(abs(one.mean_square - EXPECTED) / one.error for one in found) < 3.5
+    assert abs(np.mean([one.mean_square for one in found]) - EXPECTED) < 4.0
+    before, now = steps(long, short)
+    assert now < 0.5 * before
