@@ -115,17 +115,6 @@ def loads(results: Path) -> str:
     return table([*head, *ratios], ([*row.values(), *_ratios(row, first[row["kind"]])] for row in rows))
 
 
-def whole_runs(results: Path) -> str:
-    """Return time and memory of whole runs on growing tables, from ``softness-bayes bench --scale``."""
-    head = ["what grows", "number", "ratings", "processor time [s]", "peak memory [MB]", "grows as number to the power"]
-    rows = []
-    for row in _rows(results / "bench" / "whole_runs.csv"):
-        exponent = f"{float(row['exponent']):.2f}" if row["exponent"] else ""
-        cost = [f"{float(row['seconds']):.0f}", f"{float(row['megabytes']):.0f}", exponent]
-        rows.append([row["what"], row["size"], row["ratings"], *cost])
-    return table(head, rows)
-
-
 def _ratios(row: Mapping[str, str], first: Mapping[str, str]) -> list[str]:
     """Return compile and call times of a row relative to the first row of its kind in the same run."""
     compiled = float(row["compile_s"]) / float(first["compile_s"])
@@ -240,7 +229,6 @@ TABLES: Mapping[tuple[str, str], Callable[[Path], str]] = {
     ("benchmarks.md", "versions"): versions,
     ("benchmarks.md", "many-parameters"): many_parameters,
     ("benchmarks.md", "uncertain-cost"): uncertain_cost,
-    ("benchmarks.md", "whole-runs"): whole_runs,
     ("benchmarks.md", "autocorrelation"): autocorrelation,
     ("benchmarks.md", "loads"): loads,
     ("benchmarks.md", "hard-cases"): hard_cases,
