@@ -18,6 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from softness_bayes.data import Fabrics, write_fabrics
+
 STEPS = 10
 """Steps of the sampler: what grows with the table is the same for every step."""
 
@@ -102,8 +104,8 @@ def _measured(table: Table) -> tuple[float, float]:
 
 
 def _write_fabrics(path: Path, count: int) -> None:
-    rows = (f"F{k},{modulus:.6g}" for k, modulus in enumerate(np.geomspace(3.0, 600.0, count), 1))
-    path.write_text("\n".join(["fabric,effective_modulus_kpa", *rows]) + "\n", encoding="utf-8")
+    names = tuple(f"F{k}" for k in range(1, count + 1))
+    write_fabrics(path, Fabrics(names, effective_modulus=np.geomspace(3e3, 6e5, count)))
 
 
 def _run(command: Sequence[str]) -> tuple[float, float]:

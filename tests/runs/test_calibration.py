@@ -589,12 +589,12 @@ def test_the_kept_calibration_says_what_its_ranks_say():
     names = tuple(name for name in table if f"true_{name}" in table)
     found = Calibration(names, table[list(names)].to_numpy())
     assert {"eps", PARTICIPANT, PARTICIPANTS, "turns[2.5 mm]", "turning_point_kpa[1.5 mm]"} <= {*names}
-    assert len(table) >= 150
+    assert len(table) >= 1000
     assert table.index.to_list() == list(range(len(table)))
-    # one replicate of hardly any noise is longer than any walk, and is neither left out nor hidden
+    # replicates of hardly any noise need longer walks than these, and are neither left out nor hidden
     hard = table[~table["converged"]]
-    assert hard["true_varsigma"].max() < 0.002
-    assert len(hard) == 1
+    assert hard["true_varsigma"].max() < 0.05 < table["true_varsigma"].quantile(0.1)
+    assert 0 < len(hard) < 0.03 * len(table)
     assert found.faults() == []
     assert found.enough
     walks = f"{(table['steps'] > LONG).sum()} ran longer than {LONG} steps, {len(hard)} did not converge"
