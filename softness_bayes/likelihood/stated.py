@@ -33,6 +33,11 @@ class Stated(NamedTuple):
         """True if every rating is an exact number between the ends of the scale."""
         return self.lists is None and not (self.step.any() or self.limit.any() or (self.most < self.end).any())
 
+    @property
+    def censored(self) -> NDArray[np.bool_]:
+        """Ratings of which only a limit is known: those of 0, and those at an end of a slider."""
+        return (self.values < self.limit) | (self.values > self.most)
+
     def take(self, rows: NDArray[np.bool_]) -> Stated:
         """Return a selection of the rows."""
         lists = None if self.lists is None else self.lists[rows]

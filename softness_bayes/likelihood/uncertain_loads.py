@@ -162,36 +162,35 @@ class OverLoads(UncertainLoads):
 
     def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Log density of all ratings together, shape (...)."""
-        law = self._law(mean_rate, parameters)
+        knots = np.sort(np.append(self.errors.nodes, 0.0))
+        every, law = self.drives(mean_rate, parameters), self._law(mean_rate, parameters)
+        drive = np.stack([between(knots, every, np.full(every.shape[1:], z)) for z in LOAD_POINTS])
+        noise = np.asarray(self.model.error_sd(parameters))
         if not (law.fabric > 0).any():
-            return self._given(np.zeros_like(law.offset), mean_rate, parameters) - self._log.sum()
+            return self._given(drive, law, noise) - self._log.sum()
         fabric, rng, ratio = self.design.fabric[self.errors.condition], np.random.default_rng(0), []
         for _ in range(FABRIC_DRAWS):
             shift = self._weighted.draw_effects(rng, law).fabric[..., fabric]
-            normal = self._weighted.log_density(
-                law._replace(offset=law.offset + shift, fabric=np.zeros_like(law.fabric))
-            )
-            ratio.append(self._given(shift, mean_rate, parameters) - normal)
+            given = law._replace(offset=law.offset + shift, fabric=np.zeros_like(law.fabric))
+            ratio.append(self._given(drive + shift, given, noise) - self._weighted.log_density(given))
         averaged = log_sum(np.array(ratio), axis=0) - np.log(FABRIC_DRAWS)
         return self._weighted.log_density(law) + averaged - self._log.sum()
 
-    def _given(self, shift: FloatArray, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Return the log density of the log ratings given fabrics' deviations, a shift of each touch (..., touches)."""
-        knots = np.sort(np.append(self.errors.nodes, 0.0))
-        every = self.drives(mean_rate, parameters) + shift
-        drive = np.stack([between(knots, every, np.full(every.shape[1:], z)) for z in LOAD_POINTS])
-        mean, variance = self.moments(mean_rate, parameters)
-        mean = mean + shift
-        tau, noise = (np.broadcast_to(v, mean.shape[:-1]) for v in (parameters.tau, self.model.error_sd(parameters)))
-        found = np.empty(mean.shape[:-1])
+    def _given(self, drive: FloatArray, law: EffectLaw, noise: FloatArray) -> FloatArray:
+        """Return the log density of the log ratings, shape (...), if fabrics have no deviations of their own.
+
+        `drive` has shape (points, ..., touches); `law`, the normal approximation, tells where to integrate.
+        """
+        tau, sd = (np.broadcast_to(v, law.offset.shape[:-1]) for v in (law.participant, noise))
+        found = np.empty(tau.shape)
         for at in np.ndindex(found.shape):
-            found[at] = self._joint(drive[:, *at], mean[at], variance[at], float(tau[at]), float(noise[at]))
+            found[at] = self._joint(drive[:, *at], law.offset[at], law.variance[at], float(tau[at]), float(sd[at]))
         return found
 
     def _joint(self, drive: FloatArray, mean: FloatArray, variance: FloatArray, tau: float, noise: float) -> float:
         """Return the log density of all log ratings for one point of the batch; `drive` is (points, touches)."""
         levels = [
-            self._of_rater(self.design.participant == rater, drive, mean, variance + noise**2, tau, noise)
+            self._of_rater(self.design.participant == rater, drive, mean, variance, tau, noise)
             for rater in np.unique(self.design.participant)
         ]
         centre, spread = float(np.log(self.model.centre)), self.model.spread

@@ -375,24 +375,23 @@ def _law_of(ratings: Ratings, said: Stated, options: ModelOptions) -> tuple[Erro
 
     Censored ratings have no residual: a 0 is some number below a limit, and any number in its place may lie far out.
     """
-    conditions = ratings.conditions
-    kept = (said.values >= said.limit) & (said.values <= said.most)
-    left_out = f", without {counted(int((~kept).sum()), 'censored rating')}" if not kept.all() else ""
-    rated, of_row = np.unique(conditions.of_rating[kept], return_inverse=True)
-    people = ratings.participant[kept]
-    design = Design(of_row, people, conditions.fabric[rated], len(ratings.participants))
+    conditions, known = ratings.conditions, ~said.censored
+    left_out = "" if known.all() else f", without {counted(int((~known).sum()), 'censored rating')}"
+    rated, of_row = np.unique(conditions.of_rating[known], return_inverse=True)
+    values, fabric = said.values[known], conditions.fabric[rated]
+    design = Design(of_row, ratings.participant[known], fabric, len(ratings.participants))
     layout = Layout(design, np.ones(design.n_conditions), conditions.load[rated], scale=options.scale)
     groups, within = groups_of(ratings.loads), ""
     if groups.merged and design.n_rows - design.n_conditions - design.n_participants < FEWEST:
         # exact loads hardly repeat; changes of the response within a group have light tails
         layout, within = merge(layout, groups.of)[0], f" within {counted(groups.at.size, 'group')} of loads"
         design = layout.design
-    fit = layout.fit(said.values[kept])
+    fit = layout.fit(values)
     if layout.residual_freedom < FEWEST or not fit.sd > 0:
         why = f"normal, because too few ratings repeat a condition{within} to test for heavier tails"
         return NORMAL, (f"{why}; --errors overrides{', --round-load STEP merges nearby loads' if within else ''}")
     participant = np.nan_to_num(fit.participant)[design.participant]
-    residual = options.scale.additive(said.values[kept]) - fit.condition[design.condition] - participant
+    residual = options.scale.additive(values) - fit.condition[design.condition] - participant
     # ratings that alone determine their condition have zero residuals, which would look like a narrow peak
     spread = np.sqrt(np.maximum(1.0 - layout.leverage, 0.0))
     residual = residual[spread > LEAST_FREE] / spread[spread > LEAST_FREE]
