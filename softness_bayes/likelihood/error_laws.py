@@ -53,7 +53,7 @@ class ErrorLaw:
     steepest
         Largest slope of the log density, infinite if it is unbounded.
     lapses
-        True if some observations are lapses, uniform over their rater's own range, with the share `lapse`.
+        True if some observations are lapses (`lapses`), with the share `lapse`.
     log_slopes
         Log density of errors and its first to fourth derivative; None to take them from `slopes`.
     """
@@ -271,7 +271,7 @@ LAPSES = replace(
     needs=("lapse",),
     lapses=True,
 )
-"""Normal errors, but for a share `lapse` of observations that are uniform over the range of their rater's numbers."""
+"""Normal errors, but for a share `lapse` of observations that do not depend on the touch."""
 GUMBEL = ErrorLaw(
     name="gumbel",
     meaning="Gumbel's, as in the Plackett-Luce model of orders",

@@ -19,6 +19,7 @@ from softness_bayes.likelihood.dense_integrals import DenseIntegrals
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.interval_law import Rows, below, score_at
+from softness_bayes.likelihood.lapses import Lapses, RaterRange, WholeScale
 from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.mu_nodes import log_sum
 from softness_bayes.likelihood.pieces import in_pieces
@@ -80,12 +81,26 @@ class IntervalModel(RatingModel):
     ) -> FloatArray:
         """One number for every row of a design, shape (..., rows), before rounding to a grid."""
         numbers = super().draw_ratings(rng, design, drive, parameters, effects)
+        return self.with_lapses(rng, numbers, (numbers, numbers), design, parameters)
+
+    def with_lapses(
+        self,
+        rng: np.random.Generator,
+        numbers: FloatArray,
+        ends: tuple[FloatArray, FloatArray],
+        design: Design,
+        parameters: RatingParameters,
+    ) -> FloatArray:
+        """Return numbers (..., rows), a share `lapse` of them replaced by lapses of raters with intervals ``ends``."""
         if not self.law.lapses:
             return numbers
         share = np.asarray(parameters.lapse, float)[..., None]
-        least, most = numbers_of_raters(numbers, design)
-        elsewhere = least + rng.random(numbers.shape) * (most - least)
+        elsewhere = self.lapses(*ends, design).draw(rng, numbers.shape, self.scale)
         return np.where(rng.random(numbers.shape) < share, elsewhere, numbers)
+
+    def lapses(self, low: FloatArray, high: FloatArray, design: Design) -> Lapses:
+        """Return the distribution of lapses of raters whose numbers represent these intervals, each (..., rows)."""
+        return RaterRange.of(low, high, design, self.scale)
 
     def observe(self, ratings: ArrayLike, design: Design, stated: Stated | None = None) -> IntervalRatings:
         """Return the likelihood of these ratings: exact numbers, unless `stated` gives their intervals."""
@@ -103,6 +118,10 @@ class SliderModel(IntervalModel):
     end: ClassVar[float] = 1.0
     centre: float = 1.0
     spread: float = 1.5
+
+    def lapses(self, low: FloatArray, high: FloatArray, design: Design) -> Lapses:
+        """Return the distribution of lapses, over the whole slider."""
+        return WholeScale(self.end)
 
 
 class IntervalRatings(RatingsLikelihood):
@@ -124,9 +143,8 @@ class IntervalRatings(RatingsLikelihood):
         Intervals that the ratings represent; by default they are exact.
     quadrature
         Resolution of the integrals; by default chosen from the number of ratings per rater.
-    ranges
-        Smallest and largest number of each participant, shape (2, participants), over which lapses are uniform; by
-        default those of these ratings.
+    lapses
+        Distribution of lapses; by default that of raters with these ratings.
 
     Raises
     ------
@@ -144,20 +162,21 @@ class IntervalRatings(RatingsLikelihood):
         over: Design | None = None,
         stated: Stated | None = None,
         quadrature: Quadrature | None = None,
-        ranges: FloatArray | None = None,
+        lapses: Lapses | None = None,
     ) -> None:
         super().__init__(ratings, design, model, over)
         scale = model.scale
         self._stated = self._understood(stated)
         low, high = self._stated.ends(self.values)
         self._exact = low == high
-        self._ranges = _ranges(low, high, design) if ranges is None else ranges
+        self._lapses = lapses or model.lapses(low, high, design)
         order = np.argsort(design.participant, kind="stable")
         self._order, self._back = order, np.argsort(order)
         self._condition = design.condition[order]
         self._raters, rater = np.unique(design.participant[order], return_inverse=True)
         with np.errstate(divide="ignore"):
-            self._rows = Rows(scale.additive(low), scale.additive(high), self._lapse(low, high)).take(order)
+            lapse = self._lapses.log_probability(low, high, scale)
+            self._rows = Rows(scale.additive(low), scale.additive(high), lapse).take(order)
         narrow = self._rows.high - self._rows.low < 1.0
         self._middle = scale.additive(self.values)[order]
         self._middle[narrow] = 0.5 * (self._rows.low + self._rows.high)[narrow]
@@ -187,13 +206,12 @@ class IntervalRatings(RatingsLikelihood):
         return type(self)(values, self.design, self.model, self._over, self._stated, self._quadrature)
 
     def without(self, rows: NDArray[np.bool_]) -> Self:
-        """Return the likelihood of the other ratings; centring of x and lapse ranges still use all rows."""
+        """Return the likelihood of the other ratings; centring of x and lapses still use all rows."""
         rest = self._stated.take(~rows)
         # derivatives alone need many rows
         own = None if self._quadrature == FAST else self._quadrature
-        return type(self)(
-            self.values[~rows], self.design.without(rows), self.model, self._over, rest, own, self._ranges
-        )
+        lapses = self._lapses.take(~rows)
+        return type(self)(self.values[~rows], self.design.without(rows), self.model, self._over, rest, own, lapses)
 
     @property
     def ends(self) -> tuple[FloatArray, FloatArray] | None:
@@ -212,7 +230,7 @@ class IntervalRatings(RatingsLikelihood):
 
     def with_quadrature(self, quadrature: Quadrature) -> Self:
         """Return the same likelihood with integrals of another resolution."""
-        return type(self)(self.values, self.design, self.model, self._over, self._stated, quadrature, self._ranges)
+        return type(self)(self.values, self.design, self.model, self._over, self._stated, quadrature, self._lapses)
 
     def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Log density of all ratings together, shape (...); arguments as `LogRatings.log_likelihood`."""
@@ -298,7 +316,10 @@ class IntervalRatings(RatingsLikelihood):
         mean_rate: FloatArray | None = None,
     ) -> FloatArray:
         """Return one rating for every row, shape (..., rows), on its rater's grid."""
-        return self._stated.rounded(self.model.draw_ratings(rng, self.design, drive, parameters, effects))
+        model, stated = self.model, self._stated
+        numbers = model.draw_attentive(rng, self.design, drive, parameters, effects)
+        ends = stated.ends(stated.rounded(numbers))
+        return stated.rounded(model.with_lapses(rng, numbers, ends, self.design, parameters))
 
     def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
         """Return the residual of each log rating as a normal score times the spread, shape (..., rows).
@@ -358,15 +379,6 @@ class IntervalRatings(RatingsLikelihood):
         whole = law + self._integrals.of_raters(values)
         return whole[..., own] - values, values, grid
 
-    def _lapse(self, low: FloatArray, high: FloatArray) -> FloatArray:
-        """Return the log probability of every row if it is a lapse; for exact rows, the log density."""
-        least, most = self._ranges[:, self.design.participant]
-        slope = np.exp(self.model.scale.log_slope(self.values))
-        inside = np.where(low == high, slope, np.minimum(high, most) - np.maximum(low, least))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            found = np.log(np.maximum(inside, 0.0) / (most - least))
-        return np.where(most > least, found, -np.inf)
-
 
 def _robust(values: FloatArray, rater: NDArray[np.intp], condition: NDArray[np.intp]) -> FloatArray:
     """Return weights of rows that fall with their distance from the medians of their raters and conditions."""
@@ -379,20 +391,3 @@ def _robust(values: FloatArray, rater: NDArray[np.intp], condition: NDArray[np.i
                 left[part] -= np.median(left[part])
     scale = 1.5 * np.median(np.abs(left))
     return np.ones(values.size) if not scale > 0 else 1.0 / (1.0 + 0.25 * (left / scale) ** 2)
-
-
-def _ranges(low: FloatArray, high: FloatArray, design: Design) -> FloatArray:
-    """Return the range of each participant's numbers, shape (2, participants); 0 to 0 for one without numbers."""
-    least, most = np.full(design.n_participants, np.inf), np.zeros(design.n_participants)
-    np.minimum.at(least, design.participant, low)
-    np.maximum.at(most, design.participant, high)
-    return np.stack([np.minimum(least, most), most])
-
-
-def numbers_of_raters(numbers: FloatArray, design: Design) -> tuple[FloatArray, FloatArray]:
-    """Return the smallest and the largest number of each row's rater, from numbers (..., rows), same shape."""
-    order = np.argsort(design.participant, kind="stable")
-    _, first, rater = np.unique(design.participant[order], return_index=True, return_inverse=True)
-    back = rater[np.argsort(order)]
-    least, most = (f.reduceat(numbers[..., order], first, axis=-1)[..., back] for f in (np.minimum, np.maximum))
-    return least, most
