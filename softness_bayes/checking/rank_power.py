@@ -107,6 +107,8 @@ def alarm_of(size: int, draws: int, threshold: float) -> Alarm:
 
 def power(size: int, draws: int, threshold: float, width: float = 1.0, shift: float = 0.0) -> float:
     """Return the share of simulated tables of one quantity with a given fault that raise the alarm."""
+    if not size:
+        return 0.0
     cumulated = rank_law(draws, width, shift).cumsum()
     uniform = np.random.default_rng(_SEED).random((TABLES, size))
     rank = np.searchsorted(cumulated[:-1], uniform, side="right")

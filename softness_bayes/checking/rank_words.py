@@ -21,7 +21,7 @@ def verdict(calibration: Calibration, size: str, decided: bool) -> str:
     size
         Number of replicates and their outcome, in words.
     decided
-        Whether all replicates are finished and converged.
+        Whether all replicates are finished and have valid ranks.
     """
     faults = calibration.faults()
     if faults:

@@ -52,7 +52,14 @@ class Replicate(NamedTuple):
     tau: float
     """Longest autocorrelation time, in steps."""
     converged: bool
-    """True if the run met its goal."""
+    """True if the run met its goal, so that the draws are nearly independent."""
+    exchangeable: bool = False
+    """True if the run did not, and the draws are exchangeable with the truth instead (`sampler.exchangeable`)."""
+
+    @property
+    def valid(self) -> bool:
+        """True if a correct model has uniform ranks."""
+        return self.converged or self.exchangeable
 
 
 class Judged(NamedTuple):
@@ -78,16 +85,21 @@ class Calibration:
         Ranks from 0 to `draws`, shape (replicates, quantities).
     draws
         Posterior draws for each rank.
+    exchangeable
+        Number of replicates whose ranks detect little, because their draws are not independent; the power is that of
+        the others.
     """
 
     names: tuple[str, ...]
     rank: IndexArray
     draws: int = DRAWS
+    exchangeable: int = 0
 
     @classmethod
     def of(cls, replicates: Sequence[Replicate]) -> Calibration:
         """Collect the ranks of some replicates of one model."""
-        return cls(replicates[0].names, np.array([one.rank for one in replicates]))
+        exchangeable = sum(one.exchangeable for one in replicates)
+        return cls(replicates[0].names, np.array([one.rank for one in replicates]), exchangeable=exchangeable)
 
     @property
     def points(self) -> FloatArray:
@@ -113,12 +125,17 @@ class Calibration:
     @property
     def least_width(self) -> Least:
         """Smallest factor of a too narrow posterior that these replicates detect nine times in ten."""
-        return least_width(len(self.rank), self.draws, self.threshold)
+        return least_width(self._telling, self.draws, self.threshold)
 
     @property
     def least_shift(self) -> Least:
         """Smallest shift of a posterior, in its standard deviations, that is detected as often."""
-        return least_shift(len(self.rank), self.draws, self.threshold)
+        return least_shift(self._telling, self.draws, self.threshold)
+
+    @property
+    def _telling(self) -> int:
+        """Number of replicates with nearly independent draws."""
+        return len(self.rank) - self.exchangeable
 
     @property
     def enough(self) -> bool:

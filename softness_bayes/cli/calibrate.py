@@ -60,9 +60,10 @@ if TYPE_CHECKING:
 @click.option(
     "--max-steps",
     type=whole(STEPS),
-    default=500_000,
+    default=10_000,
     show_default=True,
-    help="Largest number of steps of each ensemble; a replicate then ends even if it has not converged.",
+    help="Largest number of steps of each ensemble; a replicate that has not converged by then is ranked in another "
+    "way (see above).",
 )
 @click.option(
     "--processes",
@@ -133,7 +134,10 @@ def command(
     --design predicts in some seconds, by linearisation, how much a fit would narrow every parameter and which other
     design would help most. Use it before a calibration, which takes hours.
 
-    Exit code 3: some replicates have not converged; 4: not calibrated.
+    A replicate that has not converged within --max-steps is ranked by chains through the true values. Its ranks are
+    valid, but detect less than others.
+
+    Exit code 3: some replicates are missing; 4: not calibrated.
     """
     from softness_bayes.data import Fabrics, loads_of
     from softness_bayes.likelihood.scales import scale_named
@@ -179,10 +183,10 @@ def command(
         raise NumericalError("not calibrated: see the verdict above")
     if found.unfinished:
         raise NotConvergedError(f"{some_of(len(found.unfinished), replicates, 'replicate')} not finished")
-    if found.unconverged:
+    if found.invalid:
         raise NotConvergedError(
-            f"{some_of(found.unconverged, replicates, 'replicate', 'has', 'have')} not converged within "
-            f"--max-steps {max_steps}"
+            f"{some_of(found.invalid, replicates, 'replicate', 'has', 'have')} not converged and no valid ranks: an "
+            "earlier version ran them; the same command without --finished repeats them"
         )
 
 

@@ -84,8 +84,8 @@ def calibrate(
 
     A replicate is fast if its posterior is smooth. If a prior draw has very little noise (varsigma of a few hundredths
     or thousandths), the posterior is a thin curved sheet, which takes many times the typical number of steps. A
-    replicate that has not converged within the largest number of steps is included with its existing draws, and the
-    verdict remains open.
+    replicate that has not converged within the largest number of steps is ranked by chains through the truth, whose
+    ranks are uniform all the same but detect less (`sampler.exchangeable`).
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ def _calibrated(
             take(earlier, directory, manifest, partial(_true_values, source, run.seed))
         forget_missing(directory)
         write_asked(directory, count)
-        done = finished_in(folder, count)
+        done = {index: one for index, one in finished_in(folder, count).items() if one.valid}
         missing = [index for index in range(count) if index not in done]
         if missing:
             processes = min(run.processes or available_processors(), len(missing))

@@ -66,22 +66,32 @@ class Calibrated:
         return sum(not one.converged for one in self.replicates.values())
 
     @property
+    def exchangeable(self) -> int:
+        """Those of them that are ranked among draws that are exchangeable with the truth."""
+        return sum(one.exchangeable for one in self.replicates.values())
+
+    @property
+    def invalid(self) -> int:
+        """Those of them that are ranked among the draws of their run, by an earlier version of this program."""
+        return sum(not one.valid for one in self.replicates.values())
+
+    @property
     def longer(self) -> int:
         """Replicates that ran longer than `LONG` steps."""
         return sum(one.steps > LONG for one in self.replicates.values())
 
     @property
     def passed(self) -> bool:
-        """True if all are finished and converged, no test raised an alarm, and there are enough to detect a fault."""
+        """True if `decided`, no test raised an alarm, and there are enough to detect a fault."""
         return self.decided and not self.calibration.faults() and self.calibration.enough
 
     @property
     def decided(self) -> bool:
-        """True if all are finished and converged; slow replicates differ from others, so none may be missing."""
-        return not self.unconverged and not self.unfinished
+        """True if all are finished with valid ranks; slow replicates differ from others, so none may be missing."""
+        return not self.invalid and not self.unfinished
 
     def ranks(self) -> pd.DataFrame:
-        """Return a row per replicate: steps, autocorrelation_time, converged, then all ranks and true values."""
+        """Return a row per replicate: its fields apart from the names, then all ranks and true values."""
         import pandas as pd
 
         rows = {}
@@ -92,6 +102,7 @@ class Calibrated:
                 "steps": one.steps,
                 "autocorrelation_time": one.tau,
                 "converged": one.converged,
+                "exchangeable": one.exchangeable,
                 **found,
                 **true,
             }
@@ -112,7 +123,8 @@ class Calibrated:
         if self.unfinished:
             asked = f"{size} of {counted(size + len(self.unfinished), 'replicate')}"
         left = f"; unfinished: {', '.join(map(str, self.unfinished))}" if self.unfinished else ""
-        walks = f"{self.longer} ran longer than {LONG} steps, {self.unconverged} did not converge{left}{self._taken()}"
+        walks = f"{self.longer} ran longer than {LONG} steps, {self.unconverged} did not converge"
+        walks += f"{_ranked(self.exchangeable, self.unconverged)}{left}{self._taken()}"
         return verdict(self.calibration, f"{asked} ({walks})", self.decided)
 
     def _taken(self) -> str:
@@ -129,3 +141,11 @@ class Calibrated:
         """Write ranks, coverage and verdict, either all or none; those of an earlier calibration are replaced."""
         ranks, coverage = csv_of(self.ranks()), csv_of(self.coverage())
         write_outputs(directory, {RANKS: ranks, COVERAGE: coverage, VERDICT: self.sentence() + "\n"}, CALIBRATE)
+
+
+def _ranked(exchangeable: int, unconverged: int) -> str:
+    """Describe how the unconverged replicates were ranked."""
+    if not exchangeable:
+        return ""
+    which = "and" if exchangeable == unconverged else f"of which {exchangeable}"
+    return f" {which} {'was' if exchangeable == 1 else 'were'} ranked by chains through the truth"

@@ -129,7 +129,7 @@ class _Origin(NamedTuple):
 
 
 def take(source: Path, directory: Path, manifest: dict[str, Any], redraw: Redraw) -> None:
-    """Copy the replicates of an earlier calibration that a directory lacks.
+    """Copy the replicates of an earlier calibration that a directory lacks, apart from those without valid ranks.
 
     They are read from its files, or from its table of ranks, which is all that a stored result contains. The settings
     of its fits may differ (`FITS`) and are recorded. Its true values must be those that the present model draws, which
@@ -154,7 +154,8 @@ def take(source: Path, directory: Path, manifest: dict[str, Any], redraw: Redraw
     origin = _origin(source)
     differ = _require_same_problem(origin, json.loads(json.dumps(manifest)))
     folder = directory / REPLICATES
-    new = {index: one for index, one in origin.replicates.items() if not path_of(folder, index).exists()}
+    valid = {index: one for index, one in origin.replicates.items() if one.valid}
+    new = {index: one for index, one in valid.items() if not path_of(folder, index).exists()}
     for index, one in new.items():
         _require_same_truth(origin.directory, index, one, redraw(index))
     # before the replicates: these must never appear as ones of this calibration's own fits
@@ -228,6 +229,7 @@ def _stored(path: Path) -> Iterator[tuple[int, Replicate]]:
                     "steps": row["steps"],
                     "tau": row["autocorrelation_time"],
                     "converged": {"True": True, "False": False}[row["converged"]],
+                    "exchangeable": {"True": True, "False": False}[row.get("exchangeable", "False")],
                 }
                 yield int(row["replicate"]), _replicate(found)
             except (TypeError, KeyError, ValueError) as error:
@@ -273,6 +275,7 @@ def _replicate(fields: dict[str, Any]) -> Replicate:
         steps=int(fields["steps"]),
         tau=float(fields["tau"]),
         converged=bool(fields["converged"]),
+        exchangeable=bool(fields.get("exchangeable", False)),
     )
     if not len(one.names) == len(one.rank) == len(one.truth):
         raise ValueError(f"{len(one.names)} names, {len(one.rank)} ranks and {len(one.truth)} true values")

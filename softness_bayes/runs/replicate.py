@@ -4,6 +4,9 @@ Parameters are drawn from the prior, or from the posterior of a run. In the latt
 of that run and the simulated data together, and the parameters are also a draw from the joint posterior (Säilynoja,
 Schmitt, Bürkner and Vehtari, arXiv:2502.03279, 2025).
 
+Where the sampler does not converge, the true values are ranked among draws that are exchangeable with them
+(`sampler.exchangeable`). Their ranks are uniform as well, but detect less.
+
 The log-likelihood is among the ranked quantities, because it detects a posterior that ignores the data and equals
 the prior (Modrák et al., Bayesian Analysis 20, 461, 2025).
 """
@@ -22,12 +25,16 @@ from softness_bayes.likelihood.contract import Effects, Likelihood
 from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.runs.ranked_quantities import quantities
+from softness_bayes.sampler.exchangeable import STEPS, exchangeable_draws
 from softness_bayes.sampler.sampling import Sampled, Settings, sample_until
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
-_MADE, _WALK = 0, 1  # parts of a replicate with random numbers of their own
+_MADE, _WALK, _EXCHANGED = 0, 1, 2  # parts of a replicate with random numbers of their own
+
+ARCHIVE = 2_000
+"""Largest number of draws of a run that has not converged from which chains through the truth learn their steps."""
 
 ROUNDING = 1e-12
 """Relative difference up to which two values of a quantity are treated as tied."""
@@ -69,14 +76,28 @@ def replicate(
     theta, observation, true_effects = _simulated(posterior, rng, truths)
     fitted = _fitted(posterior, assume(observation), truths)
     sampled = sample_until(fitted, settings, _seeds(seed, index, _WALK))
-    draws = fitted.natural(independent(sampled, DRAWS, rng))
+    converged = sampled.verdict.converged
+    if converged:
+        found = independent(sampled, DRAWS, rng)
+    else:
+        found = _exchangeable(fitted, theta, sampled, np.random.default_rng(_seeds(seed, index, _EXCHANGED)))
+    draws = fitted.natural(found)
     effects = observation.draw_effects(rng, fitted.response(draws), fitted.rating_parameters(draws))
     true = quantities(fitted, theta[None], true_effects)
     among = quantities(fitted, draws, effects)
     truth = np.concatenate([*true.values()])
     rank = tuple(int(r) for r in ranks(truth, np.column_stack([*among.values()]), rng))
     tau = float(sampled.verdict.tau.max())
-    return Replicate((*true,), rank, tuple(truth.tolist()), sampled.verdict.steps, tau, sampled.verdict.converged)
+    steps = sampled.verdict.steps
+    return Replicate((*true,), rank, tuple(truth.tolist()), steps, tau, converged, not converged)
+
+
+def _exchangeable(fitted: Posterior, theta: FloatArray, sampled: Sampled, rng: np.random.Generator) -> FloatArray:
+    """Return draws that are exchangeable with the truth, by chains that are no longer than those of the run."""
+    kept = sampled.chains.kept(sampled.verdict.burn_in).coordinates.reshape(-1, len(fitted.names))
+    archive = kept[rng.choice(len(kept), min(len(kept), ARCHIVE), replace=False)]
+    draw = fitted.space.coordinates(theta[None])[0]
+    return exchangeable_draws(fitted, draw, archive, DRAWS, rng, min(STEPS, sampled.verdict.steps))
 
 
 def true_values(posterior: Posterior, seed: int, index: int, truths: FloatArray | None = None) -> dict[str, float]:

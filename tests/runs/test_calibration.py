@@ -452,7 +452,8 @@ def test_what_is_written_says_how_it_went(tmp_path):
 
     table = pd.read_csv(tmp_path / "ranks.csv", index_col="replicate")
     assert list(table) == [
-        *("steps", "autocorrelation_time", "converged", "gamma", "mu", LOG_LIKELIHOOD, PARTICIPANT, PARTICIPANTS),
+        *("steps", "autocorrelation_time", "converged", "exchangeable"),
+        *("gamma", "mu", LOG_LIKELIHOOD, PARTICIPANT, PARTICIPANTS),
         *("true_gamma", "true_mu", f"true_{LOG_LIKELIHOOD}", f"true_{PARTICIPANT}", f"true_{PARTICIPANTS}"),
     ]
     assert table.index.tolist() == [0, 1]
@@ -460,13 +461,14 @@ def test_what_is_written_says_how_it_went(tmp_path):
     assert {"expected", "covered", "share", "low", "high", "outside", "uniform_p", "spread_p", "spread"} == {*coverage}
     assert len(coverage) == 20
     assert done.unconverged > 0
-    said = f"Not decided: 2 replicates (0 ran longer than 2000 steps, {done.unconverged} did not converge)"
+    said = f"Too few replicates: 2 replicates (0 ran longer than 2000 steps, {done.unconverged} did not converge and "
     assert (tmp_path / "verdict.txt").read_text().startswith(said)
+    assert table["exchangeable"].tolist() == (~table["converged"]).tolist()
     assert json.loads((tmp_path / "manifest.json").read_text())["loads"] == ["1.5 mm", "2.5 mm"]
 
 
-def made_up(rank, converged=True, steps=500):
-    return Replicate(("gamma",), (rank,), (1.0,), steps, 5.0, converged)
+def made_up(rank, converged=True, steps=500, exchangeable=False):
+    return Replicate(("gamma",), (rank,), (1.0,), steps, 5.0, converged, exchangeable)
 
 
 def test_replicates_that_ran_longer_or_did_not_converge_are_counted_and_kept():
@@ -489,6 +491,41 @@ def test_replicates_that_ran_longer_or_did_not_converge_are_counted_and_kept():
     assert "gamma (too " in wrong.sentence()
 
 
+def test_replicates_ranked_through_the_truth_decide_but_give_no_power():
+    fine = {k: made_up(k) for k in range(100)}
+    through = {k: made_up(k, converged=False, exchangeable=True) for k in range(100)}
+    found = Calibrated({**fine, **{100 + k: one for k, one in through.items()}})
+    assert found.passed
+    assert "200 replicates (0 ran longer than 2000 steps, 100 did not converge and were ranked by chains through" in (
+        found.sentence()
+    )
+    # as many replicates with independent draws detect smaller faults
+    assert found.calibration.least_width == Calibrated(fine).calibration.least_width
+    twice = Calibrated({**fine, **{100 + k: one for k, one in fine.items()}})
+    assert twice.calibration.least_width.value < found.calibration.least_width.value
+    # without any, no fault would have been detected
+    alone = Calibrated(through)
+    assert alone.decided
+    assert not alone.passed
+    assert alone.sentence().startswith("Too few replicates: 100 replicates")
+    assert "No fault would have been detected" in alone.sentence()
+    # but they do raise an alarm
+    assert Calibrated({k: made_up(99, False, exchangeable=True) for k in range(100)}).calibration.faults()
+    # one of an earlier version, ranked among the draws of its run, leaves the verdict open
+    old = Calibrated(fine | {7: made_up(7, converged=False)} | {8: through[8]})
+    assert not old.decided
+    assert "2 did not converge of which 1 was ranked by chains through the truth" in old.sentence()
+
+
+def test_replicates_without_valid_ranks_are_repeated(tmp_path):
+    done, _ = run(tmp_path, 2)
+    path = tmp_path / "replicates" / "00001.json"
+    path.write_text(json.dumps(done.replicates[1]._replace(converged=False, exchangeable=False)._asdict()))
+    again, finished = run(tmp_path, 2)
+    assert finished == [2]
+    assert again.replicates[1] == done.replicates[1]
+
+
 def test_what_is_finished_can_be_judged_and_the_rest_is_named(tmp_path):
     with pytest.raises(InputError, match="no finished replicate of a calibration"):
         finished(FakeCalibration(), ModelOptions(), RunOptions(processes=1), 2, tmp_path / "none", BRIEF)
@@ -497,9 +534,10 @@ def test_what_is_finished_can_be_judged_and_the_rest_is_named(tmp_path):
     found = finished(FakeCalibration(), ModelOptions(), RunOptions(processes=1), 3, tmp_path / "a", BRIEF)
     assert found.replicates == {1: done.replicates[1]}
     assert found.unfinished == (0, 2)
-    assert "Not decided: 1 of 3 replicates (0 ran longer than 2000 steps, 1 did not converge; unfinished: 0, 2)" in (
-        found.sentence()
-    )
+    assert (
+        "Not decided: 1 of 3 replicates (0 ran longer than 2000 steps, 1 did not converge and was ranked by chains "
+        "through the truth; unfinished: 0, 2)"
+    ) in found.sentence()
     with pytest.raises(InputError, match="seed was 0 and is now 1"):
         finished(FakeCalibration(), ModelOptions(), RunOptions(processes=1, seed=1), 3, tmp_path / "a", BRIEF)
     # the slowest are not like the rest: without them nothing is called calibrated
@@ -563,8 +601,8 @@ def test_the_command_from_end_to_end(tmp_path):
     arguments = ["calibrate", "--replicates", "1", "--max-steps", "20", "--accuracy", "0.01"]
     arguments += ["--processes", "1", *held]
     done = CliRunner().invoke(main, [*arguments, "--out", str(tmp_path / "out")])
-    assert done.exit_code == 3, done.output
-    assert "Not decided: 1 replicate (" in done.output
+    assert done.exit_code == 0, done.output
+    assert "Too few replicates: 1 replicate (0 ran longer than 2000 steps, 1 did not converge and was" in done.output
     written = {path.name for path in (tmp_path / "out").iterdir()}
     made = {"asked.json", "manifest.json", "replicates", "ranks.csv", "coverage.csv", "verdict.txt", "ecdf.png"}
     assert written == {".softness-bayes.json", *made}
