@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checking.quantities import Layout
-from softness_bayes.checking.trend import Correlation, Trend, find_trend, mean_correlation
+from softness_bayes.checking.trend import Correlation, Trend, find_trend, known_part, mean_correlation
 from softness_bayes.likelihood.directions import FALLS, FREE, RISES, RatingDirection
-from softness_bayes.readable import percent
+from softness_bayes.readable import counted, percent
 
 WAY = {1: "rise", -1: "fall"}
 """Verbs for the sign of a correlation of ratings with stiffness."""
@@ -33,6 +33,8 @@ class Evidence(NamedTuple):
     loads: tuple[str, ...]
     firing: float
     """Share of prior draws for which firing rises with stiffness across these fabrics (`firing_rises`)."""
+    left_out: int = 0
+    """Number of fabrics left out because nothing is known about their moduli."""
 
     @property
     def direction(self) -> RatingDirection | None:
@@ -51,6 +53,8 @@ class Evidence(NamedTuple):
         over = f"over {len(self.loads)} loads" if len(self.loads) > 1 else f"at {self.loads[0]}"
         numbers = f"rank correlation with E_fab {_numbers(mean)} {over}; p = {self.trend.p_value:.2g} if "
         numbers += f"{self.trend.shuffled} were random"
+        if self.left_out:
+            numbers += f"; without {counted(self.left_out, 'fabric')} of unknown modulus"
         if not sign:
             return f"these ratings neither rise nor fall clearly with stiffness ({numbers})"
         return f"these ratings {WAY[sign]} with stiffness ({numbers})"
@@ -120,7 +124,7 @@ class DirectionChoice(NamedTuple):
         )
 
 
-def firing_rises(layout: Layout, rate: NDArray[np.float64]) -> float:
+def firing_rises(layout: Layout, rate: NDArray[np.float64], known: NDArray[np.bool_]) -> float:
     """Return the share of parameter vectors for which firing rises with stiffness across the fabrics.
 
     The response rises with E_fab up to its turning point and falls beyond it. Only vectors with varying responses are
@@ -133,15 +137,40 @@ def firing_rises(layout: Layout, rate: NDArray[np.float64]) -> float:
         The conditions.
     rate
         Total rate [spikes/s] at some draws of the prior, shape (draws, conditions).
+    known
+        As for `known_part`.
     """
-    found = mean_correlation(layout, np.atleast_2d(rate))
+    part = known_part(layout, known)
+    found = mean_correlation(part.layout, np.atleast_2d(rate)[:, part.conditions])
     varies = found[np.isfinite(found)]
     return float((varies > 0).mean()) if varies.size >= FEWEST else 1.0
 
 
-def evidence_in(layout: Layout, ratings: NDArray[np.float64], loads: Sequence[str], firing: float) -> Evidence:
-    """Return the evidence of ratings; `loads` names all loads of the layout, `firing` is from `firing_rises`."""
-    return Evidence(find_trend(layout, ratings), tuple(loads[k] for k in layout.loads), firing)
+def evidence_in(
+    layout: Layout,
+    ratings: NDArray[np.float64],
+    loads: Sequence[str],
+    firing: float,
+    known: NDArray[np.bool_],
+) -> Evidence:
+    """Return the evidence of ratings.
+
+    Parameters
+    ----------
+    layout
+        Design of the ratings.
+    ratings
+        Shape (rows,).
+    loads
+        Names of all loads of the layout.
+    firing
+        From `firing_rises`.
+    known
+        As for `known_part`.
+    """
+    part = known_part(layout, known)
+    trend = find_trend(part.layout, ratings[part.rows])
+    return Evidence(trend, tuple(loads[k] for k in part.layout.loads), firing, part.left_out)
 
 
 def choose(asked: RatingDirection | None, evidence: Evidence) -> DirectionChoice:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from softness_bayes.checking.quantities import Layout
+from softness_bayes.likelihood.design import Design
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
@@ -64,6 +66,42 @@ class Trend(NamedTuple):
     def sign(self) -> int:
         """+1 if ratings clearly rise with stiffness, -1 if they clearly fall, 0 if the table does not decide."""
         return int(np.sign(self.mean.value)) if self.p_value <= LEVEL else 0
+
+
+class KnownPart(NamedTuple):
+    """The part of a table with known moduli."""
+
+    layout: Layout
+    rows: NDArray[np.bool_]
+    """True for ratings of these fabrics, shape (rows,)."""
+    conditions: NDArray[np.bool_]
+    """True for their conditions, shape (conditions,)."""
+    left_out: int
+    """Number of rated fabrics without a known modulus."""
+
+
+def known_part(layout: Layout, known: NDArray[np.bool_]) -> KnownPart:
+    """Return the part of a table with known moduli, which alone shows a trend with stiffness.
+
+    If fewer than two rated fabrics have one, it is the whole table.
+
+    Parameters
+    ----------
+    layout
+        Design of the ratings.
+    known
+        True for fabrics whose modulus was measured or bracketed, shape (fabrics,).
+    """
+    design, rated = layout.design, np.unique(layout.design.fabric)
+    if known[rated].sum() < 2:
+        known = np.ones_like(known)
+    conditions = known[design.fabric]
+    rows, place = conditions[design.condition], np.cumsum(conditions) - 1
+    part = Design(
+        place[design.condition[rows]], design.participant[rows], design.fabric[conditions], design.n_participants
+    )
+    kept = replace(layout, design=part, modulus=layout.modulus[conditions], load=layout.load[conditions])
+    return KnownPart(kept, rows, conditions, int((~known[rated]).sum()))
 
 
 def find_trend(layout: Layout, ratings: FloatArray) -> Trend:

@@ -254,8 +254,9 @@ def choose_direction(
         single = layout
         layout, place = merge(single, groups.of)
         rate = averaged(single, place, rate)
-    firing = direction.firing_rises(layout, rate)
-    found = direction.evidence_in(layout, given.said.values, groups.names, firing)
+    known = np.array([bool(basis) for basis in experiment.fabrics.basis])
+    firing = direction.firing_rises(layout, rate, known)
+    found = direction.evidence_in(layout, given.said.values, groups.names, firing, known)
     asked = options.direction is not None and "direction" not in options.decided
     return direction.choose(options.direction, found)._replace(asked=asked)
 

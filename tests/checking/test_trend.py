@@ -222,6 +222,29 @@ def test_the_data_decide(rng, slope, direction):
     assert not choose_direction(experiment, again).asked
 
 
+def with_unknown(experiment, *places):
+    """The same ratings, of which some fabrics have no modulus."""
+    modulus = experiment.fabrics.effective_modulus.copy()
+    modulus[[*places]] = np.nan
+    return experiment._replace(fabrics=Fabrics(experiment.fabrics.names, effective_modulus=modulus))
+
+
+def test_fabrics_of_unknown_modulus_have_no_place_in_the_trend(rng):
+    """Their prior median would place them somewhere: here the stiffest ones among the softest."""
+    whole = table(rng, 0.4)
+    found, every = (choose_direction(one, ModelOptions()).evidence for one in (with_unknown(whole, 5, 2), whole))
+    assert (found.left_out, every.left_out) == (2, 0)
+    assert found.trend.fabrics == (4,)
+    assert "; without 2 fabrics of unknown modulus" in found.sentence
+    assert "unknown" not in every.sentence
+    kept = np.array([0, 1, 3, 4])
+    layout = layout_of(8, CLOTH[kept])
+    rating = whole.ratings.rating.reshape(8, 6)[:, kept].ravel()
+    assert_allclose(found.trend.mean.value, find_trend(layout, rating).mean.value)
+    # with one known modulus, or none, there is no trend to be had, and the medians of the priors take their place
+    assert choose_direction(with_unknown(whole, 1, 2, 3, 4, 5), ModelOptions()).evidence.left_out == 0
+
+
 def test_what_is_asked_for_is_taken_and_said_to_be_wrong(rng):
     experiment = table(rng, -0.4)
     found = choose_direction(experiment, ModelOptions(direction=RISES))
