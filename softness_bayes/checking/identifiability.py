@@ -140,9 +140,9 @@ def information_sentences(summary: pd.DataFrame) -> list[str]:
     if moved.any():
         named = ", ".join(f"{name} ({pull[name]:.2g})" for name in pull.index[moved])
         lines.append(
-            f"prior-sensitive (power-scaling sensitivity above {SENSITIVE} by two standard errors): {named}. "
-            "Another prior would change these posteriors: justify these priors, or compare runs with other "
-            "priors (--prior)"
+            f"informed, but prior-sensitive (power-scaling sensitivity above {SENSITIVE} by two standard errors): "
+            f"{named}. Another prior would change these posteriors: justify these priors, or compare runs with other "
+            "priors (--prior). Weakly identified parameters follow their priors in any case"
         )
     if unclear.any():
         named = ", ".join(f"{name} ({pull[name]:.3f} ± {error[name] / 2:.1g})" for name in pull.index[unclear])

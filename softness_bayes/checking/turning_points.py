@@ -48,7 +48,7 @@ def turning_table(
         found = {f"p_{kind.name.lower()}": share(outcome == kind) for kind in CurveShape}
         before = Estimate(np.nan, np.nan)
         if prior is not None:
-            before = share(_walks(prior.outcome[..., k]) == CurveShape.INTERIOR)
+            before = share(prior.outcome[..., k].reshape(1, 1, -1) == CurveShape.INTERIOR)
         found |= {"prior_p_interior": before, "p_inside": share(_walks(draws.inside[..., k], ensemble))}
         for name, (field, factor) in PLACES.items():
             walks = factor * _walks(getattr(draws, field)[..., k], ensemble)

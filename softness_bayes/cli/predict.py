@@ -178,7 +178,7 @@ def _of_run(
             return compiled(loads=tuple(pressed), discretisation=COARSE, moduli=moduli)
 
         few = type(parameters)(*(value[:: max(1, ANSWER_DRAWS // REACHED)] for value in parameters))
-        return table, scene, parameters, reach_note(under, loads, few, {})
+        return result.labelled(table), scene, parameters, reach_note(under, loads, few, {})
 
 
 def _accurate(

@@ -65,7 +65,9 @@ def command(
     agreement = None if observed is None else found.against(observed)
     tables = {ORDER: found.table, PLACES: found.place_table, PAIRS: found.pair_table}
     tables |= {} if agreement is None else {AGREEMENT: agreement}
-    contents: dict[str, bytes | str] = {name: csv_of(table, index=False) for name, table in tables.items()}
+    contents: dict[str, bytes | str] = {
+        name: csv_of(result.labelled(table), index=False) for name, table in tables.items()
+    }
     write_outputs(target, contents | files_of(found.figure(), FIGURE, FORMATS), RANK)
     _show(found)
     if observed is not None and agreement is not None:

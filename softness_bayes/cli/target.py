@@ -91,7 +91,7 @@ def command(
         if not result.has_ratings:
             raise InputError(f"{directory}: a run without ratings cannot predict ratings")
         found = result.target(rating, loads or None, *cloth, draws=ANSWER_DRAWS, seed=seed)
-    table = found.table
+    table = result.labelled(found.table)
     if out is None:
         click.echo(csv_of(table, index=False, digits=PRINTED), nl=False)
     else:

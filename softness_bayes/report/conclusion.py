@@ -89,6 +89,11 @@ class Facts(NamedTuple):
         return self.other_direction is not None or self.flat
 
     @property
+    def rejected(self) -> bool:
+        """True if a check rejects a part of the model, or the fast model is not accurate enough."""
+        return bool(self.contradicted or self.unreproduced or not self.exact)
+
+    @property
     def contradicted(self) -> tuple[str, ...]:
         """Loads whose turning point the model does not reproduce."""
         return tuple(turn.load for turn in self.turns if turn.reproduced is False)
@@ -208,7 +213,8 @@ def _found(facts: Facts) -> str:
         return (
             "the ratings do not differ between fabrics by more than noise, so they show little about the turning point."
         )
-    return f"{'; '.join([*_softness(facts.softest), *map(_turned, facts.turns)])}."
+    turns = (_turned(turn, facts.rejected) for turn in facts.turns)
+    return f"{'; '.join([*_softness(facts.softest), *turns])}."
 
 
 def _softness(softest: tuple[Softest, ...]) -> list[str]:
@@ -228,17 +234,18 @@ def _chance(one: Softest) -> str:
     return with_error(100 * one.probability, 100 * one.error, " %") if one.error else chance(one.probability)
 
 
-def _turned(turn: Turn) -> str:
+def _turned(turn: Turn, rejected: bool) -> str:
+    """Return a clause on the turning point under one load, qualified if checks reject a part of the model."""
     if turn.reproduced is False:
         return f"at {turn.load} the ratings contradict the model's turning point"
-    said = chance(turn.probability)
+    said, at = chance(turn.probability), f"{'if the model holds, ' * rejected}at {turn.load} the response"
     if turn.probability <= 1.0 - LIKELY:
-        return f"at {turn.load} the response does not turn over (probability of a turning point: {said})"
+        return f"{at} does not turn over (probability of a turning point: {said})"
     if turn.probability < LIKELY:
         return f"at {turn.load} the data do not show whether the response turns over (probability: {said})"
     limits = f"(90 % interval {number(turn.low)} to {number(turn.high)} kPa)"
     alone = ", though the ratings at this load alone cannot show it" if turn.reproduced is None else ""
-    return f"at {turn.load} the response turns over at E_fab = {number(turn.middle)} kPa {limits}{alone}"
+    return f"{at} turns over at E_fab = {number(turn.middle)} kPa {limits}{alone}"
 
 
 def _known(one: Skin) -> str:

@@ -135,6 +135,10 @@ class Result(Answers):
         """True if the run ended on purpose before convergence (`--quick`)."""
         return is_first_look(self.tree.attrs)
 
+    def labelled(self, table: pd.DataFrame) -> pd.DataFrame:
+        """Return a table with a column `preliminary`, True in every row, if the chains have not converged."""
+        return table if self.provenance.ending.converged else table.assign(preliminary=True)
+
     @property
     def scale(self) -> Scale:
         """The scale of the ratings."""
@@ -348,8 +352,12 @@ class Result(Answers):
             If there is no space or no permission; the earlier files remain.
         """
         whole = sealed(self.tree, {SUMMARY_TABLE: self.table, **self.tables})
-        contents: dict[str, bytes | str] = {POSTERIOR: arviz_bridge.netcdf(whole), SUMMARY: csv_of(self.table)}
-        contents |= {f"{name}.csv": csv_of(table) for name, table in self.tables.items()}
+        contents: dict[str, bytes | str] = {POSTERIOR: arviz_bridge.netcdf(whole)}
+        for name, table in {
+            SUMMARY: self.table,
+            **{f"{name}.csv": table for name, table in self.tables.items()},
+        }.items():
+            contents[name] = csv_of(self.labelled(table) if self.is_first_look else table)
         write_outputs(Path(directory), contents, RUN)
 
     @classmethod

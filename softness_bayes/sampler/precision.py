@@ -63,7 +63,9 @@ def quantile(walks: FloatArray, probability: float) -> Estimate:
 
 
 def effective_size(walks: FloatArray) -> float:
-    """Return the effective sample size; the number of draws if nothing varies.
+    """Return the effective sample size; the number of walkers if nothing varies.
+
+    A constant tells nothing about autocorrelation, and steps of one walker may all depend on each other.
 
     Parameters
     ----------
@@ -72,4 +74,4 @@ def effective_size(walks: FloatArray) -> float:
     """
     times = pooled_time(walks)
     known = times[np.isfinite(times)]
-    return float(walks.size / max(1.0, known.mean())) if known.size else float(walks.size)
+    return float(walks.size / max(1.0, known.mean())) if known.size else float(walks[:, 0].size)

@@ -338,7 +338,7 @@ def test_sentences_name_the_parameters():
     assert determined.endswith(": b 0.1")
     assert informed.endswith(": gamma 0.71")
     assert not_informed.endswith(": m 1")  # of a contraction below 0, which is noise
-    assert moved.startswith("prior-sensitive")
+    assert moved.startswith("informed, but prior-sensitive")
     assert ": gamma (0.08). Another prior" in moved
     assert not any("unclear" in line for line in information_sentences(table))
     *_, nothing = information_sentences(table.loc[["b"]])

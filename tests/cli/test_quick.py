@@ -1,8 +1,10 @@
 """A first look, `sample --quick`: labelled as such wherever it is seen, and upgraded to the draws of a full run."""
 
+import io
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from softness_bayes.checkpoints.status import read_status
@@ -73,6 +75,20 @@ def test_answers_from_it_are_called_preliminary(looked, asked):
     done = call(*asked, cwd=directory)
     assert done.returncode == 0, done.stderr
     assert "a first look (--quick), whose chains have not converged; all numbers below are preliminary" in done.stderr
+    tables = [pd.read_csv(path) for path in (directory / "order").glob("*.csv")] if "order" in asked else []
+    tables += [pd.read_csv(io.StringIO(done.stdout))] if "target" in asked else []
+    assert tables
+    assert all(table["preliminary"].all() for table in tables)
+
+
+def test_its_tables_are_labelled(looked, result):
+    directory, _ = looked
+    tables = {path.name: pd.read_csv(path) for path in (directory / "out").glob("*.csv")}
+    assert {"summary.csv", "predictive_checks.csv"} <= {*tables}
+    assert all(table["preliminary"].all() for table in tables.values())
+    # the label is that of the file: the result itself has none, and neither have converged runs
+    assert "preliminary" not in result.table
+    assert "preliminary" not in result.summary()
 
 
 @pytest.mark.parametrize(

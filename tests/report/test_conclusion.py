@@ -94,6 +94,14 @@ def test_a_failed_check_limits_the_trust_and_is_named():
     assert "predictive_checks.csv" in found.next_step
 
 
+def test_a_rejected_model_says_that_its_turning_points_depend_on_it():
+    fine, none = GOOD.turns, GOOD.turns[0]._replace(probability=0.02)
+    assert "if the model holds" not in conclude(GOOD).learnt
+    for facts in (GOOD._replace(unreproduced=("fabrics' own deviations",)), GOOD._replace(exact=False)):
+        assert f"if the model holds, at {fine[0].load} the response turns over" in conclude(facts).learnt
+        assert "if the model holds, at 1 mm the response does not" in conclude(facts._replace(turns=(none,))).learnt
+
+
 def test_an_inexact_model_and_a_silent_posterior_are_used_with_care():
     assert conclude(GOOD._replace(exact=False)).trust.startswith("With care: ")
     assert "--exact-reweight" in conclude(GOOD._replace(exact=False)).next_step
