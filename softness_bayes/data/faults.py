@@ -70,6 +70,8 @@ def _message(place: str, problems: Sequence[Fault]) -> str:
     if len(problems) == 1:
         return f"{place}: {lines[0]}"
     shown = f", of which the first {SHOWN} are" if len(lines) > SHOWN else ""
+    if len(lines) == 1:
+        return f"{place}: {len(problems)} equal problems in {lines[0]}"
     if shown and len(lines) < len(problems):
         shown = f" in {len(lines)} lines{shown}"
     return "\n  ".join([f"{place}: {len(problems)} problems{shown}:", *lines[:SHOWN]])

@@ -33,7 +33,7 @@ from softness_bayes.data.tables import (
 from softness_bayes.data.wide import Form
 from softness_bayes.data.workbooks import TableSource
 from softness_bayes.errors import InputError, quoted
-from softness_bayes.readable import some_of
+from softness_bayes.readable import counted, some_of
 from softness_bayes.touch.contact import Load
 
 SOLE_PARTICIPANT = "participant"
@@ -314,7 +314,10 @@ def _rated_rows(table: Table, filed: FloatArray, drop_zeros: bool) -> tuple[IntA
     if missing := int((~kept).sum()):
         notes.append(f"{some_of(missing, len(table), 'rating')} missing")
     if zeros:
-        notes.append(f"{zeros} ratings of 0 are left out, which biases the result towards higher ratings")
+        notes.append(
+            f"{counted(zeros, 'rating of 0 is', 'ratings of 0 are')} left out, which biases the result towards "
+            "higher ratings"
+        )
     used = np.sort(np.concatenate([rated, np.flatnonzero(faulty & ~kept)]))  # the same rows, if there are no faults
     return rated, used, notes
 
