@@ -34,7 +34,7 @@ class NoiseCheck(NamedTuple):
     deviation: float
     """Standard deviation of log noise between raters, estimated from the excess."""
 
-    def sentence(self, individual: bool, remedy: bool) -> str:
+    def sentence(self, individual: bool, remedy: bool, robust: bool) -> str:
         """Return one line for the user.
 
         Parameters
@@ -43,6 +43,8 @@ class NoiseCheck(NamedTuple):
             Whether the model has individual noise.
         remedy
             Whether a model with individual noise is available.
+        robust
+            Whether the errors already have heavy tails, or lapses.
         """
         if not np.isfinite(self.p_value):
             return "noise: the raters' scatter cannot be compared, because fewer than two gave three ratings or more"
@@ -59,7 +61,7 @@ class NoiseCheck(NamedTuple):
         )
         return (
             f"noise: some raters scatter more than others, {size}, but the model treats their ratings as "
-            f"equally reliable: {advice}. Single outliers look the same (--errors student)"
+            f"equally reliable: {advice}{'' if robust else '. Single outliers look the same (--errors student)'}"
         )
 
 

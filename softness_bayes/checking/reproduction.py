@@ -26,6 +26,9 @@ the amount by which its mean ratings exceed the model's."""
 FALL = "fall beyond inflection / expected"
 """The test quantity of `levelled.fall` under each load."""
 
+LARGEST_RATIO = 10.0
+"""Multiple of the predicted fall up to which falls of simulated tables are reported; a smaller one is lost in noise."""
+
 
 class Alternative(NamedTuple):
     """Response of a run levelled at its peak, for the check of the turning point."""
@@ -133,12 +136,19 @@ def _seen(rows: dict[str, pd.Series]) -> str:
         seen = f"the ratings turn over at {at} kPa ({others})"
     else:
         seen = f"the ratings show no clear turning point ({percent(share)} of simulated tables show one)"
-    if beyond is not None and np.isfinite(beyond["observed"]):
-        seen += (
-            f"; beyond the peak they fall by {beyond['observed']:.2g} times the predicted fall "
-            f"(simulated tables: {beyond['low']:.2g} to {beyond['high']:.2g})"
-        )
-    return seen
+    return seen + ("" if beyond is None or not np.isfinite(beyond["observed"]) else _fall(beyond))
+
+
+def _fall(beyond: pd.Series) -> str:
+    """Describe the fall of the ratings beyond the peak of the response, in units of the predicted one."""
+    low, high, ratio = beyond["low"], beyond["high"], beyond["observed"]
+    if max(abs(low), abs(high)) > LARGEST_RATIO:
+        return "; the fall that is predicted beyond the peak is too small to compare with noise"
+    way = "fall" if ratio >= 0 else "rise"
+    return (
+        f"; beyond the peak they {way} by {abs(ratio):.2g} times the predicted fall "
+        f"(simulated tables: {low:.2g} to {high:.2g})"
+    )
 
 
 def _noticed(rows: dict[str, pd.Series]) -> str:

@@ -21,6 +21,7 @@ from softness_bayes.checking.loo_pit import loo_pit
 from softness_bayes.checking.modulus_errors import STEP, check_moduli
 from softness_bayes.checking.noise_check import check_noise
 from softness_bayes.data import Experiment
+from softness_bayes.likelihood.error_laws import LAPSES, STUDENT
 from softness_bayes.likelihood.own_answers import EFFECT_OF_ANSWER
 from softness_bayes.likelihood.scales import MAGNITUDE
 from softness_bayes.model.other_fingers import skin_slope
@@ -240,7 +241,7 @@ def _checks(draws: RatedDraws, error: float, exactness: Exactness) -> dict[str, 
         modulus_p_value=moduli.p_value,
         finger_check=fingers.sentence(draws.posterior.fingers is not None),
         finger_p_value=fingers.p_value,
-        noise_check=noise.sentence("varsigma" in differing, may_differ),
+        noise_check=noise.sentence("varsigma" in differing, may_differ, draws.model.error in (STUDENT, LAPSES)),
         noise_p_value=noise.p_value,
         noise_deviation=noise.deviation,
     )

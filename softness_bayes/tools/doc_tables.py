@@ -18,6 +18,7 @@ import softness_bayes
 from softness_bayes.checking.ranks import Calibration
 from softness_bayes.readable import percent
 from softness_bayes.sampler.workers import AHEAD
+from softness_bayes.tools.model_ranks import figure_name
 from softness_bayes.tools.rank_agreement import EXPECTED, LONG, SHORT, agreements
 
 PACKAGE = Path(softness_bayes.__file__).parent
@@ -216,10 +217,16 @@ def model_ranks(results: Path) -> str:
     wrong = [row for row in rows if row["fit"] != "right"]
     head = ["model", "laboratories", "k above 0.7", "quantities", "smallest p", "alarm below", "says first"]
     keys = ["model", "labs", "k_large", "quantities", "smallest_p", "alarm_below", "says_first", "width", "shift"]
-    own = table([*head, "too narrow by", "shifted by"], ([row[key] for key in keys] for row in right))
+    linked = [row | {"model": f"[{row['model']}]({_figure_of(row['model'])})"} for row in right]
+    own = table([*head, "too narrow by", "shifted by"], ([row[key] for key in keys] for row in linked))
     head = ["model", "mistake in the fit", "laboratories", "smallest p", "says first"]
     keys = ["model", "fit", "labs", "smallest_p", "says_first"]
     return f"{own}\n{table(head, ([row[key] for key in keys] for row in wrong))}"
+
+
+def _figure_of(model: str) -> str:
+    """Return the path of the figure of an observation model's ranks, as seen from the pages."""
+    return f"../../notebooks/results/model_ranks/{figure_name(model)}.png"
 
 
 TABLES: Mapping[tuple[str, str], Callable[[Path], str]] = {

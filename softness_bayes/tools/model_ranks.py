@@ -4,7 +4,8 @@ Parameters are drawn from the prior, and small laboratories of five raters, twel
 Each is fitted by importance sampling: with its own model, and some also with known mistakes in the likelihood (negative
 controls). The true values are ranked among the draws. Of the forward model only `b` is sampled;
 ``softness-bayes calibrate`` tests the other parameters. The file gets a row per fit, and `verdicts.csv` beside it one
-per model and mistake. Existing rows are kept, so that a second call continues where the first one ended.
+per model and mistake, and a figure of each model's ranks. Existing rows are kept, so that a second call continues where
+the first one ended; with ``--labs 0`` it writes verdicts and figures only.
 
 ``--agree FILE.csv`` instead compares importance sampling with the sampler of a run, for one laboratory of each model.
 """
@@ -13,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
@@ -31,6 +33,8 @@ from softness_bayes.likelihood.scales import AGGREGATED, CATEGORIES, PAIRS, RANK
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.model.scenes import usual_values
+from softness_bayes.plotting.calibration import rank_ecdf_figure
+from softness_bayes.plotting.style import save
 from softness_bayes.runs.calibration_scene import CalibrationScene
 from softness_bayes.runs.ranked_quantities import quantities, turning_point, turns
 from softness_bayes.runs.replicate import independent, ranks, simulate
@@ -271,6 +275,21 @@ def write_verdicts(path: Path) -> None:
         writer.writerows(found)
 
 
+def figure_name(model: str) -> str:
+    """Return the name of a model's figure, without a suffix."""
+    return re.sub(r"\W+", "_", model)
+
+
+def draw(path: Path) -> None:
+    """Draw the ranks of every model's right fits, from a file of fits, in PNG files beside it."""
+    with path.open(encoding="utf-8", newline="") as file:
+        found = calibrations(csv.DictReader(file))
+    for model in CASES:
+        if (calibration := found.get(f"{model} / {RIGHT}")) is not None:
+            figure = rank_ecdf_figure(calibration.rank, calibration.draws, calibration.names)
+            save(figure, path.with_name(figure_name(model)), ("png",))
+
+
 def agreement(number: int, case: str) -> Iterator[dict[str, Any]]:
     """Yield the differences between importance sampling and a run for one laboratory, by parameter."""
     made = laboratory(case, number)[0]
@@ -310,6 +329,7 @@ def main() -> None:
         fits = [name for name in names_of_fits() if name.partition(" / ")[0] in models]
         keep(options.file, COLUMNS, numbers, fits, ranked)
         write_verdicts(options.file)
+        draw(options.file)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ import xarray as xr
 
 from softness_bayes.checking.check_table import ONE_SIDED, check_sentences, check_table, doubts, layout_of
 from softness_bayes.checking.quantities import QUANTITIES
-from softness_bayes.checking.reproduction import FALL, LEVELLED, inflection_reproduced
+from softness_bayes.checking.reproduction import FALL, LEVELLED, _fall, inflection_reproduced
 from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS
 from support.made_ratings import LAY, MODULUS, SHALLOW, STEEP, tree
 
@@ -147,3 +147,15 @@ def test_small_deviations_are_no_fault(name):
     assert doubts(table(1e-9)) == [name]
     # of others either end is
     assert doubts(table(1.0 - 1e-9).rename(index={name: "mean rating"})) == ["mean rating"]
+
+
+@pytest.mark.parametrize(
+    ("observed", "low", "high", "said"),
+    [
+        (0.8, 0.4, 1.6, "they fall by 0.8 times the predicted fall (simulated tables: 0.4 to 1.6)"),
+        (-0.5, -1.0, 3.0, "they rise by 0.5 times"),
+        (-42.0, -60.0, 70.0, "too small to compare with noise"),
+    ],
+)
+def test_a_fall_is_a_multiple_of_the_predicted_one_only_where_that_means_something(observed, low, high, said):
+    assert said in _fall(pd.Series({"observed": observed, "low": low, "high": high}))

@@ -73,15 +73,16 @@ def test_deviation_is_the_spread():
 
 
 def test_it_says_what_to_do():
-    assert "no evidence that raters' noise differs (p = 0.5)" in NoiseCheck(0.5, 0.0).sentence(False, True)
-    doubt = NoiseCheck(0.001, 0.42).sentence(False, True)
+    assert "no evidence that raters' noise differs (p = 0.5)" in NoiseCheck(0.5, 0.0).sentence(False, True, False)
+    doubt = NoiseCheck(0.001, 0.42).sentence(False, True, False)
     assert "by about 0.42" in doubt
     assert "--individual varsigma" in doubt
     assert "--errors student" in doubt
-    assert "--individual" not in NoiseCheck(0.001, 0.42).sentence(False, False)
-    assert "beyond what the model allows" in NoiseCheck(0.001, 0.42).sentence(True, True)
+    assert "--errors" not in NoiseCheck(0.001, 0.42).sentence(False, True, True)
+    assert "--individual" not in NoiseCheck(0.001, 0.42).sentence(False, False, False)
+    assert "beyond what the model allows" in NoiseCheck(0.001, 0.42).sentence(True, True, False)
     one = Design([0, 1, 2, 0], [0, 0, 0, 1], [0, 1, 2], 2)
     observed, p = LogRatings([1.0, 2.0, 3.0, 4.0], one, RatingModel()), RatingParameters(*[np.ones(1)] * 5)
     rate = np.ones((1, 3))
     effects = observed.draw_effects(np.random.default_rng(0), rate, p)
-    assert "cannot be compared" in check_noise(observed, rate, p, effects).sentence(False, True)
+    assert "cannot be compared" in check_noise(observed, rate, p, effects).sentence(False, True, False)
