@@ -15,6 +15,9 @@ CLOSE = 0.02
 AT_AN_END = 0.1
 """Share of all ratings at the largest (smallest) number above which it is a ceiling (floor)."""
 
+ROUND_ENDS, AT_A_ROUND_END = (1.0, 10.0, 100.0, 1000.0), 0.02
+"""Usual upper ends of scales, and the share of ratings there from which one may end, if half of the raters use it."""
+
 TIED = 0.5
 """Share of equal pairs among a rater's ratings of different fabrics under one load that causes a note."""
 
@@ -56,13 +59,14 @@ def _ends(ratings: Ratings) -> list[str]:
     notes, people = [], len(ratings.participants)
     for what, end in (("largest", ratings.rating.max()), ("smallest", ratings.rating.min())):
         at = ratings.rating == end
-        share = float(at.mean())
-        if share < AT_AN_END or np.unique(ratings.rating).size < 12:
+        share, raters = float(at.mean()), np.unique(ratings.participant[at]).size
+        usual = end in ROUND_ENDS and share >= AT_A_ROUND_END and raters >= max(2.0, 0.5 * people)
+        if not (share >= AT_AN_END or usual) or np.unique(ratings.rating).size < 12:
             continue
-        raters = np.unique(ratings.participant[at]).size
+        remedy = f"; if so, use --ratings slider --slider 0,{end:g}" if usual else ""
         notes.append(
             f"{percent(share)} of the ratings are {end:g}, the {what} of all, by {raters} of {people} "
-            "participants: the scale may end there"
+            f"participants: the scale may end there{remedy}"
         )
     return notes
 

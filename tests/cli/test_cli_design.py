@@ -159,6 +159,22 @@ def test_ceilings_and_ties_are_remarked(tmp_path):
     assert any("are ties" in note for note in found)
 
 
+def test_a_round_end_of_a_scale_is_remarked_where_few_reach_it(tmp_path):
+    def at(share, end):
+        def stop(_, rating):
+            rating *= end / np.quantile(rating, 1.0 - share)
+            rating[:] = np.minimum(rating, end)
+
+        return with_rating(experiment(sd=0.4), stop)
+
+    found = notes(tmp_path, at(0.05, 100.0))
+    assert any("the scale may end there; if so, use --ratings slider --slider 0,100" in note for note in found)
+    # neither a number at which no scale ends nor a single large rating
+    assert not any(
+        "may end" in note for given in ((0.05, 87.0), (0.002, 100.0)) for note in notes(tmp_path, at(*given))
+    )
+
+
 FORCES = tuple(Force(x) for x in (0.495, 0.5, 0.505, 0.99, 1.0, 1.03))
 
 
