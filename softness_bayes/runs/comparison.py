@@ -218,8 +218,8 @@ def _require_comparable(results: Mapping[str, Result]) -> None:
             raise InputError(f"{label}: a run without ratings cannot be ranked")
         if result.scale != results[first].scale:
             raise InputError(
-                f"{label}: fits to z-scores cannot be ranked against fits to ratings: {first} and {label} are "
-                "on different scales"
+                f"{label}: fits to {result.scale.name} ratings cannot be ranked against fits to "
+                f"{results[first].scale.name} ratings ({first}), whose probabilities are of other events"
             )
         other = other or _data_that_differ(results[first], result)
         if other:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from softness_bayes.defaults import LEFT_OUT
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import INVERSE
+from softness_bayes.likelihood.error_laws import ERROR_LAWS
 from softness_bayes.likelihood.group_conditionals import block_log_likelihood
 from softness_bayes.likelihood.magnitude import LogRatings, RatingParameters
 from softness_bayes.likelihood.scales import STANDARDISED
@@ -27,6 +29,7 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulated_forces import simulate_compression
 from softness_bayes.model.simulation import simulate_ratings
+from softness_bayes.parameters.priors import HalfNormal
 from softness_bayes.results import request
 from softness_bayes.results.from_result import differences, experiment_of, options_of
 from softness_bayes.results.result import Result
@@ -344,11 +347,39 @@ def test_what_is_not_comparable_is_refused(results, experiment):
     scores = experiment._replace(ratings=dataclasses.replace(experiment.ratings, rating=scores))
     held = {name: value for name, value in HELD.items() if name not in ("tau", "eps")}
     fitted = sample(scores, **quick | {"fix": held, "scale": STANDARDISED})
-    with pytest.raises(InputError, match="z-scores cannot be ranked against fits to ratings"):
+    with pytest.raises(InputError, match="fits to standardised ratings cannot be ranked against fits to magnitude"):
         compare({"a": right, "b": fitted})
     fingers = simulate_compression(np.random.default_rng(1), usual_values(MENDED, n_fingers=3), fingers=3).compression
     with pytest.raises(InputError, match="b: a run without ratings"):
         compare({"a": right, "b": sample_skin(fingers, max_steps=2, processes=1)})
+
+
+WHOLE = {f"whole numbers, {law.name}": {"resolution": 1.0, "errors": law} for law in ERROR_LAWS.values()}
+EXACT = {f"exact, {law.name}": {"resolution": 0.0, "errors": law} for law in ERROR_LAWS.values()}
+EXACT |= {f"individual {name}": {"individual": (name,), "resolution": 0.0} for name in ("gamma", "varsigma")}
+EXACT |= {"deviating fabrics": {"priors": {"omega": HalfNormal(0.5)}, "resolution": 0.0}}
+FIXED = {name: value for name, value in HELD.items() if name != "tau"}
+
+
+@pytest.fixture(scope="module")
+def of_whole_numbers(experiment):
+    """Fits of every observation model to one table of whole numbers; they need not have converged."""
+    table = dataclasses.replace(experiment.ratings, rating=np.maximum(np.round(experiment.ratings.rating), 1.0))
+    whole, quick = experiment._replace(ratings=table), {"max_steps": 2, "processes": 1, "discretisation": COARSE}
+    return {name: sample(whole, fix=FIXED, **quick, **options) for name, options in (WHOLE | EXACT).items()}
+
+
+@pytest.mark.parametrize("leave", ["rating", "participant"])
+def test_models_of_the_same_events_are_compared_and_all_other_pairs_are_refused(of_whole_numbers, leave):
+    """Probabilities of intervals with each other, densities with each other; a density is no probability."""
+    for one, two in itertools.combinations(of_whole_numbers, 2):
+        pair = {name: of_whole_numbers[name] for name in (one, two)}
+        if (one in WHOLE) == (two in WHOLE):
+            table = compare(pair, leave).table
+            assert np.isfinite(table[["elpd", "elpd_diff"]].to_numpy()).all(), pair
+        else:
+            with pytest.raises(InputError, match="whose probabilities are not densities: use --resolution 0 for both"):
+                compare(pair, leave)
 
 
 # the command line
