@@ -301,7 +301,11 @@ MADE_FROM = [*((scale, INVERSE) for scale in RATING_SCALES.values()), (MAGNITUDE
 @pytest.mark.parametrize(
     ("scale", "direction"),
     # most other tests of runs are of magnitude estimates that rise with the response
-    [pytest.param(*made, marks=[pytest.mark.slow] * (made == (MAGNITUDE, SOFTNESS))) for made in MADE_FROM],
+    # and runs on categories, which take longest, are also among those of the other scales
+    [
+        pytest.param(*made, marks=[pytest.mark.slow] * (made in ((MAGNITUDE, SOFTNESS), (CATEGORIES, INVERSE))))
+        for made in MADE_FROM
+    ],
     ids=[f"{s.name}-{d.name}" for s, d in MADE_FROM],
 )
 def test_a_run_says_what_its_ratings_were_made_from(values, monkeypatch, scale, direction):
