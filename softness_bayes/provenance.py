@@ -163,11 +163,14 @@ class ResidualChecks:
     noise_check: str = ""
     noise_p_value: float = np.nan
     noise_deviation: float = np.nan
+    spread_check: str = ""
+    """Empty without standard deviations of cells, or from an earlier version."""
+    spread_p_value: float = np.nan
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """Findings of the checks of raters and fabrics; earlier versions did not check fingers and noise."""
-        found = self.exponent_check, self.noise_check, self.fabric_check, self.finger_check
+        found = self.exponent_check, self.noise_check, self.fabric_check, self.finger_check, self.spread_check
         return tuple(said for said in found if said)
 
 

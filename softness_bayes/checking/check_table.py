@@ -48,9 +48,10 @@ LOO_PIT, PARETO_K = "loo_pit", "loo_pareto_k"
 
 CONDITIONS, FABRICS = "deviations of mean ratings", "fabrics' own deviations"
 EXPONENTS, NOISE, PIT = "participants' own exponents", "participants' own noise", "LOO-PIT"
+DEVIATIONS = "standard deviations of cells"
 ALONG, FINGERS = "deviations along the response's slope", "raters' deviations along the skin's slope"
 """Checks of residuals at posterior draws, besides the test quantities."""
-ONE_SIDED = (CONDITIONS, FABRICS, EXPONENTS, NOISE, ALONG, FINGERS, PIT)
+ONE_SIDED = (CONDITIONS, FABRICS, EXPONENTS, NOISE, ALONG, FINGERS, DEVIATIONS, PIT)
 """Checks whose p-value is the probability of larger deviations: large p-values indicate small deviations, not a
 fault."""
 
@@ -129,6 +130,7 @@ def check_table(tree: xr.DataTree) -> pd.DataFrame:
         *([(NOISE, of.noise_deviation, of.noise_p_value)] if of.noise_check else []),
         (ALONG, np.nan, of.modulus_p_value),
         *([(FINGERS, np.nan, of.finger_p_value)] if of.finger_check else []),
+        *([(DEVIATIONS, np.nan, of.spread_p_value)] if of.spread_check else []),
     ):
         rows.append(
             _row("posterior", name, "same", ALL, ALL, ALL, QuantityCheck(deviation, np.nan, np.nan, np.nan, p_value))

@@ -20,10 +20,12 @@ from softness_bayes.checking.inflection import LEAST_DROP, curve_scene
 from softness_bayes.checking.loo_pit import loo_pit
 from softness_bayes.checking.modulus_errors import STEP, check_moduli
 from softness_bayes.checking.noise_check import check_noise
+from softness_bayes.checking.spread_check import SpreadCheck, check_spreads
 from softness_bayes.data import Experiment
 from softness_bayes.likelihood.error_laws import LAPSES, STUDENT
 from softness_bayes.likelihood.own_answers import EFFECT_OF_ANSWER
 from softness_bayes.likelihood.scales import MAGNITUDE
+from softness_bayes.likelihood.spreads import SPREADS, RaterSpreads
 from softness_bayes.model.other_fingers import skin_slope
 from softness_bayes.model.other_moduli import drive_slope
 from softness_bayes.model.posterior import Posterior
@@ -38,6 +40,7 @@ from softness_bayes.results.draws import (
     REPLICATES,
     REWEIGHT_DRAWS,
     RatedDraws,
+    Subset,
     draws_of,
 )
 from softness_bayes.results.exact import begin_comparison, exactness_stats, unchecked
@@ -60,6 +63,8 @@ Array = NDArray[np.float64]
 
 ERROR_DRAWS = 32
 """Posterior draws at which the scene is compared with a finer one."""
+
+_SCATTER_SEED = 0  # seed of the panels' scatter in the check of cells' standard deviations
 
 
 class Assembled(NamedTuple):
@@ -215,6 +220,15 @@ def _with_picks(tree: xr.DataTree, draws: RatedDraws) -> xr.DataTree:
     return tree
 
 
+def _spreads(draws: RatedDraws, few: Subset) -> SpreadCheck | None:
+    """Return the check of the cells' standard deviations; None without any."""
+    term = draws.posterior.term(SPREADS)
+    if not isinstance(term, RaterSpreads):
+        return None
+    parameters = draws.posterior.parameters_of(term, few.theta)
+    return check_spreads(term, few.mean_rate, parameters, np.random.default_rng(_SCATTER_SEED))
+
+
 def _checks(draws: RatedDraws, error: float, exactness: Exactness) -> dict[str, Any]:
     """Return the provenance of numerical errors, of the checks of residuals and of silence."""
     few = draws.subset(REPLICATES)
@@ -227,6 +241,7 @@ def _checks(draws: RatedDraws, error: float, exactness: Exactness) -> dict[str, 
     noise = check_noise(draws.ratings, few.mean_rate, few.parameters, few.effects)
     differing = [name for name, effect in EFFECT_OF_ANSWER.items() if effect in draws.model.named_effects(few.effects)]
     may_differ = draws.model.scale is MAGNITUDE
+    spreads = _spreads(draws, few)
     residuals = ResidualChecks(
         fabric_check=check.sentence(_condition_names(draws.experiment)),
         fabric_p_value=check.p_value,
@@ -244,6 +259,8 @@ def _checks(draws: RatedDraws, error: float, exactness: Exactness) -> dict[str, 
         noise_check=noise.sentence("varsigma" in differing, may_differ, draws.model.error in (STUDENT, LAPSES)),
         noise_p_value=noise.p_value,
         noise_deviation=noise.deviation,
+        spread_check="" if spreads is None else spreads.sentence,
+        spread_p_value=np.nan if spreads is None else spreads.p_value,
     )
     errors = NumericalErrors(
         numerical_error=error,

@@ -344,9 +344,9 @@ def test_raters_have_their_covariates(everything, z_scores):
     assert "raters" not in z_scores.result.tables
 
 
-def test_quantities_of_the_checks(everything):
-    kept = everything.result.tables["predictive_checks"].reset_index()
-    assert {*kept["quantity"]} == {*rows_after("Its quantities")}
+def test_quantities_of_the_checks(everything, cells):
+    kept = [run.result.tables["predictive_checks"].reset_index() for run in (everything, cells)]
+    assert {name for table in kept for name in table["quantity"]} == {*rows_after("Its quantities")}
 
 
 def test_turning_points(everything):

@@ -47,6 +47,17 @@ def test_standard_deviations_tell_of_both_spreads(run):
     assert table.loc["varsigma", "sd"] < 0.08
 
 
+def test_they_are_checked(run):
+    """The right model is not accused; the p-value stands in the table of checks and on the page."""
+    result = Result.load(run)
+    found = result.provenance.residuals
+    assert found.spread_check.startswith("spreads: the cells' standard deviations differ no more than the model allows")
+    assert found.spread_check in found.sentences
+    table = result.tables["predictive_checks"]
+    row = table.loc[("posterior", "standard deviations of cells"), "p_value"]
+    assert float(np.ravel(row)[0]) == found.spread_p_value > 0.05
+
+
 def test_without_them_the_spread_of_scales_is_held():
     """Means alone do not tell tau from mu: it is held, and the rest is as it was."""
     made = simulate_ratings(
