@@ -625,7 +625,7 @@ def test_the_kept_calibration_says_what_its_ranks_say():
     kept = ROOT / "notebooks" / "results" / "calibration"
     table = pd.read_csv(kept / "ranks.csv", index_col="replicate")
     names = tuple(name for name in table if f"true_{name}" in table)
-    found = Calibration(names, table[list(names)].to_numpy())
+    found = Calibration(names, table[list(names)].to_numpy(), exchangeable=int(table["exchangeable"].sum()))
     assert {"eps", PARTICIPANT, PARTICIPANTS, "turns[2.5 mm]", "turning_point_kpa[1.5 mm]"} <= {*names}
     assert len(table) >= 1000
     assert table.index.to_list() == list(range(len(table)))
@@ -633,11 +633,14 @@ def test_the_kept_calibration_says_what_its_ranks_say():
     hard = table[~table["converged"]]
     assert hard["true_varsigma"].max() < 0.05 < table["true_varsigma"].quantile(0.1)
     assert 0 < len(hard) < 0.03 * len(table)
+    assert (table["exchangeable"] == ~table["converged"]).all()
+    # nor do they raise the alarm among themselves
+    assert Calibration(names, hard[list(names)].to_numpy()).faults() == []
     assert found.faults() == []
     assert found.enough
-    walks = f"{(table['steps'] > LONG).sum()} ran longer than {LONG} steps, {len(hard)} did not converge"
-    said = verdict(found, f"{len(table)} replicates ({walks})", decided=False)
-    assert said.startswith(f"Not decided: {len(table)} replicates")
+    walks = f"{(table['steps'] > LONG).sum()} ran longer than {LONG} steps, {len(hard)} did not converge and were ranked"
+    said = verdict(found, f"{len(table)} replicates ({walks} by chains through the truth)", decided=True)
+    assert said.startswith(f"Calibrated: {len(table)} replicates")
     assert (kept / "verdict.txt").read_text(encoding="utf-8") == said + "\n"
     # a truth without a turning point has none at 0 kPa, and is ranked all the same
     assert ((table["true_turning_point_kpa[2.5 mm]"] > 0) == (table["true_turns[2.5 mm]"] == 1)).all()
