@@ -32,6 +32,9 @@ INSTALL = "pip install 'softness-bayes[dask]'"
 TIMEOUT = 10.0
 """Time [s] within which a scheduler must answer."""
 
+JOINING = 5.0
+"""Time [s] to wait for the first worker, which may have been started together with this process."""
+
 SCHEDULER = "at the scheduler"
 """Key of the scheduler's own report."""
 
@@ -210,7 +213,7 @@ def _knock(address: str) -> None:
 
 
 def _workers(client: Client, directory: Path | None) -> dict[str, Worker | BaseException]:
-    """Return the report of every worker, or the error raised instead."""
+    """Return the report of every worker, or the error raised instead; those that died meanwhile are left out."""
     token, path = secrets.token_hex(8), None
     if directory is not None:
         require_directory(directory)
@@ -218,7 +221,11 @@ def _workers(client: Client, directory: Path | None) -> dict[str, Worker | BaseE
         path = directory.resolve() / f".shared-{token}"
         write_whole(path, token.encode("ascii"))
     try:
+        with suppress(TimeoutError):
+            client.wait_for_workers(1, timeout=JOINING)
         reports = client.run(_report, None if path is None else str(path), token, on_error="return")
+        # a worker that cannot be reached gets no tasks; one that returns is checked with its first task
+        reports = {address: one for address, one in reports.items() if not isinstance(one, OSError)}
         threads = client.nthreads()
         found: dict[str, Worker | BaseException] = {}
         if reports:  # the scheduler also unpickles the tasks

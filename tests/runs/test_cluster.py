@@ -13,6 +13,7 @@ from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecu
 
 import numpy as np
 import pytest
+from distributed.comm import CommClosedError
 
 from softness_bayes.claims import TOUCHES, evaluate_claims
 from softness_bayes.claims.report import claims_table
@@ -301,6 +302,35 @@ def own_disk(directory):
     return prefix if permitted else []
 
 
+class WithDeadWorker:
+    """A client one of whose workers dies while they report."""
+
+    def __init__(self, *dead):
+        self.dead = dead
+
+    def wait_for_workers(self, count, timeout):
+        raise TimeoutError
+
+    def run(self, report, path, token, on_error):
+        return {
+            "tcp://alive": report(path, token),
+            **dict.fromkeys(self.dead, CommClosedError("in <TCP>: Stream is closed")),
+        }
+
+    def nthreads(self):
+        return {"tcp://alive": 1}
+
+    def run_on_scheduler(self, function):
+        return function()
+
+
+def test_workers_that_die_while_they_are_asked_are_left_out(tmp_path):
+    found = clusters._workers(WithDeadWorker("tcp://dead"), tmp_path)
+    assert {*found} == {SCHEDULER, "tcp://alive"}
+    require_workers("s", found)
+    assert not strangers(found)
+
+
 @pytest.mark.slow
 def test_workers_that_cannot_be_used_on_the_command_line(real_cluster, tmp_path):
     """None, one of another version: each is named, and nothing is left in --out; with another disk, files return."""
@@ -394,9 +424,10 @@ def test_a_calibration_under_kills_at_random_times(real_cluster, tmp_path, seed)
     workers, running = [worker(), worker()], client()
     until(lambda: [*out.glob("replicates/*.json")])
     kills, finished = 0, {}
-    while running.poll() not in (0, 3):  # 3: too few replicates for a verdict
+    while running.poll() != 0:
         if running.poll() is not None:
-            assert running.returncode == -signal.SIGKILL
+            # killed here, or it has given up a task whose workers were killed time and again: the same command goes on
+            assert running.returncode in (-signal.SIGKILL, WorkersLostError.exit_code)
             running = client()
         time.sleep(rng.uniform(0.5, 6.0))
         for path in out.glob("replicates/*.json"):
@@ -413,6 +444,6 @@ def test_a_calibration_under_kills_at_random_times(real_cluster, tmp_path, seed)
                 workers[one].wait()
                 workers[one] = worker()
     assert kills > 2
-    assert call(*asked, "--out", here).returncode in (0, 3)
+    assert call(*asked, "--out", here).returncode == 0
     for name in ("ranks.csv", "coverage.csv"):
         assert (out / name).read_bytes() == (here / name).read_bytes(), name
