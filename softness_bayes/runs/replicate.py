@@ -77,11 +77,8 @@ def replicate(
     fitted = _fitted(posterior, assume(observation), truths)
     sampled = sample_until(fitted, settings, _seeds(seed, index, _WALK))
     converged = sampled.verdict.converged
-    if converged:
-        found = independent(sampled, DRAWS, rng)
-    else:
-        found = _exchangeable(fitted, theta, sampled, np.random.default_rng(_seeds(seed, index, _EXCHANGED)))
-    draws = fitted.natural(found)
+    own = rng if converged else np.random.default_rng(_seeds(seed, index, _EXCHANGED))
+    draws = _ranked_among(fitted, theta, sampled, own)
     effects = observation.draw_effects(rng, fitted.response(draws), fitted.rating_parameters(draws))
     true = quantities(fitted, theta[None], true_effects)
     among = quantities(fitted, draws, effects)
@@ -92,12 +89,28 @@ def replicate(
     return Replicate((*true,), rank, tuple(truth.tolist()), steps, tau, converged, not converged)
 
 
-def _exchangeable(fitted: Posterior, theta: FloatArray, sampled: Sampled, rng: np.random.Generator) -> FloatArray:
-    """Return draws that are exchangeable with the truth, by chains that are no longer than those of the run."""
+def _ranked_among(fitted: Posterior, theta: FloatArray, sampled: Sampled, rng: np.random.Generator) -> FloatArray:
+    """Return `DRAWS` draws among which a true value has a uniform rank, in natural units, shape (draws, dimension).
+
+    They are those of the run or, if it has not converged, of chains through the truth, no longer than those of the run.
+
+    Parameters
+    ----------
+    fitted
+        The posterior.
+    theta
+        The true parameters, shape (dimension,).
+    sampled
+        Result of the run.
+    rng
+        Random generator.
+    """
+    if sampled.verdict.converged:
+        return fitted.natural(independent(sampled, DRAWS, rng))
     kept = sampled.chains.kept(sampled.verdict.burn_in).coordinates.reshape(-1, len(fitted.names))
     archive = kept[rng.choice(len(kept), min(len(kept), ARCHIVE), replace=False)]
     draw = fitted.space.coordinates(theta[None])[0]
-    return exchangeable_draws(fitted, draw, archive, DRAWS, rng, min(STEPS, sampled.verdict.steps))
+    return fitted.natural(exchangeable_draws(fitted, draw, archive, DRAWS, rng, min(STEPS, sampled.verdict.steps)))
 
 
 def true_values(posterior: Posterior, seed: int, index: int, truths: FloatArray | None = None) -> dict[str, float]:

@@ -59,6 +59,19 @@ def _walked(row: Mapping[str, str]) -> str:
     return f"{upper}{row['effective_draws_per_second']} ({lower}{row['tau_steps']})"
 
 
+def samplers(results: Path) -> str:
+    """Return whole runs of this and of other samplers on one posterior, from ``tools.benchmark_samplers``."""
+    head = ["sampler", "seed", "to its end", "evaluations", "processor time [s]", "effective draws", "per second"]
+    head += ["largest shift of a mean [sd]", "ratios of standard deviations"]
+    rows = _rows(results / "samplers.csv")
+    plain = ["sampler", "seed", "reached_its_end", "evaluations", "processor_s", "effective_draws"]
+    plain += ["effective_draws_per_second", "largest_shift_of_a_mean_in_sd"]
+    span = ("least_ratio_of_sds", "largest_ratio_of_sds")
+    yes = {"True": "yes", "False": "no"}
+    cells = ([*(yes.get(row[key], row[key]) for key in plain), " to ".join(row[key] for key in span)] for row in rows)
+    return table(head, cells)
+
+
 def many_parameters(results: Path) -> str:
     """Return the lengths of runs in many dimensions with and without blocks, from ``tools.benchmark_blocks``."""
     head = ["moves", "parameters", "seed", "converged", "autocorrelation time [steps]", "evaluations"]
@@ -235,6 +248,7 @@ TABLES: Mapping[tuple[str, str], Callable[[Path], str]] = {
     ("benchmarks.md", "moves"): moves,
     ("benchmarks.md", "versions"): versions,
     ("benchmarks.md", "many-parameters"): many_parameters,
+    ("benchmarks.md", "samplers"): samplers,
     ("benchmarks.md", "uncertain-cost"): uncertain_cost,
     ("benchmarks.md", "autocorrelation"): autocorrelation,
     ("benchmarks.md", "loads"): loads,

@@ -190,7 +190,7 @@ def fit(posterior: Posterior, number: int, right: bool = True) -> tuple[Array, f
     """
     rng = np.random.default_rng((number, 1))
     found = weighted(posterior, rng, {}, USUAL)
-    if found.k > TRUSTED and right:
+    if right and not found.k <= TRUSTED:
         found = weighted(posterior, rng, {}, RETRY)
     return found.resampled(rng, DRAWS), found.k
 

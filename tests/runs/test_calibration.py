@@ -638,7 +638,9 @@ def test_the_kept_calibration_says_what_its_ranks_say():
     assert Calibration(names, hard[list(names)].to_numpy()).faults() == []
     assert found.faults() == []
     assert found.enough
-    walks = f"{(table['steps'] > LONG).sum()} ran longer than {LONG} steps, {len(hard)} did not converge and were ranked"
+    walks = (
+        f"{(table['steps'] > LONG).sum()} ran longer than {LONG} steps, {len(hard)} did not converge and were ranked"
+    )
     said = verdict(found, f"{len(table)} replicates ({walks} by chains through the truth)", decided=True)
     assert said.startswith(f"Calibrated: {len(table)} replicates")
     assert (kept / "verdict.txt").read_text(encoding="utf-8") == said + "\n"

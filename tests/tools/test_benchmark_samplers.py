@@ -1,5 +1,6 @@
 """The comparison of samplers: weights, the count of evaluations, and a row."""
 
+import csv
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from softness_bayes.tools import benchmark_samplers
 from softness_bayes.tools.benchmark_samplers import COLUMNS, NO_DENSITY, WAYS, Counted, Way, Weighted, row, weighted
 from support.fake_scene import fake_posterior
+from support.paths import ROOT
 
 
 def test_effective_draws_are_those_of_the_worst_mean(rng):
@@ -75,3 +77,19 @@ def test_rows_of_other_samplers_are_kept(monkeypatch, tmp_path):
     assert [*after] == [("a", "1"), ("b", "1"), ("c", "1")]
     assert after["b", "1"] == before["b", "1"]
     assert len(calls) == 4
+
+
+def test_the_kept_runs_agree():
+    """emcee's default move has the same means within its effective draws, and no sampler is far from them."""
+    with (ROOT / "notebooks" / "results" / "samplers.csv").open(encoding="utf-8", newline="") as file:
+        rows = [*csv.DictReader(file)]
+    assert {one["sampler"] for one in rows} == {*WAYS}
+    assert all([one["seed"] for one in rows].count(seed) == len(WAYS) for seed in ("1", "2"))
+    for one in rows:
+        draws, shift = float(one["effective_draws"]), float(one["largest_shift_of_a_mean_in_sd"])
+        assert shift < (4.0 / np.sqrt(draws) if one["sampler"].startswith("emcee") else 0.5), one
+        speed = float(one["effective_draws_per_second"])
+        assert speed == pytest.approx(draws / float(one["processor_s"]), rel=0.02)
+        if one["sampler"] != "softness-bayes":
+            (ours,) = (o for o in rows if o["sampler"] == "softness-bayes" and o["seed"] == one["seed"])
+            assert speed < 0.1 * float(ours["effective_draws_per_second"])
