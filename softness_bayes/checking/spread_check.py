@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from softness_bayes.checking.checks import NEEDED
-from softness_bayes.likelihood.contract import Parameters
-from softness_bayes.likelihood.spreads import RaterSpreads
+from softness_bayes.likelihood.contract import Likelihood, Parameters
 
 Array = NDArray[np.float64]
 
@@ -41,9 +40,7 @@ class SpreadCheck(NamedTuple):
         )
 
 
-def check_spreads(
-    term: RaterSpreads, mean_rate: Array, parameters: Parameters, rng: np.random.Generator
-) -> SpreadCheck:
+def check_spreads(term: Likelihood, mean_rate: Array, parameters: Parameters, rng: np.random.Generator) -> SpreadCheck:
     """Compare the normal scores of the cells' standard deviations with those of replicates.
 
     The discrepancy is the sum of squares of the scores, given a draw of all parameters and of the panels' scatter.
@@ -52,7 +49,7 @@ def check_spreads(
     Parameters
     ----------
     term
-        The standard deviations.
+        The standard deviations, as `likelihood.spreads.RaterSpreads`.
     mean_rate
         As for `Likelihood.residual`, shape (draws, ...).
     parameters

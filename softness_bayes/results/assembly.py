@@ -25,7 +25,7 @@ from softness_bayes.data import Experiment
 from softness_bayes.likelihood.error_laws import LAPSES, STUDENT
 from softness_bayes.likelihood.own_answers import EFFECT_OF_ANSWER
 from softness_bayes.likelihood.scales import MAGNITUDE
-from softness_bayes.likelihood.spreads import SPREADS, RaterSpreads
+from softness_bayes.likelihood.spreads import SPREADS
 from softness_bayes.model.other_fingers import skin_slope
 from softness_bayes.model.other_moduli import drive_slope
 from softness_bayes.model.posterior import Posterior
@@ -223,7 +223,7 @@ def _with_picks(tree: xr.DataTree, draws: RatedDraws) -> xr.DataTree:
 def _spreads(draws: RatedDraws, few: Subset) -> SpreadCheck | None:
     """Return the check of the cells' standard deviations; None without any."""
     term = draws.posterior.term(SPREADS)
-    if not isinstance(term, RaterSpreads):
+    if term is None:
         return None
     parameters = draws.posterior.parameters_of(term, few.theta)
     return check_spreads(term, few.mean_rate, parameters, np.random.default_rng(_SCATTER_SEED))
