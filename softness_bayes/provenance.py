@@ -17,6 +17,7 @@ import numpy as np
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.directions import RatingDirection, direction_named
 from softness_bayes.likelihood.scales import MAGNITUDE, Scale, name_of_scale, scale_named
+from softness_bayes.parameters.fabric_moduli import UNKNOWN_MODULUS
 from softness_bayes.parameters.priors import Prior, parse_prior
 from softness_bayes.sampler.serial import as_json
 from softness_bayes.touch.readings import ALTERNATIVES, Readings
@@ -46,6 +47,11 @@ class Asked:
     """As recorded in the request of the run."""
     seed: int
     prior_set: str
+
+    @property
+    def unknown_modulus(self) -> Prior:
+        """Prior law of moduli about which nothing is known [kPa]."""
+        return parse_prior(self.options.get("unknown_modulus", str(UNKNOWN_MODULUS)))
 
 
 @dataclass(frozen=True)

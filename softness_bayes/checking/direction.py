@@ -9,8 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.checking.quantities import Layout
-from softness_bayes.checking.trend import Correlation, Trend, find_trend, known_part, mean_correlation
+from softness_bayes.checking.trend import Correlation, KnownPart, Trend, find_trend, mean_correlation
 from softness_bayes.likelihood.directions import FALLS, FREE, RISES, RatingDirection
 from softness_bayes.readable import counted, percent
 
@@ -124,7 +123,7 @@ class DirectionChoice(NamedTuple):
         )
 
 
-def firing_rises(layout: Layout, rate: NDArray[np.float64], known: NDArray[np.bool_]) -> float:
+def firing_rises(part: KnownPart, rate: NDArray[np.float64]) -> float:
     """Return the share of parameter vectors for which firing rises with stiffness across the fabrics.
 
     The response rises with E_fab up to its turning point and falls beyond it. Only vectors with varying responses are
@@ -133,42 +132,30 @@ def firing_rises(layout: Layout, rate: NDArray[np.float64], known: NDArray[np.bo
 
     Parameters
     ----------
-    layout
-        The conditions.
+    part
+        The fabrics with known moduli.
     rate
-        Total rate [spikes/s] at some draws of the prior, shape (draws, conditions).
-    known
-        As for `known_part`.
+        Total rate [spikes/s] at some draws of the prior, of the whole table, shape (draws, conditions).
     """
-    part = known_part(layout, known)
     found = mean_correlation(part.layout, np.atleast_2d(rate)[:, part.conditions])
     varies = found[np.isfinite(found)]
     return float((varies > 0).mean()) if varies.size >= FEWEST else 1.0
 
 
-def evidence_in(
-    layout: Layout,
-    ratings: NDArray[np.float64],
-    loads: Sequence[str],
-    firing: float,
-    known: NDArray[np.bool_],
-) -> Evidence:
+def evidence_in(part: KnownPart, ratings: NDArray[np.float64], loads: Sequence[str], firing: float) -> Evidence:
     """Return the evidence of ratings.
 
     Parameters
     ----------
-    layout
-        Design of the ratings.
+    part
+        The fabrics with known moduli.
     ratings
-        Shape (rows,).
+        Those of the whole table, shape (rows,).
     loads
-        Names of all loads of the layout.
+        Names of all its loads.
     firing
         From `firing_rises`.
-    known
-        As for `known_part`.
     """
-    part = known_part(layout, known)
     trend = find_trend(part.layout, ratings[part.rows])
     return Evidence(trend, tuple(loads[k] for k in part.layout.loads), firing, part.left_out)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from softness_bayes.checking.sensitivity import INFORMED, contraction, prior_moments
 from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS
-from softness_bayes.parameters.priors import parse_prior
+from softness_bayes.parameters.priors import Prior, parse_prior
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,6 +26,16 @@ MODULUS_LAW = "fabric_modulus_law"
 
 UNCERTAIN = "uncertain_fabric"
 """Axis of the fabrics whose modulus is sampled."""
+
+
+def modulus_laws(constant: xr.Dataset) -> dict[str, Prior]:
+    """Return the law of each sampled modulus [kPa] by fabric, from the group `constant_data`; empty without any."""
+    if MODULUS_LAW not in constant:
+        return {}
+    return {
+        str(name): parse_prior(str(text))
+        for name, text in zip(constant[UNCERTAIN].values, constant[MODULUS_LAW].values, strict=True)
+    }
 
 
 def modulus_table(tree: xr.DataTree) -> pd.DataFrame | None:
@@ -52,7 +62,7 @@ def modulus_table(tree: xr.DataTree) -> pd.DataFrame | None:
     drawn = drawn.reshape(-1, drawn.shape[-1])
     tail = 0.5 * (1.0 - PROBABILITY)
     low, median, high = np.quantile(drawn, [tail, 0.5, 1.0 - tail], axis=0)
-    laws = [parse_prior(str(text)) for text in tree["constant_data"].to_dataset()[MODULUS_LAW].values]
+    laws = [*modulus_laws(tree["constant_data"].to_dataset()).values()]
     mean, sd = np.array([prior_moments(law, np.log) for law in laws]).T
     log = np.log(drawn)
     spread = log.std(axis=0, ddof=1)

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from softness_bayes.checking.check_table import layout_of
 from softness_bayes.checking.direction import DirectionChoice, evidence_in
-from softness_bayes.checking.fabric_moduli import MODULUS_LAW, UNCERTAIN
+from softness_bayes.checking.fabric_moduli import modulus_laws
 from softness_bayes.checking.flatness import Explained, explain
 from softness_bayes.checking.grouped import groups_in
 from softness_bayes.checking.quantities import Layout
-from softness_bayes.parameters.fabric_moduli import UNKNOWN_MODULUS
+from softness_bayes.checking.trend import known_part
 from softness_bayes.provenance import Provenance
 from softness_bayes.readable import chance, percent
 
@@ -113,7 +113,7 @@ def fit_of(tree: xr.DataTree) -> Fit:
     """
     layout, taken, silence = layout_of(tree), Provenance(tree.attrs).direction, Provenance(tree.attrs).silence
     ratings = _values(tree, "observed_data", "rating")
-    evidence = evidence_in(layout, ratings, groups_in(tree).names, taken.firing_rises, _known(tree))
+    evidence = evidence_in(known_part(layout, _known(tree)), ratings, groups_in(tree).names, taken.firing_rises)
     choice = DirectionChoice(taken.direction, taken.direction_asked, evidence)
     silent = silence.posterior_silent_everywhere
     predicted = _predicted(tree, silent, layout)
@@ -135,11 +135,9 @@ def fit_of(tree: xr.DataTree) -> Fit:
 def _known(tree: xr.DataTree) -> NDArray[np.bool_]:
     """Return True for fabrics whose modulus was measured or bracketed, shape (fabrics,)."""
     constant = tree["constant_data"].to_dataset()
-    if MODULUS_LAW not in constant:
-        return np.ones(constant["fabric"].size, bool)
-    law = Provenance(tree.attrs).asked.options.get("unknown_modulus", str(UNKNOWN_MODULUS))
-    unknown = constant[MODULUS_LAW].values == law
-    return ~np.isin(constant["fabric"].values, constant[UNCERTAIN].values[unknown])
+    laws = modulus_laws(constant)
+    unknown = [name for name, law in laws.items() if law == Provenance(tree.attrs).asked.unknown_modulus]
+    return ~np.isin(constant["fabric"].values.astype(str), unknown)
 
 
 def _predicted(tree: xr.DataTree, silent: float, layout: Layout) -> NDArray[np.float64] | None:

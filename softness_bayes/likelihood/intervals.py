@@ -81,21 +81,25 @@ class IntervalModel(RatingModel):
     ) -> FloatArray:
         """One number for every row of a design, shape (..., rows), before rounding to a grid."""
         numbers = super().draw_ratings(rng, design, drive, parameters, effects)
-        return self.with_lapses(rng, numbers, (numbers, numbers), design, parameters)
+        return self.with_lapses(rng, numbers, design, parameters)
 
     def with_lapses(
         self,
         rng: np.random.Generator,
         numbers: FloatArray,
-        ends: tuple[FloatArray, FloatArray],
         design: Design,
         parameters: RatingParameters,
+        stated: Stated | None = None,
     ) -> FloatArray:
-        """Return numbers (..., rows), a share `lapse` of them replaced by lapses of raters with intervals ``ends``."""
+        """Return numbers (..., rows), a share `lapse` of them replaced by lapses.
+
+        Their range is that of the intervals of `stated`, by default of the numbers themselves.
+        """
         if not self.law.lapses:
             return numbers
+        low, high = (numbers, numbers) if stated is None else stated.ends(stated.rounded(numbers))
         share = np.asarray(parameters.lapse, float)[..., None]
-        elsewhere = self.lapses(*ends, design).draw(rng, numbers.shape, self.scale)
+        elsewhere = self.lapses(low, high, design).draw(rng, numbers.shape, self.scale)
         return np.where(rng.random(numbers.shape) < share, elsewhere, numbers)
 
     def lapses(self, low: FloatArray, high: FloatArray, design: Design) -> Lapses:
@@ -318,8 +322,7 @@ class IntervalRatings(RatingsLikelihood):
         """Return one rating for every row, shape (..., rows), on its rater's grid."""
         model, stated = self.model, self._stated
         numbers = model.draw_attentive(rng, self.design, drive, parameters, effects)
-        ends = stated.ends(stated.rounded(numbers))
-        return stated.rounded(model.with_lapses(rng, numbers, ends, self.design, parameters))
+        return stated.rounded(model.with_lapses(rng, numbers, self.design, parameters, stated))
 
     def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
         """Return the residual of each log rating as a normal score times the spread, shape (..., rows).

@@ -12,6 +12,7 @@ from softness_bayes.checking import direction
 from softness_bayes.checking.checks import FABRIC_SPREAD
 from softness_bayes.checking.grouped import averaged, merge
 from softness_bayes.checking.quantities import Layout
+from softness_bayes.checking.trend import known_part
 from softness_bayes.data import Compression, Experiment, Ratings
 from softness_bayes.errors import InputError
 from softness_bayes.kinds import require_kind
@@ -254,9 +255,9 @@ def choose_direction(
         single = layout
         layout, place = merge(single, groups.of)
         rate = averaged(single, place, rate)
-    known = np.array([bool(basis) for basis in experiment.fabrics.basis])
-    firing = direction.firing_rises(layout, rate, known)
-    found = direction.evidence_in(layout, given.said.values, groups.names, firing, known)
+    part = known_part(layout, np.array([bool(basis) for basis in experiment.fabrics.basis]))
+    firing = direction.firing_rises(part, rate)
+    found = direction.evidence_in(part, given.said.values, groups.names, firing)
     asked = options.direction is not None and "direction" not in options.decided
     return direction.choose(options.direction, found)._replace(asked=asked)
 

@@ -17,7 +17,7 @@ from softness_bayes.model.scenes import scene_of
 from softness_bayes.parameters.choice import require_values
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS, KPA, FabricModuli
-from softness_bayes.results.from_result import experiment_of, options_of, unknown_of
+from softness_bayes.results.from_result import experiment_of, options_of
 from softness_bayes.results.stored import Stored
 from softness_bayes.touch.contact import Load
 from softness_bayes.touch.parameters import TouchParameters
@@ -60,7 +60,8 @@ def drawn_values(result: Stored, draws: int, values: Mapping[str, float] | None 
 
 def moduli_of(result: Stored, fabrics: Fabrics) -> FabricModuli:
     """Return the moduli of some fabrics, unknown ones with the law that the run has for them."""
-    return fabric_moduli(fabrics, result.readings.fabric_modulus, unknown=unknown_of(result))
+    unknown = result.provenance.asked.unknown_modulus
+    return fabric_moduli(fabrics, result.readings.fabric_modulus, unknown=unknown)
 
 
 def drawn_moduli(

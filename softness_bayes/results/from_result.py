@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from softness_bayes.checking.fabric_moduli import MODULUS_LAW, UNCERTAIN
+from softness_bayes.checking.fabric_moduli import modulus_laws
 from softness_bayes.data import Compression, Experiment, Fabrics, Ratings
 from softness_bayes.data.aggregated import AggregatedCells
 from softness_bayes.data.columns import GEOMETRIC_SD, LOAD_CV, RESOLUTION
@@ -17,8 +17,7 @@ from softness_bayes.likelihood.scales import name_of_scale
 from softness_bayes.model.fingers import values_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.declared import EVERY_PARAMETER
-from softness_bayes.parameters.fabric_moduli import UNKNOWN_MODULUS
-from softness_bayes.parameters.priors import LogNormal, LogUniform, Prior, parse_prior
+from softness_bayes.parameters.priors import LogNormal, LogUniform
 from softness_bayes.results.constants import RATERS_OF_CELLS, RATING_AS_FILED
 from softness_bayes.results.lookup import Named
 from softness_bayes.results.stored import Stored
@@ -63,20 +62,15 @@ def _cells_of(constant: Any) -> AggregatedCells | None:
     return AggregatedCells(int(constant[RATERS_OF_CELLS]), known)
 
 
-def unknown_of(result: Stored) -> Prior:
-    """Return the prior law of unknown moduli requested for a run."""
-    return parse_prior(result.provenance.asked.options.get("unknown_modulus", str(UNKNOWN_MODULUS)))
-
-
 def _fabrics_of(result: Stored) -> Fabrics:
     """Return the fabrics of a result, with the errors of their moduli."""
-    constant, fabrics = result.group("constant_data"), result.fabrics
-    if MODULUS_LAW not in constant:
+    fabrics, laws = result.fabrics, modulus_laws(result.group("constant_data"))
+    if not laws:
         return fabrics
     measured, cv, low, high = fabrics.effective_modulus.copy(), *np.full((3, len(fabrics)), np.nan)
-    for name, text in zip(constant[UNCERTAIN].values, constant[MODULUS_LAW].values, strict=True):
-        k, law = fabrics.names.index(str(name)), parse_prior(str(text))
-        if law == unknown_of(result):
+    for name, law in laws.items():
+        k = fabrics.names.index(name)
+        if law == result.provenance.asked.unknown_modulus:
             measured[k] = np.nan
         elif isinstance(law, LogUniform):
             measured[k], low[k], high[k] = np.nan, law.low * 1e3, law.high * 1e3
@@ -127,7 +121,7 @@ def options_of(result: Stored) -> ModelOptions:
         modulus_cv=asked.get("modulus_cv"),
         load_cv=asked.get("load_cv"),
         shared_load_cv=asked.get("shared_load_cv"),
-        unknown_modulus=unknown_of(result),
+        unknown_modulus=result.provenance.asked.unknown_modulus,
         individual=tuple(asked.get("individual") or ()),
         discretisation=Discretisation(**asked["discretisation"]),
         accuracy=asked.get("accuracy") or ACCURACY,

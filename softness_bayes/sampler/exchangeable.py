@@ -49,8 +49,7 @@ class ReversibleKernel:
         y, at = self._map.inverse(z), self._density(z)
         for _ in range(steps):
             proposed, ratio = self._proposed(y, rng)
-            there = self._map.forward(proposed)
-            found = self._density(there)
+            found = self._density(self._map.forward(proposed))
             with np.errstate(invalid="ignore"):
                 accepted = np.log(rng.random(len(z))) < np.nan_to_num(found, nan=-np.inf) - at + ratio
             y, at = np.where(accepted[:, None], proposed, y), np.where(accepted, found, at)
@@ -58,11 +57,9 @@ class ReversibleKernel:
 
     def _proposed(self, y: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Return a proposal for each chain, and the log ratio of proposal densities, old over new."""
-        chains, dimension = y.shape
         if rng.random() < _INDEPENDENT:
-            spread = np.sqrt(rng.chisquare(self._law.freedom, chains) / self._law.freedom)
-            proposed = rng.standard_normal(y.shape) / spread[:, None]
-            return proposed, self._law.log_density(y) - self._law.log_density(proposed)
+            return self._law(y, rng)
+        chains, dimension = y.shape
         first, second = rng.integers(len(self._archive), size=(2, chains))
         factor = rng.choice(_FACTORS, chains) * 2.38 / np.sqrt(2.0 * dimension)
         return y + factor[:, None] * (self._archive[first] - self._archive[second]), np.zeros(chains)

@@ -88,7 +88,9 @@ class Student:
 
         return MHMove(self)
 
-    def __call__(self, coordinates: FloatArray, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
+    def __call__(
+        self, coordinates: FloatArray, random: np.random.RandomState | np.random.Generator
+    ) -> tuple[FloatArray, FloatArray]:
         """Propose a point for every walker; also return the log ratio of proposal densities, old over new."""
         shape = coordinates.shape
         spread = np.sqrt(random.chisquare(self.freedom, shape[0]) / self.freedom)

@@ -39,36 +39,30 @@ def ranks(found):
     return Calibration(("x", "y", "density"), np.array(rank), DRAWS)
 
 
+def repeated(others, off=0.0):
+    """Yield a draw of the sheet, moved off it by a distance, and other draws for it and an archive, many times."""
+    for seed in range(REPEATS):
+        rng = np.random.default_rng((7, seed))
+        draw = draws_of(rng, 1)[0] + [0.0, off]
+        yield draw, others(draw, archive_of(rng), rng)
+
+
 @pytest.mark.parametrize("steps", [2, 40])
 def test_ranks_are_uniform_however_few_the_steps(steps):
-    def each():
-        for seed in range(REPEATS):
-            rng = np.random.default_rng((7, seed))
-            draw = draws_of(rng, 1)[0]
-            yield draw, exchangeable_draws(sheet, draw, archive_of(rng), DRAWS, rng, steps)
-
-    assert ranks(each()).faults() == []
+    found = repeated(lambda draw, archive, rng: exchangeable_draws(sheet, draw, archive, DRAWS, rng, steps))
+    assert ranks(found).faults() == []
 
 
 def test_chains_from_the_draw_itself_have_other_ranks():
-    def each():
-        for seed in range(REPEATS):
-            rng = np.random.default_rng((7, seed))
-            draw = draws_of(rng, 1)[0]
-            kernel = ReversibleKernel(sheet, archive_of(rng))
-            yield draw, kernel.walk(np.repeat(draw[None], DRAWS, axis=0), 40, rng)
+    def forward(draw, archive, rng):
+        return ReversibleKernel(sheet, archive).walk(np.repeat(draw[None], DRAWS, axis=0), 40, rng)
 
-    assert ranks(each()).faults()
+    assert ranks(repeated(forward)).faults()
 
 
 def test_a_draw_of_another_density_is_found_out():
-    def each():
-        for seed in range(REPEATS):
-            rng = np.random.default_rng((7, seed))
-            draw = draws_of(rng, 1)[0] * [1.0, 1.0] + [0.0, BENT]
-            yield draw, exchangeable_draws(sheet, draw, archive_of(rng), DRAWS, rng, 40)
-
-    assert ranks(each()).faults()
+    found = repeated(lambda draw, archive, rng: exchangeable_draws(sheet, draw, archive, DRAWS, rng, 40), BENT)
+    assert ranks(found).faults()
 
 
 def test_many_steps_reach_the_density():
