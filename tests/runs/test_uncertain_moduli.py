@@ -8,6 +8,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import kstest
 
+from softness_bayes.checking.misfit import fit_of
 from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError
 from softness_bayes.model.build import build
@@ -102,6 +103,14 @@ def test_predictions_of_its_fabrics_are_at_their_posterior_moduli(result):
     assert rows.loc[CLOTH.names[1], "e_fab_kpa_low"] == pytest.approx(20.0)
     assert rows.loc[CLOTH.names[2], "e_fab_kpa_low"] < rows.loc[CLOTH.names[2], "e_fab_kpa_high"]
     assert_allclose(rows.loc[CLOTH.names[2], "e_fab_kpa"], np.median(result.values(40)[NAMES[2]]), rtol=1e-9)
+
+
+def test_only_the_unknown_fabric_stays_out_of_the_trend(result):
+    """Not the one with an error nor the bracketed one; under a law of unknown moduli that is not the default."""
+    evidence = fit_of(result.tree).choice.evidence
+    assert evidence.left_out == 1
+    assert evidence.trend.fabrics == (3,) * len(evidence.loads)
+    assert "without 1 fabric of unknown modulus" in evidence.sentence
 
 
 def test_an_unknown_fabric_that_no_one_rated_has_the_law_of_unknown_moduli(result):
