@@ -42,16 +42,19 @@ class ErrorLaw:
     log_density
         Log density of errors (..., rows).
     slopes
-        First to fourth derivative of the density with respect to the error, each divided by the density.
+        First derivatives of the density with respect to the error, each divided by the density; takes errors,
+        parameters and the number of derivatives.
     weight
         Weight of an error in the mean that is most probable: minus the first of these slopes over the error.
     kernel
         Density divided by the density at error 0, shape (..., rows).
+    ends
+        `kernel` and its first derivatives, three or five of them as asked.
     smooth
         Length scale of the density relative to that of the standard normal density, from the eighth derivative at 0;
         its last axis has length 1.
     steepest
-        Largest slope of the log density, infinite if it is unbounded.
+        Largest slope of the log density within a distance from 0; takes the parameters and the distance.
     lapses
         True if some observations are lapses (`lapses`), with the share `lapse`.
     log_slopes
@@ -64,11 +67,12 @@ class ErrorLaw:
     draw: Callable[[np.random.Generator, tuple[int, ...], Any], FloatArray]
     normal_scores: Callable[[FloatArray, Any], FloatArray]
     log_density: Callable[[FloatArray, Any], FloatArray]
-    slopes: Callable[[FloatArray, Any], tuple[FloatArray, ...]]
+    slopes: Callable[[FloatArray, Any, int], tuple[FloatArray, ...]]
     weight: Callable[[FloatArray, Any], FloatArray]
     kernel: Callable[[FloatArray, Any], FloatArray]
+    ends: Callable[[FloatArray, Any, int], tuple[FloatArray, ...]]
     smooth: Callable[[Any], FloatArray]
-    steepest: Callable[[Any], float]
+    steepest: Callable[[Any, float], float]
     lapses: bool = False
     log_slopes: Callable[[FloatArray, Any], tuple[FloatArray, ...]] | None = None
 
@@ -85,9 +89,12 @@ def _log_normal_density(errors: FloatArray, parameters: Any) -> FloatArray:
     return -0.5 * errors * errors - _LOG_ROOT_TWO_PI
 
 
-def _normal_slopes(errors: FloatArray, parameters: Any) -> tuple[FloatArray, ...]:
-    square = errors * errors
-    return -errors, square - 1.0, errors * (3.0 - square), square * (square - 6.0) + 3.0
+def _normal_slopes(errors: FloatArray, parameters: Any, orders: int) -> tuple[FloatArray, ...]:
+    """Return Hermite's polynomials, with the signs of the derivatives."""
+    found = [np.ones(1), -errors]
+    for k in range(1, orders):
+        found.append(-(errors * found[k] + k * found[k - 1]))
+    return tuple(found[1 : orders + 1])
 
 
 def _equal(errors: FloatArray, parameters: Any) -> FloatArray:
@@ -98,16 +105,35 @@ def _normal_kernel(errors: FloatArray, parameters: Any) -> FloatArray:
     return np.asarray(np.exp(-0.5 * errors * errors))
 
 
+def _normal_ends(errors: FloatArray, parameters: Any, orders: int) -> tuple[FloatArray, ...]:
+    square = errors * errors
+    kernel = -0.5 * square
+    np.exp(kernel, out=kernel)
+    one = errors * kernel
+    two = (square - 1.0) * kernel
+    square -= 3.0
+    square *= one
+    found = [kernel, -one, two, -square]
+    for k in range(3, orders):
+        found.append(-(errors * found[k] + k * found[k - 1]))
+    return tuple(found)
+
+
 def _one(parameters: Any) -> FloatArray:
     return np.ones(1)
 
 
-def _unbounded(parameters: Any) -> float:
+def _normal_steepest(parameters: Any, distance: float) -> float:
+    return distance
+
+
+def _unbounded(parameters: Any, distance: float) -> float:
     return math.inf
 
 
 def _nu(parameters: Any) -> FloatArray:
-    return np.maximum(np.asarray(parameters.nu, float), student.LEAST)[..., None]
+    nu = np.asarray(parameters.nu)  # single precision stays so
+    return np.maximum(nu, student.LEAST, dtype=nu.dtype if nu.dtype.kind == "f" else float)[..., None]
 
 
 def _draw_student(rng: np.random.Generator, shape: tuple[int, ...], parameters: Any) -> FloatArray:
@@ -123,20 +149,18 @@ def _log_student_density(errors: FloatArray, parameters: Any) -> FloatArray:
     return student.log_density(errors, _nu(parameters))
 
 
-def _student_slopes(errors: FloatArray, parameters: Any) -> tuple[FloatArray, ...]:
-    """Return the derivatives of (1 + t u²)^-a over itself, t = 1/nu and a = (nu + 1)/2: polynomials in u and t."""
+def _student_slopes(errors: FloatArray, parameters: Any, orders: int) -> tuple[FloatArray, ...]:
+    """Return the derivatives of (1 + t u²)^-a over itself, t = 1/nu and 2 a t = 1 + t, each from the two before it.
+
+    This is Leibniz's rule for (1 + t u²) f' = -(1 + t) u f.
+    """
     t = 1.0 / _nu(parameters)
-    square = errors * errors
-    part = 1.0 / (1.0 + t * square)
-    even, odd = (1.0 + t) * part, (1.0 + 3.0 * t) * part
-    square *= 1.0 + 2.0 * t
-    one = -even * errors
-    even *= part
-    odd *= part
-    two = even * (square - 1.0)
-    three = one * odd * (square - 3.0)
-    four = even * odd * ((square - 6.0) * (square * ((1.0 + 4.0 * t) / (1.0 + 2.0 * t))) + 3.0)
-    return one, two, three, four
+    part = 1.0 / (1.0 + t * errors * errors)
+    lean = errors * part
+    found = [np.ones(1), -(1.0 + t) * lean]
+    for k in range(1, orders):
+        found.append(-((1.0 + t + 2.0 * k * t) * lean * found[k] + k * (1.0 + k * t) * part * found[k - 1]))
+    return tuple(found[1 : orders + 1])
 
 
 def _student_log_slopes(errors: FloatArray, parameters: Any) -> tuple[FloatArray, ...]:
@@ -145,7 +169,7 @@ def _student_log_slopes(errors: FloatArray, parameters: Any) -> tuple[FloatArray
     t, count = 1.0 / nu, 1.0 + 1.0 / nu  # count is (nu + 1) t
     p = errors * errors
     p *= t
-    value = np.log1p(p)
+    value = student.log_one_plus(p, nu)
     value *= -0.5 * (nu + 1.0)
     value += student.log_constant(nu)
     p += 1.0
@@ -178,9 +202,36 @@ def _student_kernel(errors: FloatArray, parameters: Any) -> FloatArray:
     nu = _nu(parameters)
     found = errors * errors
     found *= 1.0 / nu
-    np.log1p(found, out=found)
+    found = student.log_one_plus(found, nu)
     found *= -0.5 * (nu + 1.0)
     return np.asarray(np.exp(found, out=found))
+
+
+def _student_ends(errors: FloatArray, parameters: Any, orders: int) -> tuple[FloatArray, ...]:
+    nu = _nu(parameters)
+    t = 1.0 / nu
+    square = errors * errors
+    base = t * square
+    kernel = student.log_one_plus(base, nu)
+    kernel *= -0.5 * (nu + 1.0)
+    np.exp(kernel, out=kernel)
+    base += 1.0
+    part = np.divide(1.0, base, out=base)
+    square *= 1.0 + 2.0 * t
+    factor = kernel * part
+    factor *= -(1.0 + t)
+    one = errors * factor
+    factor *= part
+    two = (1.0 - square) * factor
+    square -= 3.0
+    three = one * part
+    three *= part
+    three *= 1.0 + 3.0 * t
+    square *= three
+    found = [kernel, one, two, square]
+    for k in range(3, orders):
+        found.append(-part * ((1.0 + t + 2.0 * k * t) * (errors * found[k]) + k * (1.0 + k * t) * found[k - 1]))
+    return tuple(found)
 
 
 def _student_smooth(parameters: Any) -> FloatArray:
@@ -188,9 +239,10 @@ def _student_smooth(parameters: Any) -> FloatArray:
     return np.asarray(((1.0 + t) * (1.0 + 3.0 * t) * (1.0 + 5.0 * t) * (1.0 + 7.0 * t)) ** -0.125)
 
 
-def _student_steepest(parameters: Any) -> float:
+def _student_steepest(parameters: Any, distance: float) -> float:
     nu = _nu(parameters)
-    return float((0.5 * (nu + 1.0) / np.sqrt(nu)).max())
+    at = np.minimum(distance, np.sqrt(nu))
+    return float(((nu + 1.0) * at / (nu + at * at)).max())
 
 
 GUMBEL_SD = math.pi / math.sqrt(6.0)
@@ -216,7 +268,7 @@ def _log_gumbel_density(errors: FloatArray, parameters: Any) -> FloatArray:
 
 
 def _gumbel_weight(errors: FloatArray, parameters: Any) -> FloatArray:
-    return np.asarray(-_gumbel_slopes(errors, parameters)[0] / errors)
+    return np.asarray(-_gumbel_slopes(errors, parameters, 1)[0] / errors)
 
 
 def _gumbel_kernel(errors: FloatArray, parameters: Any) -> FloatArray:
@@ -224,15 +276,21 @@ def _gumbel_kernel(errors: FloatArray, parameters: Any) -> FloatArray:
     return np.asarray(np.exp(_log_gumbel_density(errors, parameters) - at_zero))
 
 
-def _gumbel_slopes(errors: FloatArray, parameters: Any) -> tuple[FloatArray, ...]:
+def _gumbel_ends(errors: FloatArray, parameters: Any, orders: int) -> tuple[FloatArray, ...]:
+    kernel = _gumbel_kernel(errors, parameters)
+    return kernel, *(kernel * part for part in _gumbel_slopes(errors, parameters, orders))
+
+
+def _gumbel_slopes(errors: FloatArray, parameters: Any, orders: int) -> tuple[FloatArray, ...]:
     """Return the derivatives of the density over itself: polynomials in t = exp(-z)."""
     t, unit = np.exp(-_gumbel(errors)), GUMBEL_SD
-    return (
+    found = (
         unit * (t - 1.0),
         unit**2 * (t * (t - 3.0) + 1.0),
         unit**3 * (t * (t * (t - 6.0) + 7.0) - 1.0),
         unit**4 * (t * (t * (t * (t - 10.0) + 25.0) - 15.0) + 1.0),
     )
+    return found[:orders]
 
 
 NORMAL = ErrorLaw(
@@ -245,8 +303,9 @@ NORMAL = ErrorLaw(
     slopes=_normal_slopes,
     weight=_equal,
     kernel=_normal_kernel,
+    ends=_normal_ends,
     smooth=_one,
-    steepest=_unbounded,
+    steepest=_normal_steepest,
 )
 """Normal errors: log-normal about a magnitude estimate or a force, normal about a z-score."""
 STUDENT = ErrorLaw(
@@ -259,6 +318,7 @@ STUDENT = ErrorLaw(
     slopes=_student_slopes,
     weight=_student_weight,
     kernel=_student_kernel,
+    ends=_student_ends,
     smooth=_student_smooth,
     steepest=_student_steepest,
     log_slopes=_student_log_slopes,
@@ -282,6 +342,7 @@ GUMBEL = ErrorLaw(
     slopes=_gumbel_slopes,
     weight=_gumbel_weight,
     kernel=_gumbel_kernel,
+    ends=_gumbel_ends,
     smooth=_one,
     steepest=_unbounded,
 )

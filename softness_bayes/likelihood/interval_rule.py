@@ -36,8 +36,9 @@ class IntervalLimits(NamedTuple):
 
 
 REACHES = (
-    IntervalLimits(1, 0.8, 2.5),
-    IntervalLimits(2, 1.6, 5.0),
+    IntervalLimits(0, 0.55, 1.0),
+    IntervalLimits(1, 1.1, 2.5),
+    IntervalLimits(2, 1.7, 4.5),
     IntervalLimits(4, 2.8, 10.0),
     IntervalLimits(8, 5.0, 16.0),
 )
@@ -52,59 +53,73 @@ class Served(NamedTuple):
     probability: FloatArray
     """Shape (..., rows)."""
     slopes: tuple[FloatArray, ...]
-    """Its first four derivatives with respect to the expectation, in units of the spread, each (..., rows)."""
+    """Its first derivatives with respect to the expectation, in units of the spread, each (..., rows)."""
     good: NDArray[np.bool_]
     """True for rows in which the rule is accurate at all points, shape (rows,)."""
 
 
-def by_rule(law: ErrorLaw, low: FloatArray, high: FloatArray, narrowest: float, parameters: Any) -> Served:
-    """Return the probabilities between errors `low` and `high`, (..., rows), in units of their spread.
+def by_rule(
+    law: ErrorLaw,
+    middle: FloatArray,
+    half: FloatArray,
+    narrowest: float,
+    parameters: Any,
+    least: float = LEAST,
+    more: int = 0,
+) -> Served:
+    """Return the probabilities of intervals of errors, (..., rows), in units of the errors' spread.
+
+    The arrays may have single precision; so have the results then.
 
     Parameters
     ----------
     law
         Law of the errors.
-    low, high
-        Ends of the intervals, finite.
+    middle, half
+        Middles and half-widths of the intervals.
     narrowest
         Width below which differences of densities lose precision.
     parameters
         Parameters of the law, of batch shape (...).
+    least
+        Smallest probability, relative to the density at 0, that counts as accurate.
+    more
+        Number of derivatives beyond the fourth, 0 or 2.
     """
-    width = high - low
-    longest = float((width / law.smooth(parameters)).max())
-    reach = next((one for one in REACHES if one.widest >= longest), REACHES[-1])
+    longest = 2.0 * float((half / law.smooth(parameters)).max())
+    steepest = law.steepest(parameters, float((np.abs(middle) + half).max())) * 2.0 * float(half.max())
+    # a few rows that need another method take longer than more points for all
+    reach = next((one for one in REACHES if one.widest >= longest and one.steepest >= steepest), REACHES[-1])
     points, weights, at_ends = rule(reach.inside)
-    half, middle = 0.5 * width, 0.5 * (high + low)
-    ends = []
-    for end in (low, high):
-        density = law.kernel(end, parameters)
-        ends.append([density, *(density * part for part in law.slopes(end, parameters)[: ORDERS - 1])])
-    (f0, s0, b0, t0), (f1, s1, b1, t1) = ends
-    rise, turn = s1 - s0, t1 - t0
-    a0, a1, a2, a3 = at_ends
+    low, high = (law.ends(end, parameters, ORDERS - 1 + more) for end in (middle - half, middle + half))
+    slopes = [one - other if k % 2 else other - one for k, (other, one) in enumerate(zip(low, high, strict=True))]
+    f0, s0, b0, _ = low[:ORDERS]
+    f1, s1, b1, _ = high[:ORDERS]
+    _, rise, _, turn = slopes[:ORDERS]
+    a0, a1, a2, a3 = at_ends.tolist()  # Python's numbers leave single precision as it is
     inner = (-a3 * turn) * half
     inner += a2 * (b0 + b1)
     inner *= half
     inner -= a1 * rise
     inner *= half
     inner += a0 * (f0 + f1)
-    for point, weight in zip(points, weights, strict=True):
+    for point, weight in zip(points.tolist(), weights.tolist(), strict=True):
         inner += weight * law.kernel(middle + point * half, parameters)
     inner *= half
-    wrong = (width < narrowest) | ~(inner > LEAST)
+    wrong = (half < 0.5 * narrowest) | ~(inner > least)
     if longest > reach.widest:
-        wrong |= width > reach.widest * law.smooth(parameters)
-    if law.steepest(parameters) * longest > reach.steepest:
-        wrong |= (np.abs(s0) * width > reach.steepest * f0) | (np.abs(s1) * width > reach.steepest * f1)
+        wrong |= half > 0.5 * reach.widest * law.smooth(parameters)
+    if steepest > reach.steepest:
+        steep = 0.5 * reach.steepest
+        wrong |= (np.abs(s0) * half > steep * f0) | (np.abs(s1) * half > steep * f1)
     good = ~wrong.reshape(-1, wrong.shape[-1]).any(axis=0)
-    return Served(inner, (f0 - f1, rise, b0 - b1, turn), good)
+    return Served(inner, tuple(slopes), good)
 
 
 @cache
 def rule(inside: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return inner points in (-1, 1), their weights, and the weights of derivatives at -1 (at 1: alternating signs)."""
-    points = roots_jacobi(inside, ORDERS, ORDERS)[0]
+    points = roots_jacobi(inside, ORDERS, ORDERS)[0] if inside else np.zeros(0)
     size = 2 * ORDERS + inside + inside % 2
     basis = np.eye(size)
     rows = []
@@ -114,8 +129,9 @@ def rule(inside: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     matrix = np.array([*rows, *legendre.legval(points, basis).T])
     # odd polynomials vanish by symmetry; points at +x and -x have equal weights
     pairs = (inside + 1) // 2
-    matrix = np.concatenate([matrix[:ORDERS], matrix[ORDERS : ORDERS + pairs] + matrix[: -pairs - 1 : -1]])
+    if inside:
+        matrix = np.concatenate([matrix[:ORDERS], matrix[ORDERS : ORDERS + pairs] + matrix[: -pairs - 1 : -1]])
     weights = np.linalg.solve(matrix[:, ::2].T, 2.0 * np.eye(size // 2)[0])
     half = weights[ORDERS:]
-    half[-1] *= 2.0 if inside % 2 else 1.0  # the midpoint has no mirror image
+    half[-1:] *= 2.0 if inside % 2 else 1.0  # the midpoint has no mirror image
     return points, np.concatenate([half, half[: inside // 2][::-1]]), weights[:ORDERS]

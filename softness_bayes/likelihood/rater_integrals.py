@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -18,11 +18,13 @@ from numpy.typing import NDArray
 
 from softness_bayes.likelihood.box_integrals import POINTS, Boxes
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
-from softness_bayes.likelihood.interval_law import derivatives, log_probability, scaled_derivatives, weights
+from softness_bayes.likelihood.interval_law import derivatives, in_single, log_probability, scaled_derivatives
+from softness_bayes.likelihood.midpoints import weights
 from softness_bayes.likelihood.mu_nodes import draw_on, log_sum
 from softness_bayes.likelihood.pieces import blocks
 from softness_bayes.likelihood.quadrature import FAST, FINE, ROUGHLY, Quadrature, gauss_hermite, to_chebyshev
-from softness_bayes.likelihood.rater_rows import HasParts, RowParameters, WidthGroup, groups_by_width
+from softness_bayes.likelihood.rater_rows import RowParameters, WidthGroup, groups_by_width
+from softness_bayes.likelihood.scale_modes import ScaleModes, over_scales, series, taylor
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
@@ -30,14 +32,18 @@ IndexArray = NDArray[np.intp]
 LEVELS = 33
 """Number of levels at which the level's density is computed to draw from it."""
 
-ROUGH = 1.0
-"""Largest change of a rater's log density by its third and fourth derivative, three standard deviations from its mode,
-for which `FAST` is used; otherwise `ROUGHLY` is used."""
+FOUR, SIX, FEW = 0.02, 0.1, 0.5
+"""Largest `ScaleModes.truncation` for which an expansion has four derivatives, and six. With lapses it always has six,
+because one lapse more or less changes the higher ones. Beyond, `ROUGHLY` is used, and beyond the third limit `FINE`.
+Over draws of the prior within 300 of the best log-likelihood, errors are then below 1e-3."""
 
 SMOOTH = 0.4
-"""As `ROUGH`, for draws of effects, whose grids reach twice as far. Of the distributions from which raters' scales are
-drawn, the total variation distance from exact ones was at most 1.5e-3 by `FAST` below this limit, and 5e-4 by `ROUGHLY`
-from here to `ROUGH` (150 prior draws for each error law)."""
+"""Largest `ScaleModes.bend` for which effects are drawn by `FAST`; their grids reach twice as far as the nodes of the
+integrals. Of the distributions from which raters' scales are drawn, the total variation distance from exact ones was
+at most 1.5e-3 by `FAST` below this limit, and 5e-4 by `ROUGHLY` from here to `ROUGH` (150 prior draws for each error
+law)."""
+ROUGH = 1.0
+"""Largest `ScaleModes.bend` for which they are drawn by `ROUGHLY`, beyond which by `FINE`."""
 
 HEADROOM = 1.0
 """Largest excess of the log density between Chebyshev points over that at them."""
@@ -50,55 +56,10 @@ GRID = 41
 
 _STEPS = 12  # limit for Newton's method
 _LEAST_CURVATURE = 0.1  # in Newton steps, relative to that of as many normal errors
+_LEAST_BEND = 0.3  # in the first step, relative to the total weight
 _NO_CURVATURE = 0.002  # same ratio, for the normal approximation about the mode
 _NO_WEIGHT = 1e-3  # replaces the total weight 0 of a rater without narrow intervals as a divisor
 _LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
-
-
-class ScaleModes(NamedTuple):
-    """The joint mode of all raters' scales and the level, and the normal approximation about it."""
-
-    at: FloatArray
-    """Point of the derivatives, shape (draws, raters)."""
-    slopes: tuple[FloatArray, ...]
-    """l_p and its first four derivatives there, each (draws, raters)."""
-    a: FloatArray
-    """Mode of a_p, shape (draws, raters)."""
-    pull: FloatArray
-    """Slope of l_p there plus curvature times a_p, shape (draws, raters)."""
-    curvature: FloatArray
-    """Minus the second derivative of l_p, shape (draws, raters)."""
-    shrink: FloatArray
-    """1 / (1 + tau² curvature), shape (draws, raters)."""
-    mu: FloatArray
-    """Mode of the level, shape (draws, 1)."""
-    sd: FloatArray
-    """Standard deviation of the level, shape (draws, 1)."""
-    tables: HasParts | None = None
-    """Log densities that were tabulated on the way, for further use at the same parameters."""
-
-    def part(self, piece: Any) -> ScaleModes:
-        """Return some of the draws."""
-        at, slopes, *others, tables = self
-        part = ScaleModes(at[piece], tuple(one[piece] for one in slopes), *(one[piece] for one in others))
-        return part if tables is None else part._replace(tables=tables.part(piece))
-
-    @property
-    def bend(self) -> FloatArray:
-        """Largest change of any rater's l_p by third and fourth derivatives, as defined for `ROUGH`, shape (draws,)."""
-        reach = 3.0 * self.width + np.abs(self.a - self.at)
-        bend = reach**3 * (np.abs(self.slopes[3]) / 6.0 + reach * np.abs(self.slopes[4]) / 24.0)
-        return np.asarray(np.where(reach > 6.0 * self.width, np.inf, bend).max(axis=-1))
-
-    @property
-    def rough(self) -> NDArray[np.bool_]:
-        """True where any rater's l_p is too far from quadratic for an expansion by derivatives, shape (draws,)."""
-        return np.asarray(self.bend > ROUGH)
-
-    @property
-    def width(self) -> FloatArray:
-        """Standard deviation of a_p, the level's included, shape (draws, raters)."""
-        return np.sqrt((1.0 - self.shrink) / np.maximum(self.curvature, 1e-300) + (self.shrink * self.sd) ** 2)
 
 
 class RaterIntegrals:
@@ -146,19 +107,30 @@ class RaterIntegrals:
         self._weight = weight * self._certain
         self._weighed, self._times = self.of_raters(self._weight), times
         self.walled = np.flatnonzero(self._weighed == 0.0)
+        self._orders = 6 if law.lapses else 4
 
     def of_raters(self, values: FloatArray) -> FloatArray:
         """Return the sums of rows by rater, shape (..., raters)."""
-        return np.add.reduceat(values, self._first, axis=-1)
+        return np.add.reduceat(values, self._first, axis=-1, dtype=float)
 
     def log_prior(self, level: FloatArray) -> FloatArray:
         """Return the log prior density of the level, same shape."""
         return -0.5 * ((level - self.mean) / self.sd) ** 2 - math.log(self.sd) - _LOG_ROOT_TWO_PI
 
-    def modes(self, given: RowParameters, settled: float) -> ScaleModes:
-        """Return the mode of all scales and the level by Newton's method, each draw until it converges."""
-        a = self._start(given)
-        at, slopes, active = a.copy(), self._slopes(given, a), np.arange(len(a))
+    def modes(self, given: RowParameters, settled: float, single: bool = False) -> ScaleModes:
+        """Return the mode of all scales and the level by Newton's method, each draw until it converges.
+
+        Parameters
+        ----------
+        given
+            Parameters.
+        settled
+            As in `Quadrature`.
+        single
+            True for the expansion of the integrals themselves, in single precision where that is enough.
+        """
+        a, orders = self._start(given), self._orders if single else 4
+        at, slopes, active = a.copy(), self._slopes(given, a, single=single, orders=orders), np.arange(len(a))
         step = self._steepest(given, a, slopes)
         for _ in range(_STEPS - 1):
             moved = (np.abs(step.a - a[active]) / step.width).max(axis=-1) > settled
@@ -167,23 +139,36 @@ class RaterIntegrals:
             a[active] = step.a
             active = active[moved]
             part, at[active] = given.part(active), a[active]
-            slopes[:, active] = self._slopes(part, a[active])
+            slopes[:, active] = self._slopes(part, a[active], single=single, orders=orders)
             step = self._steepest(part, a[active], slopes[:, active])
+        return self._about(given, at, slopes)
+
+    def _about(self, given: RowParameters, at: FloatArray, slopes: FloatArray) -> ScaleModes:
+        """Return the modes, given l_p and its derivatives at points near them."""
         curvature = np.maximum(-slopes[2], _NO_CURVATURE * self.count / given.spread**2)
         return self._step(given, at, slopes[1], curvature)._replace(at=at, slopes=tuple(slopes))
 
-    def _slopes(self, given: RowParameters, a: FloatArray, groups: Sequence[WidthGroup] | None = None) -> FloatArray:
-        """Return l_p and its first four derivatives at a_p (draws, raters), shape (5, draws, raters)."""
-        found = np.zeros((5, *a.shape))
+    def _slopes(
+        self,
+        given: RowParameters,
+        a: FloatArray,
+        groups: Sequence[WidthGroup] | None = None,
+        single: bool = False,
+        law: ErrorLaw | None = None,
+        orders: int = 4,
+    ) -> FloatArray:
+        """Return l_p and its first derivatives at a_p (draws, raters), shape (1 + orders, draws, raters)."""
+        law = law or self.law
+        found = np.zeros((1 + orders, *a.shape))
         for group in self._groups if groups is None else groups:
             for block in blocks(len(a), group.rows.size):
                 part = given.part(block)
                 expected = part.drive[:, group.rows] + a[block][:, group.rater]
                 rows = part.rows.take(group.rows)
-                each = scaled_derivatives(self.law, rows, expected, part.spread, part.parameters)
+                each = scaled_derivatives(law, rows, expected, part.spread, part.parameters, single, orders)
                 for whole, own in zip(found, each, strict=True):
                     whole[block, group.raters] += group.of_raters(own)
-        found /= given.spread ** np.arange(5)[:, None, None]
+        found /= given.spread ** np.arange(1 + orders)[:, None, None]
         return found
 
     def _steepest(self, given: RowParameters, a: FloatArray, slopes: FloatArray) -> ScaleModes:
@@ -206,20 +191,26 @@ class RaterIntegrals:
 
     def _start(self, given: RowParameters) -> FloatArray:
         """Return points near the modes: midpoints of intervals first, then with those that have one end added."""
-        mean = self.of_raters(self._weight * (given.middle - given.drive)) / np.maximum(self._weighed, _NO_WEIGHT)
+        left = given.middle - given.drive
+        mean = self.of_raters(self._weight * left) / np.maximum(self._weighed, _NO_WEIGHT)
         slope, curvature = np.zeros(mean.shape), self._weighed / given.spread**2
         start = self._step(given, mean, slope, curvature).a
         if self.law != NORMAL:
+            certain = in_single(self._certain)
             for block in blocks(len(start), self.rater.size):
                 part = given.part(block)
-                error = part.middle - part.drive - start[block][:, self.rater]
-                weight = weights(self.law, part.rows, error, part.spread, part.parameters) * self._certain
-                slope[block] = self.of_raters(weight * error) / part.spread**2
-                curvature[block] = self.of_raters(weight) / part.spread**2
+                error = in_single((left[block] - start[block][:, self.rater]) / part.spread)
+                weight, bend = weights(self.law, part.rows, error, part.spread, part.parameters.single())
+                weight *= certain
+                bend *= weight
+                total = self.of_raters(weight)
+                slope[block] = self.of_raters(weight * error) / part.spread
+                curvature[block] = np.maximum(self.of_raters(bend), _LEAST_BEND * total) / part.spread**2
         else:
             slope = curvature * (mean - start)
         if self._open:
-            _, steep, bend, _, _ = self._slopes(given, start, self._open)
+            # the normal law is near enough here, and faster
+            _, steep, bend, _, _ = self._slopes(given, start, self._open, law=NORMAL)
             curvature = curvature + np.maximum(-bend, 0.0)
             own = self.walled  # raters without other rows
             curvature[:, own] = np.maximum(curvature, self.least_curvature(given, start, steep))[:, own]
@@ -228,22 +219,39 @@ class RaterIntegrals:
 
     def log_density(self, given: RowParameters, quadrature: Quadrature) -> FloatArray:
         """Return the log density of all rows, shape (draws,)."""
-        modes = self.modes(given, quadrature.settled)
-        boxed, rough = self._boxes.needed(given, modes.bend), np.asarray(modes.rough & (quadrature.points == 0))
-        if not (boxed.any() or rough.any()):
+        modes, few = self.modes(given, quadrature.settled, quadrature == FAST), quadrature.points == 0
+        boxed, truncation = self._boxes.needed(given, modes.bend), modes.truncation
+        six = few & (truncation > FOUR) & (self._orders < 6)
+        rough = few & (truncation > (FOUR if self.walled.size else SIX)) & ~boxed
+        if not (boxed.any() or rough.any() or six.any()):
             return self._summed(given, modes, quadrature)
-        found, rough = np.empty(rough.size), rough & ~boxed
-        if boxed.any():
-            found[boxed] = self._on_points(given.part(boxed), modes.part(boxed), 1.0 + quadrature.points / FINE.points)
-        if rough.any():
-            part = given.part(rough)
-            found[rough] = self._summed(part, self.modes(part, ROUGHLY.settled), ROUGHLY)
-        rest = ~(boxed | rough)
-        if rest.any():
-            found[rest] = self._summed(given.part(rest), modes.part(rest), quadrature)
+        six &= ~(rough | boxed)
+        found = np.empty(boxed.size)
+        for chosen, how in (
+            (boxed, self._on_points),
+            (rough, self._on_few_points),
+            (six, self._with_six_derivatives),
+            (~(boxed | rough | six), self._summed),
+        ):
+            if chosen.any():
+                found[chosen] = how(given.part(chosen), modes.part(chosen), quadrature)
         return found
 
-    def _on_points(self, given: RowParameters, modes: ScaleModes, finer: float) -> FloatArray:
+    def _with_six_derivatives(self, given: RowParameters, modes: ScaleModes, quadrature: Quadrature) -> FloatArray:
+        slopes = self._slopes(given, modes.a, orders=6)
+        return self._summed(given, self._about(given, modes.a, slopes), quadrature)
+
+    def _on_few_points(self, given: RowParameters, modes: ScaleModes, quadrature: Quadrature) -> FloatArray:
+        few = modes.truncation <= FEW
+        found = np.empty(few.size)
+        for chosen, how in ((few, ROUGHLY), (~few, FINE)):
+            if chosen.any():
+                part = given.part(chosen)
+                found[chosen] = self._summed(part, self.modes(part, how.settled), how)
+        return found
+
+    def _on_points(self, given: RowParameters, modes: ScaleModes, quadrature: Quadrature) -> FloatArray:
+        finer = 1.0 + quadrature.points / FINE.points
         width, found = given.tau * np.sqrt(modes.shrink), np.empty(len(given.drive))
         for one in blocks(len(found), POINTS * self.count.size):
             found[one] = self._boxes.log_density(self, given.part(one), modes.a[one], width[one], finer)
@@ -262,11 +270,13 @@ class RaterIntegrals:
         return np.concatenate(parts)
 
     def _summed_at_once(self, given: RowParameters, modes: ScaleModes, quadrature: Quadrature) -> FloatArray:
-        curve = self.curve(given, modes, quadrature)
         x, log_weight = gauss_hermite(quadrature.levels)
         level = modes.mu + modes.sd * x
-        each = self.at_levels(given, modes, curve, level, quadrature)
-        terms = each.sum(axis=-1) + self.log_prior(level) + log_weight + np.log(modes.sd)
+        if quadrature.points or self.walled.size:
+            each = self.at_levels(given, modes, self.curve(given, modes, quadrature), level, quadrature).sum(axis=-1)
+        else:
+            each = taylor(over_scales(modes, given.tau, quadrature.scales), modes.sd * x)
+        terms = each + self.log_prior(level) + log_weight + np.log(modes.sd)
         return log_sum(terms, axis=-1)
 
     def at_levels(
@@ -291,7 +301,7 @@ class RaterIntegrals:
     ) -> Callable[[FloatArray], FloatArray]:
         """Return l_p as a function of a_p, from arrays (draws, ..., raters, nodes) to the same shape."""
         if not quadrature.points:
-            return _series(modes)
+            return series(modes)
         x = np.cos(np.pi * (np.arange(quadrature.points) + 0.5) / quadrature.points)
         width = REACH * modes.width
         values = self.values(given, modes.a[:, None] + x[:, None] * width[:, None])
@@ -348,7 +358,7 @@ class RaterIntegrals:
         found = np.empty((len(given.drive), 1 + self.count.size))
         # the grids extend beyond the range of the integrals, so the expansion must be accurate farther out
         few_rows = quadrature.points > 0
-        smooth, rough = (modes.bend < SMOOTH) & (not few_rows), modes.rough | few_rows
+        smooth, rough = (modes.bend < SMOOTH) & (not few_rows), (modes.bend > ROUGH) | few_rows
         for chosen, how in ((smooth, FAST), (~(smooth | rough), ROUGHLY), (rough, FINE)):
             if chosen.any():
                 found[chosen] = self._drawn(rng, given.part(chosen), modes.part(chosen), how)
@@ -385,15 +395,3 @@ class RaterIntegrals:
         rest = 1.0 / (1.0 / variance + np.maximum(modes.curvature - curved, 0.0))
         width = REACH * np.sqrt(rest) + steep * rest
         return modes.a[:, None] + np.linspace(-1.0, 1.0, GRID)[:, None] * width[:, None]
-
-
-def _series(modes: ScaleModes) -> Callable[[FloatArray], FloatArray]:
-    g0, g1, g2, g3, g4 = modes.slopes
-
-    def evaluate(a: FloatArray) -> FloatArray:
-        shape = (a.shape[0], *(1,) * (a.ndim - 3), a.shape[-2], 1)
-        at, b0, b1, b2, b3, b4 = (v.reshape(shape) for v in (modes.at, g0, g1, g2 / 2.0, g3 / 6.0, g4 / 24.0))
-        d = a - at
-        return b0 + d * (b1 + d * (b2 + d * (b3 + d * b4)))
-
-    return evaluate

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.likelihood.interval_law import Rows
+from softness_bayes.likelihood.interval_law import Rows, in_single
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
@@ -23,6 +23,10 @@ class LawParameters(NamedTuple):
 
     nu: FloatArray
     lapse: FloatArray
+
+    def single(self) -> LawParameters:
+        """Return the parameters in single precision."""
+        return LawParameters(*map(in_single, self))
 
     def at_points(self) -> LawParameters:
         """Return the parameters with an axis of points after that of draws."""
@@ -81,7 +85,8 @@ class WidthGroup(NamedTuple):
 
     def of_raters(self, values: FloatArray) -> FloatArray:
         """Return the sums of these rows (..., rows) by rater, shape (..., raters)."""
-        return np.add.reduceat(values if self.times is None else values * self.times, self.first, axis=-1)
+        values = values if self.times is None else values * self.times
+        return np.add.reduceat(values, self.first, axis=-1, dtype=float)
 
 
 def groups_by_width(rater: IndexArray, width: FloatArray, times: FloatArray) -> list[WidthGroup]:

@@ -202,9 +202,9 @@ def nodes_of(edges: FloatArray, resolution: Resolution) -> tuple[FloatArray, Flo
 class WalledIntegrals(RaterIntegrals):
     """The integrals for a table in which some raters' intervals all have an infinite end."""
 
-    def modes(self, given: RowParameters, settled: float) -> ScaleModes:
+    def modes(self, given: RowParameters, settled: float, single: bool = False) -> ScaleModes:
         """Return the modes, with such raters' mean and variance given the level in place of mode and curvature."""
-        found = super().modes(given, settled)
+        found = super().modes(given, settled, single)
         walls, own = self._walls(given), self.walled
         tau = walls.tau
         curvature, pull, shrink, a = (v.copy() for v in (found.curvature, found.pull, found.shrink, found.a))

@@ -178,16 +178,16 @@ def test_the_rule_serves_intervals_to_one_in_ten_million(nu):
     parameters = POINT._replace(nu=np.array([nu]))
     middle = np.linspace(0.0, 30.0, 700)
     for factor in (0.01, 0.1, *(reach.widest for reach in REACHES)):
-        width = float(factor * np.ravel(law.smooth(parameters))[0] * (1.0 - 1e-9))
-        low, high = (middle + side * width / 2 for side in (-1, 1))
-        served = by_rule(law, low[None], high[None], NARROW, parameters)
+        half = np.full(middle.size, 0.5 * factor * np.ravel(law.smooth(parameters))[0] * (1.0 - 1e-9))
+        low, high = middle - half, middle + half
+        served = by_rule(law, middle[None], half[None], NARROW, parameters)
         good = served.good
         exact = np.where(low > 0, one.sf(low) - one.sf(high), one.cdf(high) - one.cdf(low))[good]
         assert_allclose(served.probability[0, good] * one.pdf(0.0), exact, rtol=1e-7)
         assert good[: good.size // 60].all()  # up to errors of 0.5
         assert nu < np.inf or factor < 0.2 or not good[-1]
-    assert not by_rule(law, low[None], 1.1 * high[None], NARROW, parameters).good.any()
-    assert not by_rule(law, middle[None], middle[None] + 0.9 * NARROW, NARROW, parameters).good.any()
+    assert not by_rule(law, middle[None], 1.1 * half[None], NARROW, parameters).good.any()
+    assert not by_rule(law, middle[None], np.full_like(half, 0.45 * NARROW)[None], NARROW, parameters).good.any()
 
 
 def test_points_in_one_call_are_those_alone():
@@ -212,7 +212,7 @@ def test_derivatives_of_student_s_log_density_are_those_of_the_density(nu):
     point = LawParameters(np.array([nu]), np.array([0.05]))
     error = np.linspace(-9.0, 9.0, 181)[None]
     found = STUDENT.log_slopes(error, point)
-    one, two, three, four = STUDENT.slopes(error, point)
+    one, two, three, four = STUDENT.slopes(error, point, 4)
     expected = (
         STUDENT.log_density(error, point),
         one,
@@ -222,3 +222,44 @@ def test_derivatives_of_student_s_log_density_are_those_of_the_density(nu):
     )
     for part, wanted in zip(found, expected, strict=True):
         assert_allclose(part, wanted, rtol=1e-10, atol=1e-9)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
+@pytest.mark.parametrize("width", [0.0, 0.1, 0.9], ids=["exact", "narrow", "wide"])
+def test_fifth_and_sixth_derivatives_are_those_of_differences(law, width):
+    rows = Rows(MIDDLE - width / 2, MIDDLE + width / 2, ROWS.lapse)
+
+    def at(shift):
+        return scaled_derivatives(law, rows, EXPECTED + shift * SPREAD, SPREAD, POINT, orders=6)
+
+    h, found = 1e-2, at(0.0)
+    for k in range(1, 5):
+        assert_allclose(found[k], scaled_derivatives(law, rows, EXPECTED, SPREAD, POINT)[k], rtol=1e-9, atol=1e-9)
+    for k in (5, 6):
+        each = [at(j * h)[k - 1] for j in (-2, -1, 1, 2)]
+        difference = (each[0] - 8.0 * each[1] + 8.0 * each[2] - each[3]) / (12.0 * h)
+        assert_allclose(found[k], difference, rtol=1e-3, atol=1e-3 * np.abs(difference).max() + 2e-4)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
+def test_single_precision_errs_in_the_sixth_digit(law):
+    """Of intervals; exact numbers keep double precision."""
+    wide = np.linspace(0.02, 0.9, 25)
+    point = LawParameters(np.array([3.3]), np.array([0.05]))
+    for width, largest in ((wide, 3e-6), (np.zeros(25), 0.0)):
+        rows = Rows(MIDDLE - width / 2, MIDDLE + width / 2, ROWS.lapse)
+        double, single = (scaled_derivatives(law, rows, EXPECTED, SPREAD, point, each) for each in (False, True))
+        error = np.abs(single[0] - double[0]).max()
+        assert error <= largest
+        assert (error > 1e-9) == (largest > 0.0)  # the precision is in fact lower
+        for one, other in zip(single[1:], double[1:], strict=True):
+            assert_allclose(one, other, atol=2e-4 * np.abs(other).max() + 5e-3)
+
+
+def test_intervals_too_improbable_for_single_precision_are_computed_in_double():
+    point, far = LawParameters(np.array([3.3]), np.array([0.05])), np.array([0.0, 11.0, 14.0, 30.0])
+    rows = Rows(far - 0.1, far + 0.1, np.full(4, -np.inf))
+    zero = np.zeros((1, 4))
+    double, single = (scaled_derivatives(NORMAL, rows, zero, ONE, point, each) for each in (False, True))
+    assert_allclose(single[0], double[0], rtol=1e-6)
+    assert np.isfinite(single).all()

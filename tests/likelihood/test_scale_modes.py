@@ -1,0 +1,83 @@
+"""The expansion of raters' log densities, its error and its limits; the midpoints from which the search starts."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from likelihood.test_intervals import table
+from softness_bayes.likelihood import rater_integrals
+from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
+from softness_bayes.likelihood.interval_law import Rows, scaled_derivatives
+from softness_bayes.likelihood.midpoints import weights
+from softness_bayes.likelihood.quadrature import FAST, FINE
+from softness_bayes.likelihood.rater_rows import LawParameters
+from softness_bayes.likelihood.scale_modes import over_scales, series, taylor
+
+LAWS = NORMAL, STUDENT, LAPSES
+
+
+@pytest.fixture(params=LAWS, ids=lambda law: law.name)
+def many(request):
+    """Six raters with 24 whole numbers each, 3 % of them outliers, and the modes of their scales."""
+    observed, rate, points = table(3, 6, 4, law=request.param, step=1.0, outliers=0.03)
+    given, _ = observed._given(rate, points)
+    return observed, given, observed._integrals.modes(given, 0.01), (rate, points)
+
+
+def test_a_series_is_its_polynomial():
+    t = np.linspace(-1.0, 1.0, 5)
+    coefficients = [np.array(2.0), np.array(-1.0), np.array(0.5), np.array(3.0)]
+    assert_allclose(taylor(coefficients, t), 2.0 - t + 0.25 * t**2 + 0.5 * t**3, rtol=1e-14)
+    assert_allclose(taylor(coefficients, t, 2), 0.5 + 3.0 * t, rtol=1e-14)
+
+
+def test_derivatives_in_the_level_are_those_of_sums_at_levels(many):
+    """The raters' density at levels about the mode, with nodes placed anew at each, and its expansion."""
+    observed, given, modes, _ = many
+    levels = modes.mu + modes.sd * np.linspace(-2.0, 2.0, 9)
+    each = observed._integrals.at_levels(given, modes, series(modes), levels, FAST).sum(axis=-1)
+    expanded = over_scales(modes, given.tau, FAST.scales)
+    assert_allclose(taylor(expanded, levels - modes.mu), each, atol=2e-3)
+    # without its fourth and third derivative the expansion would be noticed
+    for kept in (4, 3):
+        lost = np.abs(taylor(expanded[:kept], levels - modes.mu) - each).max()
+        assert lost > 5.0 * np.abs(taylor(expanded, levels - modes.mu) - each).max(), kept
+
+
+def test_raters_far_from_normal_need_more_than_four_derivatives(monkeypatch):
+    """Heavy tails with three degrees of freedom: six derivatives serve them to 1e-3, four do not."""
+    observed, rate, points = table(8, 12, 4, law=STUDENT, step=1.0, outliers=0.05)
+    points = points._replace(nu=np.full_like(points.nu, 3.0))
+    given, _ = observed._given(rate, points)
+    measure = observed._integrals.modes(given, FAST.settled, True).truncation
+    assert ((measure > rater_integrals.FOUR) & (measure < rater_integrals.SIX)).all()
+    exact = observed.with_quadrature(FINE).log_likelihood(rate, points)
+    fast = observed.with_quadrature(FAST)
+    assert np.abs(fast.log_likelihood(rate, points) - exact).max() < 1e-3
+    monkeypatch.setattr(rater_integrals, "FOUR", np.inf)
+    monkeypatch.setattr(rater_integrals, "SIX", np.inf)
+    assert np.abs(fast.log_likelihood(rate, points) - exact).max() > 1e-3
+
+
+@pytest.mark.parametrize("law", [STUDENT, LAPSES], ids=lambda law: law.name)
+def test_weights_at_midpoints_are_slopes_and_curvatures_of_exact_numbers(law):
+    error = np.linspace(-6.0, 6.0, 49)[None]
+    spread, parameters = np.array([[0.4]]), LawParameters(np.array([3.3]), np.array([0.05]))
+    rows = Rows(np.zeros(49), np.zeros(49), np.full(49, -2.0))
+    weight, curvature = weights(law, rows, error, spread, parameters)
+    _, slope, bend, *_ = scaled_derivatives(law, rows, -0.4 * error, spread, parameters)
+    assert_allclose(weight * error, slope, atol=1e-12)
+    assert_allclose(weight * curvature, -bend, atol=1e-12)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
+def test_the_search_starts_near_the_modes(law):
+    """Typically within a fraction of a standard deviation, which one Newton step removes; never further than two."""
+    for step, usual in ((0.0, 0.2), (1.0, 0.5)):
+        observed, rate, points = table(7, 6, 4, law=law, step=step, outliers=0.03)
+        given, _ = observed._given(rate, points)
+        integrals = observed._integrals
+        modes = integrals.modes(given, 1e-3)
+        distance = np.abs(integrals._start(given) - modes.a) / modes.width
+        assert np.median(distance) < usual
+        assert distance.max() < 2.0
