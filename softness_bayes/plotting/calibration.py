@@ -17,6 +17,9 @@ from softness_bayes.plotting.style import USUAL, Style
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+LONGEST_TITLE = 20
+"""Number of characters of a quantity's name that fit into one line above its panel."""
+
 
 def rank_ecdf_figure(ranks: ArrayLike, draws: int, labels: Sequence[str], *, style: Style = USUAL) -> Figure:
     """Draw the empirical distribution function of each quantity's ranks minus the uniform one, with limits.
@@ -62,7 +65,8 @@ def rank_ecdf_figure(ranks: ArrayLike, draws: int, labels: Sequence[str], *, sty
             )
             area.set_gid(f"band/{place}")
             axes.plot(points, share - points, color=style.posterior, drawstyle="steps-mid")[0].set_gid(f"ecdf/{place}")
-            said = f"{label}: {faults[label].partition(':')[0]}" if label in faults else label
+            name = label if len(label) <= LONGEST_TITLE else label.replace("[", "\n[", 1)
+            said = f"{name}: {faults[label].partition(':')[0]}" if label in faults else name
             axes.set(title=said, xlim=(0, 1), xlabel="rank / draws")
         for axes in grid.leftmost:
             axes.set_ylabel("ECDF − uniform")

@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from scipy.special import expit
 from scipy.stats import norm
 
@@ -577,6 +578,16 @@ def test_the_figure_shows_the_distribution_function_and_its_band(rng):
     for wrong in (rank[:, :1], rank + 5):
         with pytest.raises(InputError, match="calibration figure"):
             rank_ecdf_figure(wrong, DRAWS, ["gamma", "mu"])
+
+
+def test_long_names_stay_inside_the_figure(rng):
+    names = ["gamma", "tau_b", "m", "turning_point_kpa[1.5 mm]"]
+    figure = rank_ecdf_figure(rng.integers(DRAWS + 1, size=(120, 4)), DRAWS, names)
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    figure.draw(renderer)
+    right = max(axes._left_title.get_window_extent(renderer).x1 for axes in figure.axes)
+    assert right <= figure.bbox.x1
+    assert figure.axes[3].get_title(loc="left").replace("\n", "") == names[3]
 
 
 def test_a_curve_leaves_its_band_where_the_verdict_says_so(rng):
