@@ -29,7 +29,7 @@ class CategoryEffects(NamedTuple):
     participant: FloatArray
     """Shape (..., participants)."""
     fabric: FloatArray
-    """Always 0, shape (..., fabrics): fabrics have no effects."""
+    """Shape (..., fabrics)."""
     threshold: FloatArray
     """Upper ends of all categories but the last, shape (..., categories - 1)."""
 

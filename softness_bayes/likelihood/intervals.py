@@ -1,7 +1,8 @@
 """Magnitude estimates as people give them: on grids of numbers, with zeros and outliers (model.md 9).
 
 The latent log rating is that of `magnitude`; a rating has the probability of the interval it represents. Errors
-are normal, Student's t, or normal with lapses. The level and raters' scales are integrated out by `rater_integrals`.
+are normal, Student's t, or normal with lapses. The level and raters' scales are integrated out by `rater_integrals`,
+fabrics' deviations by `fabric_integrals`.
 """
 
 from __future__ import annotations
@@ -18,6 +19,9 @@ from softness_bayes.errors import InputError
 from softness_bayes.likelihood.dense_integrals import DenseIntegrals
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
+from softness_bayes.likelihood.fabric_integrals import FabricIntegrals, Rough
+from softness_bayes.likelihood.fabric_left_out import below_left_out, log_density_left_out
+from softness_bayes.likelihood.group_conditionals import block_log_likelihood
 from softness_bayes.likelihood.interval_law import Rows, below, score_at
 from softness_bayes.likelihood.lapses import Lapses, RaterRange, WholeScale
 from softness_bayes.likelihood.magnitude import RatingModel
@@ -26,7 +30,7 @@ from softness_bayes.likelihood.pieces import in_pieces
 from softness_bayes.likelihood.quadrature import DENSE, DENSER, FAST, FINE, Quadrature, finer_than, quadrature_for
 from softness_bayes.likelihood.random_effects import Effects
 from softness_bayes.likelihood.rater_integrals import LEVELS, RaterIntegrals
-from softness_bayes.likelihood.rater_rows import LawParameters, RowParameters, times_of
+from softness_bayes.likelihood.rater_rows import LawParameters, RowParameters, robust_weights, times_of
 from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
 from softness_bayes.likelihood.scales import SLIDER, Scale
 from softness_bayes.likelihood.stated import Stated
@@ -40,7 +44,7 @@ _SEED = 0  # seed of the random shares of intervals at which residuals are taken
 
 @dataclass(frozen=True)
 class IntervalModel(RatingModel):
-    """A `RatingModel` without fabric deviations, for ratings that represent intervals and for other error laws.
+    """A `RatingModel` for ratings that represent intervals and for other error laws.
 
     Parameters
     ----------
@@ -60,16 +64,11 @@ class IntervalModel(RatingModel):
     @property
     def needs(self) -> tuple[str, ...]:  # type: ignore[override]
         """Names of the model's parameters."""
-        return ("gamma", "tau", "varsigma", "eps", *self.law.needs)
+        return (*RatingModel.needs, *self.law.needs)
 
     def take(self, values: Mapping[str, ArrayLike]) -> RatingParameters:
-        """Return the model's parameters from values by name; fabrics have no deviations."""
-        return super().take(values)._replace(omega=0.0)
-
-    def named_effects(self, effects: Effects) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
-        """Effects by their names in files, each with its axes beyond the batch's."""
-        found = super().named_effects(effects)
-        return {name: values for name, values in found.items() if name != "fabric_effect"}
+        """Return the model's parameters from values by name; without omega, fabrics have no deviations."""
+        return super().take({"omega": 0.0, **values})
 
     def draw_ratings(
         self,
@@ -129,7 +128,7 @@ class SliderModel(IntervalModel):
 
 
 class IntervalRatings(RatingsLikelihood):
-    """Ratings under an `IntervalModel`, with mu and raters' scales integrated out.
+    """Ratings under an `IntervalModel`, with mu, raters' scales and fabrics' deviations integrated out.
 
     A rating that represents an interval contributes a probability; an exact rating contributes a density [1/unit].
 
@@ -149,6 +148,8 @@ class IntervalRatings(RatingsLikelihood):
         Resolution of the integrals; by default chosen from the number of ratings per rater.
     lapses
         Distribution of lapses; by default that of raters with these ratings.
+    rough
+        The approximation for which this is a reference; by default none.
 
     Raises
     ------
@@ -167,6 +168,7 @@ class IntervalRatings(RatingsLikelihood):
         stated: Stated | None = None,
         quadrature: Quadrature | None = None,
         lapses: Lapses | None = None,
+        rough: Rough | None = None,
     ) -> None:
         super().__init__(ratings, design, model, over)
         scale = model.scale
@@ -184,7 +186,7 @@ class IntervalRatings(RatingsLikelihood):
         narrow = self._rows.high - self._rows.low < 1.0
         self._middle = scale.additive(self.values)[order]
         self._middle[narrow] = 0.5 * (self._rows.low + self._rows.high)[narrow]
-        weight = np.ones(order.size) if model.law == NORMAL else _robust(self._middle, rater, self._condition)
+        weight = np.ones(order.size) if model.law == NORMAL else robust_weights(self._middle, rater, self._condition)
         count = np.bincount(rater).astype(float)
         self._quadrature = quadrature or quadrature_for(count)
         walled = np.bincount(rater, np.isfinite(self._widths())).min() == 0.0
@@ -193,6 +195,8 @@ class IntervalRatings(RatingsLikelihood):
         times = times_of(rater, self._condition, self._rows.low, self._rows.high, self._middle)
         level, ends = model.level, self._finite_ends()
         self._integrals = kind(model.law, rater, weight, level.mean, level.sd, self._widths(), times, ends)
+        fabric = design.fabric[self._condition]
+        self._fabrics = FabricIntegrals(self._integrals, fabric, design.n_fabrics, weight, self._widths(), times, rough)
         self._slope = np.where(self._exact, scale.log_slope(self.values), 0.0)
         self._log = float(self._slope.sum())
 
@@ -230,32 +234,38 @@ class IntervalRatings(RatingsLikelihood):
     def finer(self) -> Self:
         """Return the same likelihood with finer integrals."""
         walled = self._integrals.walled.size > 0
-        return self.with_quadrature(finer_than(self._quadrature, self._integrals.count, self.model.law, walled))
+        finer = finer_than(self._quadrature, self._integrals.count, self.model.law, walled)
+        return self.with_quadrature(finer, Rough(self._fabrics, self._quadrature))
 
-    def with_quadrature(self, quadrature: Quadrature) -> Self:
-        """Return the same likelihood with integrals of another resolution."""
-        return type(self)(self.values, self.design, self.model, self._over, self._stated, quadrature, self._lapses)
+    def with_quadrature(self, quadrature: Quadrature, rough: Rough | None = None) -> Self:
+        """Return the same likelihood with integrals of another resolution, as a reference of `rough` if given."""
+        how = self._stated, quadrature, self._lapses, rough
+        return type(self)(self.values, self.design, self.model, self._over, *how)
 
     def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Log density of all ratings together, shape (...); arguments as `LogRatings.log_likelihood`."""
 
         def whole(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
             given, shape = self._given(mean_rate, parameters)
-            return self._integrals.log_density(given, self._quadrature).reshape(*shape, 1) - self._log
+            return self._fabrics.log_density(given, self._quadrature).reshape(*shape, 1) - self._log
 
         points = max(self._quadrature.points, 4)
-        return in_pieces(whole, points * self.design.n_rows, mean_rate, parameters)[..., 0]
+        return in_pieces(whole, points * self.design.n_rows + self._fabrics.width, mean_rate, parameters)[..., 0]
 
     def log_likelihood_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Log density of each rating given all the others, shape (..., rows).
 
-        The level's distribution given the other raters is approximated as normal.
+        The level's distribution given the other raters is approximated as normal, and with fabrics' deviations that of
+        a row's expectation.
         """
 
         def alone(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
             given, shape = self._given(mean_rate, parameters)
-            weight, value, _ = self._left_out(given)
-            found = log_sum(weight + value, axis=1) - log_sum(weight, axis=1)
+            if given.deviating:
+                found = log_density_left_out(self._fabrics, given)
+            else:
+                weight, value, _ = self._left_out(given)
+                found = log_sum(weight + value, axis=1) - log_sum(weight, axis=1)
             found = found[:, self._back] - self._slope
             return found.reshape(*shape, -1)
 
@@ -269,6 +279,8 @@ class IntervalRatings(RatingsLikelihood):
 
         def smaller(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
             given, shape = self._given(mean_rate, parameters)
+            if given.deviating:
+                return below_left_out(self._fabrics, given)[:, self._back].reshape(*shape, -1)
             weight, _, grid = self._left_out(given)
             law, rows, own = self.model.law, given.rows.at_points(), self._integrals.rater
             expected = given.drive[:, None] + grid[..., own]
@@ -282,8 +294,11 @@ class IntervalRatings(RatingsLikelihood):
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Log density of all ratings of each participant given all other participants', shape (draws, participants).
 
-        The level's distribution given the other raters is approximated as normal.
+        The level's distribution given the other raters is approximated as normal. With fabrics' deviations, it is the
+        difference of the log densities with and without them.
         """
+        if (np.asarray(parameters.omega) > 0.0).any():
+            return block_log_likelihood(self, mean_rate, parameters, self.design.participant)
 
         def whole(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
             given, shape = self._given(mean_rate, parameters)
@@ -297,19 +312,21 @@ class IntervalRatings(RatingsLikelihood):
         return in_pieces(whole, self._loo_width, mean_rate, parameters)
 
     def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Effects:
-        """Draws of mu and participants' scales given the ratings, from their densities on grids."""
+        """Draws of all effects given the ratings: of fabrics by `FabricIntegrals`, of the others from grids."""
         shape = np.broadcast_shapes(mean_rate.shape[:-1], *(np.shape(v) for v in parameters))
-        width = self.design.n_rows + LEVELS * FINE.scales * self.design.n_participants
+        width = self.design.n_rows + LEVELS * FINE.scales * self.design.n_participants + self._fabrics.width
         found = in_pieces(lambda rate, p: self._drawn(rng, rate, p), width, mean_rate, parameters)
         tau = np.broadcast_to(np.asarray(parameters.tau, float), shape)[..., None]
         participant = tau * rng.standard_normal((*shape, self.design.n_participants))
-        participant[..., self._raters] = found[..., 1:]
-        return Effects(found[..., 0], participant, np.zeros((*shape, self.design.n_fabrics)))
+        last = 1 + self._raters.size
+        participant[..., self._raters] = found[..., 1:last]
+        return Effects(found[..., 0], participant, found[..., last:])
 
     def _drawn(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Return draws of mu and of the deviations of the raters with ratings, (..., 1 + raters)."""
+        """Return draws of mu, of the raters with ratings and of fabrics, (..., 1 + raters + fabrics)."""
         given, shape = self._given(mean_rate, parameters)
-        return np.concatenate(self._integrals.draw(rng, given, self._quadrature), axis=-1).reshape(*shape, -1)
+        drawn = self._fabrics.draw(rng, given, self._quadrature)
+        return np.concatenate(drawn, axis=-1).reshape(*shape, -1)
 
     def replicate(
         self,
@@ -330,7 +347,8 @@ class IntervalRatings(RatingsLikelihood):
         An interval's residual is taken at a random share of its probability, drawn once per row.
         """
         drive, design = self.drive(mean_rate, parameters), self.design
-        expected = effects.mu[..., None] + drive[..., design.condition] + effects.participant[..., design.participant]
+        expected = effects.mu[..., None] + (drive + effects.fabric[..., design.fabric])[..., design.condition]
+        expected = expected + effects.participant[..., design.participant]
         spread = self.model.error_sd(parameters)[..., None]
         rows = self._rows_at(parameters).take(self._back)
         return spread * score_at(self.model.law, rows, self._shares, expected, spread, parameters)
@@ -352,9 +370,8 @@ class IntervalRatings(RatingsLikelihood):
         spread = np.maximum(flat.varsigma, _LEAST_SPREAD)[:, None]
         rows = self._rows_at(flat)
         of_law = LawParameters(np.asarray(flat.nu), np.asarray(flat.lapse))
-        return RowParameters(
-            drive, np.asarray(flat.tau)[:, None], spread, of_law, rows, self._middle_of(rows, spread)
-        ), shape
+        tau, omega = (np.asarray(v)[:, None] for v in (flat.tau, flat.omega))
+        return RowParameters(drive, tau, spread, of_law, rows, self._middle_of(rows, spread), omega), shape
 
     def _rows_at(self, parameters: RatingParameters) -> Rows:
         """Return every row's interval, sorted by rater; in this class independent of the parameters."""
@@ -381,16 +398,3 @@ class IntervalRatings(RatingsLikelihood):
         own, values = self._integrals.rater, self._integrals.row_values(given, grid)
         whole = law + self._integrals.of_raters(values)
         return whole[..., own] - values, values, grid
-
-
-def _robust(values: FloatArray, rater: NDArray[np.intp], condition: NDArray[np.intp]) -> FloatArray:
-    """Return weights of rows that fall with their distance from the medians of their raters and conditions."""
-    left = values.copy()
-    for _ in range(2):
-        for index in (rater, condition):
-            order = np.argsort(index, kind="stable")
-            parts = np.split(order, np.flatnonzero(np.diff(index[order])) + 1)
-            for part in parts:
-                left[part] -= np.median(left[part])
-    scale = 1.5 * np.median(np.abs(left))
-    return np.ones(values.size) if not scale > 0 else 1.0 / (1.0 + 0.25 * (left / scale) ** 2)

@@ -55,6 +55,13 @@ class RowParameters(NamedTuple):
     """Every row, sorted by rater."""
     middle: FloatArray
     """A number inside of each row's interval, from which Newton's method starts, shape (rows,) or (draws, rows)."""
+    omega: FloatArray
+    """Spread of fabrics' deviations, which `fabric_integrals` alone uses, shape (draws, 1)."""
+
+    @property
+    def deviating(self) -> bool:
+        """True if fabrics have deviations in any draw."""
+        return bool((self.omega > 0.0).any())
 
     def part(self, piece: Any) -> RowParameters:
         """Return some of the draws."""
@@ -66,6 +73,7 @@ class RowParameters(NamedTuple):
             LawParameters(*(v[piece] for v in of)),
             self.rows.part(piece),
             middle if middle.ndim == 1 else middle[piece],
+            self.omega[piece],
         )
 
 
@@ -116,3 +124,16 @@ def times_of(*keys: FloatArray | IndexArray) -> FloatArray:
     found = np.zeros(len(keys[0]))
     found[first] = count
     return found
+
+
+def robust_weights(values: FloatArray, rater: IndexArray, condition: IndexArray) -> FloatArray:
+    """Return weights of rows that fall with their distance from the medians of their raters and conditions."""
+    left = values.copy()
+    for _ in range(2):
+        for index in (rater, condition):
+            order = np.argsort(index, kind="stable")
+            parts = np.split(order, np.flatnonzero(np.diff(index[order])) + 1)
+            for part in parts:
+                left[part] -= np.median(left[part])
+    scale = 1.5 * np.median(np.abs(left))
+    return np.ones(values.size) if not scale > 0 else 1.0 / (1.0 + 0.25 * (left / scale) ** 2)

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.checking.checks import FABRIC_SPREAD
 from softness_bayes.data import Ratings
 from softness_bayes.data.aggregated import AggregatedCells
 from softness_bayes.data.steps import steps_of_raters
@@ -326,8 +325,6 @@ def _closed_form_alone(ratings: Ratings, options: ModelOptions) -> str:
         return "errors of loads (load_cv)"
     if options.shared_load_cv:
         return "errors of loads (shared_load_cv)"
-    if FABRIC_SPREAD in options.priors:
-        return "fabrics' own deviations (a prior of omega)"
     return ""
 
 

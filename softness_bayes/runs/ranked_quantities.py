@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.checking.checks import FABRIC_SPREAD
 from softness_bayes.checking.inflection import CurveShape, curve_scene, find_inflection, response_curves
 from softness_bayes.likelihood.contract import Effects
 from softness_bayes.model.posterior import Posterior
@@ -24,6 +25,9 @@ LOG_LIKELIHOOD = "log_likelihood"
 
 PARTICIPANT, PARTICIPANTS = "participant_effect", "participant_spread"
 """Names of the first participant's effect, and of the standard deviation of all participants' effects."""
+
+FABRIC, FABRICS = "fabric_effect", "fabric_spread"
+"""Names of the first fabric's deviation, and of the standard deviation of all fabrics' deviations."""
 
 
 def turns(load: object) -> str:
@@ -59,6 +63,9 @@ def quantities(posterior: Posterior, theta: FloatArray, effects: Effects) -> dic
     if PARTICIPANT in drawn and posterior.space.held.get("tau") != 0.0:
         participants, _ = drawn[PARTICIPANT]
         found |= {PARTICIPANT: participants[:, 0], PARTICIPANTS: participants.std(axis=-1)}
+    if FABRIC in drawn and FABRIC_SPREAD in posterior.names:
+        fabrics, _ = drawn[FABRIC]
+        found |= {FABRIC: fabrics[:, 0], FABRICS: fabrics.std(axis=-1)}
     if isinstance(posterior.scene, Scene):
         found |= _turning_points(posterior, posterior.scene, theta)
     return found

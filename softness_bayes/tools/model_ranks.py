@@ -33,6 +33,7 @@ from softness_bayes.likelihood.scales import AGGREGATED, CATEGORIES, PAIRS, RANK
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.model.scenes import usual_values
+from softness_bayes.parameters.priors import HalfNormal
 from softness_bayes.plotting.calibration import rank_ecdf_figure
 from softness_bayes.plotting.style import save
 from softness_bayes.runs.calibration_scene import CalibrationScene
@@ -58,7 +59,13 @@ RUN = Settings(ensembles=2, processes=1)
 
 CONTROLLED = 10
 FAINT = MappingProxyType(
-    dict.fromkeys(("differences ignored", "tails ignored", "lapses ignored", "inner categories twice as wide"), 40)
+    dict.fromkeys(
+        (
+            *("differences ignored", "tails ignored", "lapses ignored", "inner categories twice as wide"),
+            "deviations ignored",
+        ),
+        40,
+    )
 )
 """Number of laboratories that are also fitted with each mistake; of those that are hard to see, by name."""
 
@@ -137,10 +144,17 @@ class Case(NamedTuple):
 
 _WHOLE, _OWN = {"resolution": 1.0}, {"resolution": 0.0, "errors": NORMAL}
 _GAPS = scaled(gap_2=2.0, gap_3=2.0, gap_4=2.0)
+_SAME_FABRICS = {"deviations ignored": scaled(omega=0.0)}
 CASES: Mapping[str, Case] = {
     "whole numbers, normal": Case({**_WHOLE, "errors": NORMAL}, {**TOO_PRECISE, "taken as exact": exact}),
     "whole numbers, Student": Case({**_WHOLE, "errors": STUDENT}, {**TOO_PRECISE, "tails ignored": scaled(nu=1e4)}),
     "whole numbers, lapses": Case({**_WHOLE, "errors": LAPSES}, {**TOO_PRECISE, "lapses ignored": scaled(lapse=1e-6)}),
+    "fabrics' deviations, normal": Case(
+        {**_WHOLE, "errors": NORMAL, "priors": {"omega": HalfNormal(0.3)}}, {**TOO_PRECISE, **_SAME_FABRICS}
+    ),
+    "fabrics' deviations, Student": Case(
+        {**_WHOLE, "errors": STUDENT, "priors": {"omega": HalfNormal(0.3)}}, {**WRONG_SIGN, **_SAME_FABRICS}
+    ),
     "slider": Case({"scale": SLIDER}, TOO_PRECISE),
     "categories": Case(
         {"scale": CATEGORIES, "n_categories": 5}, {**WRONG_SIGN, "inner categories twice as wide": _GAPS}
@@ -158,7 +172,7 @@ CASES: Mapping[str, Case] = {
 
 RANKED = (
     *("b", "gamma", "tau", "varsigma", "eps", "nu", "lapse", "gap_2", "gap_3", "gap_4", "tau_gamma", "tau_varsigma"),
-    *("mu", "log_likelihood", "participant_effect", "participant_spread"),
+    *("omega", "mu", "log_likelihood", "participant_effect", "participant_spread", "fabric_effect", "fabric_spread"),
     *(name(load) for load in SCENE.loads for name in (turns, turning_point)),
 )
 COLUMNS = ("lab", "case", "k", *RANKED)

@@ -602,6 +602,8 @@ def test_other_raters_and_fabrics_are_of_the_population(kind):
     case, rng = CASES[kind], np.random.default_rng(9)
     y, model = case.observed, case.observed.model
     _, points = many(case)
+    if "omega" in model.needs:
+        points = points._replace(omega=np.full(DRAWS, 0.3))
     before = y.new_effects(rng, points, (DRAWS,))
     others = model.for_others(rng, points, before, 2, np.array([-1, 2, -1, 0]))
     drawn, known = model.named_effects(others), model.named_effects(before)

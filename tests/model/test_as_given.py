@@ -106,8 +106,8 @@ LOADS = (Indentation(2e-3), Indentation(3e-3))
 def simulated(seed=1, participants=12, **options):
     """An experiment with simulated raters of six fabrics under two loads."""
     values = usual_values(MENDED, given=options.pop("values", {}))
-    rng = np.random.default_rng(seed)
-    made = simulate_ratings(rng, CLOTH, LOADS, values, participants=participants, mu=1.5, **options)
+    rng, mu = np.random.default_rng(seed), options.pop("mu", 1.5)
+    made = simulate_ratings(rng, CLOTH, LOADS, values, participants=participants, mu=mu, **options)
     return Experiment(made.ratings, CLOTH, ()), made
 
 
@@ -189,14 +189,37 @@ def test_conditions_that_hardly_repeat_are_no_heavy_tails():
     assert students == 0
 
 
+@pytest.mark.parametrize("errors", [NORMAL, STUDENT, LAPSES], ids=lambda law: law.name)
+@pytest.mark.parametrize("scale", [MAGNITUDE, SLIDER, CATEGORIES], ids=lambda scale: scale.name)
+def test_fabrics_may_deviate_whatever_the_ratings_are(scale, errors):
+    """Whole numbers with zeros, sliders and categories keep their intervals and their error law beside omega."""
+    step = {MAGNITUDE.name: {"resolution": 1.0}, SLIDER.name: {"resolution": 0.05}}.get(scale.name, {})
+    mu = {} if scale is MAGNITUDE else {"mu": 0.0}
+    experiment, _ = simulated(scale=scale, values={"omega": 0.4, "gamma": 0.5}, **step, **mu)
+    own = replace(QUICK, scale=scale, errors=errors, priors={"omega": HalfNormal(0.5)})
+    model = build(experiment, own)
+    assert model.options.errors is errors
+    assert "exact" not in model.given.note
+    assert "omega" in model.posterior.names
+    theta = model.posterior.space.draw_prior(np.random.default_rng(1), 5)
+    value = model.posterior.log_likelihood(theta)
+    assert np.isfinite(value).all()
+    without = theta.copy()
+    without[:, model.posterior.names.index("omega")] = 1e-12
+    held = build(experiment, replace(own, priors={})).posterior
+    rest = np.delete(theta, model.posterior.names.index("omega"), axis=1)
+    assert_allclose(model.posterior.log_likelihood(without), held.log_likelihood(rest), rtol=0, atol=1e-10)
+    assert (np.abs(value - held.log_likelihood(rest)) > 1e-3).all()
+
+
 def test_what_has_no_model_is_refused():
     experiment, _ = simulated(resolution=1.0)
-    own = replace(QUICK, priors={"omega": HalfNormal(0.5)})
-    with pytest.raises(InputError, match=r"ratings are 0, and fabrics' own deviations \(a prior of omega\)"):
-        build(experiment, own)
     some, _ = simulated()
-    with pytest.raises(InputError, match=r"fabrics' own deviations .* need exact numbers with normal errors"):
-        build(some, replace(own, errors=STUDENT))
+    loads = replace(QUICK, load_cv=0.05)
+    with pytest.raises(InputError, match=r"ratings are 0, and errors of loads \(load_cv\) need ratings above 0"):
+        build(experiment, loads)
+    with pytest.raises(InputError, match=r"errors of loads \(load_cv\) need exact numbers with normal errors"):
+        build(some, replace(loads, errors=STUDENT))
     with pytest.raises(InputError, match=r"raters' own fingers \(--individual\) need exact numbers"):
         build(some, replace(QUICK, individual=("b",), resolution=1.0))
     scores = np.resize([-1.0, 0.5, 1.0], len(some.ratings))
