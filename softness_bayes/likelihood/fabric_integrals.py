@@ -35,7 +35,7 @@ SETTLED, SETTLED_TAILS = 0.3, 0.1
 """Newton's method stops once its step is shorter than this, in standard deviations; the second is for heavy tails. The
 quadrature's limit holds too."""
 
-PROPOSALS = 8
+PROPOSALS = 4
 """Number of draws from the normal approximation among which one is chosen by weight, to draw deviations."""
 
 REFERENCE, FINE_PAIRS = 64, 4

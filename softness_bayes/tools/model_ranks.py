@@ -152,9 +152,6 @@ CASES: Mapping[str, Case] = {
     "fabrics' deviations, normal": Case(
         {**_WHOLE, "errors": NORMAL, "priors": {"omega": HalfNormal(0.3)}}, {**TOO_PRECISE, **_SAME_FABRICS}
     ),
-    "fabrics' deviations, Student": Case(
-        {**_WHOLE, "errors": STUDENT, "priors": {"omega": HalfNormal(0.3)}}, {**WRONG_SIGN, **_SAME_FABRICS}
-    ),
     "slider": Case({"scale": SLIDER}, TOO_PRECISE),
     "categories": Case(
         {"scale": CATEGORIES, "n_categories": 5}, {**WRONG_SIGN, "inner categories twice as wide": _GAPS}

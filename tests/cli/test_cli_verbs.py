@@ -229,6 +229,34 @@ def test_an_effect_per_fabric_from_end_to_end(tmp_path, brief_pilot, monkeypatch
     assert drawn - {".softness-bayes.json"} == {f"{name}.{suffix}" for name in few_figures for suffix in RUN_FORMATS}
 
 
+def test_fabrics_may_deviate_where_answers_are_whole_numbers_and_zeros(tmp_path, brief_pilot):
+    """From simulated answers in steps of 5 to a first look, predictions for all fabrics, and ranks."""
+    touch = ["--indentation-mm", "2", "--indentation-mm", "3", "--participants", "3", "--resolution", "5"]
+    simulated = call(
+        *["simulate", "--fabrics", DATA / "fabrics.csv", *touch, "--set", "omega=0.4", "--seed", "3"],
+        *["--out", tmp_path / "made"],
+    )
+    assert simulated.returncode == 0, simulated.stderr
+    table = tmp_path / "made" / "ratings.csv"
+    assert (pd.read_csv(table)["rating"] == 0).any()
+    prior = ["--prior", "omega=halfnormal(0.3)", "--errors", "normal"]
+    done = call(
+        *["sample", "--data", table, *FIXED, *prior, "--accuracy", "0.01", "--quick", "--processes", "1"],
+        *["--no-figures", "--out", tmp_path / "out"],
+    )
+    assert done.returncode == 0, done.stderr
+    assert "ratings of 0 are censored" in done.stdout
+    for name in ("posterior.nc", "summary.csv", "predictive_checks.csv", "fabric_ratings.csv"):
+        assert (tmp_path / "out" / name).stat().st_size > 0, name
+    result = Result.load(tmp_path / "out")
+    assert "omega" in result.table.index
+    assert result.group("posterior")["fabric_effect"].dims == ("chain", "draw", "fabric")
+    cloth = ["--fabrics", DATA / "fabrics.csv", "--indentation-mm", "2.5"]
+    for words in (["predict", "--posterior", tmp_path / "out", *cloth], ["rank", tmp_path / "out"]):
+        found = call(*words, "--out", tmp_path / words[0])
+        assert found.returncode == 0, found.stderr
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -355,6 +355,7 @@ def test_what_is_not_comparable_is_refused(results, experiment):
 
 
 WHOLE = {f"whole numbers, {law.name}": {"resolution": 1.0, "errors": law} for law in ERROR_LAWS.values()}
+WHOLE |= {"deviating fabrics, whole numbers": {"priors": {"omega": HalfNormal(0.5)}, "resolution": 1.0}}
 EXACT = {f"exact, {law.name}": {"resolution": 0.0, "errors": law} for law in ERROR_LAWS.values()}
 EXACT |= {f"individual {name}": {"individual": (name,), "resolution": 0.0} for name in ("gamma", "varsigma")}
 EXACT |= {"deviating fabrics": {"priors": {"omega": HalfNormal(0.5)}, "resolution": 0.0}}
