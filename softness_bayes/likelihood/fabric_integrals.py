@@ -24,7 +24,7 @@ from softness_bayes.likelihood.fabric_laws import FabricLaw, Point, Sums, law_of
 from softness_bayes.likelihood.interval_law import scaled_derivatives
 from softness_bayes.likelihood.mu_nodes import draw_index, log_sum
 from softness_bayes.likelihood.pieces import blocks, pieces
-from softness_bayes.likelihood.quadrature import Quadrature
+from softness_bayes.likelihood.quadrature import FAST, Quadrature
 from softness_bayes.likelihood.rater_integrals import RaterIntegrals
 from softness_bayes.likelihood.rater_rows import RowParameters, WidthGroup, groups_by_width
 
@@ -102,7 +102,7 @@ class FabricIntegrals:
             return self.integrals.log_density(given, quadrature)
         if self._rough is not None:
             return self._averaged(self._rough, given, quadrature)
-        normal = self.normal(given, quadrature.settled)
+        normal = self.normal(given, quadrature.settled, quadrature == FAST)
         return self.integrals.log_density(self.shifted(given, normal.z), quadrature) + normal.log_factor
 
     def draw(
@@ -115,7 +115,7 @@ class FabricIntegrals:
         """
         if not given.deviating:
             return *self.integrals.draw(rng, given, quadrature), np.zeros((len(given.drive), self.n_fabrics))
-        normal = self.normal(given, quadrature.settled)
+        normal = self.normal(given, quadrature.settled, quadrature == FAST)
         x = rng.standard_normal((len(normal.z), PROPOSALS, self.n_fabrics))
         chosen = draw_index(rng, self._log_weights(given, normal, x, quadrature).T)
         z = normal.at(x)[np.arange(len(x)), chosen]
@@ -128,7 +128,7 @@ class FabricIntegrals:
         The mean over all draws, with the run's integrals over raters' scales, is multiplied by the ratio of the means
         over some of them, with finer integrals and with the run's.
         """
-        normal = rough.fabrics.normal(given, rough.quadrature.settled)
+        normal = rough.fabrics.normal(given, rough.quadrature.settled, rough.quadrature == FAST)
         x = standard_draws(REFERENCE, self.n_fabrics)
         some = np.concatenate([np.arange(FINE_PAIRS), REFERENCE // 2 + np.arange(FINE_PAIRS)])
         every = np.broadcast_to(x, (len(normal.z), *x.shape))
@@ -151,15 +151,18 @@ class FabricIntegrals:
             found[:, piece] = self.integrals.log_density(part, quadrature).reshape(draws, -1)
         return np.asarray(found + 0.5 * (x**2 - z**2).sum(axis=-1) - normal.log_root[:, None])
 
-    def normal(self, given: RowParameters, settled: float) -> FabricLaw:
-        """Return the normal approximation about the joint mode of the level, all scales and all deviations."""
+    def normal(self, given: RowParameters, settled: float, single: bool = False) -> FabricLaw:
+        """Return the normal approximation about the joint mode of the level, all scales and all deviations.
+
+        Arguments are those of `RaterIntegrals.modes`.
+        """
         settled = min(settled, SETTLED if self.integrals.law == NORMAL else SETTLED_TAILS)
         given, trial = self._sorted(given), self._start(given)
         kept, sums = trial.copy(), Sums(*np.empty((len(Sums._fields), *trial.z.shape[:1], *self._count.shape)))
         best, active = np.full(len(trial.z), -np.inf), np.arange(len(trial.z))
         for _ in range(_STEPS):
             here = trial.part(active)
-            found = self._sums(given.part(active), here)
+            found = self._sums(given.part(active), here, single=single)
             value = found.value.sum(axis=(-2, -1)) + here.log_prior(self.integrals.mean, self.integrals.sd)
             good = ~(value < best[active] - _LOSS * np.abs(value))
             up, down = active[good], active[~good]
@@ -207,7 +210,9 @@ class FabricIntegrals:
             point = self._newton(given, point, Sums.of(slope, second)).mean
         return point
 
-    def _sums(self, given: RowParameters, point: Point, groups: Sequence[WidthGroup] | None = None) -> Sums:
+    def _sums(
+        self, given: RowParameters, point: Point, groups: Sequence[WidthGroup] | None = None, single: bool = False
+    ) -> Sums:
         """Return sums over the rows of every rater and fabric, or over some groups of rows; rows are sorted by both."""
         law, shape = self.integrals.law, (len(point.z), *self._count.shape)
         shift = point.expectations(given).reshape(shape[0], -1)[:, self._cells]
@@ -216,7 +221,8 @@ class FabricIntegrals:
             for block in blocks(shape[0], group.rows.size):
                 part = given.part(block)
                 expected = part.drive[:, group.rows] + shift[block][:, group.rater]
-                each = scaled_derivatives(law, part.rows.take(group.rows), expected, part.spread, part.parameters)
+                rows = part.rows.take(group.rows)
+                each = scaled_derivatives(law, rows, expected, part.spread, part.parameters, single)
                 # a normal law has concave log probabilities, so that its steps need no limit
                 if law != NORMAL:
                     each = *each, secants(each[1], (part.middle[..., group.rows] - expected) / part.spread)
