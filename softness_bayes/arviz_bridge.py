@@ -185,9 +185,11 @@ def netcdf(tree: xarray.DataTree) -> bytes:
 
     The content is created in memory because HDF5 does not reliably report a full disk.
     """
+    content = io.BytesIO()
     # xarray imports dask wherever it is installed, and needs it for arrays on other machines alone
-    with without("dask"):
-        return bytes(tree.to_netcdf(None, engine="h5netcdf"))
+    with without("dask"), _opened(content, "w") as file:
+        tree.to_netcdf(file, engine="h5netcdf")
+    return content.getvalue()
 
 
 def write_netcdf(tree: xarray.DataTree, path: str | os.PathLike[str]) -> None:
@@ -213,20 +215,41 @@ def for_arviz(tree: xarray.DataTree) -> Any:
     return _arviz().InferenceData(attrs=dict(tree.attrs), **groups)
 
 
-def _opened(path: str | os.PathLike[str]) -> Any:
-    """Open an HDF5 file with cached look-ups of its objects, because h5netcdf looks up each one dozens of times."""
+def _opened(path: str | os.PathLike[str] | io.BytesIO, mode: str = "r") -> Any:
+    """Open an HDF5 file with cached look-ups of its objects, because h5netcdf looks up each one dozens of times.
+
+    Parameters
+    ----------
+    path
+        The file, or where to write its content.
+    mode
+        "r" to read; "w" to write, with objects in the order in which they are made, as h5netcdf has them.
+    """
     import h5py
+
+    class Group(h5py.Group):
+        """A group that forgets what was looked up when something is deleted: another object may take its name."""
+
+        found: dict[str, Any]
+
+        def __delitem__(self, name: str) -> None:
+            self.found.clear()
+            super().__delitem__(name)
 
     class LookedUpOnce(h5py.File):
         def __init__(self) -> None:
-            super().__init__(path, "r")
+            super().__init__(path, mode, **({} if mode == "r" else {"track_order": True}))
             self._found: dict[str, Any] = {}
 
         def __getitem__(self, name: Any) -> Any:
             if not isinstance(name, str):
                 return super().__getitem__(name)
             if name not in self._found:
-                self._found[name] = super().__getitem__(name)
+                found = super().__getitem__(name)
+                if mode != "r" and isinstance(found, h5py.Group):
+                    found = Group(found.id)
+                    found.found = self._found
+                self._found[name] = found
             return self._found[name]
 
     return LookedUpOnce()
