@@ -11,6 +11,7 @@ The integrals of L_j gain use Gauss's rule in t. With the nodes u_j the rule is 
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -36,10 +37,13 @@ class Rule(NamedTuple):
     """Weights of M at each node are these times the gains at `gain_nodes`, shape (nodes, gains)."""
 
 
+@lru_cache(maxsize=64)
 def gain_nodes(gains: int) -> tuple[Array, Array]:
-    """Return nodes and weights of Gauss's rule in t, scaled to [0, 1]."""
+    """Return nodes and weights of Gauss's rule in t, scaled to [0, 1]; they are not to be written to."""
     x, weight = legendre.leggauss(gains)
-    return 0.5 * (x + 1.0), 0.5 * weight
+    node, weight = 0.5 * (x + 1.0), 0.5 * weight
+    node.flags.writeable = weight.flags.writeable = False
+    return node, weight
 
 
 def to_peak(nodes: int, gains: int) -> Rule:
