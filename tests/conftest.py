@@ -16,6 +16,10 @@ from threadpoolctl import threadpool_limits
 from softness_bayes.results import pictures
 from softness_bayes.results import request as request_module
 from softness_bayes.sampler.sampling import Settings
+from softness_bayes.touch import shared_fields
+from softness_bayes.touch.field import StressField
+from softness_bayes.touch.finger_field import FingerField
+from softness_bayes.touch.load_field import LoadTable
 from softness_bayes.touch.neuron import fixed_channels, noise, spikes
 from softness_bayes.touch.neuron.firing import CurveError, RateCurve
 from softness_bayes.touch.neuron.onset import Onset
@@ -30,6 +34,11 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False  # or this process hands it on to those that it forks
 
 
+def pytest_collection() -> None:
+    """Look for no garbage while the tests are collected: nearly all that is made stays."""
+    gc.disable()
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with the files that take longest, so that none is left to a single process at the end."""
     place = {name: k for k, name in enumerate(LONGEST)}
@@ -38,8 +47,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 def pytest_collection_finish() -> None:
     """Look for garbage more seldom, and not among what was imported: that took a tenth of the time of all tests."""
-    gc.collect()
     gc.freeze()
+    gc.enable()
     gc.set_threshold(20_000, 20, 20)
 
 
@@ -89,6 +98,15 @@ def one_membrane(once):
         patch.setattr(noise, "exact_curve", made_once(once, noise.exact_curve))
         patch.setattr(fixed_channels, "known_curve", curve)
         patch.setattr(pictures, "spike_times", spike_times)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_field(once):
+    """Make the table of each stress field once: the same loads and fingers are in the scenes of many tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, make in (("_stress_field", StressField), ("_finger_field", FingerField), ("_load_table", LoadTable)):
+            patch.setattr(shared_fields, name, made_once(once, make))
         yield
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import pytest
@@ -69,8 +70,16 @@ class Careless:
 
 
 IDENTITY = TriangularMap.identity(DIMENSION)
-LEARNT = TriangularMap.fit(Bent(0.5).draws(np.random.default_rng(1), 4000), 4000.0, linear=10)
-"""A map of rotated, bent and straight axes."""
+
+
+@cache
+def learnt():
+    """A map of rotated, bent and straight axes."""
+    return TriangularMap.fit(Bent(0.5).draws(np.random.default_rng(1), 4000), 4000.0, linear=10)
+
+
+def identity():
+    return IDENTITY
 
 
 def largest_deviation(bend, moves, known=IDENTITY):
@@ -98,12 +107,12 @@ MOVES = {
 }
 
 
-@pytest.mark.parametrize("known", [IDENTITY, LEARNT], ids=["identity", "learnt map"])
+@pytest.mark.parametrize("known", [identity, learnt], ids=["identity", "learnt map"])
 @pytest.mark.parametrize("bend", [0.0, 0.5])
 @pytest.mark.parametrize("moves", MOVES.values(), ids=MOVES)
 def test_moves_of_some_coordinates_leave_a_known_law_as_it_is(bend, moves, known):
     """Walkers that start from exact draws stay distributed like them, and move far."""
-    deviation, moved = largest_deviation(bend, moves, known)
+    deviation, moved = largest_deviation(bend, moves, known())
     assert deviation < 4.5
     assert moved > 0.5
 
@@ -123,7 +132,7 @@ def test_without_the_probability_of_the_axis_the_law_changes(monkeypatch):
 
 def test_one_axis_of_a_map_is_moved_along():
     """The other coordinates of the map's axes stay; those of the map change where they depend on the one."""
-    known, rng = LEARNT, np.random.RandomState(3)
+    known, rng = learnt(), np.random.RandomState(3)
     begin = known.inverse(Bent(0.5).draws(np.random.default_rng(9), 50))
     (moved, _), each = fitted(((OneAxis(), 1.0),), known, ())[0][0](begin, rng), np.arange(50)
     t = [np.linalg.solve(known.axes, (known.forward(y) - known.centre).T).T for y in (begin, moved)]

@@ -1,6 +1,7 @@
 """The package's modules as syntax trees."""
 
 import ast
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
@@ -9,18 +10,32 @@ import softness_bayes
 ROOT = Path(softness_bayes.__file__).parent
 
 
-def modules():
-    """Return every module below the package itself: dotted name (without the package's) and syntax tree."""
-    found = {}
-    for path in sorted(ROOT.rglob("*.py")):
-        parts = path.relative_to(ROOT).with_suffix("").parts
-        name = ".".join(part for part in parts if part != "__init__")
-        if name:
-            found[name] = ast.parse(path.read_text(encoding="utf-8"), str(path))
-    return found
+class Modules(Mapping):
+    """Every module below the package itself: dotted name (without the package's) and syntax tree, made when asked."""
+
+    def __init__(self):
+        paths = {path.relative_to(ROOT).with_suffix("").parts: path for path in sorted(ROOT.rglob("*.py"))}
+        named = {".".join(part for part in parts if part != "__init__"): path for parts, path in paths.items()}
+        self._paths = {name: path for name, path in named.items() if name}
+        self._trees = {}
+
+    def __getitem__(self, name):
+        if name not in self._trees:
+            path = self._paths[name]
+            self._trees[name] = ast.parse(path.read_text(encoding="utf-8"), str(path))
+        return self._trees[name]
+
+    def __iter__(self):
+        return iter(self._paths)
+
+    def __len__(self):
+        return len(self._paths)
+
+    def __contains__(self, name):
+        return name in self._paths
 
 
-MODULES = modules()
+MODULES = Modules()
 
 
 @cache
