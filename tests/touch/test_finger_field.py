@@ -22,6 +22,8 @@ BOX = FingerBox((6.5e-3, 10e-3), (0.5e-3, 0.9e-3))
 RANGE = (1e3, 1e7)
 RADIUS = np.array([*np.repeat(BOX.radius, 2), 8e-3, 7.1e-3])
 DEPTH = np.array([*np.tile(BOX.receptor_depth, 2), 0.7e-3, 0.83e-3])
+SOME = (0, 3, 5)
+"""Two opposite corners of the box, and a finger inside: each has tables of its own to be compared with."""
 FINGERS = Fingertips(RADIUS[:, None], DEPTH[:, None], Finger().poisson_ratio)
 READINGS = [
     Readings(pressure=pressure, stress_kernel=kernel, stress_component=component)
@@ -31,6 +33,14 @@ READINGS = [
     # the table of the printed principal stress takes five seconds: it is of the same code
     if not component.needs_plane or kernel.name == "line"
 ]
+USUAL = Readings()
+
+
+def changes(readings):
+    """How many of the three readings are not the usual ones."""
+    return sum(getattr(readings, k) != getattr(USUAL, k) for k in ("pressure", "stress_kernel", "stress_component"))
+
+
 LOADS = (Indentation(1e-3), Indentation(2.5e-3), Force(0.7))
 MODULI = np.geomspace(2e4, 2e6, 5)
 FINE = Discretisation(24, 20.0, 1e-5)
@@ -52,7 +62,11 @@ def felt_at(profile, root, share):
     return np.sqrt(profile.squared_distance(y))
 
 
-@pytest.mark.parametrize("readings", READINGS, ids=reading_id)
+@pytest.mark.parametrize(
+    "readings",
+    # pressure and kernel are functions of their own: each with the usual others is among the quick tests
+    [pytest.param(each, marks=[pytest.mark.slow] * (changes(each) > 1), id=reading_id(each)) for each in READINGS],
+)
 @pytest.mark.parametrize("load", [Indentation(2e-3), Force(1.0)], ids=str)
 def test_table_is_the_field_at_the_corners_and_inside(load, readings, rng):
     field = FingerField(load, Finger(), BOX, readings, RANGE, 1e-4)
@@ -68,13 +82,13 @@ def test_table_is_the_field_at_the_corners_and_inside(load, readings, rng):
     assert_allclose(felt, np.broadcast_to(share[:, None, None], felt.shape), atol=6e-3)
 
 
-@pytest.mark.parametrize("load", LOADS, ids=str)
+@pytest.mark.parametrize("load", [pytest.param(LOADS[0], marks=pytest.mark.slow), *LOADS[1:]], ids=str)
 def test_family_holds_the_field_of_every_finger(load):
     """Against the tables of single fingers, which know nothing of other radii and depths."""
     field = FingerField(load, Finger(), BOX, Readings(), RANGE, 3e-6)
     modulus, share = np.geomspace(2e3, 5e6, 9), np.linspace(0.02, 0.99, 12)
     many, _ = profile_of(field, modulus)
-    for k in range(RADIUS.size):
+    for k in SOME:
         finger = Finger(radius=RADIUS[k], receptor_depth=DEPTH[k])
         single = StressField(load, finger, Readings(), RANGE, 1e-7)
         radius = load.close(modulus, finger).radius[None]
@@ -166,7 +180,7 @@ def test_a_vector_with_a_finger_responds_as_the_scene_of_that_finger(readings, s
     assert_allclose(rate, every.total_rate)
     moduli = np.broadcast_to(1.2 * MODULI, (RADIUS.size, MODULI.size))
     moved = scene.total_rate(vectors, moduli)
-    for k in range(RADIUS.size):
+    for k in SOME:
         finger = Finger(radius=RADIUS[k], receptor_depth=DEPTH[k])
         one = Scene(MODULI, 0.3, LOADS, smooth_firing(), readings=readings, finger=finger, discretisation=FINE)
         own = single(vectors, k)._replace(radius=0.0, receptor_depth=0.0)

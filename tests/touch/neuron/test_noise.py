@@ -15,7 +15,7 @@ def curve():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "_REACHES", module._REACHES[:8])  # the curve ends within the first
         patch.setattr(module, "_STEP", 0.03)  # as stable, and exact enough for so few runs
-        return noisy_curve(4.0, runs=4, duration=400.0, seed=1)
+        return noisy_curve(4.0, runs=4, duration=200.0, seed=1)
 
 
 def test_rates_agree_with_other_simulations_within_the_stated_error(curve):
