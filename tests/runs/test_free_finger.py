@@ -35,7 +35,7 @@ FINE = Discretisation(16, 14.5, 1e-6)
 @pytest.fixture(scope="module")
 def result(few_pictures):
     with quickly():
-        return sample(experiment(), **OPTIONS, priors=LAWS)
+        return sample(experiment(), **OPTIONS | {"discretisation": Discretisation(8, 9.0, 1e-3)}, priors=LAWS)
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,7 @@ BRIEF = OPTIONS | {"max_steps": 15}
 @pytest.fixture(scope="module")
 def given():
     """Whole numbers from 0 on, one of them ten times too large."""
-    rated = experiment()
+    rated = experiment(participants=3)
     whole = np.maximum(np.round(rated.ratings.rating / 6.0), 0.0)
     whole[3] *= 10.0
     whole[5] = 0.0

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from softness_bayes.data import Experiment, Ratings, ratings_csv
-from softness_bayes.likelihood import shared_loads
+from softness_bayes.likelihood import uncertain_loads
 from softness_bayes.model.build import build
 from softness_bayes.report.findings import input_errors_of
 from softness_bayes.report.page import report_page
@@ -103,12 +103,13 @@ def test_impossible_options_are_refused(tmp_path, typed):
     assert "from 0 to 0.3" in ended.stderr
 
 
-def test_the_command_line_simulates_samples_and_resumes(tmp_path, brief_pilot):
+def test_the_command_line_simulates_samples_and_resumes(tmp_path, brief_pilot, monkeypatch):
     home = tmp_path / "run"
     ended = call("simulate", *TOUCH, "--participants", "3", "--load-cv", "0.1", "--out", tmp_path / "made")
     assert ended.returncode == 0
     assert json.loads((tmp_path / "made" / "truth.json").read_text())["load_cv"] == 0.1
     data = tmp_path / "made" / "ratings.csv"
+    monkeypatch.setattr(uncertain_loads, "FINE_NODES", (-2.0, -1.0, 1.0, 2.0))  # as brief runs have them
     ended = call("sample", "--data", data, "--load-cv", "0.05", *QUICK, *FIXED, "--out", home)
     assert ended.returncode == 3
     assert "loads: the model includes relative errors of 0.1," in ended.stdout
@@ -119,8 +120,7 @@ def test_the_command_line_simulates_samples_and_resumes(tmp_path, brief_pilot):
 
 
 def test_an_error_that_a_load_shares_goes_through_a_run(few_pictures, tmp_path):
-    with quickly(), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(shared_loads, "FINE_NODES", (-2.0, -1.0, 1.0, 2.0))  # exact fields of other loads take seconds
+    with quickly():
         result = sample(experiment(), **OPTIONS, shared_load_cv=0.05)
         table = result.predict(draws=20)
     assert (table["new_rater_rating_high"] > table["typical_rating_high"]).all()

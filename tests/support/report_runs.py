@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from softness_bayes.data import Experiment, Fabrics
+from softness_bayes.likelihood import shared_loads, uncertain_loads
 from softness_bayes.likelihood.scales import AGGREGATED, STANDARDISED
 from softness_bayes.model import scenes
 from softness_bayes.model.scenes import usual_values
@@ -56,6 +57,8 @@ def quickly() -> Iterator[None]:
         patch.setattr(fixed_channels, "known_curve", lambda *_: curve)
         patch.setattr(pictures, "spike_times", lambda *_: np.array([12.0, 30.0, 48.0]))
         patch.setattr(predictions, "ILLUSTRATED", 8)
+        for module in (shared_loads, uncertain_loads):  # exact fields of other loads take seconds
+            patch.setattr(module, "FINE_NODES", (-2.0, -1.0, 1.0, 2.0))
         for module in (draws, plate):
             patch.setattr(module, "PRIOR_DRAWS", 200)
         scenes.curve_of_held.cache_clear()  # no curve of the membrane itself, nor this one for whoever comes after
@@ -63,11 +66,11 @@ def quickly() -> Iterator[None]:
         scenes.curve_of_held.cache_clear()
 
 
-def experiment(standardised: bool = False) -> Experiment:
+def experiment(standardised: bool = False, participants: int = 5) -> Experiment:
     """Return simulated ratings, one participant's name an attack too."""
     values, rng = usual_values(MENDED, given={"sigma_0": 7.0, "varsigma": 0.2}), np.random.default_rng(11)
     scale = {"scale": STANDARDISED} if standardised else {}
-    made = simulate_ratings(rng, CLOTH, LOADS, values, participants=5, **scale)
+    made = simulate_ratings(rng, CLOTH, LOADS, values, participants=participants, **scale)
     people = (PERSON, *made.ratings.participants[1:])
     return Experiment(replace(made.ratings, participants=people), CLOTH, ())
 
