@@ -490,7 +490,7 @@ def replicates_fit_the_density(case):
     # a category tells less of the spread than a number does
     other = point._replace(**{name: (0.9 if case.numbers is None else 0.4) * getattr(point, name)})
     both = type(point)(*(np.append(p, q) for p, q in zip(point, other, strict=True)))
-    density = of_tables(y, made[:800], lambda table: table.log_likelihood(np.tile(first, (2, 1)), both))
+    density = of_tables(y, made[:400], lambda table: table.log_likelihood(np.tile(first, (2, 1)), both))
     weight = np.exp(density[:, 1] - density[:, 0])
     assert abs(weight.mean() - 1.0) < 5.0 * weight.std() / np.sqrt(weight.size)
     assert weight.std() > 0.1  # the other point is told apart
@@ -500,7 +500,7 @@ def replicates_have_uniform_places(case):
     """Each row of a replicated table lies uniformly in its law given the other rows."""
     y, rng = case.observed, np.random.default_rng(6)
     rate, points = many(case)
-    made = y.replicate(rng, y.drive(rate, points), points, y.new_effects(rng, points, (DRAWS,)), rate)[:400]
+    made = y.replicate(rng, y.drive(rate, points), points, y.new_effects(rng, points, (DRAWS,)), rate)[:200]
     first, point = case.at(slice(0, 1))
     places = of_tables(y, made, lambda table: table.below_loo(first, point)[0])
     if case.numbers is not None:
@@ -535,12 +535,12 @@ def effects_are_drawn_given_the_data(case):
     before = y.new_effects(rng, points, (DRAWS,))
     made = y.replicate(rng, y.drive(rate, points), points, before, rate)
     first, point = case.at(slice(0, 1))
-    after = [y.with_values(values).draw_effects(rng, first, point) for values in made[:500]]
+    after = [y.with_values(values).draw_effects(rng, first, point) for values in made[:300]]
     for k, name in enumerate(type(before)._fields):
         known = np.asarray(before[k]).reshape(DRAWS, -1)
         drawn = np.array([np.asarray(effects[k]).reshape(-1) for effects in after])
         for column in range(known.shape[1]):
-            assert kstest(drawn[:, column], known[500:, column]).pvalue > 1e-4, name
+            assert kstest(drawn[:, column], known[300:, column]).pvalue > 1e-4, name
 
 
 CHECKS = (

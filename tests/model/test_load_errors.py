@@ -150,7 +150,7 @@ def oracle(posterior, experiment, cv, gamma, tau, varsigma, shift=0.0):
     return logsumexp(total) + np.log(step) - log.sum() - log.size * np.log(observation.model.centre)
 
 
-@pytest.mark.parametrize(("cv", "bound"), [(0.02, 0.03), (0.05, 0.12), (0.1, 0.25)])
+@pytest.mark.parametrize(("cv", "bound"), [(0.02, 0.03), pytest.param(0.05, 0.12, marks=pytest.mark.slow), (0.1, 0.25)])
 def test_two_fabrics_and_two_raters_agree_with_quadrature(cv, bound):
     cloth = Fabrics(("a", "b"), effective_modulus=np.array([90.0, 300.0]) * 1e3)
     experiment = made(cloth, participants=2, seed=5, loads=LOADS[:1], load_cv=cv, given={"varsigma": 0.05})
@@ -265,7 +265,7 @@ def test_simulated_loads_err_one_by_one_through_the_whole_chain():
     values = usual_values(MENDED, given=few)
     node = np.linspace(-3.5, 3.5, 701)
     loads = [scaled(LOADS[1], float(np.exp(np.sqrt(np.log1p(0.01)) * step))) for step in node[::50]]
-    scene = scene_of(CLOTH, tuple(loads), values, MENDED, discretisation=FINE)
+    scene = scene_of(CLOTH, tuple(loads), values, MENDED, discretisation=COARSE)
     rate = scene.total_rate(touch_parameters(values)).reshape(len(loads), 3) / scene.n_receptors
     x = np.stack([np.interp(node, node[::50], np.log(r + values["eps"])) for r in rate.T], axis=-1)
     weight = norm.pdf(node) / norm.pdf(node).sum()
