@@ -222,15 +222,17 @@ def test_errors_of_loads_and_of_moduli_go_together():
     assert_allclose(again.log_likelihood(theta), posterior.log_likelihood(theta), rtol=1e-12)
 
 
-def test_the_exact_likelihood_has_the_same_errors():
+@pytest.mark.parametrize("loads", [LOADS[:1], pytest.param(LOADS, marks=pytest.mark.slow)], ids=["a depth", "both"])
+def test_the_exact_likelihood_has_the_same_errors(loads):
     """Small errors are nearly normal in the rating; of large ones, the check says how far they are not."""
+    experiment = made(loads=loads)
     options = ModelOptions(fix=held("b", "gamma"), discretisation=COARSE, load_cv=0.2)
-    posterior = build(made(), options).posterior
+    posterior = build(experiment, options).posterior
     theta = posterior.space.draw_prior(np.random.default_rng(2), 4)
     assert 0.05 < np.abs(exact_log_likelihood(posterior, theta) - posterior.log_likelihood(theta)).max() < 1.0
-    small = build(made(), replace(options, load_cv=0.02)).posterior
+    small = build(experiment, replace(options, load_cv=0.02)).posterior
     assert_allclose(exact_log_likelihood(small, theta), small.log_likelihood(theta), atol=0.02)
-    bare = replace(posterior, terms=build(made(), replace(options, load_cv=None)).posterior.terms, other_loads=None)
+    bare = replace(posterior, terms=build(experiment, replace(options, load_cv=None)).posterior.terms, other_loads=None)
     assert np.abs(exact_log_likelihood(bare, theta) - posterior.log_likelihood(theta)).max() > 0.05
 
 

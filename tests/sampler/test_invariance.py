@@ -65,7 +65,7 @@ def spread_in_errors(target, moves, steps):
 @pytest.mark.parametrize("bend", [0.0, 0.3])
 def test_moves_leave_a_known_law_as_it_is(bend):
     """Bent more strongly, rare long stays in a tail make the estimated errors too small for so short a run."""
-    assert spread_in_errors(CorrelatedNormal(bend), MOVES, 2000) < 4
+    assert spread_in_errors(CorrelatedNormal(bend), MOVES, 1000) < 4
 
 
 def test_a_biased_move_is_caught():
@@ -75,4 +75,4 @@ def test_a_biased_move_is_caught():
     if tuple(int(part) for part in emcee.__version__.split(".")[:3]) > (3, 1, 6):
         pytest.skip("the snooker move is mended after emcee 3.1.6")
     moves = ((DifferentialEvolution(), 0.6), (Snooker(), 0.4))
-    assert spread_in_errors(CorrelatedNormal(), moves, 2000) > 8
+    assert spread_in_errors(CorrelatedNormal(), moves, 1000) > 8
