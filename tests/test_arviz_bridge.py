@@ -58,6 +58,10 @@ def test_files_read_back_identically(tree, tmp_path):
     assert arviz_bridge.read_netcdf(path).identical(tree)
 
 
+def test_cached_look_ups_leave_the_file_as_xarray_writes_it(tree):
+    assert arviz_bridge.netcdf(tree) == bytes(tree.to_netcdf(None, engine="h5netcdf"))
+
+
 def test_arviz_itself_reads_the_file_and_works_on_it(tree, tmp_path):
     import arviz
 
