@@ -147,9 +147,11 @@ def test_a_block_of_one_rating_is_that_rating_left_out(rng):
 # runs
 
 
-def made(seed, **options):
+def made(seed, participants=12, **options):
     values = usual_values(MENDED, given={**HELD, "gamma": 0.9, "varsigma": 0.3})
-    return simulate_ratings(np.random.default_rng(seed), CLOTH, LOADS, values, participants=12, **options).ratings
+    return simulate_ratings(
+        np.random.default_rng(seed), CLOTH, LOADS, values, participants=participants, **options
+    ).ratings
 
 
 @pytest.fixture(scope="module")
@@ -365,8 +367,9 @@ FIXED = {name: value for name, value in HELD.items() if name != "tau"}
 
 @pytest.fixture(scope="module")
 def of_whole_numbers(experiment):
-    """Fits of every observation model to one table of whole numbers; they need not have converged."""
-    table = dataclasses.replace(experiment.ratings, rating=np.maximum(np.round(experiment.ratings.rating), 1.0))
+    """Fits of every observation model to one small table of whole numbers; they need not have converged."""
+    ratings = made(1, participants=4)
+    table = dataclasses.replace(ratings, rating=np.maximum(np.round(ratings.rating), 1.0))
     whole, brief = experiment._replace(ratings=table), {"max_steps": 2, "processes": 1, "discretisation": COARSE}
     with report_runs.quickly():
         return {name: sample(whole, fix=FIXED, **brief, **options) for name, options in (WHOLE | EXACT).items()}
