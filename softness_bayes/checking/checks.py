@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, chdtri
 
 from softness_bayes.likelihood.contract import Effects, Likelihood, Parameters
+from softness_bayes.likelihood.left_out import summing
 from softness_bayes.likelihood.pieces import part_of, pieces
 from softness_bayes.likelihood.scales import MAGNITUDE
 from softness_bayes.readable import percent
@@ -109,10 +110,11 @@ def mean_residuals(
     """
     design = observation.design
     count = np.bincount(design.condition, minlength=design.n_conditions).astype(float)
-    member = (design.condition[:, None] == np.arange(count.size)) / np.maximum(count, 1.0)
+    member = summing(design.condition, count.size)
     mean = np.empty((len(mean_rate), count.size))
     for k in pieces(len(mean_rate), design.n_rows):
-        mean[k] = observation.residual(mean_rate[k], part_of(parameters, k), part_of(effects, k)) @ member
+        residual = observation.residual(mean_rate[k], part_of(parameters, k), part_of(effects, k))
+        mean[k] = (member @ residual.T).T / np.maximum(count, 1.0)
     return count, mean
 
 
@@ -168,9 +170,8 @@ def check_fabrics(observation: Likelihood, mean_rate: Array, parameters: Paramet
     count, mean = count[rated], mean[:, rated]
     spread = np.broadcast_to(model.error_sd(parameters), mean.shape[:1])
     fabrics, fabric = np.unique(design.fabric[rated], return_inverse=True)
-    member = (fabric[:, None] == np.arange(fabrics.size)) * count[:, None]
-    size = member.sum(axis=0)
-    between, everywhere = ((mean @ member) ** 2 / size).sum(axis=1), (count * mean**2).sum(axis=1)
+    size, sums = np.bincount(fabric, count), (summing(fabric, fabrics.size) @ (count * mean).T).T
+    between, everywhere = (sums**2 / size).sum(axis=1), (count * mean**2).sum(axis=1)
     within = rated.size - fabrics.size
     errors = (np.sqrt(count) * mean / spread[:, None]).mean(axis=0)
     worst = int(np.abs(errors).argmax())

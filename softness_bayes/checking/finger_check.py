@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.checking.checks import NEEDED, exceeded_along
 from softness_bayes.likelihood.contract import Effects, Likelihood, Parameters
+from softness_bayes.likelihood.left_out import summing
 from softness_bayes.likelihood.pieces import part_of, pieces
 
 Array = NDArray[np.float64]
@@ -81,10 +82,10 @@ def check_fingers(
     squares = slope**2 @ cells.T - rows * mean**2
     steep = squares > rows * FLAT**2
     along = np.empty_like(mean)
-    member = design.participant[:, None] == np.arange(design.n_participants)
+    member = summing(design.participant, design.n_participants)
     for k in pieces(len(slope), design.n_rows):
         residual = observation.residual(mean_rate[k], part_of(parameters, k), part_of(effects, k))
         about = slope[k][:, design.condition] - mean[k][:, design.participant]
-        along[k] = (residual * about) @ member
+        along[k] = (member @ (residual * about).T).T
     spread = np.broadcast_to(observation.model.error_sd(parameters), len(slope))
     return FingerCheck(exceeded_along(along, squares, steep, spread))

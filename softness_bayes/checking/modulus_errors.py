@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.checking.checks import NEEDED, exceeded_along, mean_residuals
 from softness_bayes.likelihood.contract import Effects, Likelihood, Parameters
+from softness_bayes.likelihood.left_out import summing
 from softness_bayes.sampler.jackknife import jackknife
 
 if TYPE_CHECKING:
@@ -91,10 +92,10 @@ def check_moduli(
     design, model = observation.design, observation.model
     count, mean = mean_residuals(observation, mean_rate, parameters, effects)
     spread = np.broadcast_to(model.error_sd(parameters), mean.shape[:1])
-    fabric = design.fabric[:, None] == np.arange(design.n_fabrics)
-    weight = (count * slope**2) @ fabric
+    fabric = summing(design.fabric, design.n_fabrics)
+    weight = (fabric @ (count * slope**2).T).T
     steep = weight > count.sum() / design.n_fabrics * FLAT**2
-    along = np.where(steep, (count * slope * mean) @ fabric, 0.0)
+    along = np.where(steep, (fabric @ (count * slope * mean).T).T, 0.0)
     return ModulusCheck(exceeded_along(along, weight, steep, spread))
 
 

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from softness_bayes.likelihood.additive_fit import AdditiveFit, by_participants
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.left_out import summing
 from softness_bayes.likelihood.pieces import pieces
@@ -86,19 +87,34 @@ class Layout:
         return np.asarray(np.linalg.pinv(self._laplacian, hermitian=True))
 
     @cached_property
+    def _by_participants(self) -> AdditiveFit | None:
+        """The same for many conditions, by solving for the participants; None if these are not fewer."""
+        return AdditiveFit(self.design.cells) if by_participants(self.design.cells) else None
+
+    def _solved(self, sums: FloatArray) -> FloatArray:
+        """Return the pseudoinverse of `_laplacian` times vectors, shape (..., conditions)."""
+        many = self._by_participants
+        return np.asarray(sums @ self._inverse) if many is None else many.product(sums)
+
+    @cached_property
     def residual_freedom(self) -> int:
         """Degrees of freedom that the additive fit leaves."""
-        present = int((self.design.cells.sum(axis=1) > 0).sum())
-        return self.design.n_rows - int(np.linalg.matrix_rank(self._laplacian, hermitian=True)) - present
+        present, many = int((self.design.cells.sum(axis=1) > 0).sum()), self._by_participants
+        if many is None:
+            rank = int(np.linalg.matrix_rank(self._laplacian, hermitian=True))
+        else:
+            rank = self.design.n_conditions - many.parts
+        return self.design.n_rows - rank - present
 
     @property
     def leverage(self) -> FloatArray:
         """Weight of each row in its own fitted value, shape (rows,): a residual's variance is 1 less this."""
         cells, count = self.design.cells, np.maximum(self.design.cells.sum(axis=1), 1.0)
-        shares, inverse = cells / count[:, None], self._inverse
-        mixed, who, of = shares @ inverse, self.design.participant, self.design.condition
+        shares, many = cells / count[:, None], self._by_participants
+        mixed, who, of = self._solved(shares), self.design.participant, self.design.condition
         own = 1.0 / count + (mixed * shares).sum(axis=1)
-        return np.asarray(own[who] + np.diag(inverse)[of] - 2.0 * mixed[who, of])
+        diagonal = np.diag(self._inverse) if many is None else many.diagonal
+        return np.asarray(own[who] + diagonal[of] - 2.0 * mixed[who, of])
 
     def fit(self, ratings: ArrayLike) -> Additive:
         """Fit log ratings additively by participants and conditions.
@@ -112,7 +128,7 @@ class Layout:
         shape, filed = filed.shape[:-1], filed.reshape(-1, filed.shape[-1])
         cells, count = design.cells, design.cells.sum(axis=1)
         shares = cells / np.maximum(count, 1.0)[:, None]
-        inverse, present = self._inverse, count > 0
+        present = count > 0
         of_person = summing(design.participant, design.n_participants)
         of_condition = summing(design.condition, design.n_conditions)
         freedom = self.residual_freedom
@@ -121,7 +137,7 @@ class Layout:
             y = self.scale.additive(filed[k])
             mean = (of_person @ y.T).T / np.maximum(count, 1.0)
             within = y - mean[:, design.participant]
-            condition = (of_condition @ within.T).T @ inverse
+            condition = self._solved((of_condition @ within.T).T)
             participant = mean - condition @ shares.T
             residual = y - condition[:, design.condition] - participant[:, design.participant]
             level = participant[:, present].mean(axis=-1, keepdims=True)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from softness_bayes.checking.quantities import Layout
+from softness_bayes.likelihood.additive_fit import by_participants
 from softness_bayes.likelihood.design import Design
 
 FloatArray = NDArray[np.float64]
@@ -28,9 +29,6 @@ FEWEST_FABRICS = 5
 
 RESAMPLES, SHUFFLES = 500, 1999
 """Number of random weights of the participants, and of random orders of the fabrics if there are too many for all."""
-
-MANY_CONDITIONS = 200
-"""Number of conditions above which means are found by way of the participants, if these are fewer."""
 
 _ALL_ORDERS = 720  # of six fabrics
 _SEED = 0  # the same seed for every table, so that the result depends only on the data
@@ -159,7 +157,7 @@ def condition_means(layout: Layout, y: FloatArray, weights: FloatArray) -> Float
     within = np.zeros_like(cells)
     np.add.at(within, (design.participant, design.condition), y - mean[design.participant])
     size = design.n_conditions
-    if size > max(MANY_CONDITIONS, design.n_participants):
+    if by_participants(cells):
         return _means_by_participants(layout, y, weights)
     found, step = np.empty((len(weights), size)), max(1, _CELLS // size**2)
     for first in range(0, len(weights), step):

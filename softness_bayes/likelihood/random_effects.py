@@ -9,6 +9,7 @@ of squares are computed without cancellation.
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.pieces import part_of, pieces
+from softness_bayes.likelihood.within import Dense, within_of
 
 FloatArray = NDArray[np.float64]
 
@@ -79,20 +81,28 @@ class RandomEffects:
         self._rows = rows
         self._shares = cells / np.maximum(rows, 1.0)[:, None]
         self._means = np.bincount(design.participant, self._values, rows.size) / np.maximum(rows, 1.0)
-        # sum of squares within participants = constant + |(v - best) factor|²
-        deviation = self._values - self._means[design.participant]
-        laplacian = np.diag(cells.sum(axis=0)) - cells.T @ self._shares
-        size, vectors = np.linalg.eigh(laplacian)
-        kept = size > design.n_rows * size.size * np.finfo(float).eps
-        self._factor = vectors[:, kept] * np.sqrt(size[kept])
-        by_condition = np.bincount(design.condition, deviation, design.n_conditions)
-        best = vectors[:, kept] @ ((by_condition @ vectors[:, kept]) / size[kept])
-        self._target = best @ self._factor
-        left = deviation - best[design.condition] + (self._shares @ best)[design.participant]
-        self._constant = float(left @ left)
-        self._fabrics = np.eye(design.n_fabrics)[design.fabric]
-        self._fabric_shares = self._shares @ self._fabrics
-        self._fabric_basis, self._fabric_root = np.linalg.qr(self._factor.T @ self._fabrics)
+        self._deviation = self._values - self._means[design.participant]
+        self._within = within_of(design, self._deviation)
+
+    @cached_property
+    def _dense(self) -> Dense:
+        """The sum of squares within participants by its factor, which effects of fabrics need."""
+        return self._within if isinstance(self._within, Dense) else Dense(self.design, self._deviation)
+
+    @cached_property
+    def _fabrics(self) -> FloatArray:
+        """Indicator of the fabrics, shape (conditions, fabrics)."""
+        return np.eye(self.design.n_fabrics)[self.design.fabric]
+
+    @cached_property
+    def _fabric_shares(self) -> FloatArray:
+        return self._shares @ self._fabrics
+
+    @cached_property
+    def _fabric_factors(self) -> tuple[FloatArray, FloatArray]:
+        """Basis and triangular factor of the fabrics' part of the sum of squares."""
+        basis, root = np.linalg.qr(self._dense.factor.T @ self._fabrics)
+        return basis, root
 
     @property
     def width(self) -> int:
@@ -127,7 +137,7 @@ class RandomEffects:
             log_determinant = log_determinant + 2.0 * np.log(diagonal).sum(axis=-1)
             # at the most probable effects the quadratic form is a sum of squares, so errors enter only squared
             penalty = (likely**2).sum(axis=-1)
-            offset = offset + omega[..., None] * likely @ self._fabrics.T
+            offset = offset + (omega[..., None] * likely)[..., self.design.fabric]
         quadratic = self._quadratic(offset, levels, variance) + penalty
         return -0.5 * (self.design.n_rows * math.log(2.0 * math.pi) + log_determinant + quadratic)
 
@@ -148,7 +158,7 @@ class RandomEffects:
                 root, likely = self._fabric_posterior(offset[k], few, self._levels(few))
                 noise = np.asarray(rng.standard_normal(likely.shape))[..., None]
                 fabric[k] = _column(few.fabric) * (likely + np.linalg.solve(root, noise)[..., 0])
-            offset = offset + fabric @ self._fabrics.T
+            offset = offset + fabric[:, self.design.fabric]
         for k in parts:
             levels = self._levels(part_of(spreads, k))
             spread = self.sd * np.sqrt(levels.shrinkage)
@@ -187,7 +197,7 @@ class RandomEffects:
             solved = np.linalg.solve(np.swapaxes(root, -1, -2), np.swapaxes(flat, -1, -2))
             loss = (omega[..., None] * solved) ** 2
             diagonal = diagonal - loss.sum(axis=-2).reshape(diagonal.shape)
-            offset = offset + omega * likely @ self._fabrics.T
+            offset = offset + (omega * likely)[..., self.design.fabric]
         means = self._residual_means(offset)
         mu = self.sd**2 * levels.shrinkage * (precision * means).sum(axis=-1)
         # K r = (residual at the most probable effects) / varsigma²: within, then between participants
@@ -209,7 +219,7 @@ class RandomEffects:
         return np.where(present, self._means - self.mean, 0.0) - offset @ self._shares.T
 
     def _quadratic(self, offset: FloatArray, levels: _Levels, variance: FloatArray) -> FloatArray:
-        within = self._constant + ((offset @ self._factor - self._target) ** 2).sum(axis=-1)
+        within = self._within.squares(offset)
         means = self._residual_means(offset)
         centre = (levels.precision * means).sum(axis=-1) / levels.total
         between = (levels.precision * (means - centre[..., None]) ** 2).sum(axis=-1)
@@ -223,14 +233,15 @@ class RandomEffects:
         F is the fabrics' indicator and K the inverse covariance without them. A least-squares problem in
         g, |g|² + |omega B g - d|², solved by QR: R'R itself would lose positive definiteness to rounding.
         """
+        fabric_basis, fabric_root = self._fabric_factors
         omega = np.asarray(spreads.fabric, float)[..., None]
         error = np.sqrt(_variance(spreads.row))[..., None]
-        within = (self._target - offset @ self._factor) @ self._fabric_basis / error
+        within = (self._dense.target - offset @ self._dense.factor) @ fabric_basis / error
         between = self._whiten(self._residual_means(offset), levels)
         batch = np.broadcast_shapes(omega.shape[:-1], within.shape[:-1], between.shape[:-1])
         blocks = (
             np.eye(self.design.n_fabrics),
-            (omega / error)[..., None] * self._fabric_root,
+            (omega / error)[..., None] * fabric_root,
             omega[..., None] * np.swapaxes(self._whiten(self._fabric_shares.T, levels, extra=1), -1, -2),
         )
         stacked = np.concatenate([np.broadcast_to(b, (*batch, *b.shape[-2:])) for b in blocks], axis=-2)
