@@ -35,13 +35,11 @@ from softness_bayes.provenance import PRIOR, NumericalErrors, ResidualChecks, Si
 from softness_bayes.results.constants import constant_group, coordinates
 from softness_bayes.results.draws import (
     CURVES,
-    DRAWS_PER_WALKER,
-    PICKED,
-    REPLICATES,
     REWEIGHT_DRAWS,
     RatedDraws,
     Subset,
     draws_of,
+    draws_per_walker,
 )
 from softness_bayes.results.exact import begin_comparison, exactness_stats, unchecked
 from softness_bayes.results.groups import Groups, Variable, evenly, merged, named, sampled_groups, tree_of
@@ -118,7 +116,7 @@ def assembled(
         If the posterior is not that of a compiled scene.
     """
     listener(Stage.REPLICATES)
-    kept = chains.kept(burn_in, DRAWS_PER_WALKER)
+    kept = chains.kept(burn_in, draws_per_walker(posterior, chains))
     theta = kept.by_walker(posterior.natural(kept.coordinates))
     comparison = begin_comparison(posterior, theta, workers, reweight) if exact else unchecked
     if figures is not None:
@@ -179,7 +177,7 @@ def summary_of(draws: RatedDraws, exactness: Exactness) -> pd.DataFrame:
 def _groups(draws: RatedDraws, drawn: Replicates, error: float, grid: Scene, listener: Listener) -> Groups:
     """Return all groups except those of the posterior, which wait for the exact likelihood."""
     listener(Stage.LEFT_OUT)
-    few = draws.subset(REPLICATES)
+    few = draws.subset(draws.replicates)
     alone = draws.ratings.log_likelihood_loo(few.mean_rate, few.parameters)
     pit = loo_pit(draws.ratings, few.mean_rate, few.parameters, alone)
     predicted = predictive_groups(draws, drawn, alone)
@@ -213,7 +211,7 @@ def _plate_groups(draws: RatedDraws, drawn: Replicates) -> Groups:
 
 def _with_picks(tree: xr.DataTree, draws: RatedDraws) -> xr.DataTree:
     """Add coordinates that identify the draws in groups with only some of the draws."""
-    for group, size in PICKED.items():
+    for group, size in draws.picks.items():
         chain, draw = draws.picked(size)
         which = {"posterior_chain": ("draw", chain), "posterior_draw": ("draw", draw)}
         tree[group].dataset = tree[group].to_dataset().assign_coords(which)
@@ -231,7 +229,7 @@ def _spreads(draws: RatedDraws, few: Subset) -> SpreadCheck | None:
 
 def _checks(draws: RatedDraws, error: float, exactness: Exactness) -> dict[str, Any]:
     """Return the provenance of numerical errors, of the checks of residuals and of silence."""
-    few = draws.subset(REPLICATES)
+    few = draws.subset(draws.replicates)
     check = check_fabrics(draws.ratings, few.mean_rate, few.parameters, few.effects)
     exponents = check_exponents(draws.ratings, few.mean_rate, few.parameters, few.effects)
     slope = drive_slope(draws.posterior, few.theta, few.mean_rate, few.parameters, STEP)

@@ -34,8 +34,12 @@ CURVES = 400
 REPLICATES = 500
 """Number of draws with replicated ratings and with the density of each rating given all the others."""
 
-PICKED = {"posterior_predictive": REPLICATES, "log_likelihood_loo": REPLICATES, "predictions": CURVES}
-"""Groups with a subset of the posterior draws, and its size; their coordinates identify the draws."""
+ROOM = 20_000_000
+"""Largest number of elements of a stored array; from large tables, fewer draws are stored, but not fewer than the
+least numbers below."""
+
+LEAST_PER_WALKER, LEAST_REPLICATES = 10, 100
+"""Least numbers of draws per walker and of draws with replicated ratings, however large the table."""
 
 PRIOR_DRAWS = 1000
 """Number of prior draws."""
@@ -98,6 +102,20 @@ class RatedDraws:
     def load_groups(self) -> LoadGroups:
         """Groups of loads for checks and figures; with few loads, each load is a separate group."""
         return groups_of(self.experiment.ratings.loads)
+
+    @property
+    def replicates(self) -> int:
+        """Number of draws with replicated ratings: `REPLICATES`, or as many as fit into `ROOM`."""
+        return min(REPLICATES, max(LEAST_REPLICATES, ROOM // self.ratings.design.n_rows))
+
+    @property
+    def picks(self) -> dict[str, int]:
+        """Groups with a subset of the posterior draws, and its size; their coordinates identify the draws."""
+        return {
+            "posterior_predictive": self.replicates,
+            "log_likelihood_loo": self.replicates,
+            "predictions": CURVES,
+        }
 
     @property
     def load_axis(self) -> str:
@@ -166,6 +184,17 @@ class RatedDraws:
     def touches(self, theta: Array) -> tuple[TouchParameters, Array | None]:
         """Return the arguments for a scene at theta: parameters of the forward model, and moduli if uncertain."""
         return self.touch(theta), self.posterior.space.modulus(theta)
+
+
+def draws_per_walker(posterior: Posterior, chains: Chains) -> int:
+    """Return the number of draws of each walker to store: `DRAWS_PER_WALKER`, or as many as fit into `ROOM`.
+
+    The responses to all conditions and the effects of all participants and fabrics are stored for every draw.
+    """
+    design = posterior.observation.design
+    width = max(design.n_conditions, design.n_participants, design.n_fabrics)
+    ensembles, _, walkers = chains.log_density.shape
+    return min(DRAWS_PER_WALKER, max(LEAST_PER_WALKER, ROOM // (ensembles * walkers * width)))
 
 
 def draws_of(

@@ -21,7 +21,7 @@ from softness_bayes.checking.quantities import Layout
 from softness_bayes.checking.reproduction import LEVELLED, LEVELLED_NAMES, SHORTFALL
 from softness_bayes.likelihood.pieces import part_of, pieces
 from softness_bayes.likelihood.ratings import RatingParameters
-from softness_bayes.results.draws import CURVES, REPLICATES, RatedDraws, Subset
+from softness_bayes.results.draws import CURVES, RatedDraws, Subset
 from softness_bayes.results.groups import Groups, Variable, named
 from softness_bayes.results.pictures import Trains, example_trains
 from softness_bayes.results.plate import PlateReplicates, draw_plate
@@ -35,7 +35,7 @@ ROWS = ("rating_row",)
 
 
 class Replicates(NamedTuple):
-    """Replicated draws: ratings (draws, rows) at `REPLICATES` draws, forces, and data of the figures of a touch."""
+    """Replicated draws: ratings (draws, rows) at `RatedDraws.replicates` draws, forces, and data of the figures."""
 
     again: Array
     """Ratings of the same participants."""
@@ -65,7 +65,7 @@ def draw_replicates(rng: np.random.Generator, draws: RatedDraws, workers: Worker
     workers
         Processes that simulate example trains in parallel.
     """
-    few, ratings = draws.subset(REPLICATES), draws.ratings
+    few, ratings = draws.subset(draws.replicates), draws.ratings
     drive = ratings.drive(few.mean_rate, few.parameters)
     twin = copy.deepcopy(rng)
     again = _rated(rng, draws, drive, few.mean_rate, few.parameters, few.effects)
@@ -87,9 +87,9 @@ def predictive_groups(draws: RatedDraws, drawn: Replicates, alone: Array) -> Gro
     draws, drawn
         The draws of the run, and the quantities drawn after it.
     alone
-        Log density of each rating given all others, at `REPLICATES` draws.
+        Log density of each rating given all others, at the draws of `RatedDraws.replicates`.
     """
-    few = draws.subset(REPLICATES)
+    few = draws.subset(draws.replicates)
     whole = draws.ratings.log_likelihood_participants(few.mean_rate, few.parameters)
     replicates = {"rating": Variable(drawn.again[None], ROWS), NEW_PARTICIPANTS: Variable(drawn.anew[None], ROWS)}
     return {
@@ -165,7 +165,7 @@ def _levelled_rated(rng: np.random.Generator, draws: RatedDraws, few: Subset) ->
 
 
 def _prior_rated(rng: np.random.Generator, draws: RatedDraws) -> Array:
-    ratings, theta = draws.ratings, draws.prior[:REPLICATES]
+    ratings, theta = draws.ratings, draws.prior[: draws.replicates]
     rate, parameters = draws.posterior.response(theta), draws.posterior.rating_parameters(theta)
     effects = ratings.new_effects(rng, parameters, theta.shape[:1])
     return _rated(rng, draws, ratings.drive(rate, parameters), rate, parameters, effects)
@@ -175,4 +175,4 @@ def _plate(rng: np.random.Generator, draws: RatedDraws, few: Subset) -> PlateRep
     forces, skin = draws.posterior.compression, draws.posterior.skin_parameters
     if forces is None:
         return None
-    return draw_plate(rng, forces, skin, draws.theta, few.theta, draws.prior[:REPLICATES])
+    return draw_plate(rng, forces, skin, draws.theta, few.theta, draws.prior[: draws.replicates])

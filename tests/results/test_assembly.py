@@ -7,7 +7,15 @@ import pytest
 
 from softness_bayes.checking.inflection import curve_scene
 from softness_bayes.model.build import build
-from softness_bayes.results.draws import REPLICATES, draws_of
+from softness_bayes.results import draws as draws_module
+from softness_bayes.results.draws import (
+    DRAWS_PER_WALKER,
+    LEAST_PER_WALKER,
+    LEAST_REPLICATES,
+    REPLICATES,
+    draws_of,
+    draws_per_walker,
+)
 from softness_bayes.results.predictions import illustration_groups, prediction_group, turning_groups
 from softness_bayes.results.replicates import draw_replicates, predictive_groups, prior_groups
 from softness_bayes.results.request import Request
@@ -67,3 +75,18 @@ def test_groups_do_not_depend_on_the_order_in_which_they_are_made(draws):
     backwards = [make() for make in reversed(makers)][::-1]
     assert all(same(one, other) for one, other in zip(forwards, backwards, strict=True))
     assert same(before, [draws.theta, draws.mean_rate, draws.prior])
+
+
+def test_large_tables_store_fewer_draws(draws, monkeypatch):
+    """As many as fit into the room, between the usual and the least numbers."""
+    design, chains = draws.posterior.observation.design, draws.kept
+    ensembles, _, walkers = chains.log_density.shape
+    assert (draws.replicates, draws_per_walker(draws.posterior, chains)) == (REPLICATES, DRAWS_PER_WALKER)
+    assert draws.picks["posterior_predictive"] == draws.picks["log_likelihood_loo"] == REPLICATES
+    monkeypatch.setattr(draws_module, "ROOM", 200 * design.n_rows)
+    assert draws.replicates == draws.picks["posterior_predictive"] == 200
+    widest = max(design.n_conditions, design.n_participants, design.n_fabrics)
+    monkeypatch.setattr(draws_module, "ROOM", 30 * ensembles * walkers * widest)
+    assert draws_per_walker(draws.posterior, chains) == 30
+    monkeypatch.setattr(draws_module, "ROOM", 1)
+    assert (draws.replicates, draws_per_walker(draws.posterior, chains)) == (LEAST_REPLICATES, LEAST_PER_WALKER)
