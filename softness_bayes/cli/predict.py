@@ -110,14 +110,14 @@ def command(
         named = usual_values(chosen, prior_set, values)
         parameters, compiled = touch_parameters(named), partial(scene_of, fabrics, loads, named, chosen)
         scene = _accurate(partial(compiled, finger=finger_of(finger)), named, parameters, accuracy)
-        table = prediction_table(fabrics, scene, parameters)
+        table, scenes = prediction_table(fabrics, scene, parameters), [scene]
         reached = reach_of_priors(fabrics, loads, chosen, prior_set, values, finger_of(finger))
     else:
         if finger or not choice.is_default or prior_set != PRIOR_SET:
             raise InputError(
                 "--posterior has its own readings, priors and finger: omit --finger, --priors and --reading"
             )
-        table, scene, parameters, reached = _of_run(posterior, values, fabrics, loads, accuracy, raters, seed)
+        table, scenes, parameters, reached = _of_run(posterior, values, fabrics, loads, accuracy, raters, seed)
     if reached:
         click.echo(f"warning: {reached}", err=True)
     if out is None:
@@ -127,7 +127,7 @@ def command(
         click.echo(f"{out}: {counted(len(table), 'row')}", err=True)
     of = "of the rows" if posterior is None else "of rows and draws"
     # the warning already contains this information
-    if not reached and (note := _geometry_note(scene, parameters, of)):
+    if not reached and (note := _geometry_note(scenes, parameters, of)):
         click.echo(f"note: {note}", err=True)
 
 
@@ -139,8 +139,8 @@ def _of_run(
     accuracy: float,
     raters: int | None,
     seed: int,
-) -> tuple[pd.DataFrame, Scene, TouchParameters, str]:
-    """Return the predictions of a finished run, the scene, the draws, and a note if most are out of reach.
+) -> tuple[pd.DataFrame, list[Scene], TouchParameters, str]:
+    """Return the predictions of a finished run, their scenes, the draws, and a note if most are out of reach.
 
     Raises
     ------
@@ -155,7 +155,7 @@ def _of_run(
     from softness_bayes.model.scenes import scene_of
     from softness_bayes.parameters.declared import SHAPE_PARAMETERS
     from softness_bayes.results.fitted import drawn_moduli, drawn_values, moduli_of
-    from softness_bayes.results.rating_table import rating_columns
+    from softness_bayes.results.rating_table import joined, parts_of, rating_columns
     from softness_bayes.touch.parameters import TouchParameters
 
     with reading(directory) as (result,):
@@ -167,18 +167,22 @@ def _of_run(
             raise KeyError(lacking[0])  # `reading` names the file
         parameters = drawn_parameters(named)
         readings, finger = result.readings, result.finger
-        moduli = moduli_of(result, fabrics)
-        compiled = partial(scene_of, fabrics, values=named, readings=readings, noise=noise, finger=finger)
-        scene = _accurate(partial(compiled, loads=loads, moduli=moduli), named, parameters, accuracy)
-        ratings = rating_columns(result, fabrics, scene, ANSWER_DRAWS, raters, seed, values)
-        own = drawn_moduli(result, named, fabrics, np.random.default_rng(seed))  # the draws of `rating_columns`
-        table = pd.concat([prediction_table(fabrics, scene, parameters, modulus=own), ratings], axis=1)
+        compiled = partial(scene_of, values=named, readings=readings, noise=noise, finger=finger)
+        tables, scenes = [], []
+        for some in parts_of(fabrics, len(loads)):
+            under_loads = partial(compiled, some, loads, moduli=moduli_of(result, some))
+            scene = _accurate(under_loads, named, parameters, accuracy)
+            ratings = rating_columns(result, some, scene, ANSWER_DRAWS, raters, seed, values)
+            own = drawn_moduli(result, named, some, np.random.default_rng(seed))  # the draws of `rating_columns`
+            tables.append(pd.concat([prediction_table(some, scene, parameters, modulus=own), ratings], axis=1))
+            scenes.append(scene)
+        table = joined(tables, len(loads))
 
         def under(pressed: Sequence[Load]) -> Scene:
-            return compiled(loads=tuple(pressed), discretisation=COARSE, moduli=moduli)
+            return compiled(fabrics, tuple(pressed), discretisation=COARSE, moduli=moduli_of(result, fabrics))
 
         few = type(parameters)(*(value[:: max(1, ANSWER_DRAWS // REACHED)] for value in parameters))
-        return result.labelled(table), scene, parameters, reach_note(under, loads, few, {})
+        return result.labelled(table), scenes, parameters, reach_note(under, loads, few, {})
 
 
 def _accurate(
@@ -193,12 +197,16 @@ def _accurate(
     return scene
 
 
-def _geometry_note(scene: Scene, parameters: TouchParameters, of: str) -> str:
+def _geometry_note(scenes: Sequence[Scene], parameters: TouchParameters, of: str) -> str:
     """Return a note on how often the contact is outside the range of Hertz's geometry (model.md 3)."""
-    beyond = scene.beyond_hertz(parameters)
-    if not beyond.questionable:
+    found = [scene.beyond_hertz(parameters) for scene in scenes]
+    weight = [scene.n_conditions / sum(scene.n_conditions for scene in scenes) for scene in scenes]
+    questionable, meaningless = (
+        sum(w * share for w, share in zip(weight, shares, strict=True)) for shares in zip(*found, strict=True)
+    )
+    if not questionable:
         return ""
     return (
-        f"the contact radius exceeds R/2, where Hertz's geometry is questionable, in {percent(beyond.questionable, 1)} "
-        f"{of}, and R, where it is meaningless, in {percent(beyond.meaningless, 1)}"
+        f"the contact radius exceeds R/2, where Hertz's geometry is questionable, in {percent(questionable, 1)} "
+        f"{of}, and R, where it is meaningless, in {percent(meaningless, 1)}"
     )

@@ -67,7 +67,7 @@ class Answers:
         from softness_bayes.model.prediction import drawn_parameters, prediction_table
         from softness_bayes.model.scenes import scene_of
         from softness_bayes.results.fitted import drawn_moduli, drawn_values, moduli_of
-        from softness_bayes.results.rating_table import rating_columns
+        from softness_bayes.results.rating_table import joined, parts_of, rating_columns
 
         if values is not None:
             require_mapping("values", values, '{"b": 80}')
@@ -75,11 +75,15 @@ class Answers:
         pressed = self.loads if loads is None else require_loads("loads", loads)
         named = drawn_values(self, draws, values)
         fabrics = self.fabrics if fabrics is None else fabrics
-        noise, moduli = self.provenance.rating_model.noise, moduli_of(self, fabrics)
-        scene = scene_of(fabrics, pressed, named, self.readings, noise=noise, finger=self.finger, moduli=moduli)
-        own = drawn_moduli(self, named, fabrics, np.random.default_rng(seed))  # the draws of `rating_columns`
-        touched = prediction_table(fabrics, scene, drawn_parameters(named), modulus=own)
-        return pd.concat([touched, rating_columns(self, fabrics, scene, draws, raters, seed, values)], axis=1)
+        tables = []
+        for some in parts_of(fabrics, len(pressed), draws):
+            noise, moduli = self.provenance.rating_model.noise, moduli_of(self, some)
+            scene = scene_of(some, pressed, named, self.readings, noise=noise, finger=self.finger, moduli=moduli)
+            own = drawn_moduli(self, named, some, np.random.default_rng(seed))  # the draws of `rating_columns`
+            touched = prediction_table(some, scene, drawn_parameters(named), modulus=own)
+            rated = rating_columns(self, some, scene, draws, raters, seed, values)
+            tables.append(pd.concat([touched, rated], axis=1))
+        return joined(tables, len(pressed))
 
     def rank(
         self: Stored,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,6 +24,36 @@ Array = NDArray[np.float64]
 
 LIMITS = {"_low": 0.05, "_low_50": 0.25, "": 0.5, "_high_50": 0.75, "_high": 0.95}
 """Quantiles by suffix of the column."""
+
+
+ROOM = 2_000_000
+"""Largest number of draws × touches predicted at once; some twenty arrays of this size exist then."""
+
+
+def parts_of(fabrics: Fabrics, loads: int, draws: int = ANSWER_DRAWS) -> list[Fabrics]:
+    """Return the fabrics in parts that are predicted one after the other, so that memory does not grow with them.
+
+    Parameters
+    ----------
+    fabrics
+        The fabrics.
+    loads
+        Number of loads under which each is touched.
+    draws
+        Number of posterior draws.
+    """
+    size = max(1, ROOM // (draws * max(loads, 1)))
+    if len(fabrics) <= size:
+        return [fabrics]
+    return [fabrics.take(fabrics.names[first : first + size]) for first in range(0, len(fabrics), size)]
+
+
+def joined(tables: Sequence[pd.DataFrame], loads: int) -> pd.DataFrame:
+    """Return the tables of parts of the fabrics as one, with all fabrics under the first load before the second."""
+    import pandas as pd
+
+    load = np.concatenate([np.arange(len(table)) // (len(table) // loads) for table in tables])
+    return pd.concat(tables).iloc[np.argsort(load, kind="stable")].reset_index(drop=True)
 
 
 def rating_columns(

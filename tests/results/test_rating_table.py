@@ -11,7 +11,9 @@ from numpy.testing import assert_allclose
 from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import MAGNITUDE
+from softness_bayes.results import rating_table
 from softness_bayes.results.fitted import Fitted, rated_among
+from softness_bayes.results.rating_table import parts_of
 from softness_bayes.touch.contact import Force, Indentation
 from support.command_line import call, refused
 from support.report_runs import CLOTH, LOADS, quickly
@@ -53,6 +55,24 @@ def test_the_mean_is_of_as_many_raters_as_are_asked_for(result, table):
     pd.testing.assert_frame_equal(again, table)
     with quickly(), pytest.raises(InputError, match="raters is 0, expected a whole number from 1"):
         result.predict(draws=10, raters=0)
+
+
+def test_many_touches_are_predicted_in_parts(result, table, monkeypatch):
+    """In the same order; the forward model has the same draws, and ratings those of other new raters."""
+    assert len(parts_of(result.fabrics, len(LOADS), 100)) == 1
+    monkeypatch.setattr(rating_table, "ROOM", 2 * len(LOADS) * 100)
+    parts = parts_of(result.fabrics, len(LOADS), 100)
+    assert [len(part) for part in parts] == [2] * (len(CLOTH) // 2) + [1] * (len(CLOTH) % 2)
+    with quickly():
+        found = result.predict(draws=100)
+    pd.testing.assert_index_equal(found.columns, table.columns)
+    pd.testing.assert_index_equal(found.index, table.index)
+    assert found["fabric"].tolist() == table["fabric"].tolist()
+    for name in ("force_n", "e_fab_kpa", "peak_stress_kpa_low", "total_rate_hz"):
+        assert_allclose(found[name], table[name], rtol=1e-6)
+    for name in NAMES:
+        width = np.log(table[f"{name}_high"] / table[f"{name}_low"])
+        assert (np.abs(np.log(found[name] / table[name])) < 0.2 * width + 1e-9).all()
 
 
 def test_what_was_rated_has_the_ratings_that_the_run_stores(result, table):
