@@ -170,7 +170,7 @@ def check_fabrics(observation: Likelihood, mean_rate: Array, parameters: Paramet
     count, mean = count[rated], mean[:, rated]
     spread = np.broadcast_to(model.error_sd(parameters), mean.shape[:1])
     fabrics, fabric = np.unique(design.fabric[rated], return_inverse=True)
-    size, sums = np.bincount(fabric, count), (summing(fabric, fabrics.size) @ (count * mean).T).T
+    size, sums = np.bincount(fabric, count).astype(float), (summing(fabric, fabrics.size) @ (count * mean).T).T
     between, everywhere = (sums**2 / size).sum(axis=1), (count * mean**2).sum(axis=1)
     within = rated.size - fabrics.size
     errors = (np.sqrt(count) * mean / spread[:, None]).mean(axis=0)

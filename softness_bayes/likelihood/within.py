@@ -44,7 +44,7 @@ class Dense:
         size, vectors = np.linalg.eigh(laplacian)
         kept = size > design.n_rows * size.size * np.finfo(float).eps
         self.factor = vectors[:, kept] * np.sqrt(size[kept])
-        by_condition = np.bincount(design.condition, deviation, design.n_conditions)
+        by_condition: FloatArray = np.bincount(design.condition, deviation, design.n_conditions).astype(float)
         best = vectors[:, kept] @ ((by_condition @ vectors[:, kept]) / size[kept])
         self.target = best @ self.factor
         left = deviation - best[design.condition] + (shares @ best)[design.participant]
@@ -72,7 +72,7 @@ class Sparse:
         self._weight = number * people[self._pattern]
         self._share = number / rows[rows > 0][self._pattern]
         self._start = np.searchsorted(self._pattern, np.arange(len(distinct)))
-        by_condition = np.bincount(design.condition, deviation, design.n_conditions)
+        by_condition: FloatArray = np.bincount(design.condition, deviation, design.n_conditions).astype(float)
         self._best = AdditiveFit(cells).product(by_condition)
         mean = np.add.reduceat(self._best[self._condition] * self._share, self._start)
         left = deviation - self._best[design.condition] + mean[place[design.participant]]
