@@ -66,12 +66,13 @@ def work_of(of: Subject) -> Work:
 
 
 def measure_peer(peer: Peer, work: Work, effort: Effort) -> Point:
-    """Time a peer on some receptors and compare their summed rate with exact ones."""
+    """Take a peer's processor time for some receptors, and compare their summed rate with exact ones."""
     current = work.currents(effort.lanes if peer.vectorised else effort.loop)
-    peer.rates(current[:1], 1.0)  # compilation on the first call is not counted
-    begun = time.perf_counter()
+    # compilation for arrays of this size is not counted
+    peer.rates(current if peer.vectorised else current[:1], 1.0)
+    begun = time.process_time()
     found = peer.rates(current, effort.duration)
-    spent = (time.perf_counter() - begun) / current.size
+    spent = (time.process_time() - begun) / current.size
     some = np.unique(np.linspace(0, current.size - 1, 12).astype(int))
     exact = firing_rate(current[some])
     error = abs(float(found[some].sum() / exact.sum() - 1.0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections import deque
 from functools import partial
 from typing import NamedTuple
@@ -61,6 +62,7 @@ class SamplerSpeed(NamedTuple):
     lengths: float
     """Kept steps in that time."""
     seconds: float
+    """Processor time."""
     ess: float
     ess_per_second: float
     """Effective draws of the worst quantity for each second, the learning of the moves included."""
@@ -73,8 +75,10 @@ def sampler(of: Subject, effort: Effort) -> SamplerSpeed | None:
     steps = effort.sampler_steps
     forever = Goal(lengths=np.inf)
     settings = Settings(ensembles=2, processes=1, relearning=0, min_steps=steps, max_steps=steps, goal=forever)
+    begun = time.process_time()
     state = deque(walk(of.model.posterior, settings, 1), maxlen=1).pop()
+    spent = time.process_time() - begun
     verdict = state.verdict
     assert verdict is not None, "a walk that has ended was looked at"
     ess = settings.ensembles * verdict.walkers * verdict.lengths
-    return SamplerSpeed(steps, float(verdict.tau.max()), verdict.lengths, state.seconds, ess, ess / state.seconds)
+    return SamplerSpeed(steps, float(verdict.tau.max()), verdict.lengths, spent, ess, ess / spent)

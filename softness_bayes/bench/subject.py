@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -79,28 +81,49 @@ def subject(discretisation: Discretisation, held: bool, size: int) -> Subject:
 
 
 def quickest(call: Callable[[], Any], repeats: int) -> float:
-    """Return the shortest time of repeated calls [s]."""
+    """Return the shortest processor time of repeated calls [s], which other programs on the machine hardly change."""
     taken = []
     for _ in range(repeats):
-        begun = time.perf_counter()
+        begun = time.process_time()
         call()
-        taken.append(time.perf_counter() - begun)
+        taken.append(time.process_time() - begun)
     return min(taken)
 
 
-def machine() -> dict[str, str]:
-    """Return a description of the machine: processor, cores, load, versions."""
-    info = Path("/proc/cpuinfo")
-    names = [line.split(":", 1)[1].strip() for line in _lines(info) if line.startswith("model name")]
+VECTORS: Mapping[str, str] = MappingProxyType({"avx512f": "AVX-512", "avx2": "AVX2", "avx": "AVX", "asimd": "NEON"})
+"""Names of vector instructions, the widest first, by the system's flag for them."""
+
+PEER_PACKAGES = ("brian2", "jax", "diffrax")
+
+
+def machine(info: Path = Path("/proc/cpuinfo")) -> dict[str, str]:
+    """Return a description of the machine: processor, vector instructions, cores, load, versions.
+
+    Parameters
+    ----------
+    info
+        The system's description of its processors.
+    """
+    pairs = [line.split(":", 1) for line in reversed(_lines(info)) if ":" in line]
+    told = {key.strip().lower(): value.strip() for key, value in pairs}  # of the first processor
+    flags = told.get("flags", told.get("features", "")).split()
     load = f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "unknown"
     return {
-        "processor": names[0] if names else platform.processor() or platform.machine(),
+        "processor": told.get("model name") or platform.processor() or platform.machine(),
+        "vectors": next((name for flag, name in VECTORS.items() if flag in flags), "unknown vector instructions"),
         "cores": str(os.cpu_count()),
         "load": load,
         "system": platform.system(),
         "python": platform.python_version(),
         **{name: version(name) for name in ("numpy", "scipy", "emcee", "softness-bayes")},
+        **{name: version(name) for name in PEER_PACKAGES if find_spec(name) is not None},
     }
+
+
+def machine_name(about: Mapping[str, str]) -> str:
+    """Return a machine's description in a line."""
+    processor = f"{about['processor']} with {about['vectors']}"
+    return f"{processor}, {about['cores']} cores, Python {about['python']}, NumPy {about['numpy']}"
 
 
 def _lines(path: Path) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -90,13 +91,13 @@ def _measure(quick: bool, out: Path) -> None:
     from softness_bayes.bench.peers import work_of
     from softness_bayes.bench.precision import DIAL, LIKELIHOOD, dialled
     from softness_bayes.bench.scaling import sampler
-    from softness_bayes.bench.subject import FULL, QUICK, machine
+    from softness_bayes.bench.subject import FULL, QUICK, machine, machine_name
     from softness_bayes.bench.words import summary
     from softness_bayes.files.outputs import write_outputs
     from softness_bayes.files.spreadsheet import csv_of
 
     effort, about = QUICK if quick else FULL, machine()
-    name = f"{about['processor']}, {about['cores']} cores, Python {about['python']}, NumPy {about['numpy']}"
+    name = machine_name(about)
     click.echo(f"{name}; load {about['load']}; one core is used\n")
     points = _stages(effort)
     chosen = next(p for p in points if p.stage == LIKELIHOOD and p.dial == DIAL and "free" in p.setting)
@@ -143,21 +144,22 @@ def _stages(effort: Effort) -> list[Point]:
 
 def _peers(work: Work, effort: Effort, points: list[Point]) -> tuple[list[Point], dict[str, Ratio]]:
     """Measure and print other ways to compute the response, and the ratio of their times to those in `points`."""
-    from softness_bayes.bench.brian import ABSENT, brian_peers
+    from softness_bayes.bench import brian, jax_cells
     from softness_bayes.bench.peers import PEERS, faster, measure_peer
 
     peers: list[Point] = []
     ratios: dict[str, Ratio] = {}
-    brian = brian_peers()
-    for peer in (*PEERS, *brian):
+    others = {brian.ABSENT: brian.brian_peers(), jax_cells.ABSENT: jax_cells.jax_peers()}
+    for peer in (*PEERS, *itertools.chain(*others.values())):
         point = measure_peer(peer, work, effort)
         click.echo(_line(point))
         if found := faster(point, points):
             ratios[point.setting] = found
             click.echo(f"{'':6}takes {found.ratio:.3g} times as long as the likelihood at the same error or less")
         peers.append(point)
-    if not brian:
-        click.echo(f"left out: {ABSENT}")
+    for absent, found_peers in others.items():
+        if not found_peers:
+            click.echo(f"left out: {absent}")
     return peers, ratios
 
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MARKERS = "s^vDP*"
+MARKERS = "s^vDP*X<>dph"
 """Markers of the peers, used in turn."""
 
 

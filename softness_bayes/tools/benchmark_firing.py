@@ -1,38 +1,55 @@
-"""Comparison of exact firing rates with Brian2 in time and error: ``python -m softness_bayes.tools.benchmark_firing``.
+"""Exact firing rates beside simulators: ``python -m softness_bayes.tools.benchmark_firing [FILE.csv]``.
 
-Prints, for one batch of currents into the Connor-Stevens membrane at the paper's multipliers, the processor time for
-each current and the largest relative error of the exact rate, of the same method with looser tolerances, and of
-Brian2's simulations (fourth-order Runge-Kutta) at several step lengths. It also prints the ratio of Brian2's time to
-that of the fastest setting of this package with at least the same accuracy. Brian2 comes with the extra ``peers``; it
-needs a separate environment as long as it requires an older NumPy. The comparison favours Brian2: crossings of the
-spike voltage are interpolated within a step, and its compilation time is excluded.
+Measures, for one batch of currents into the Connor-Stevens membrane at the paper's multipliers, the processor time for
+each current and the largest relative error of the exact rate, of the same method with other tolerances, and of
+simulations by Brian2 and by JAX (fourth-order Runge-Kutta at several step lengths, and diffrax's adaptive steps at
+several tolerances). It also gives the ratio of a simulator's time to that of the fastest setting of this package with
+at least the same accuracy. The simulators come with the extra ``peers``; Brian2 needs a separate environment as long as
+it requires an older NumPy. The comparison favours them: crossings of the spike voltage are interpolated within a step,
+and compilation is excluded.
 """
 
 from __future__ import annotations
 
+import argparse
+import csv
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.bench.jax_cells import ABSENT, jax_is_there, orbit_cells, step_cells
+from softness_bayes.bench.subject import machine, machine_name
 from softness_bayes.errors import InputError
 from softness_bayes.touch.neuron.equilibrium import rest
 from softness_bayes.touch.neuron.limit_cycle import AGREEMENT, SPIKE_VOLTAGE, TOLERANCE, steady_orbit
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane
-from softness_bayes.touch.neuron.rate import firing_rate
 from softness_bayes.touch.neuron.vector_field import Cells
 
 FloatArray = NDArray[np.float64]
 
 CURRENTS = 512
 CURRENT_RANGE = (20.3, 60.0)  # µA/cm²: from the paper's largest current to the end of the firing-rate surface
-LOOSER = ((TOLERANCE, AGREEMENT), (3e-8, 1e-7), (3e-7, 1e-6), (3e-6, 1e-5), (3e-5, 1e-4), (3e-4, 1e-3))
-"""Local errors and agreements of periods with which the exact method is measured."""
+OURS = (
+    (0.1 * TOLERANCE, 0.1 * AGREEMENT),
+    (TOLERANCE, AGREEMENT),
+    (3e-8, 1e-7),
+    (3e-7, 1e-6),
+    (3e-6, 1e-5),
+    (3e-5, 1e-4),
+    (3e-4, 1e-3),
+)
+"""Local errors and agreements of periods with which the exact method is measured; the second are its own."""
+FINEST = (0.01 * TOLERANCE, 0.01 * AGREEMENT)
+"""Those of the rates with which all others are compared."""
 STEPS = (0.04, 0.02)
 TARGETS = ("cython", "numpy")
+ADAPTIVE = (1e-4, 1e-7)
+"""Relative tolerances of diffrax's adaptive steps."""
 DURATION, SETTLING = 400.0, 200.0  # [ms] length of a simulation, and of its discarded initial part
 
 _A_GATES = """
@@ -84,17 +101,17 @@ class Peer(NamedTuple):
     seconds: float
     """Processor time for each current."""
     error: float
-    """Largest, relative to the exact rate; of the exact rate itself, to one with a tolerance a tenth as large."""
+    """Largest, relative to the exact method with a hundredth of its tolerance."""
     ratio: float
     """Ratio of its time to that of the fastest of our methods that is at least as accurate; NaN if there is none, 1 for
     these methods."""
 
 
 class Simulated(NamedTuple):
-    """Result of Brian2."""
+    """Result of a simulator."""
 
     rate: FloatArray
-    """Rates [Hz], shape (n,); NaN with fewer than two spikes after the settling."""
+    """Rates [Hz], shape (n,); NaN (Brian2) or 0 (JAX) with fewer than two spikes after the settling."""
     seconds: float
     """Processor time of the simulation, without compiling."""
 
@@ -170,40 +187,75 @@ def _constants(channels: Channels, membrane: Membrane) -> dict[str, float]:
 def firing_peers(
     currents: int = CURRENTS, steps: tuple[float, ...] = STEPS, targets: tuple[str, ...] = TARGETS
 ) -> list[Peer]:
-    """Return time and error of exact rates, of rates with looser tolerances and of Brian2's, for one batch of currents.
+    """Return time and error of exact rates, of rates with looser tolerances and of simulators, for a batch of currents.
 
     Parameters
     ----------
     currents : int
         Number of currents, evenly spaced over `CURRENT_RANGE`.
     steps : tuple of float
-        Brian2's step lengths [ms].
+        Step lengths of Brian2 and JAX [ms].
     targets : tuple of str
         Brian2's code generation targets.
 
     Raises
     ------
     InputError
-        If Brian2 is not installed.
+        If Brian2, JAX or diffrax is not installed.
     """
     current = np.linspace(*CURRENT_RANGE, currents)
-    best = _ours(current, 0.1 * TOLERANCE, 0.1 * AGREEMENT)
+    best = _ours(current, *FINEST)
     ours = []
-    for tolerance, agreement in LOOSER:
+    for tolerance, agreement in OURS:
         begun = time.process_time()
         rate = _ours(current, tolerance, agreement)
         seconds = (time.process_time() - begun) / currents
         ours.append(Peer("softness-bayes", f"local error {tolerance:.0e}", seconds, _error(rate, best), 1.0))
-    exact = firing_rate(current)
     theirs = []
+    for simulator, setting, found in _simulated(current, steps, targets):
+        seconds, error = found.seconds / currents, _error(found.rate, best)
+        rivals = [way.seconds for way in ours if way.error <= error]
+        theirs.append(Peer(simulator, setting, seconds, error, seconds / min(rivals) if rivals else np.nan))
+    return [*ours, *theirs]
+
+
+def _simulated(
+    current: FloatArray, steps: tuple[float, ...], targets: tuple[str, ...]
+) -> Iterator[tuple[str, str, Simulated]]:
+    """Yield simulator, setting and result of every simulation."""
     for target in targets:
         for step in steps:
-            found = brian2_rates(current, step=step, target=target)
-            seconds, error = found.seconds / currents, _error(found.rate, exact)
-            rivals = [way.seconds for way in ours if way.error <= error]
-            ratio = seconds / min(rivals) if rivals else np.nan
-            theirs.append(Peer("Brian2", f"{target}, RK4, {step:g} ms", seconds, error, ratio))
-    return [*ours, *theirs]
+            yield "Brian2", f"{target}, RK4, {step:g} ms", brian2_rates(current, step=step, target=target)
+    for step in steps:
+        yield "JAX", f"RK4, {step:g} ms", jax_rates(current, step)
+    for rtol in ADAPTIVE:
+        yield "JAX, diffrax", f"Tsit5, rtol {rtol:.0e}", jax_orbits(current, rtol)
+
+
+def jax_rates(current: FloatArray, step: float = 0.02) -> Simulated:
+    """Rates after a current step from rest, simulated by JAX with equal steps [ms] for `DURATION`.
+
+    Raises
+    ------
+    InputError
+        If JAX or diffrax is not installed.
+    """
+    return _compiled(lambda duration: step_cells(current, duration, step), step, DURATION)
+
+
+def jax_orbits(current: FloatArray, rtol: float = 1e-7) -> Simulated:
+    """Rates from one interval between spikes after the settling, by diffrax; raises as `jax_rates`."""
+    return _compiled(lambda settling: orbit_cells(current, settling, rtol), 1.0, SETTLING)
+
+
+def _compiled(run: Callable[[float], FloatArray], short: float, long: float) -> Simulated:
+    """Return the result of a function of a simulated time [ms], which a short one compiles first."""
+    if not jax_is_there():
+        raise InputError(ABSENT)
+    run(short)
+    rate = []
+    seconds = _seconds(lambda: rate.append(run(long)))
+    return Simulated(rate[0], seconds)
 
 
 def _ours(current: FloatArray, tolerance: float, agreement: float) -> FloatArray:
@@ -212,8 +264,8 @@ def _ours(current: FloatArray, tolerance: float, agreement: float) -> FloatArray
     return steady_orbit(cells, rest(many, CONNOR_STEVENS), tolerance, agreement).rate
 
 
-def _error(rate: FloatArray, exact: FloatArray) -> float:
-    return float(np.abs(rate / exact - 1.0).max())
+def _error(rate: FloatArray, best: FloatArray) -> float:
+    return float(np.abs(rate / best - 1.0).max())
 
 
 def _seconds(run: Callable[[], object]) -> float:
@@ -222,16 +274,36 @@ def _seconds(run: Callable[[], object]) -> float:
     return time.process_time() - begun
 
 
-def main() -> None:
-    """Print the table."""
+COLUMNS = ("simulator", "setting", "ms_per_current", "error", "ratio", "machine")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the table, and write it if a file is given."""
     from threadpoolctl import threadpool_limits
 
+    parser = argparse.ArgumentParser(description="Compare exact firing rates with simulators in time and error.")
+    parser.add_argument("file", type=Path, nargs="?", metavar="FILE.csv", help="file to write")
+    given = parser.parse_args(arguments)
+    name = machine_name(machine())
     with threadpool_limits(1):
-        rows = firing_peers()
+        found = firing_peers()
+    rows = [
+        (
+            one.simulator,
+            one.setting,
+            f"{1e3 * one.seconds:.3g}",
+            f"{one.error:.1e}",
+            "" if np.isnan(one.ratio) else f"{one.ratio:.2g}",
+            name,
+        )
+        for one in found
+    ]
     print(f"{CURRENTS} currents from {CURRENT_RANGE[0]:g} to {CURRENT_RANGE[1]:g} µA/cm²")
-    print(f"{'':16}{'':24}ms/current  relative error  time at equal accuracy")
-    for row in rows:
-        print(f"{row.simulator:16}{row.setting:24}{1e3 * row.seconds:10.3f}  {row.error:14.1e}  {row.ratio:22.1f}")
+    for row in (COLUMNS, *rows):
+        print(" | ".join(row))
+    if given.file is not None:
+        with given.file.open("w", encoding="utf-8", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerows([COLUMNS, *rows])
 
 
 if __name__ == "__main__":

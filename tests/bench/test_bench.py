@@ -10,11 +10,13 @@ import pytest
 
 from softness_bayes.bench import peers, scale
 from softness_bayes.bench.brian import ABSENT, brian_peers
+from softness_bayes.bench.jax_cells import ABSENT as NO_JAX
+from softness_bayes.bench.jax_cells import jax_peers
 from softness_bayes.bench.limit import Limit, limit
 from softness_bayes.bench.peers import PEERS, Peer, Ratio, Work, faster, measure_peer, solve_each, step_all
 from softness_bayes.bench.precision import FIELD, LIKELIHOOD, POPULATION, RATES, Point
 from softness_bayes.bench.scaling import SamplerSpeed, Size, scaling
-from softness_bayes.bench.subject import BATCH, QUICK, machine, quickest, subject
+from softness_bayes.bench.subject import BATCH, QUICK, machine, machine_name, quickest, subject
 from softness_bayes.bench.words import summary
 from softness_bayes.errors import InputError
 from softness_bayes.plotting.benchmark import work_precision_figure
@@ -84,6 +86,20 @@ def test_brian_simulates_the_same_membrane():
     assert fine <= coarse < 5e-3
 
 
+@pytest.mark.slow
+@pytest.mark.filterwarnings("default")  # of other projects
+def test_jax_simulates_the_same_membrane():
+    found = jax_peers()
+    if not found:
+        pytest.skip(NO_JAX)
+    exact = firing_rate(CURRENT)
+    errors = [float(np.abs(peer.rates(CURRENT, 600.0) / exact - 1).max()) for peer in found]
+    assert len(errors) == 4
+    assert max(errors) < 5e-3
+    assert errors[1] < errors[0]
+    assert errors[3] < errors[2]
+
+
 def test_sizes_and_limit_are_counted():
     of = subject(Discretisation(6, 4.0, 1e-3), True, 8)
     sizes = scaling(of, QUICK._replace(repeats=1, most_fabrics=4, most_vectors=4))
@@ -103,10 +119,30 @@ def test_sizes_and_limit_are_counted():
 
 
 def test_the_machine_is_named_and_the_quickest_call_counts(monkeypatch):
-    assert {"processor", "cores", "numpy", "python"} <= machine().keys()
+    assert {"processor", "vectors", "cores", "numpy", "python"} <= machine().keys()
     ticks = iter([0.0, 3.0, 10.0, 11.0, 20.0, 22.0])
-    monkeypatch.setattr(time, "perf_counter", lambda: next(ticks))
+    monkeypatch.setattr(time, "process_time", lambda: next(ticks))
     assert quickest(lambda: None, 3) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("flags", "vectors"),
+    [
+        ("flags\t\t: fpu sse2 avx avx2 avx512f avx512bw", "AVX-512"),
+        ("flags\t\t: fpu sse2 avx avx2", "AVX2"),
+        ("Features\t: fp asimd crc32", "NEON"),
+        ("flags\t\t: fpu sse2", "unknown vector instructions"),
+    ],
+)
+def test_the_vector_instructions_are_the_widest_of_the_processor(tmp_path, flags, vectors):
+    info = tmp_path / "cpuinfo"
+    info.write_text(
+        f"processor\t: 0\nmodel name\t: Some Processor 7\n{flags}\n\nprocessor\t: 1\nmodel name\t: Another\n"
+    )
+    about = machine(info)
+    assert about["vectors"] == vectors
+    assert machine_name(about).startswith(f"Some Processor 7 with {vectors}, ")
+    assert machine(tmp_path / "none")["vectors"] == "unknown vector instructions"
 
 
 def test_the_figure_holds_its_numbers():
@@ -159,9 +195,8 @@ def test_the_kept_words_are_those_of_the_kept_measurements():
     facts = json.loads((kept / "bench.json").read_text(encoding="utf-8"))
     ratios = {name: Ratio(**ratio) for name, ratio in facts["ratios"].items()}
     bare = Limit(**{name: value for name, value in facts["limit"].items() if name in Limit._fields})
-    about = facts["machine"]
-    machine = f"{about['processor']}, {about['cores']} cores, Python {about['python']}, NumPy {about['numpy']}"
-    words = summary(points, ratios, sizes, bare, SamplerSpeed(**facts["sampler"]), machine)
+    name = machine_name(facts["machine"])
+    words = summary(points, ratios, sizes, bare, SamplerSpeed(**facts["sampler"]), name)
     assert words == (kept / "summary.md").read_text(encoding="utf-8")
 
 
