@@ -60,6 +60,7 @@ PROGRAMS = {
     "tools.benchmark_loads",
     "tools.benchmark_moves",
     "tools.benchmark_samplers",
+    "tools.benchmark_scale",
     "tools.benchmark_versions",
     "tools.benchmark_uncertain",
     "tools.coverage_page",

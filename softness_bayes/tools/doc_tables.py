@@ -72,6 +72,33 @@ def samplers(results: Path) -> str:
     return table(head, cells)
 
 
+def scale(results: Path) -> str:
+    """Return time and memory of whole runs on growing tables, from ``tools.benchmark_scale``."""
+    rows = _rows(results / "scale.csv")
+    head = ["what grows", "size", "ratings", "processor time [s]", "peak memory [MB]", "time as size to the power"]
+    head += ["without the constant part"]
+    keys = ["kind", "size", "ratings", "processor_s", "peak_mb", "exponent"]
+    cells = [[row[key] or "–" for key in keys] + [_power_of_growth(rows, k)] for k, row in enumerate(rows)]
+    return f"{table(head, cells)}\nMeasured on: {rows[0]['machine']}.\n"
+
+
+def _power_of_growth(rows: Sequence[Mapping[str, str]], k: int) -> str:
+    """Return p if times grow as a constant plus size^p over three rows of a kind, the last of which is row k."""
+    three = rows[max(k - 2, 0) : k + 1]
+    if len(three) < 3 or len({row["kind"] for row in three}) > 1:
+        return "–"
+    times, sizes = (np.diff([float(row[key]) for row in three]) for key in ("processor_s", "size"))
+    return f"{np.log(times[1] / times[0]) / np.log(sizes[1] / sizes[0]):.2f}" if (times > 0).all() else "–"
+
+
+def firing(results: Path) -> str:
+    """Return time and error of exact firing rates and of simulators, from ``tools.benchmark_firing``."""
+    head = ["method", "setting", "ms per current", "relative error", "time at the same accuracy"]
+    rows = _rows(results / "firing.csv")
+    keys = ["simulator", "setting", "ms_per_current", "error", "ratio"]
+    return f"{table(head, ([row[key] or '–' for key in keys] for row in rows))}\nMeasured on: {rows[0]['machine']}.\n"
+
+
 def many_parameters(results: Path) -> str:
     """Return the lengths of runs in many dimensions with and without blocks, from ``tools.benchmark_blocks``."""
     head = ["moves", "parameters", "seed", "converged", "autocorrelation time [steps]", "evaluations"]
@@ -247,6 +274,8 @@ TABLES: Mapping[tuple[str, str], Callable[[Path], str]] = {
     ("benchmarks.md", "bench"): bench,
     ("benchmarks.md", "moves"): moves,
     ("benchmarks.md", "versions"): versions,
+    ("benchmarks.md", "scale"): scale,
+    ("benchmarks.md", "firing"): firing,
     ("benchmarks.md", "many-parameters"): many_parameters,
     ("benchmarks.md", "samplers"): samplers,
     ("benchmarks.md", "uncertain-cost"): uncertain_cost,
