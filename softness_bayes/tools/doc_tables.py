@@ -202,6 +202,15 @@ def rating_integrals(results: Path) -> str:
     return table(head, (list(row.values()) for row in _rows(results / "rating_integrals.csv")))
 
 
+def fabric_errors(results: Path) -> str:
+    """Return errors and cost of Laplace's method for fabrics' deviations, from ``tools.fabric_errors``."""
+    head = [
+        *("ratings, errors, raters", "median near the truth", "standard deviation", "median over the prior", "largest"),
+        *("draws of the prior", "cost"),
+    ]
+    return table(head, (list(row.values()) for row in _rows(results / "fabric_errors.csv")))
+
+
 def rank_goal(results: Path) -> str:
     """Return what ranks from simulated walks are like, from ``tools.rank_goal``."""
     head = [
@@ -283,6 +292,7 @@ TABLES: Mapping[tuple[str, str], Callable[[Path], str]] = {
     ("benchmarks.md", "loads"): loads,
     ("benchmarks.md", "hard-cases"): hard_cases,
     ("model.md", "rating-integrals"): rating_integrals,
+    ("model.md", "fabric-errors"): fabric_errors,
     ("benchmarks.md", "tasks"): tasks,
     ("calibration.md", "calibration"): calibration,
     ("calibration.md", "model-ranks"): model_ranks,

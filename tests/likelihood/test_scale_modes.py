@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from likelihood.test_intervals import table
 from softness_bayes.likelihood import rater_integrals
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
 from softness_bayes.likelihood.interval_law import Rows, scaled_derivatives
@@ -12,6 +11,7 @@ from softness_bayes.likelihood.midpoints import weights
 from softness_bayes.likelihood.quadrature import FAST, FINE
 from softness_bayes.likelihood.rater_rows import LawParameters
 from softness_bayes.likelihood.scale_modes import over_scales, series, taylor
+from support.interval_tables import table
 
 LAWS = NORMAL, STUDENT, LAPSES
 
