@@ -57,12 +57,14 @@ class ReversibleKernel:
 
     def _proposed(self, y: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Return a proposal for each chain, and the log ratio of proposal densities, old over new."""
-        if rng.random() < _INDEPENDENT:
-            return self._law(y, rng)
         chains, dimension = y.shape
+        # each chain chooses for itself: a choice that chains share would make them depend on one another
+        alone = rng.random(chains) < _INDEPENDENT
+        elsewhere, ratio = self._law(y, rng)
         first, second = rng.integers(len(self._archive), size=(2, chains))
         factor = rng.choice(_FACTORS, chains) * 2.38 / np.sqrt(2.0 * dimension)
-        return y + factor[:, None] * (self._archive[first] - self._archive[second]), np.zeros(chains)
+        near = y + factor[:, None] * (self._archive[first] - self._archive[second])
+        return np.where(alone[:, None], elsewhere, near), np.where(alone, ratio, 0.0)
 
 
 def exchangeable_draws(
