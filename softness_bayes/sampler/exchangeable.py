@@ -59,7 +59,7 @@ class ReversibleKernel:
         """Return a proposal for each chain, and the log ratio of proposal densities, old over new."""
         chains, dimension = y.shape
         # each chain chooses for itself: a choice that chains share would make them depend on one another
-        alone = rng.random(chains) < _INDEPENDENT
+        alone = np.asarray(rng.random(chains) < _INDEPENDENT)
         elsewhere, ratio = self._law(y, rng)
         first, second = rng.integers(len(self._archive), size=(2, chains))
         factor = rng.choice(_FACTORS, chains) * 2.38 / np.sqrt(2.0 * dimension)
