@@ -60,7 +60,7 @@ class FabricIntegrals:
         Fabric of each row, rows sorted by rater, shape (rows,).
     n_fabrics
         Number of fabrics.
-    weight, width, times
+    width, times
         As for `RaterIntegrals`.
     rough
         The approximation for which this is a reference; None for Laplace's method itself.
@@ -71,7 +71,6 @@ class FabricIntegrals:
         integrals: RaterIntegrals,
         fabric: IndexArray,
         n_fabrics: int,
-        weight: FloatArray,
         width: FloatArray,
         times: FloatArray,
         rough: Rough | None = None,
@@ -84,8 +83,6 @@ class FabricIntegrals:
         self._open = [group for group in self._groups if not np.isfinite(width[self._order][group.rows[0]])]
         self._count = np.bincount(cell, minlength=integrals.count.size * n_fabrics).astype(float)
         self._count = self._count.reshape(-1, n_fabrics)
-        closed = np.isfinite(width)
-        self._weight = np.where(closed, weight / (1.0 + np.where(closed, width, 0.0) ** 2), 0.0)
 
     @property
     def width(self) -> int:
@@ -193,12 +190,13 @@ class FabricIntegrals:
 
     def _start(self, given: RowParameters) -> Point:
         """Return a point near the mode: from midpoints of intervals first, then with those that have one end added."""
-        weighted = (self._weight * (given.middle - given.drive))[:, self._order]
+        weight = self.integrals.weight
+        weighted = (weight * (given.middle - given.drive))[:, self._order]
         size, square = self._count.size, given.spread[..., None] ** 2
         first = np.searchsorted(self._of_row, np.arange(self._cells.size))
         pull, curvature = np.zeros((len(weighted), size)), np.zeros(size)
         pull[:, self._cells] = np.add.reduceat(weighted, first, axis=-1)
-        curvature[self._cells] = np.add.reduceat(self._weight[self._order], first)
+        curvature[self._cells] = np.add.reduceat(weight[self._order], first)
         shape = len(weighted), *self._count.shape
         slope, second = pull.reshape(shape) / square, np.broadcast_to(-curvature.reshape(shape[1:]) / square, shape)
         point = Point(np.zeros((shape[0], 1)), np.zeros(shape[:2]), np.zeros((shape[0], shape[2])))

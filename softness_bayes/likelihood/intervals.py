@@ -196,7 +196,7 @@ class IntervalRatings(RatingsLikelihood):
         level, ends = model.level, self._finite_ends()
         self._integrals = kind(model.law, rater, weight, level.mean, level.sd, self._widths(), times, ends)
         fabric = design.fabric[self._condition]
-        self._fabrics = FabricIntegrals(self._integrals, fabric, design.n_fabrics, weight, self._widths(), times, rough)
+        self._fabrics = FabricIntegrals(self._integrals, fabric, design.n_fabrics, self._widths(), times, rough)
         self._slope = np.where(self._exact, scale.log_slope(self.values), 0.0)
         self._log = float(self._slope.sum())
 

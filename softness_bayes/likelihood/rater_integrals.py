@@ -104,8 +104,9 @@ class RaterIntegrals:
         closed = np.isfinite(width)
         self._open = [group for group in self._groups if not closed[group.rows[0]]]
         self._certain = np.where(closed, 1.0 / (1.0 + np.where(closed, width, 0.0) ** 2), 0.0)
-        self._weight = weight * self._certain
-        self._weighed, self._times = self.of_raters(self._weight), times
+        self.weight = weight * self._certain
+        """Weight of each row's midpoint where a search starts; 0 if an end is infinite."""
+        self._weighed, self._times = self.of_raters(self.weight), times
         self.walled = np.flatnonzero(self._weighed == 0.0)
         self._orders = 6 if law.lapses else 4
 
@@ -192,7 +193,7 @@ class RaterIntegrals:
     def _start(self, given: RowParameters) -> FloatArray:
         """Return points near the modes: midpoints of intervals first, then with those that have one end added."""
         left = given.middle - given.drive
-        mean = self.of_raters(self._weight * left) / np.maximum(self._weighed, _NO_WEIGHT)
+        mean = self.of_raters(self.weight * left) / np.maximum(self._weighed, _NO_WEIGHT)
         slope, curvature = np.zeros(mean.shape), self._weighed / given.spread**2
         start = self._step(given, mean, slope, curvature).a
         if self.law != NORMAL:

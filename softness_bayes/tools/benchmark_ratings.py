@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import csv
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -109,17 +109,32 @@ def rows() -> Iterator[Row]:
         yield measured(law, step, closed)
 
 
-def main() -> None:
-    """Measure and write the table."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("file", type=Path, nargs="?", default=TABLE, help=f"CSV file to write (default {TABLE})")
+def write_table(description: str, table: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """Write rows to a CSV file as soon as each is known, with one thread.
+
+    Parameters
+    ----------
+    description
+        First line of the help.
+    table
+        The file unless the command line names another.
+    columns, rows
+        Names and values of the columns.
+    """
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("file", type=Path, nargs="?", default=table, help=f"CSV file to write (default {table})")
     path = parser.parse_args().file
     with threadpool_limits(1), path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(Row._fields)
-        for row in rows():
+        writer.writerow(columns)
+        for row in rows:
             writer.writerow(row)
             file.flush()
+
+
+def main() -> None:
+    """Measure and write the table."""
+    write_table(__doc__.partition("\n")[0], TABLE, Row._fields, rows())
 
 
 if __name__ == "__main__":

@@ -6,15 +6,11 @@ the deviations, near the simulated truth and at draws of the prior. Its cost is 
 
 from __future__ import annotations
 
-import argparse
-import csv
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from softness_bayes.bench.subject import FABRICS, LOADS
 from softness_bayes.data import Experiment
@@ -26,7 +22,7 @@ from softness_bayes.model.posterior import Posterior
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.parameters.priors import HalfNormal
-from softness_bayes.tools.benchmark_ratings import alternating
+from softness_bayes.tools.benchmark_ratings import alternating, write_table
 from softness_bayes.touch.readings import MENDED
 
 Array = NDArray[np.float64]
@@ -152,23 +148,9 @@ def _posterior(kind: Kind, omega: float) -> tuple[Posterior, Array]:
     return posterior, np.array([made.truth[name] for name in posterior.names])
 
 
-def rows() -> Iterator[Row]:
-    """Yield every observation model."""
-    for kind in KINDS:
-        yield measured(kind)
-
-
 def main() -> None:
     """Measure and write the table."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("file", type=Path, nargs="?", default=TABLE, help=f"CSV file to write (default {TABLE})")
-    path = parser.parse_args().file
-    with threadpool_limits(1), path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(Row._fields)
-        for row in rows():
-            writer.writerow(row)
-            file.flush()
+    write_table(__doc__.partition("\n")[0], TABLE, Row._fields, map(measured, KINDS))
 
 
 if __name__ == "__main__":
