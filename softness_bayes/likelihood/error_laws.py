@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri_exp
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood import student
+from softness_bayes.likelihood import narrow_intervals, student
 
 FloatArray = NDArray[np.float64]
 
@@ -57,8 +57,10 @@ class ErrorLaw:
         Largest slope of the log density within a distance from 0; takes the parameters and the distance.
     lapses
         True if some observations are lapses (`lapses`), with the share `lapse`.
-    log_slopes
-        Log density of errors and its first to fourth derivative; None to take them from `slopes`.
+    averaged
+        Log of the mean density over narrow intervals and its derivatives (`narrow_intervals`), for symmetric laws;
+        takes middles, squares of half-widths (None for exact numbers), and the parameters. None if there is no such
+        series.
     """
 
     name: str
@@ -74,7 +76,7 @@ class ErrorLaw:
     smooth: Callable[[Any], FloatArray]
     steepest: Callable[[Any, float], float]
     lapses: bool = False
-    log_slopes: Callable[[FloatArray, Any], tuple[FloatArray, ...]] | None = None
+    averaged: Callable[[FloatArray, FloatArray | None, Any], tuple[FloatArray, ...]] | None = None
 
 
 def _draw_normal(rng: np.random.Generator, shape: tuple[int, ...], parameters: Any) -> FloatArray:
@@ -117,6 +119,10 @@ def _normal_ends(errors: FloatArray, parameters: Any, orders: int) -> tuple[Floa
     for k in range(3, orders):
         found.append(-(errors * found[k] + k * found[k - 1]))
     return tuple(found)
+
+
+def _normal_averaged(errors: FloatArray, square: FloatArray | None, parameters: Any) -> tuple[FloatArray, ...]:
+    return narrow_intervals.normal(errors, np.zeros_like(errors) if square is None else square)
 
 
 def _one(parameters: Any) -> FloatArray:
@@ -163,34 +169,8 @@ def _student_slopes(errors: FloatArray, parameters: Any, orders: int) -> tuple[F
     return tuple(found[1 : orders + 1])
 
 
-def _student_log_slopes(errors: FloatArray, parameters: Any) -> tuple[FloatArray, ...]:
-    """Return log density and derivatives: polynomials in p = 1/(1 + t u²), t = 1/nu, times u for the odd ones."""
-    nu = _nu(parameters)
-    t, count = 1.0 / nu, 1.0 + 1.0 / nu  # count is (nu + 1) t
-    p = errors * errors
-    p *= t
-    value = student.log_one_plus(p, nu)
-    value *= -0.5 * (nu + 1.0)
-    value += student.log_constant(nu)
-    p += 1.0
-    np.divide(1.0, p, out=p)
-    one = errors * p
-    three = one * p
-    one *= -count
-    four = p - 1.0
-    four *= p
-    two = four + 0.5 * p
-    two *= -2.0 * count
-    four *= 8.0
-    four += 1.0
-    four *= p
-    four *= p
-    four *= 6.0 * t * count
-    p *= 4.0
-    p -= 1.0
-    three *= p
-    three *= 2.0 * t * count
-    return value, one, two, three, four
+def _student_averaged(errors: FloatArray, square: FloatArray | None, parameters: Any) -> tuple[FloatArray, ...]:
+    return narrow_intervals.student_t(errors, square, _nu(parameters))
 
 
 def _student_weight(errors: FloatArray, parameters: Any) -> FloatArray:
@@ -306,6 +286,7 @@ NORMAL = ErrorLaw(
     ends=_normal_ends,
     smooth=_one,
     steepest=_normal_steepest,
+    averaged=_normal_averaged,
 )
 """Normal errors: log-normal about a magnitude estimate or a force, normal about a z-score."""
 STUDENT = ErrorLaw(
@@ -321,7 +302,7 @@ STUDENT = ErrorLaw(
     ends=_student_ends,
     smooth=_student_smooth,
     steepest=_student_steepest,
-    log_slopes=_student_log_slopes,
+    averaged=_student_averaged,
 )
 """Errors with heavy tails: Student's t with `nu` degrees of freedom."""
 LAPSES = replace(

@@ -80,7 +80,7 @@ class FabricIntegrals:
         self._order = np.argsort(cell, kind="stable")
         self._cells, self._of_row = np.unique(cell[self._order], return_inverse=True)
         self._groups = groups_by_width(self._of_row, width[self._order], times[self._order])
-        self._open = [group for group in self._groups if not np.isfinite(width[self._order][group.rows[0]])]
+        self._open = [group for group in self._groups if not np.isfinite(width[self._order][group.rows]).any()]
         self._count = np.bincount(cell, minlength=integrals.count.size * n_fabrics).astype(float)
         self._count = self._count.reshape(-1, n_fabrics)
 
@@ -155,6 +155,7 @@ class FabricIntegrals:
         """
         settled = min(settled, SETTLED if self.integrals.law == NORMAL else SETTLED_TAILS)
         given, trial = self._sorted(given), self._start(given)
+        single = single and given.in_single(self.integrals.law, self.integrals.widest)
         kept, sums = trial.copy(), Sums(*np.empty((len(Sums._fields), *trial.z.shape[:1], *self._count.shape)))
         best, active = np.full(len(trial.z), -np.inf), np.arange(len(trial.z))
         for _ in range(_STEPS):
@@ -216,16 +217,17 @@ class FabricIntegrals:
         shift = point.expectations(given).reshape(shape[0], -1)[:, self._cells]
         found = np.zeros((6, *shift.shape))
         for group in self._groups if groups is None else groups:
-            for block in blocks(shape[0], group.rows.size):
+            for block in blocks(shape[0], group.size):
                 part = given.part(block)
-                expected = part.drive[:, group.rows] + shift[block][:, group.rater]
+                expected = group.of_rows(shift[block])
+                expected += part.drive[:, group.rows]
                 rows = part.rows.take(group.rows)
                 each = scaled_derivatives(law, rows, expected, part.spread, part.parameters, single)
                 # a normal law has concave log probabilities, so that its steps need no limit
                 if law != NORMAL:
                     each = *each, secants(each[1], (part.middle[..., group.rows] - expected) / part.spread)
-                for whole, own in zip(found, each, strict=False):
-                    whole[block, group.raters] += group.of_raters(own)
+                for k, own in enumerate(each):
+                    found[k][block, group.raters] += group.of_raters(own, exactly=k == 0)
         found /= given.spread ** np.array([0, 1, 2, 3, 4, 2])[:, None, None]
         if self._cells.size < self._count.size:
             every = np.zeros((6, shape[0], self._count.size))

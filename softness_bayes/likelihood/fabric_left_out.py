@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 
 from softness_bayes.likelihood.fabric_integrals import FabricIntegrals
 from softness_bayes.likelihood.fabric_laws import averaged_slopes
-from softness_bayes.likelihood.interval_law import below, log_probability
+from softness_bayes.likelihood.interval_law import log_probability
 from softness_bayes.likelihood.mu_nodes import log_sum
 from softness_bayes.likelihood.quadrature import FINE, gauss_hermite
 from softness_bayes.likelihood.rater_rows import RowParameters
+from softness_bayes.likelihood.row_scores import below
 
 FloatArray = NDArray[np.float64]
 

@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import log_ndtr, ndtr, ndtri
+from scipy.special import log_ndtr, ndtr
 
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
-from softness_bayes.likelihood.interval_rule import LEAST, by_rule
+from softness_bayes.likelihood.interval_rule import LEAST, by_rule, demands
 
 FloatArray = NDArray[np.float64]
 
@@ -24,6 +24,10 @@ with the first correction: a difference of two distribution functions would lose
 
 SINGLE_LEAST = 1e-30
 """Smallest probability, relative to the density at 0, that is computed in single precision."""
+
+WIDEST, STEEPEST = 0.45, 1.2
+"""Largest half-width of the intervals whose probability is a series (`narrow_intervals`), in the smooth length of the
+law, and largest square of the change of the log density over it."""
 
 FAR = 6.0
 """Normal score of both ends beyond which probabilities are computed from logarithms."""
@@ -38,13 +42,15 @@ OUTLYING = 100.0
 """Distance from an interval [spreads] beyond which derivatives of a normal law are series in its inverse (Mills).
 Differences of moments lose their digits there: at 1e5, the second derivative would be -6000 instead of -1."""
 
+MOST_BY_RULE = 2.8
+"""Widest interval, in spreads, up to which the rule is faster than normal distribution functions."""
+
 MOST_OTHERS = 0.5
 """Largest share of rows computed by distribution functions; if it is exceeded, all rows are."""
 
 SIGNS = -1.0, 1.0, -1.0, 1.0, -1.0, 1.0
 """Signs of derivatives with respect to the expectation, relative to those with respect to the error."""
 
-_TINY = 1e-290
 _TINY_LOG = -600.0
 
 
@@ -122,26 +128,68 @@ def scaled_derivatives(
     single: bool = False,
     orders: int = 4,
 ) -> tuple[FloatArray, ...]:
-    """Return the same as `derivatives`, with the expectation in units of the spread.
+    """Return the same as `derivatives`, with the expectation in units of the spread, and possibly fewer.
 
     Parameters
     ----------
     law, rows, expected, spread, parameters
         As for `log_probability`.
     single
-        True to compute most probabilities of intervals in single precision: twice as fast, or more, with errors of
-        about 1e-6.
+        True to compute most probabilities in single precision: twice as fast, or more, with errors of about 1e-6. The
+        third and fourth derivative are then left out where they are negligible, of narrow intervals and normal errors.
     orders
         Number of derivatives, 4 or 6.
     """
-    if orders == 4 and law.log_slopes and not law.lapses and (rows.low == rows.high).all():
-        value, one, two, three, four = law.log_slopes((rows.low - expected) / spread, parameters)
-        return value - np.log(spread), -one, two, -three, four
+    exactly = law != NORMAL and (rows.low == rows.high).all()
+    if orders == 4 and law.averaged and not law.lapses and (single or exactly):
+        found = _averaged(law, rows, expected, spread, parameters, single)
+        if found is not None:
+            return found
     value, *slopes = _with_lapses(law, rows, expected, spread, parameters, orders, single)
     slopes = _cumulants(slopes)
     if law == NORMAL and value.min(initial=0.0) < -0.5 * OUTLYING**2:
         _set_outlying(rows, expected, spread, slopes)
     return value, *slopes
+
+
+def _averaged(
+    law: ErrorLaw, rows: Rows, expected: FloatArray, spread: FloatArray, parameters: Any, single: bool
+) -> tuple[FloatArray, ...] | None:
+    """Return `scaled_derivatives` by the series of narrow intervals, and those of wider ones by the other methods.
+
+    None if most intervals are wider than `WIDEST`.
+    """
+    assert law.averaged is not None
+    half = 0.5 * (rows.high - rows.low)
+    others = _in_any_draw(half > WIDEST * float((spread * law.smooth(parameters)).min()))
+    if others.sum() > MOST_OTHERS * others.size:
+        return None
+    errors = expected - (rows.low + half)  # the law is symmetric
+    errors /= spread
+    own, kind = (parameters.single(), np.float32) if single else (parameters, float)
+    errors, log_spread = errors.astype(kind), np.log(spread).astype(kind)
+    if not half.any():
+        value, *slopes = law.averaged(errors, None, own)
+        return value - log_spread, *slopes
+    square = np.square(half.astype(kind) * (1.0 / spread).astype(kind))
+    with np.errstate(over="ignore", invalid="ignore"):  # far from an interval its series is not used
+        value, *slopes = law.averaged(errors, square, own)
+        steep = slopes[0] * slopes[0]
+        steep *= square
+        if not steep.max() <= STEEPEST:
+            others |= _in_any_draw(~(steep <= STEEPEST))
+    value += np.log(np.where(half > 0.0, 2.0 * half, 1.0)).astype(kind)
+    value -= log_spread
+    if others.any():
+        rest = np.flatnonzero(others)
+        few = scaled_derivatives(law, rows.take(rest), expected[..., rest], spread, parameters, single, 6)
+        for whole, part in zip((value, *slopes), few, strict=False):
+            whole[..., rest] = part
+    return value, *slopes
+
+
+def _in_any_draw(rows: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    return np.asarray(rows.reshape(-1, rows.shape[-1]).any(axis=0))
 
 
 def _cumulants(moments: list[FloatArray]) -> list[FloatArray]:
@@ -185,32 +233,6 @@ def two_derivatives_beyond(
     return value, one, two - one * one
 
 
-def below(law: ErrorLaw, rows: Rows, expected: FloatArray, spread: FloatArray, parameters: Any) -> FloatArray:
-    """Return the probability below each exact number, or below each interval plus half its own; without lapses."""
-    ends = [_clipped((end - expected) / spread) for end in (rows.low, rows.high)]
-    low, high = (ndtr(law.normal_scores(end, parameters)) for end in ends)
-    return np.asarray(0.5 * (low + high))
-
-
-def score_at(
-    law: ErrorLaw, rows: Rows, share: FloatArray, expected: FloatArray, spread: FloatArray, parameters: Any
-) -> FloatArray:
-    """Return normal scores of the rows, (..., rows); an interval's is taken at a given `share` of its probability.
-
-    With uniform random shares, the scores of intervals are also standard normal under the model.
-    """
-    ends = [_clipped((end - expected) / spread) for end in (rows.low, rows.high)]
-    low, high = (law.normal_scores(end, parameters) for end in ends)
-    # computed from the tail in which both probabilities are small
-    flip = low + high > 0
-    near, far = np.where(flip, -high, low), np.where(flip, -low, high)
-    part = np.where(flip, 1.0 - share, share)
-    p, q = ndtr(near), ndtr(far)
-    found = ndtri(np.clip(p + part * (q - p), _TINY, None))
-    found = np.where(rows.low == rows.high, far, np.clip(found, near, far))
-    return np.where(flip, -found, found)
-
-
 def _with_lapses(
     law: ErrorLaw,
     rows: Rows,
@@ -241,6 +263,8 @@ def _with_lapses(
         return found
     middle, half = rows.in_spreads(expected, spread, single)
     own = parameters.single() if single else parameters
+    if law.normal_scores is NORMAL.normal_scores and demands(law, middle, half, own)[0] > MOST_BY_RULE:
+        return _mixed(law, rows, _by_functions(law, rows, expected, spread, parameters, orders), parameters)
     served = by_rule(law, middle, half, NARROW, own, SINGLE_LEAST if single else LEAST, max(orders - 4, 0))
     rest = np.flatnonzero(~served.good)
     if rest.size > MOST_OTHERS * served.good.size:
@@ -300,7 +324,7 @@ def _beyond(
     """Return the same as `_with_lapses`, without lapses, for intervals with one finite end."""
     lower = np.isinf(rows.low)
     side = np.where(lower, 1.0, -1.0)
-    error = _clipped((np.where(lower, rows.high, rows.low) - expected) / spread)
+    error = clipped((np.where(lower, rows.high, rows.low) - expected) / spread)
     found = log_ndtr(side * law.normal_scores(error, parameters))
     if not orders:
         return [found]
@@ -318,7 +342,7 @@ def _by_functions(
 ) -> list[FloatArray]:
     """Return the same as `_with_lapses`, without lapses, by distribution functions."""
     exact = rows.low == rows.high
-    low, high = (_clipped((end - expected) / spread) for end in (rows.low, rows.high))
+    low, high = (clipped((end - expected) / spread) for end in (rows.low, rows.high))
     found = [_log_between(law.normal_scores(low, parameters), law.normal_scores(high, parameters))]
     width = high - low
     narrow = width < NARROW
@@ -342,7 +366,8 @@ def _by_functions(
     return found
 
 
-def _clipped(errors: FloatArray) -> FloatArray:
+def clipped(errors: FloatArray) -> FloatArray:
+    """Return errors with infinite ends at `OPEN`."""
     return np.clip(errors, -OPEN, OPEN)
 
 

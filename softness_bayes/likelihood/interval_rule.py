@@ -58,6 +58,12 @@ class Served(NamedTuple):
     """True for rows in which the rule is accurate at all points, shape (rows,)."""
 
 
+def demands(law: ErrorLaw, middle: FloatArray, half: FloatArray, parameters: Any) -> tuple[float, float]:
+    """Return the largest width of intervals and change of the log density over one, as in `IntervalLimits`."""
+    steepest = law.steepest(parameters, float((np.abs(middle) + half).max())) * 2.0 * float(half.max())
+    return 2.0 * float((half / law.smooth(parameters)).max()), steepest
+
+
 def by_rule(
     law: ErrorLaw,
     middle: FloatArray,
@@ -86,8 +92,7 @@ def by_rule(
     more
         Number of derivatives beyond the fourth, 0 or 2.
     """
-    longest = 2.0 * float((half / law.smooth(parameters)).max())
-    steepest = law.steepest(parameters, float((np.abs(middle) + half).max())) * 2.0 * float(half.max())
+    longest, steepest = demands(law, middle, half, parameters)
     # a few rows that need another method take longer than more points for all
     reach = next((one for one in REACHES if one.widest >= longest and one.steepest >= steepest), REACHES[-1])
     points, weights, at_ends = rule(reach.inside)

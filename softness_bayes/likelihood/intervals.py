@@ -22,7 +22,7 @@ from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.fabric_integrals import FabricIntegrals, Rough
 from softness_bayes.likelihood.fabric_left_out import below_left_out, log_density_left_out
 from softness_bayes.likelihood.group_conditionals import block_log_likelihood
-from softness_bayes.likelihood.interval_law import Rows, below, score_at
+from softness_bayes.likelihood.interval_law import Rows
 from softness_bayes.likelihood.lapses import Lapses, RaterRange, WholeScale
 from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.mu_nodes import log_sum
@@ -32,6 +32,7 @@ from softness_bayes.likelihood.random_effects import Effects
 from softness_bayes.likelihood.rater_integrals import LEVELS, RaterIntegrals
 from softness_bayes.likelihood.rater_rows import LawParameters, RowParameters, robust_weights, times_of
 from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
+from softness_bayes.likelihood.row_scores import below, score_at
 from softness_bayes.likelihood.scales import SLIDER, Scale
 from softness_bayes.likelihood.stated import Stated
 from softness_bayes.likelihood.walled_integrals import WalledIntegrals
@@ -266,8 +267,7 @@ class IntervalRatings(RatingsLikelihood):
             else:
                 weight, value, _ = self._left_out(given)
                 found = log_sum(weight + value, axis=1) - log_sum(weight, axis=1)
-            found = found[:, self._back] - self._slope
-            return found.reshape(*shape, -1)
+            return (found[:, self._back] - self._slope).reshape(*shape, -1)
 
         return in_pieces(alone, self._loo_width, mean_rate, parameters)
 

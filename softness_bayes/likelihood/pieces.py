@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 ROOM = 1_000_000
 """Largest number of elements of an array in a chunk; about a dozen such arrays exist at once."""
 
-BLOCK = 30_000
+BLOCK = 45_000
 """Number of elements of the arrays of a block, which stay in the processor's cache and are used again and again. The
 memory of larger arrays is released and allocated anew at each operation, which takes several times as long as the
 operation itself."""

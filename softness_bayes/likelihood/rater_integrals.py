@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -97,12 +96,14 @@ class RaterIntegrals:
     ) -> None:
         self.law, self.rater, self.mean, self.sd = law, rater, mean, sd
         self._first = np.flatnonzero(np.diff(rater, prepend=-1))
-        self.count = np.diff(np.append(self._first, rater.size)).astype(float)
+        self._rows = np.diff(np.append(self._first, rater.size))
+        self.count = self._rows.astype(float)
         self._boxes = Boxes(self._first, *ends)
         self._groups = groups_by_width(rater, width, times)
         # in the start an interval counts as its midpoint, unless an end is infinite
         closed = np.isfinite(width)
-        self._open = [group for group in self._groups if not closed[group.rows[0]]]
+        self._open = [group for group in self._groups if not closed[group.rows].any()]
+        self.widest = float(width.max(initial=0.0, where=closed))
         self._certain = np.where(closed, 1.0 / (1.0 + np.where(closed, width, 0.0) ** 2), 0.0)
         self.weight = weight * self._certain
         """Weight of each row's midpoint where a search starts; 0 if an end is infinite."""
@@ -131,6 +132,7 @@ class RaterIntegrals:
             True for the expansion of the integrals themselves, in single precision where that is enough.
         """
         a, orders = self._start(given), self._orders if single else 4
+        single = single and given.in_single(self.law, self.widest)
         at, slopes, active = a.copy(), self._slopes(given, a, single=single, orders=orders), np.arange(len(a))
         step = self._steepest(given, a, slopes)
         for _ in range(_STEPS - 1):
@@ -162,13 +164,14 @@ class RaterIntegrals:
         law = law or self.law
         found = np.zeros((1 + orders, *a.shape))
         for group in self._groups if groups is None else groups:
-            for block in blocks(len(a), group.rows.size):
+            for block in blocks(len(a), group.size):
                 part = given.part(block)
-                expected = part.drive[:, group.rows] + a[block][:, group.rater]
+                expected = group.of_rows(a[block])
+                expected += part.drive[:, group.rows]
                 rows = part.rows.take(group.rows)
                 each = scaled_derivatives(law, rows, expected, part.spread, part.parameters, single, orders)
-                for whole, own in zip(found, each, strict=True):
-                    whole[block, group.raters] += group.of_raters(own)
+                for k, own in enumerate(each):
+                    found[k][block, group.raters] += group.of_raters(own, exactly=k == 0)
         found /= given.spread ** np.arange(1 + orders)[:, None, None]
         return found
 
@@ -200,13 +203,15 @@ class RaterIntegrals:
             certain = in_single(self._certain)
             for block in blocks(len(start), self.rater.size):
                 part = given.part(block)
-                error = in_single((left[block] - start[block][:, self.rater]) / part.spread)
+                error = left[block] - np.repeat(start[block], self._rows, axis=-1)
+                error = in_single(np.divide(error, part.spread, out=error))
                 weight, bend = weights(self.law, part.rows, error, part.spread, part.parameters.single())
                 weight *= certain
                 bend *= weight
-                total = self.of_raters(weight)
-                slope[block] = self.of_raters(weight * error) / part.spread
-                curvature[block] = np.maximum(self.of_raters(bend), _LEAST_BEND * total) / part.spread**2
+                error *= weight
+                total, pull, bent = (np.add.reduceat(one, self._first, axis=-1) for one in (weight, error, bend))
+                slope[block] = pull / part.spread
+                curvature[block] = np.maximum(bent, _LEAST_BEND * total) / part.spread**2
         else:
             slope = curvature * (mean - start)
         if self._open:
@@ -239,8 +244,7 @@ class RaterIntegrals:
         return found
 
     def _with_six_derivatives(self, given: RowParameters, modes: ScaleModes, quadrature: Quadrature) -> FloatArray:
-        slopes = self._slopes(given, modes.a, orders=6)
-        return self._summed(given, self._about(given, modes.a, slopes), quadrature)
+        return self._summed(given, self._about(given, modes.a, self._slopes(given, modes.a, orders=6)), quadrature)
 
     def _on_few_points(self, given: RowParameters, modes: ScaleModes, quadrature: Quadrature) -> FloatArray:
         few = modes.truncation <= FEW
@@ -264,11 +268,8 @@ class RaterIntegrals:
 
     def _summed(self, given: RowParameters, modes: ScaleModes, quadrature: Quadrature) -> FloatArray:
         width = quadrature.levels * quadrature.scales * self.count.size
-        parts = [
-            self._summed_at_once(given.part(block), modes.part(block), quadrature)
-            for block in blocks(len(given.drive), width)
-        ]
-        return np.concatenate(parts)
+        every = blocks(len(given.drive), width)
+        return np.concatenate([self._summed_at_once(given.part(one), modes.part(one), quadrature) for one in every])
 
     def _summed_at_once(self, given: RowParameters, modes: ScaleModes, quadrature: Quadrature) -> FloatArray:
         x, log_weight = gauss_hermite(quadrature.levels)
@@ -276,7 +277,8 @@ class RaterIntegrals:
         if quadrature.points or self.walled.size:
             each = self.at_levels(given, modes, self.curve(given, modes, quadrature), level, quadrature).sum(axis=-1)
         else:
-            each = taylor(over_scales(modes, given.tau, quadrature.scales), modes.sd * x)
+            expanded = over_scales(modes, given.tau, quadrature.scales, given.in_single(self.law, self.widest))
+            each = taylor(expanded, modes.sd * x)
         terms = each + self.log_prior(level) + log_weight + np.log(modes.sd)
         return log_sum(terms, axis=-1)
 
@@ -324,20 +326,20 @@ class RaterIntegrals:
         """Return l_p at points (draws, points, raters), of the same shape."""
         found = np.zeros(a.shape)
         for group in self._groups:
-            for block in blocks(len(a), a.shape[1] * group.rows.size):
+            for block in blocks(len(a), a.shape[1] * group.size):
                 part = given.part(block)
-                for points in blocks(a.shape[1], group.rows.size * (block.stop - block.start)):
-                    each = self._row_values(part, a[block, points], group.rows, group.rater)
+                for points in blocks(a.shape[1], group.size * (block.stop - block.start)):
+                    each = self._row_values(part, group.of_rows(a[block, points]), group.rows)
                     found[block, points, group.raters] += group.of_raters(each)
         return found
 
     def row_values(self, given: RowParameters, a: FloatArray) -> FloatArray:
         """Return the log probability of every row at a_p (draws, points, raters), shape (draws, points, rows)."""
-        return self._row_values(given, a, slice(None), self.rater)
+        return self._row_values(given, a[..., self.rater], slice(None))
 
-    def _row_values(self, given: RowParameters, a: FloatArray, rows: Any, rater: IndexArray) -> FloatArray:
+    def _row_values(self, given: RowParameters, a: FloatArray, rows: IndexArray | slice) -> FloatArray:
         parameters, intervals = given.parameters.at_points(), given.rows.take(rows).at_points()
-        expected = given.drive[:, None, rows] + a[..., rater]
+        expected = given.drive[:, None, rows] + a
         return log_probability(self.law, intervals, expected, given.spread[:, None], parameters)
 
     def law_of_others(self, given: RowParameters) -> tuple[FloatArray, FloatArray]:

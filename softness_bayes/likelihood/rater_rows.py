@@ -7,6 +7,7 @@ from typing import Any, NamedTuple, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.likelihood.error_laws import ErrorLaw
 from softness_bayes.likelihood.interval_law import Rows, in_single
 
 FloatArray = NDArray[np.float64]
@@ -15,7 +16,13 @@ IndexArray = NDArray[np.intp]
 WIDE = 0.6
 """Width of intervals, as a difference of logs, beyond which their midpoints are a poor approximation."""
 
-_WIDTHS = 1e-12, 0.1, 0.25, WIDE, 1e300  # limits between groups: exact numbers, intervals, half-open intervals
+ROUNDED = 0.05
+"""Width of the widest interval, in spreads, below which all are computed in double precision, as exact numbers are."""
+
+NEARLY_NORMAL = 1.0 - 1e-4
+"""Smooth length of a law from which it is computed in double precision, as its limit, the normal law."""
+
+_WIDTHS = 1e-12, 0.25, WIDE, 1e300  # limits between groups: exact numbers, intervals, half-open intervals
 
 
 class LawParameters(NamedTuple):
@@ -63,6 +70,14 @@ class RowParameters(NamedTuple):
         """True if fabrics have deviations in any draw."""
         return bool((self.omega > 0.0).any())
 
+    def in_single(self, law: ErrorLaw, widest: float) -> bool:
+        """Return whether single precision is enough, given the widest interval.
+
+        It is not if all probabilities are nearly densities of a normal law: the closed form is their limit.
+        """
+        rounded = widest > ROUNDED * float(self.spread.min())
+        return rounded or float(law.smooth(self.parameters).max()) < NEARLY_NORMAL
+
     def part(self, piece: Any) -> RowParameters:
         """Return some of the draws."""
         of, middle = self.parameters, self.middle
@@ -80,21 +95,30 @@ class RowParameters(NamedTuple):
 class WidthGroup(NamedTuple):
     """Rows with intervals of similar width."""
 
-    rows: IndexArray
-    """Indices of the rows, sorted by rater."""
-    rater: IndexArray
-    """Rater of each of these."""
+    rows: IndexArray | slice
+    """Indices of the rows, sorted by rater; a slice if these are all rows."""
+    size: int
+    """Number of the rows."""
     first: IndexArray
     """Places of the first row of each rater among these."""
-    raters: IndexArray
-    """Raters who have any."""
+    sizes: IndexArray
+    """Number of rows of each of these raters."""
+    raters: IndexArray | slice
+    """Raters who have any; a slice if these are all raters."""
     times: FloatArray | None
     """Multiplicity of each row; None if all count once."""
 
-    def of_raters(self, values: FloatArray) -> FloatArray:
-        """Return the sums of these rows (..., rows) by rater, shape (..., raters)."""
-        values = values if self.times is None else values * self.times
-        return np.add.reduceat(values, self.first, axis=-1, dtype=float)
+    def of_rows(self, values: FloatArray) -> FloatArray:
+        """Return the value of each row's rater, (..., rows), from those of all raters, (..., raters)."""
+        return np.repeat(values[..., self.raters], self.sizes, axis=-1)
+
+    def of_raters(self, values: FloatArray, exactly: bool = True) -> FloatArray:
+        """Return the sums of these rows (..., rows) by rater, shape (..., raters).
+
+        Those of single precision are added up in double precision if they are to be had `exactly`.
+        """
+        values = values if self.times is None else values * self.times.astype(values.dtype)
+        return np.add.reduceat(values, self.first, axis=-1, dtype=float if exactly else None)
 
 
 def groups_by_width(rater: IndexArray, width: FloatArray, times: FloatArray) -> list[WidthGroup]:
@@ -103,7 +127,7 @@ def groups_by_width(rater: IndexArray, width: FloatArray, times: FloatArray) -> 
     Parameters
     ----------
     rater
-        Rater of each row, sorted, shape (rows,).
+        Rater of each row, sorted, without gaps, shape (rows,).
     width
         Width of each row's interval, infinite if it has only one finite end.
     times
@@ -112,9 +136,12 @@ def groups_by_width(rater: IndexArray, width: FloatArray, times: FloatArray) -> 
     kind, found = np.digitize(width, _WIDTHS), []
     for k in np.unique(kind[times > 0]):
         rows = np.flatnonzero((kind == k) & (times > 0))
-        raters, first = np.unique(rater[rows], return_index=True)
+        raters, first, sizes = np.unique(rater[rows], return_index=True, return_counts=True)
         own = times[rows]
-        found.append(WidthGroup(rows, rater[rows], first, raters, None if (own == 1.0).all() else own))
+        group = WidthGroup(rows, rows.size, first, sizes, raters, None if (own == 1.0).all() else own)
+        # views are faster than copies
+        group = group._replace(rows=slice(None)) if rows.size == rater.size else group
+        found.append(group._replace(raters=slice(None)) if raters.size == rater[-1] + 1 else group)
     return found
 
 

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.likelihood.interval_law import in_single
 from softness_bayes.likelihood.quadrature import gauss_hermite
 from softness_bayes.likelihood.rater_rows import HasParts
 
@@ -104,7 +105,7 @@ def series(modes: ScaleModes) -> Callable[[FloatArray], FloatArray]:
     return evaluate
 
 
-def over_scales(modes: ScaleModes, tau: FloatArray, scales: int) -> list[FloatArray]:
+def over_scales(modes: ScaleModes, tau: FloatArray, scales: int, single: bool = False) -> list[FloatArray]:
     """Return the log density of all raters, scales integrated out, with four derivatives in the level at its mode.
 
     The nodes of zeta move with the level as in `RaterIntegrals.at_levels`. The derivatives are then joint cumulants,
@@ -118,6 +119,8 @@ def over_scales(modes: ScaleModes, tau: FloatArray, scales: int) -> list[FloatAr
         Spread of the raters' scales, shape (draws, 1).
     scales
         Number of nodes.
+    single
+        True for single precision, with errors of about 1e-6.
 
     Returns
     -------
@@ -130,7 +133,11 @@ def over_scales(modes: ScaleModes, tau: FloatArray, scales: int) -> list[FloatAr
     own = tau * shrink * modes.curvature
     zeta = tau * shrink * modes.pull - own * modes.mu + np.sqrt(shrink) * x
     d = tau * zeta + (modes.mu - modes.at)
-    value, slope, bend, skew, curl = (taylor(modes.slopes, d, order) for order in range(5))
+    at_mode, *slopes = modes.slopes
+    if single:
+        shrink, own, zeta, d, log_weight, *slopes = (in_single(v) for v in (shrink, own, zeta, d, log_weight, *slopes))
+    slopes = [np.zeros(1, d.dtype), *slopes]
+    value, slope, bend, skew, curl = (taylor(slopes, d, order) for order in range(5))
     value += log_weight
     value -= 0.5 * zeta * zeta
     largest = value.max(axis=0)
@@ -152,11 +159,11 @@ def over_scales(modes: ScaleModes, tau: FloatArray, scales: int) -> list[FloatAr
     square = slope * slope
     variance = mean(square)
     parts = (
-        np.log(total) + largest + (0.5 * np.log(shrink) - _LOG_ROOT_TWO_PI),
+        np.log(total) + largest + (at_mode + 0.5 * np.log(modes.shrink) - _LOG_ROOT_TWO_PI),
         first,
         second - own * own + variance,
         mean(skew + slope * (3.0 * bend + square)),
         mean(4.0 * slope * skew + 3.0 * bend * bend + square * (6.0 * bend + square))
         + (shrink**4 * mean(curl) - 3.0 * variance * variance),
     )
-    return [part.sum(axis=-1, keepdims=True) for part in parts]
+    return [part.sum(axis=-1, keepdims=True, dtype=float) for part in parts]
