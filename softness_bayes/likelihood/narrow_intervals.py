@@ -7,6 +7,8 @@ Student's t. One density thus replaces two distribution functions. All arrays ma
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,45 +40,27 @@ def normal(errors: FloatArray, square: FloatArray) -> tuple[FloatArray, FloatArr
     value = errors * errors
     w = value * square
     value *= -0.5
-    cross = square * (4.0 / 945.0)
-    cross -= 1.0 / 90.0
-    linear = square * (1.0 / 945.0)
-    linear -= 1.0 / 45.0
-    linear *= square
-    linear += 1.0 / 6.0
-    part = w * (-1.0 / 37800.0)
-    part -= square * (1.0 / 4725.0)
-    part += 1.0 / 2835.0
-    part *= w
-    part += 0.5 * cross
-    part *= w
-    part += linear
+    linear, cross = _polynomial(square, 1 / 945, -1 / 45, 1 / 6), _polynomial(square, 4 / 945, -1 / 90)
+    cubic = _polynomial(square, -1 / 4725, 1 / 2835)
+    part = _polynomial(w, -1 / 37800, cubic, 0.5 * cross, linear)
     part *= w
     value += part
-    np.multiply(square, -1.0 / 2835.0, out=part)
-    part += 1.0 / 90.0
-    part *= square
-    part -= 1.0 / 6.0
-    part *= square
-    part -= _LOG_ROOT_TWO_PI
-    value += part
-    # the derivative in w, then in u; the second one has a term more
-    np.multiply(w, -1.0 / 9450.0, out=part)
-    part += 1.0 / 945.0
-    part *= w
-    part += cross
-    part *= w
-    part += linear
-    part *= square
-    part *= 2.0
-    part -= 1.0
-    cross += w * (2.0 / 945.0)
-    cross *= w
-    cross *= square
-    cross *= 4.0
-    cross += part
-    part *= errors
-    return value, part, cross
+    constant = _polynomial(square, -1 / 2835, 1 / 90, -1 / 6)
+    constant *= square
+    constant -= _LOG_ROOT_TWO_PI
+    value += constant
+    # the derivative of the series in w, then in u; the second derivative has another term
+    one = _polynomial(w, -1 / 9450, 1 / 945, cross, linear)
+    one *= square
+    one *= 2.0
+    one -= 1.0
+    two = _polynomial(w, 2 / 945, cross)
+    two *= w
+    two *= square
+    two *= 4.0
+    two += one
+    one *= errors
+    return value, one, two
 
 
 def student_t(errors: FloatArray, square: FloatArray | None, nu: FloatArray) -> tuple[FloatArray, ...]:
@@ -100,85 +84,70 @@ def student_t(errors: FloatArray, square: FloatArray | None, nu: FloatArray) -> 
     lean = errors * p
     one = -count * lean
     lean *= p
-    four = p - 1.0
-    four *= p
-    two = four + 0.5 * p
-    two *= -2.0 * count
-    four *= 8.0
-    four += 1.0
-    three = 4.0 * p
-    three -= 1.0
-    three *= 2.0 * t * count
+    two = _polynomial(p, -2.0 * count, count)
+    two *= p
+    three = _polynomial(p, 8.0 * t * count, -2.0 * t * count)
     three *= lean
+    four = _polynomial(p, 48.0 * t * count, -48.0 * t * count, 6.0 * t * count)
     four *= p
     four *= p
-    four *= 6.0 * t * count
     if square is None:
         return value, one, two, three, four
-    # in z = p u², whose derivative in u is 2 p² u, and p = 1 - t z, so that no digits cancel in the normal limit
+    # the series is h² p (b z - 1) c/6 + h⁴ p² (k0 + k1 z + k2 z²), in which no digits cancel for large nu
     z *= p
-    by_z = 1.0 + 3.0 * t
+    b, scaled = 1.0 + 3.0 * t, square * p
     k0 = count * ((1.0 + 4.0 * t) / 60.0 - count / 180.0)
-    k1 = count * (count * by_z / 90.0 + ((count + 2.0 * t) * (by_z - t) - (2.0 * count + 7.0 * t) * by_z) / 30.0)
-    k2 = count * by_z * (t * (count + 3.0 * t) / 15.0 - count * by_z / 180.0)
-    scaled = square * p
-    steep = k2 * z  # of the polynomial of h⁴ p², and its slope
-    quartic = steep + k1
-    quartic *= z
-    quartic += k0
-    steep *= 2.0
-    steep += k1
-    steep *= p
-    part = (count * by_z / 6.0) * z
-    part -= count / 6.0
+    k1 = count * (count * b / 90.0 + ((count + 2.0 * t) * (b - t) - (2.0 * count + 7.0 * t) * b) / 30.0)
+    k2 = count * b * (t * (count + 3.0 * t) / 15.0 - count * b / 180.0)
+    quartic = _polynomial(z, k2, k1, k0)
+    part = _polynomial(z, count * b / 6.0, count / -6.0)
     part += scaled * quartic
     part *= scaled
     value += part
-    # first and second derivative in z
+    # its derivatives in z, where dz/du = 2 p² u and dp/dz = -t
+    slope, bend = _polynomial(z, 2.0 * k2, k1), p * p
+    slope *= p
     quartic *= 2.0 * t
-    bend = p * p
     bend *= 2.0 * k2
     bend += t * quartic
-    bend -= (4.0 * t) * steep
+    bend -= (4.0 * t) * slope
     bend *= square
-    bend -= t * count * by_z / 3.0
+    bend -= t * count * b / 3.0
     bend *= square
-    steep -= quartic
-    steep *= scaled
-    steep += (count * by_z / 3.0) * p
-    steep -= count * (by_z - t) / 6.0
-    steep *= square
-    one += 2.0 * lean * steep
-    # the second in u is 2 p² (4 p - 3) times the first in z plus 4 z p³ times the second
-    around = 4.0 * p
-    around -= 3.0
-    around *= steep
+    slope -= quartic
+    slope *= scaled
+    slope += _polynomial(p, count * b / 3.0, count * (t - b) / 6.0)
+    slope *= square
+    # in u, the first is 2 p² u times the first, the second 2 p² (4 p - 3) times the first plus 4 z p³ times the second
+    one += 2.0 * lean * slope
+    slope *= _polynomial(p, 8.0, -6.0)
     z *= p
     z *= bend
-    z *= 2.0
-    around += z
-    around *= p
-    around *= p
-    around *= 2.0
-    two += around
-    # of higher ones the terms of h²
+    z *= 4.0
+    slope += z
+    slope *= p
+    slope *= p
+    two += slope
+    # of the third and the fourth the terms of h²
     scaled *= -4.0 * t * count
-    e = 7.0 * by_z - 2.0 * t
-    part = (8.0 * by_z) * p
-    part -= e
-    part *= p
-    part += by_z - t
+    e = 7.0 * b - 2.0 * t
+    part = _polynomial(p, 8.0 * b, -e, b - t)
     part *= scaled
     part *= lean
     three += part
-    np.multiply(p, 80.0 * by_z, out=part)
-    part -= 72.0 * by_z + 8.0 * e
-    part *= p
-    part += 6.0 * (by_z - t) + 7.0 * e
-    part *= p
-    part -= 5.0 * (by_z - t)
+    part = _polynomial(p, 80.0 * b, -72.0 * b - 8.0 * e, 6.0 * (b - t) + 7.0 * e, 5.0 * (t - b))
     part *= scaled
     part *= p
     part *= p
     four += part
     return value, one, two, three, four
+
+
+def _polynomial(x: FloatArray, first: Any, *others: Any) -> FloatArray:
+    """Return a polynomial of x, given its coefficients from that of the highest power to the constant."""
+    found = x * first
+    for k, coefficient in enumerate(others):
+        if k:
+            found *= x
+        found += coefficient
+    return np.asarray(found)
