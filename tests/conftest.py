@@ -145,11 +145,11 @@ def born_onset(births):
 
 
 @pytest.fixture(scope="session")
-def corner_onset(once):
+def corner_onset():
     """The onset of `support.onsets.CORNER`, a jump."""
     from support import onsets
 
-    return once("corner-onset", onsets.corner_onset)
+    return onsets.corner_onset()
 
 
 @pytest.fixture(scope="session")

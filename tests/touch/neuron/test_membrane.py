@@ -367,12 +367,24 @@ def test_rheobase_above_a_fold_that_is_not_followed_by_firing(corner_onset: Onse
     around = firing_rate(begin.rheobase + np.array([-1e-5, 1e-5]), CORNER)
     assert around[0] == 0.0
     assert around[1] > 8.0
-    # an expectation only says where to look first; at a fold of orbits this is tested among the slow tests
-    assert onset(CORNER, expected=begin.rheobase + 0.5).rheobase == pytest.approx(begin.rheobase, abs=2e-6)
 
 
-def test_rheobase_at_a_fold_of_orbits(births: tuple[Channels, Onset], born_onset: Onset) -> None:
+@pytest.mark.slow
+@pytest.mark.parametrize("shift", [np.nan, 0.5])
+def test_the_search_finds_the_stored_jump(corner_onset: Onset, shift: float) -> None:
+    """An expectation only says where to look first."""
+    found = onset(CORNER, expected=corner_onset.rheobase + shift)
+    assert found.rheobase == pytest.approx(corner_onset.rheobase, abs=2e-6)
+    assert found.rate == pytest.approx(corner_onset.rate, abs=2e-3)
+    assert not found.born
+
+
+def test_rheobase_at_a_fold_of_orbits(born_onset: Onset) -> None:
     _require_birth(born_onset, HODGKIN_HUXLEY, HODGKIN_HUXLEY_OWN, 6.2603, 50.33)
+
+
+@pytest.mark.slow
+def test_an_expected_fold_of_orbits_is_found(births: tuple[Channels, Onset]) -> None:
     channels, stored = births
     expected = FiringSurface.load(HODGKIN_HUXLEY).curve(Channels(*(float(c[2]) for c in channels))).rheobase
     found = onset(Channels(*(float(c[2]) for c in channels)), HODGKIN_HUXLEY, expected)
