@@ -19,6 +19,9 @@ WIDE = 0.6
 ROUNDED = 0.05
 """Width of the widest interval, in spreads, below which all are computed in double precision, as exact numbers are."""
 
+TINY = 1e-4
+"""Spread of errors whose inverse has powers, in derivatives, that are too large for single precision."""
+
 NEARLY_NORMAL = 1.0 - 1e-4
 """Smooth length of a law from which it is computed in double precision, as its limit, the normal law."""
 
@@ -73,10 +76,12 @@ class RowParameters(NamedTuple):
     def in_single(self, law: ErrorLaw, widest: float) -> bool:
         """Return whether single precision is enough, given the widest interval.
 
-        It is not if all probabilities are nearly densities of a normal law: the closed form is their limit.
+        It is not if all probabilities are nearly densities of a normal law: the closed form is their limit. Nor is its
+        range if errors are tiny.
         """
-        rounded = widest > ROUNDED * float(self.spread.min())
-        return rounded or float(law.smooth(self.parameters).max()) < NEARLY_NORMAL
+        spread = float(self.spread.min())
+        rounded = widest > ROUNDED * spread
+        return spread > TINY and (rounded or float(law.smooth(self.parameters).max()) < NEARLY_NORMAL)
 
     def part(self, piece: Any) -> RowParameters:
         """Return some of the draws."""

@@ -434,7 +434,7 @@ def one_left_out_integrates_to_one(case):
         slope = (scale.natural(additive + 1e-5) - scale.natural(additive - 1e-5)) / 2e-5
         return float(np.exp(y.with_values(values).log_likelihood_loo(rate, point)[0, row]) * slope)
 
-    parts = [quad(density, *ends, epsabs=1e-9, limit=200)[0] for ends in ((start - 12.0, start), (start, start + 12.0))]
+    parts = [quad(density, *ends, epsabs=1e-8, limit=200)[0] for ends in ((start - 12.0, start), (start, start + 12.0))]
     atol = max(1e-6, case.left_out)
     assert_allclose(sum(parts), 1.0, atol=atol)
     assert_allclose(parts[0], y.below_loo(rate, point)[0, row], atol=atol)
@@ -464,7 +464,7 @@ def shuffled(y, order, people):
     return type(y)(y.values[order], design, y.model, **own)
 
 
-DRAWS = 2400
+DRAWS = 1600
 
 
 def many(case):
@@ -490,7 +490,7 @@ def replicates_fit_the_density(case):
     # a category tells less of the spread than a number does
     other = point._replace(**{name: (0.9 if case.numbers is None else 0.4) * getattr(point, name)})
     both = type(point)(*(np.append(p, q) for p, q in zip(point, other, strict=True)))
-    density = of_tables(y, made[:400], lambda table: table.log_likelihood(np.tile(first, (2, 1)), both))
+    density = of_tables(y, made[:250], lambda table: table.log_likelihood(np.tile(first, (2, 1)), both))
     weight = np.exp(density[:, 1] - density[:, 0])
     assert abs(weight.mean() - 1.0) < 5.0 * weight.std() / np.sqrt(weight.size)
     assert weight.std() > 0.1  # the other point is told apart
@@ -500,7 +500,7 @@ def replicates_have_uniform_places(case):
     """Each row of a replicated table lies uniformly in its law given the other rows."""
     y, rng = case.observed, np.random.default_rng(6)
     rate, points = many(case)
-    made = y.replicate(rng, y.drive(rate, points), points, y.new_effects(rng, points, (DRAWS,)), rate)[:200]
+    made = y.replicate(rng, y.drive(rate, points), points, y.new_effects(rng, points, (DRAWS,)), rate)[:140]
     first, point = case.at(slice(0, 1))
     places = of_tables(y, made, lambda table: table.below_loo(first, point)[0])
     if case.numbers is not None:
@@ -517,7 +517,7 @@ def residuals_are_errors(case):
     effects = y.new_effects(rng, points, (DRAWS,))
     made = y.replicate(rng, y.drive(rate, points), points, effects, rate)
     first, point = case.at(slice(0, 1))
-    residual = np.empty((800, ROWS))
+    residual = np.empty((600, ROWS))
     for k in range(len(residual)):
         own = type(effects)(*(np.asarray(effect)[k : k + 1] for effect in effects))
         table = y.with_values(made[k])
@@ -535,12 +535,12 @@ def effects_are_drawn_given_the_data(case):
     before = y.new_effects(rng, points, (DRAWS,))
     made = y.replicate(rng, y.drive(rate, points), points, before, rate)
     first, point = case.at(slice(0, 1))
-    after = [y.with_values(values).draw_effects(rng, first, point) for values in made[:300]]
+    after = [y.with_values(values).draw_effects(rng, first, point) for values in made[:200]]
     for k, name in enumerate(type(before)._fields):
         known = np.asarray(before[k]).reshape(DRAWS, -1)
         drawn = np.array([np.asarray(effects[k]).reshape(-1) for effects in after])
         for column in range(known.shape[1]):
-            assert kstest(drawn[:, column], known[300:, column]).pvalue > 1e-4, name
+            assert kstest(drawn[:, column], known[200:, column]).pvalue > 1e-4, name
 
 
 CHECKS = (

@@ -81,3 +81,13 @@ def test_the_search_starts_near_the_modes(law):
         distance = np.abs(integrals._start(given) - modes.a) / modes.width
         assert np.median(distance) < usual
         assert distance.max() < 2.0
+
+
+@pytest.mark.parametrize("step", [0.0, 1.0])
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
+def test_tiny_errors_overflow_nowhere(law, step):
+    """Powers of their inverse are beyond single precision; warnings are errors here."""
+    observed, rate, points = table(3, 6, 4, law=law, step=step)
+    for spread in (1e-12, 1e-6, 1.1e-4, 1e-2):
+        tiny = points._replace(varsigma=np.full_like(points.varsigma, spread))
+        assert np.isfinite(observed.log_likelihood(rate, tiny)).all(), spread

@@ -310,10 +310,10 @@ MADE_FROM = [*((scale, INVERSE) for scale in RATING_SCALES.values()), (MAGNITUDE
 )
 def test_a_run_says_what_its_ratings_were_made_from(values, monkeypatch, scale, direction):
     """Parameters, replicates and the curve of a typical rating are those of the table."""
-    monkeypatch.setattr(request, "Settings", functools.partial(Settings, pilot=(40,), optima=1, ensembles=2))
+    monkeypatch.setattr(request, "Settings", functools.partial(Settings, pilot=(15,), optima=1, ensembles=2))
     given = values | {"sigma_0": 6.0, "alpha": 21.5, "gamma": 0.9, "tau": 0.3}
     rng = np.random.default_rng(6)
-    ratings = simulate_ratings(rng, CLOTH, LOADS[1:], given, participants=15, direction=direction, scale=scale).ratings
+    ratings = simulate_ratings(rng, CLOTH, LOADS[1:], given, participants=10, direction=direction, scale=scale).ratings
     held = {name: given[name] for name in (*CHAIN, *(["tau"] if "tau" in rating_model(scale).needs else []))}
     model = ModelOptions(fix=held, direction=direction, scale=scale, discretisation=COARSE)
     model = dataclasses.replace(model, n_categories=7) if scale is CATEGORIES else model

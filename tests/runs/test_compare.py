@@ -60,7 +60,7 @@ BRIEF = Settings(ensembles=2, max_steps=60, processes=1, pilot=(20,), optima=1, 
 def quickly():
     """Learn little in the pilot walk, and run two ensembles."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(request, "Settings", functools.partial(Settings, pilot=(40,), optima=1, ensembles=2))
+        patch.setattr(request, "Settings", functools.partial(Settings, pilot=(15,), optima=1, ensembles=2))
         yield
 
 

@@ -53,7 +53,7 @@ def quickly() -> Iterator[None]:
         np.array(18.0), np.array(0.0), np.array([14.0, 4.0, -0.8, 0.3]), 60.0, CurveError(0.01, 1e-5, 1e-4)
     )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(request, "Settings", functools.partial(Settings, pilot=(20,), optima=1, ensembles=2))
+        patch.setattr(request, "Settings", functools.partial(Settings, pilot=(8,), optima=1, ensembles=2))
         patch.setattr(fixed_channels, "known_curve", lambda *_: curve)
         patch.setattr(pictures, "spike_times", lambda *_: np.array([12.0, 30.0, 48.0]))
         patch.setattr(predictions, "ILLUSTRATED", 8)

@@ -30,6 +30,11 @@ from softness_bayes.touch.neuron.surface_design import DESIGNS
 from softness_bayes.touch.parameters import TouchParameters
 from support.onsets import CORNER, EXACT_ENOUGH
 
+# exact rates of Hodgkin's and Huxley's membrane take twice as long
+LONG_ORBITS = pytest.mark.parametrize(
+    "surface", ["connor-stevens", pytest.param("hodgkin-huxley", marks=pytest.mark.slow)], indirect=True
+)
+
 
 @pytest.fixture(scope="module", params=sorted(DESIGNS))
 def surface(request: pytest.FixtureRequest) -> FiringSurface:
@@ -93,6 +98,7 @@ def test_measured_errors_are_kept_and_meet_what_is_promised() -> None:
     assert (folder / TABLES).stat().st_size <= 2_000_000
 
 
+@LONG_ORBITS
 def test_a_small_measurement_agrees_with_the_kept_one(surface: FiringSurface) -> None:
     error = surface_build.measure(surface, lambda _: None, points=10, corner=0, seed=7, onsets=0)
     assert error["of_allowance"] < 1.0
@@ -165,6 +171,7 @@ def test_a_current_that_the_membrane_lacks_has_no_effect(hodgkin_huxley: FiringS
     np.testing.assert_array_equal(usual.coefficients, other.coefficients)
 
 
+@LONG_ORBITS
 def test_exact_curves_of_a_batch_go_through_exact_rates(
     surface: FiringSurface,
     born: tuple[Channels, Onset],
