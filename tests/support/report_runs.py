@@ -17,7 +17,7 @@ from softness_bayes.model import scenes
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulated_forces import simulate_compression
 from softness_bayes.model.simulation import simulate_ratings
-from softness_bayes.results import draws, pictures, predictions, request
+from softness_bayes.results import draws, exact, pictures, predictions, request
 from softness_bayes.results.result import Result
 from softness_bayes.runs import plate
 from softness_bayes.runs.plate import sample_skin
@@ -61,6 +61,9 @@ def quickly() -> Iterator[None]:
             patch.setattr(module, "FINE_NODES", (-2.0, -1.0, 1.0, 2.0))
         for module in (draws, plate):
             patch.setattr(module, "PRIOR_DRAWS", 200)
+            patch.setattr(module, "REPLICATES", 120)
+        patch.setattr(exact, "EXACT_DRAWS", 20)
+        patch.setattr(exact, "FIRST_DRAWS", 10)
         scenes.curve_of_held.cache_clear()  # no curve of the membrane itself, nor this one for whoever comes after
         yield
         scenes.curve_of_held.cache_clear()
