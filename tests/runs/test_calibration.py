@@ -281,11 +281,11 @@ def fits(assume, count, processes=1):
 
 
 def test_fits_of_the_fake_scene_are_calibrated_and_mistakes_are_seen():
-    calibration = fits(right, 5)
+    calibration = fits(right, 3)
     assert calibration.names == ("gamma", "tau", "varsigma", "eps", "mu", LOG_LIKELIHOOD, PARTICIPANT, PARTICIPANTS)
-    assert calibration.rank.shape == (5, 8)
+    assert calibration.rank.shape == (3, 8)
     assert calibration.faults() == []
-    assert any("gamma" in fault for fault in fits(wrong_sign, 5).faults())
+    assert any("gamma" in fault for fault in fits(wrong_sign, 4).faults())
     assert fits(wrong_variance, 3).faults()
 
 

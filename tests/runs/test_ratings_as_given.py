@@ -15,7 +15,7 @@ from softness_bayes.runs.comparison import compare
 from softness_bayes.runs.run import sample
 from support.report_runs import OPTIONS, experiment, quickly
 
-BRIEF = OPTIONS | {"max_steps": 15}
+BRIEF = OPTIONS | {"max_steps": 6}
 
 
 @pytest.fixture(scope="module")

@@ -82,7 +82,9 @@ def test_table_is_the_field_at_the_corners_and_inside(load, readings, rng):
     assert_allclose(felt, np.broadcast_to(share[:, None, None], felt.shape), atol=6e-3)
 
 
-@pytest.mark.parametrize("load", [pytest.param(LOADS[0], marks=pytest.mark.slow), *LOADS[1:]], ids=str)
+@pytest.mark.parametrize(
+    "load", [*(pytest.param(one, marks=pytest.mark.slow) for one in LOADS[:-1]), LOADS[-1]], ids=str
+)
 def test_family_holds_the_field_of_every_finger(load):
     """Against the tables of single fingers, which know nothing of other radii and depths."""
     field = FingerField(load, Finger(), BOX, Readings(), RANGE, 3e-6)
@@ -170,7 +172,13 @@ def single(parameters, k):
 
 
 @pytest.mark.parametrize(
-    "readings", [Readings(), Readings().override({"skin_displacement": "displacement"})], ids=["strain", "displacement"]
+    "readings",
+    [
+        pytest.param(Readings(), id="strain"),
+        pytest.param(
+            Readings().override({"skin_displacement": "displacement"}), id="displacement", marks=pytest.mark.slow
+        ),
+    ],
 )
 def test_a_vector_with_a_finger_responds_as_the_scene_of_that_finger(readings, smooth_firing, vectors):
     if readings.skin_displacement.power == 2:

@@ -114,7 +114,7 @@ def test_the_scheme_converges_strongly_with_order_three_halves() -> None:
 
 def test_statistics_under_little_noise_are_those_of_the_exact_rate() -> None:
     current = np.array([[17.0], [30.0]])
-    found = firing_statistics(current, 0.1, np.random.default_rng(5), duration=200.0, runs=2, step=0.02)
+    found = firing_statistics(current, 0.1, np.random.default_rng(5), duration=120.0, runs=2, step=0.02)
     assert found.rate.shape == (2, 1)
     assert found.rate[0, 0] == 0.0
     assert np.isnan(found.interval[0, 0])
