@@ -1,4 +1,4 @@
-"""Cumulative probabilities and normal scores of rows, for checks of residuals (model.md 10)."""
+"""Cumulative probabilities and normal scores of rows, for checks of residuals (model.md 9)."""
 
 from __future__ import annotations
 
