@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.checking.fabric_moduli import UNCERTAIN
+from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS
 from softness_bayes.plotting.chains import rank_figure, trace_figure
 from softness_bayes.plotting.checks import Means, Replicated, checks_figure, loo_pit_figure
 from softness_bayes.plotting.choices import (
@@ -76,14 +78,17 @@ class _Some(NamedTuple):
     def observed(self) -> Observed:
         """Return the ratings by condition: a fabric under one load or under one group of loads."""
         constant, modulus = self.result.group("constant_data"), _fabric_modulus(self.result)
-        count = self.groups.at.size
-        return observed_ratings(
+        count, limits = self.groups.at.size, _modulus_limits(self.result)
+        found = observed_ratings(
             self.result.group("observed_data")["rating"].values,
             self.load * modulus.size + constant["fabric_index"].values,
             constant["participant_index"].values,
             np.tile(modulus, count),
             np.repeat(np.arange(count), modulus.size),
             scale=self.result.scale,
+        )
+        return (
+            found if limits is None else found._replace(limits=(np.tile(limits[0], count), np.tile(limits[1], count)))
         )
 
     def said(self, figure: Figure, style: Style, curves: bool = True) -> Figure:
@@ -311,7 +316,7 @@ def touch(result: Drawable, style: Style) -> Figure:
 
 def _touched_names(result: Drawable) -> list[str]:
     """Return labels of the fabrics in the touch figure, including the names of rated fabrics."""
-    stored, modulus = result.group("illustrations"), _fabric_modulus(result)
+    stored, modulus = result.group("illustrations"), _given_modulus(result)
     found = []
     for what, at in zip(stored["touch_fabric"].values, stored["touch_e_fab_kpa"].values * 1e3, strict=True):
         same = np.flatnonzero(np.isclose(modulus, at, rtol=1e-6))
@@ -334,8 +339,30 @@ def membrane(result: Drawable, style: Style) -> Figure:
     )
 
 
+def _given_modulus(result: Drawable) -> Array:
+    """Return E_fab [Pa] of the fabrics as given; the middle of its law where it is sampled."""
+    return np.asarray(result.group("constant_data")["effective_modulus_kpa"].values * 1e3)
+
+
 def _fabric_modulus(result: Drawable) -> Array:
-    return result.group("constant_data")["effective_modulus_kpa"].values * 1e3
+    """Return E_fab [Pa] of the fabrics; its posterior median where it is sampled."""
+    return _modulus_quantiles(result, 0.5)[0]
+
+
+def _modulus_limits(result: Drawable) -> Array | None:
+    """Return the 90 % limits of E_fab [Pa], shape (2, fabrics); None if no modulus is sampled."""
+    return _modulus_quantiles(result, 0.05, 0.95) if FABRIC_MODULUS in result.group("posterior") else None
+
+
+def _modulus_quantiles(result: Drawable, *shares: float) -> Array:
+    """Return quantiles of E_fab [Pa], shape (shares, fabrics); where a modulus is known all are equal."""
+    found, posterior = np.tile(_given_modulus(result), (len(shares), 1)), result.group("posterior")
+    if FABRIC_MODULUS in posterior:
+        sampled = posterior[FABRIC_MODULUS]
+        names = _fabric_names(result)
+        at = [names.index(str(name)) for name in sampled[UNCERTAIN].values]
+        found[:, at] = np.quantile(sampled.values.reshape(-1, len(at)), shares, axis=0) * 1e3
+    return found
 
 
 def _fabric_names(result: Drawable) -> list[str]:

@@ -54,6 +54,8 @@ class Observed(NamedTuple):
     deviation); NaN for fewer than two participants."""
     participants: NDArray[np.intp]
     """Number of participants who rated the condition."""
+    limits: tuple[Array, Array] | None = None
+    """90 % limits of E_fab [Pa], equal where it is known; None if all are known."""
 
     def within(self, least: float, most: float) -> Observed:
         """Return a copy with ratings clipped to two limits."""
@@ -182,8 +184,8 @@ def rating_figure(
     -------
     Figure
         Artists named ``median/1 mm``, ``band95/1 mm``, ``band50/1 mm``, ``ratings/1 mm`` (points) and
-        ``spread/1 mm`` (bars), and, for names, ``name/1 mm/NAME`` and ``guide/1 mm``. The horizontal axis is E_fab
-        in kPa or its ratio to E_skin.
+        ``spread/1 mm`` (bars), for limits of moduli ``limits/1 mm``, and, for names, ``name/1 mm/NAME`` and
+        ``guide/1 mm``. The horizontal axis is E_fab in kPa or its ratio to E_skin.
 
     Raises
     ------
@@ -201,10 +203,13 @@ def rating_figure(
         for index, (axes, load) in enumerate(zip(panels, loads, strict=True)):
             here = (observed.load == index) & np.isfinite(observed.mean)
             skin = None if skin_modulus is None else np.asarray(skin_modulus)[:, index]
-            x, curves, places = _along_axis(modulus, draws[:, index], observed.modulus[here], skin)
+            shown = [one[here] for one in (observed.modulus, *(observed.limits or ()))]
+            x, curves, (places, *limits) = _along_axis(modulus, draws[:, index], shown, skin)
             draw_bands(axes, x, curves, style.posterior, style, str(load))
             called = [names[int(k)] for k in np.flatnonzero(here)] if names else []
             _draw_observed(axes, places, observed, here, scale, style, str(load), called)
+            if limits:
+                _draw_limits(axes, limits[0], limits[1], observed.mean[here], style, str(load))
             axes.set(xscale="log", yscale=scale.axis)
             axes.set_title(title(load), pad=72.0 * room_for(names, style) or None)
             ends += [x.min(), x.max()]
@@ -221,16 +226,23 @@ def rating_figure(
 
 
 def _along_axis(
-    modulus: Array, draws: Array, observed: Array, skin_modulus: Array | None
-) -> tuple[Array, Array, Array]:
-    """Return a panel's grid, the draws on this grid, and the positions of the data.
+    modulus: Array, draws: Array, observed: Sequence[Array], skin_modulus: Array | None
+) -> tuple[Array, Array, list[Array]]:
+    """Return a panel's grid, the draws on this grid, and the positions of moduli of the data.
 
     The axis is E_fab [kPa] or, if E_skin [Pa] is given, their ratio.
     """
     if skin_modulus is None:
-        return modulus / 1e3, draws, observed / 1e3
+        return modulus / 1e3, draws, [one / 1e3 for one in observed]
     axis = RatioAxis.of(modulus, skin_modulus)
-    return axis.grid, axis.carry(draws), axis.place(observed)
+    return axis.grid, axis.carry(draws), [axis.place(one) for one in observed]
+
+
+def _draw_limits(axes: Axes, low: Array, high: Array, rating: Array, style: Style, gid: str) -> None:
+    """Draw the limits of moduli that are not known."""
+    some = high > low
+    bars = axes.hlines(rating[some], low[some], high[some], color=style.tint(style.data, 0.35), linewidth=0.8)
+    bars.set(label="90 % limits of the modulus", gid=f"limits/{gid}", zorder=1.8)
 
 
 def _draw_observed(
