@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.checking.fabric_moduli import UNCERTAIN
-from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS
 from softness_bayes.plotting.chains import rank_figure, trace_figure
 from softness_bayes.plotting.checks import Means, Replicated, checks_figure, loo_pit_figure
 from softness_bayes.plotting.choices import (
@@ -351,14 +349,19 @@ def _fabric_modulus(result: Drawable) -> Array:
 
 def _modulus_limits(result: Drawable) -> Array | None:
     """Return the 90 % limits of E_fab [Pa], shape (2, fabrics); None if no modulus is sampled."""
-    return _modulus_quantiles(result, 0.05, 0.95) if FABRIC_MODULUS in result.group("posterior") else None
+    from softness_bayes.checking.fabric_moduli import MODULUS_LAW
+
+    return _modulus_quantiles(result, 0.05, 0.95) if MODULUS_LAW in result.group("constant_data") else None
 
 
 def _modulus_quantiles(result: Drawable, *shares: float) -> Array:
     """Return quantiles of E_fab [Pa], shape (shares, fabrics); where a modulus is known all are equal."""
-    found, posterior = np.tile(_given_modulus(result), (len(shares), 1)), result.group("posterior")
-    if FABRIC_MODULUS in posterior:
-        sampled = posterior[FABRIC_MODULUS]
+    from softness_bayes.checking.fabric_moduli import MODULUS_LAW, UNCERTAIN
+    from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS
+
+    found = np.tile(_given_modulus(result), (len(shares), 1))
+    if MODULUS_LAW in result.group("constant_data"):
+        sampled = result.group("posterior")[FABRIC_MODULUS]
         names = _fabric_names(result)
         at = [names.index(str(name)) for name in sampled[UNCERTAIN].values]
         found[:, at] = np.quantile(sampled.values.reshape(-1, len(at)), shares, axis=0) * 1e3
