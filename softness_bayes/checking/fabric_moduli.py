@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from softness_bayes.checking.sensitivity import INFORMED, contraction, prior_moments
 from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS
@@ -38,6 +39,12 @@ def modulus_laws(constant: xr.Dataset) -> dict[str, Prior]:
     }
 
 
+def modulus_limits(posterior: xr.Dataset) -> NDArray[np.float64]:
+    """Return the lower limit, median and upper limit (`PROBABILITY`) of sampled moduli [kPa], shape (3, fabrics)."""
+    drawn, tail = posterior[FABRIC_MODULUS].values, 0.5 * (1.0 - PROBABILITY)
+    return np.asarray(np.quantile(drawn.reshape(-1, drawn.shape[-1]), [tail, 0.5, 1.0 - tail], axis=0))
+
+
 def modulus_table(tree: xr.DataTree) -> pd.DataFrame | None:
     """Return the posterior of each uncertain modulus; None if all are known exactly.
 
@@ -58,13 +65,10 @@ def modulus_table(tree: xr.DataTree) -> pd.DataFrame | None:
     posterior = tree["posterior"].to_dataset()
     if FABRIC_MODULUS not in posterior:
         return None
-    drawn = posterior[FABRIC_MODULUS].values
-    drawn = drawn.reshape(-1, drawn.shape[-1])
-    tail = 0.5 * (1.0 - PROBABILITY)
-    low, median, high = np.quantile(drawn, [tail, 0.5, 1.0 - tail], axis=0)
+    low, median, high = modulus_limits(posterior)
     laws = [*modulus_laws(tree["constant_data"].to_dataset()).values()]
     mean, sd = np.array([prior_moments(law, np.log) for law in laws]).T
-    log = np.log(drawn)
+    log = np.log(posterior[FABRIC_MODULUS].values.reshape(-1, median.size))
     spread = log.std(axis=0, ddof=1)
     columns = {
         "law": [str(law) for law in laws],

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import log_ndtr, ndtr
 
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
-from softness_bayes.likelihood.interval_rule import LEAST, by_rule, demands
+from softness_bayes.likelihood.interval_rule import LEAST, by_rule, in_any_draw
 
 FloatArray = NDArray[np.float64]
 
@@ -140,8 +140,8 @@ def scaled_derivatives(
     orders
         Number of derivatives, 4 or 6.
     """
-    exactly = law != NORMAL and (rows.low == rows.high).all()
-    if orders == 4 and law.averaged and not law.lapses and (single or exactly):
+    served = orders == 4 and law.averaged is not None and not law.lapses
+    if served and (single or (law != NORMAL and (rows.low == rows.high).all())):
         found = _averaged(law, rows, expected, spread, parameters, single)
         if found is not None:
             return found
@@ -161,7 +161,7 @@ def _averaged(
     """
     assert law.averaged is not None
     half = 0.5 * (rows.high - rows.low)
-    others = _in_any_draw(half > WIDEST * float((spread * law.smooth(parameters)).min()))
+    others = in_any_draw(half > WIDEST * float((spread * law.smooth(parameters)).min()))
     if others.sum() > MOST_OTHERS * others.size:
         return None
     errors = expected - (rows.low + half)  # the law is symmetric
@@ -177,7 +177,7 @@ def _averaged(
         steep = slopes[0] * slopes[0]
         steep *= square
         if not steep.max() <= STEEPEST:
-            others |= _in_any_draw(~(steep <= STEEPEST))
+            others |= in_any_draw(~(steep <= STEEPEST))
     value += np.log(np.where(half > 0.0, 2.0 * half, 1.0)).astype(kind)
     value -= log_spread
     if others.any():
@@ -186,10 +186,6 @@ def _averaged(
         for whole, part in zip((value, *slopes), few, strict=False):
             whole[..., rest] = part
     return value, *slopes
-
-
-def _in_any_draw(rows: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    return np.asarray(rows.reshape(-1, rows.shape[-1]).any(axis=0))
 
 
 def _cumulants(moments: list[FloatArray]) -> list[FloatArray]:
@@ -249,7 +245,7 @@ def _with_lapses(
     exact = rows.low == rows.high
     if exact.all():
         return _of_exact(law, rows, (rows.low - expected) / spread, spread, parameters, orders)
-    open_ended = (np.isinf(rows.low) | np.isinf(rows.high)).reshape(-1, exact.shape[-1]).any(axis=0)
+    open_ended = in_any_draw(np.isinf(rows.low) | np.isinf(rows.high))
     if open_ended.all():
         one = (np.isinf(rows.low) ^ np.isinf(rows.high)).all()
         how = _beyond if one else _by_functions
@@ -263,7 +259,7 @@ def _with_lapses(
         return found
     middle, half = rows.in_spreads(expected, spread, single)
     own = parameters.single() if single else parameters
-    if law.normal_scores is NORMAL.normal_scores and demands(law, middle, half, own)[0] > MOST_BY_RULE:
+    if law.normal_scores is NORMAL.normal_scores and 2.0 * float(half.max()) > MOST_BY_RULE:
         return _mixed(law, rows, _by_functions(law, rows, expected, spread, parameters, orders), parameters)
     served = by_rule(law, middle, half, NARROW, own, SINGLE_LEAST if single else LEAST, max(orders - 4, 0))
     rest = np.flatnonzero(~served.good)

@@ -58,12 +58,6 @@ class Served(NamedTuple):
     """True for rows in which the rule is accurate at all points, shape (rows,)."""
 
 
-def demands(law: ErrorLaw, middle: FloatArray, half: FloatArray, parameters: Any) -> tuple[float, float]:
-    """Return the largest width of intervals and change of the log density over one, as in `IntervalLimits`."""
-    steepest = law.steepest(parameters, float((np.abs(middle) + half).max())) * 2.0 * float(half.max())
-    return 2.0 * float((half / law.smooth(parameters)).max()), steepest
-
-
 def by_rule(
     law: ErrorLaw,
     middle: FloatArray,
@@ -92,7 +86,8 @@ def by_rule(
     more
         Number of derivatives beyond the fourth, 0 or 2.
     """
-    longest, steepest = demands(law, middle, half, parameters)
+    longest = 2.0 * float((half / law.smooth(parameters)).max())
+    steepest = law.steepest(parameters, float((np.abs(middle) + half).max())) * 2.0 * float(half.max())
     # a few rows that need another method take longer than more points for all
     reach = next((one for one in REACHES if one.widest >= longest and one.steepest >= steepest), REACHES[-1])
     points, weights, at_ends = rule(reach.inside)
@@ -117,8 +112,12 @@ def by_rule(
     if steepest > reach.steepest:
         steep = 0.5 * reach.steepest
         wrong |= (np.abs(s0) * half > steep * f0) | (np.abs(s1) * half > steep * f1)
-    good = ~wrong.reshape(-1, wrong.shape[-1]).any(axis=0)
-    return Served(inner, tuple(slopes), good)
+    return Served(inner, tuple(slopes), ~in_any_draw(wrong))
+
+
+def in_any_draw(rows: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return True for rows that are True in any draw, (..., rows) to (rows,)."""
+    return np.asarray(rows.reshape(-1, rows.shape[-1]).any(axis=0))
 
 
 @cache

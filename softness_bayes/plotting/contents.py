@@ -86,7 +86,7 @@ class _Some(NamedTuple):
             scale=self.result.scale,
         )
         return (
-            found if limits is None else found._replace(limits=(np.tile(limits[0], count), np.tile(limits[1], count)))
+            found if limits is None else found._replace(limits=(np.tile(limits[0], count), np.tile(limits[2], count)))
         )
 
     def said(self, figure: Figure, style: Style, curves: bool = True) -> Figure:
@@ -344,27 +344,21 @@ def _given_modulus(result: Drawable) -> Array:
 
 def _fabric_modulus(result: Drawable) -> Array:
     """Return E_fab [Pa] of the fabrics; its posterior median where it is sampled."""
-    return _modulus_quantiles(result, 0.5)[0]
+    limits = _modulus_limits(result)
+    return _given_modulus(result) if limits is None else limits[1]
 
 
 def _modulus_limits(result: Drawable) -> Array | None:
-    """Return the 90 % limits of E_fab [Pa], shape (2, fabrics); None if no modulus is sampled."""
-    from softness_bayes.checking.fabric_moduli import MODULUS_LAW
+    """Return lower limit, median and upper limit of E_fab [Pa], (3, fabrics), all equal where it is known.
 
-    return _modulus_quantiles(result, 0.05, 0.95) if MODULUS_LAW in result.group("constant_data") else None
+    None if no modulus is sampled.
+    """
+    from softness_bayes.checking.fabric_moduli import MODULUS_LAW, UNCERTAIN, modulus_limits
 
-
-def _modulus_quantiles(result: Drawable, *shares: float) -> Array:
-    """Return quantiles of E_fab [Pa], shape (shares, fabrics); where a modulus is known all are equal."""
-    from softness_bayes.checking.fabric_moduli import MODULUS_LAW, UNCERTAIN
-    from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS
-
-    found = np.tile(_given_modulus(result), (len(shares), 1))
-    if MODULUS_LAW in result.group("constant_data"):
-        sampled = result.group("posterior")[FABRIC_MODULUS]
-        names = _fabric_names(result)
-        at = [names.index(str(name)) for name in sampled[UNCERTAIN].values]
-        found[:, at] = np.quantile(sampled.values.reshape(-1, len(at)), shares, axis=0) * 1e3
+    if MODULUS_LAW not in result.group("constant_data"):
+        return None
+    found, posterior, names = np.tile(_given_modulus(result), (3, 1)), result.group("posterior"), _fabric_names(result)
+    found[:, [names.index(str(name)) for name in posterior[UNCERTAIN].values]] = 1e3 * modulus_limits(posterior)
     return found
 
 
