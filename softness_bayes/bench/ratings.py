@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from softness_bayes.bench.subject import BATCH, FABRICS, LOADS, PARTICIPANTS, Effort, Subject, quickest
 from softness_bayes.data import Experiment
 from softness_bayes.likelihood.error_laws import ERROR_LAWS, NORMAL, ErrorLaw
-from softness_bayes.likelihood.own_answers import OWN_ANSWERS
+from softness_bayes.likelihood.own_effects import OWN_ANSWERS
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Posterior

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.likelihood.own_answers import EFFECT_OF_ANSWER, OWN_ANSWERS
+from softness_bayes.likelihood.own_effects import EFFECT_OF_ANSWER, OWN_ANSWERS
 from softness_bayes.likelihood.ratings import SKIN
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.touch.finger_grid import EFFECT_OF, SPREAD_OF

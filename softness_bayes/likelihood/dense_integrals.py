@@ -13,7 +13,8 @@ from softness_bayes.likelihood import student
 from softness_bayes.likelihood.error_laws import ErrorLaw
 from softness_bayes.likelihood.mu_nodes import draw_on, log_sum
 from softness_bayes.likelihood.quadrature import DENSE, Quadrature, gauss_hermite
-from softness_bayes.likelihood.rater_integrals import LEVELS, REACH, RaterIntegrals
+from softness_bayes.likelihood.rater_grids import REACH
+from softness_bayes.likelihood.rater_integrals import LEVELS, RaterIntegrals
 from softness_bayes.likelihood.rater_rows import RowParameters
 
 FloatArray = NDArray[np.float64]

@@ -14,7 +14,7 @@ and a row's slope and curvature are averaged over them. For exact numbers with n
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -148,15 +148,15 @@ class FabricIntegrals:
             found[:, piece] = self.integrals.log_density(part, quadrature).reshape(draws, -1)
         return np.asarray(found + 0.5 * (x**2 - z**2).sum(axis=-1) - normal.log_root[:, None])
 
-    def normal(self, given: RowParameters, settled: float, single: bool = False) -> FabricLaw:
+    def normal(self, given: RowParameters, settled: float, single: bool = False) -> Any:
         """Return the normal approximation about the joint mode of the level, all scales and all deviations.
 
         Arguments are those of `RaterIntegrals.modes`.
         """
-        settled = min(settled, SETTLED if self.integrals.law == NORMAL else SETTLED_TAILS)
+        settled = min(settled, self._settled(given))
         given, trial = self._sorted(given), self._start(given)
         single = single and given.in_single(self.integrals.law, self.integrals.widest)
-        kept, sums = trial.copy(), Sums(*np.empty((len(Sums._fields), *trial.z.shape[:1], *self._count.shape)))
+        kept, sums = trial.copy(), self._empty_sums(len(trial.z))
         best, active = np.full(len(trial.z), -np.inf), np.arange(len(trial.z))
         for _ in range(_STEPS):
             here = trial.part(active)
@@ -171,25 +171,36 @@ class FabricIntegrals:
             for whole, own in zip(sums, found, strict=True):
                 whole[up] = own[good]
             new = self._newton(given.part(up), kept.part(up), sums.part(up))
-            far = new.distance(kept.part(up).a(given.tau[up])) > settled
+            far = new.distance(kept.part(up), given.part(up)) > settled
             for one, moved in zip(trial, new.mean, strict=True):
                 one[up[far]] = moved[far]
             active = np.sort(np.concatenate([up[far], down]))
             if not active.size:
                 break
-        return marginal_law(given, self.integrals.mean, self.integrals.sd, kept, sums)
+        return self._marginal(given, kept, sums)
+
+    def _settled(self, given: RowParameters) -> float:
+        """Return the largest step after which a search stops, in standard deviations."""
+        return SETTLED if self.integrals.law == NORMAL else SETTLED_TAILS
+
+    def _empty_sums(self, draws: int) -> Any:
+        return Sums(*np.empty((len(Sums._fields), draws, *self._count.shape)))
+
+    def _marginal(self, given: RowParameters, point: Any, sums: Any) -> Any:
+        """Return the normal law of the deviations with all other effects integrated out."""
+        return marginal_law(given, self.integrals.mean, self.integrals.sd, point, sums)
 
     def _sorted(self, given: RowParameters) -> RowParameters:
         """Return the parameters with rows sorted by rater and fabric."""
         order = self._order
         return given._replace(drive=given.drive[:, order], rows=given.rows.take(order), middle=given.middle[..., order])
 
-    def _newton(self, given: RowParameters, point: Point, sums: Sums) -> FabricLaw:
+    def _newton(self, given: RowParameters, point: Any, sums: Any) -> Any:
         """Return the law that a Newton step makes of slopes and curvatures."""
         curvature = np.maximum(-sums.second, _LEAST_CURVATURE * sums.secant)
         return law_of(given, self.integrals.mean, self.integrals.sd, point, sums.slope, curvature)[0]
 
-    def _start(self, given: RowParameters) -> Point:
+    def _start(self, given: RowParameters) -> Any:
         """Return a point near the mode: from midpoints of intervals first, then with those that have one end added."""
         weight = self.integrals.weight
         weighted = (weight * (given.middle - given.drive))[:, self._order]

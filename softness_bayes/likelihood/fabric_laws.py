@@ -121,10 +121,10 @@ class FabricLaw(NamedTuple):
         """Half the log determinant of H, shape (draws,)."""
         return np.asarray(np.log(np.diagonal(self.root, axis1=-2, axis2=-1)).sum(axis=-1))
 
-    def distance(self, a: FloatArray) -> FloatArray:
-        """Return how far the mean is from `z`, or from a_p if that is farther, in standard deviations, (draws,)."""
+    def distance(self, point: Point, given: RowParameters) -> FloatArray:
+        """Return how far the mean is from a point, in standard deviations of single effects, shape (draws,)."""
         of_fabrics = (self.slope * self.step).sum(axis=-1)
-        of_raters = ((self.a - a) ** 2 / np.maximum(self.variance, 1e-300)).max(axis=-1)
+        of_raters = ((self.a - point.a(given.tau)) ** 2 / np.maximum(self.variance, 1e-300)).max(axis=-1)
         return np.sqrt(np.maximum(of_fabrics, of_raters))
 
     def at(self, x: FloatArray) -> FloatArray:

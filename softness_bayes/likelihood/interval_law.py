@@ -23,7 +23,7 @@ NARROW = 1e-3
 with the first correction: a difference of two distribution functions would lose digits."""
 
 SINGLE_LEAST = 1e-30
-"""Smallest probability, relative to the density at 0, that is computed in single precision."""
+"""Least probability, relative to the density at 0, that is computed in single precision."""
 
 WIDEST, STEEPEST = 0.45, 1.2
 """Largest half-width of the intervals whose probability is a series (`narrow_intervals`), in the smooth length of the
@@ -54,6 +54,11 @@ SIGNS = -1.0, 1.0, -1.0, 1.0, -1.0, 1.0
 _TINY_LOG = -600.0
 
 
+def of_rows(values: FloatArray, index: Any) -> FloatArray:
+    """Return some of the last axis, unless its length is 1: then all rows have the same value."""
+    return values if values.shape[-1] == 1 else values[..., index]
+
+
 def in_single(values: FloatArray) -> Any:
     """Return values in single precision."""
     return values.astype(np.float32)
@@ -78,13 +83,11 @@ class Rows(NamedTuple):
         return Rows(*(part if part.ndim == 1 else part[piece] for part in self))
 
     def in_spreads(self, expected: FloatArray, spread: FloatArray, single: bool) -> tuple[FloatArray, FloatArray]:
-        """Return middles of finite intervals less their expectation, and half-widths, each (..., rows), in spreads.
-
-        Both are rounded to single precision if `single`: their differences would lose digits in the ends.
-        """
+        """Return middles of finite intervals less their expectation, and half-widths, each (..., rows), in spreads."""
         half = 0.5 * (self.high - self.low)
         middle = ((self.low + half) - expected) / spread
         half = half / spread
+        # differences of ends in single precision would lose digits
         return (in_single(middle), in_single(half)) if single else (middle, half)
 
     def at_points(self) -> Rows:
@@ -104,7 +107,7 @@ def log_probability(law: ErrorLaw, rows: Rows, expected: FloatArray, spread: Flo
     expected
         Expectations, shape (..., rows).
     spread
-        Spread of the errors, shape (..., 1).
+        Spread of the errors, shape (..., 1), or (..., rows) if it differs between rows.
     parameters
         Parameters of the law, of batch shape (...).
     """
@@ -182,7 +185,8 @@ def _averaged(
     value -= log_spread
     if others.any():
         rest = np.flatnonzero(others)
-        few = scaled_derivatives(law, rows.take(rest), expected[..., rest], spread, parameters, single, 6)
+        some = rows.take(rest), expected[..., rest], of_rows(spread, rest)
+        few = scaled_derivatives(law, *some, parameters, single, 6)
         for whole, part in zip((value, *slopes), few, strict=False):
             whole[..., rest] = part
     return value, *slopes
@@ -253,7 +257,8 @@ def _with_lapses(
     if open_ended.any():
         found = [np.empty(expected.shape) for _ in range(1 + orders)]
         for some in (open_ended, ~open_ended):
-            parts = _with_lapses(law, rows.take(some), expected[..., some], spread, parameters, orders, single)
+            inputs = rows.take(some), expected[..., some], of_rows(spread, some)
+            parts = _with_lapses(law, *inputs, parameters, orders, single)
             for whole, part in zip(found, parts, strict=True):
                 whole[..., some] = part
         return found
@@ -269,7 +274,7 @@ def _with_lapses(
     found = _weighed(law, rows, probability, list(served.slopes[:orders]), parameters)
     if rest.size:
         few = rows.take(rest)
-        others = _by_functions(law, few, expected[..., rest], spread, parameters, orders)
+        others = _by_functions(law, few, expected[..., rest], of_rows(spread, rest), parameters, orders)
         for whole, part in zip(found, _mixed(law, few, others, parameters), strict=True):
             whole[..., rest] = part
     return found

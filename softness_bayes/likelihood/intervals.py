@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,14 +25,14 @@ from softness_bayes.likelihood.group_conditionals import block_log_likelihood
 from softness_bayes.likelihood.interval_law import Rows
 from softness_bayes.likelihood.lapses import Lapses, RaterRange, WholeScale
 from softness_bayes.likelihood.magnitude import RatingModel
-from softness_bayes.likelihood.mu_nodes import log_sum
 from softness_bayes.likelihood.pieces import in_pieces
 from softness_bayes.likelihood.quadrature import DENSE, DENSER, FAST, FINE, Quadrature, finer_than, quadrature_for
 from softness_bayes.likelihood.random_effects import Effects
+from softness_bayes.likelihood.rater_grids import below_rows, log_of_raters, log_of_rows
 from softness_bayes.likelihood.rater_integrals import LEVELS, RaterIntegrals
 from softness_bayes.likelihood.rater_rows import LawParameters, RowParameters, robust_weights, times_of
 from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
-from softness_bayes.likelihood.row_scores import below, score_at
+from softness_bayes.likelihood.row_scores import score_at
 from softness_bayes.likelihood.scales import SLIDER, Scale
 from softness_bayes.likelihood.stated import Stated
 from softness_bayes.likelihood.walled_integrals import WalledIntegrals
@@ -191,15 +191,28 @@ class IntervalRatings(RatingsLikelihood):
         count = np.bincount(rater).astype(float)
         self._quadrature = quadrature or quadrature_for(count)
         walled = np.bincount(rater, np.isfinite(self._widths())).min() == 0.0
-        kind: type[RaterIntegrals] = WalledIntegrals if walled else RaterIntegrals
-        kind = DenseIntegrals if self._quadrature in (DENSE, DENSER) else kind
         times = times_of(rater, self._condition, self._rows.low, self._rows.high, self._middle)
         level, ends = model.level, self._finite_ends()
-        self._integrals = kind(model.law, rater, weight, level.mean, level.sd, self._widths(), times, ends)
+        how = model.law, rater, weight, level.mean, level.sd, self._widths(), times, ends
+        self._integrals, kind = self._kinds(bool(walled), how)
         fabric = design.fabric[self._condition]
-        self._fabrics = FabricIntegrals(self._integrals, fabric, design.n_fabrics, self._widths(), times, rough)
+        self._fabrics = kind(self._integrals, fabric, design.n_fabrics, self._widths(), times, rough)
         self._slope = np.where(self._exact, scale.log_slope(self.values), 0.0)
         self._log = float(self._slope.sum())
+
+    def _kinds(self, walled: bool, how: tuple[Any, ...]) -> tuple[RaterIntegrals, type[FabricIntegrals]]:
+        """Return the integrals over raters' effects, and the kind of those over fabrics' deviations.
+
+        Parameters
+        ----------
+        walled
+            True if a rater has no interval with two ends.
+        how
+            Arguments of `RaterIntegrals`.
+        """
+        kind: type[RaterIntegrals] = WalledIntegrals if walled else RaterIntegrals
+        kind = DenseIntegrals if self._quadrature in (DENSE, DENSER) else kind
+        return kind(*how), FabricIntegrals
 
     def _understood(self, stated: Stated | None) -> Stated:
         """Return the intervals of the ratings, after a check that the ratings lie on the scale."""
@@ -234,9 +247,11 @@ class IntervalRatings(RatingsLikelihood):
 
     def finer(self) -> Self:
         """Return the same likelihood with finer integrals."""
+        return self.with_quadrature(self._finer_quadrature(), Rough(self._fabrics, self._quadrature))
+
+    def _finer_quadrature(self) -> Quadrature:
         walled = self._integrals.walled.size > 0
-        finer = finer_than(self._quadrature, self._integrals.count, self.model.law, walled)
-        return self.with_quadrature(finer, Rough(self._fabrics, self._quadrature))
+        return finer_than(self._quadrature, self._integrals.count, self.model.law, walled)
 
     def with_quadrature(self, quadrature: Quadrature, rough: Rough | None = None) -> Self:
         """Return the same likelihood with integrals of another resolution, as a reference of `rough` if given."""
@@ -262,12 +277,7 @@ class IntervalRatings(RatingsLikelihood):
 
         def alone(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
             given, shape = self._given(mean_rate, parameters)
-            if given.deviating:
-                found = log_density_left_out(self._fabrics, given)
-            else:
-                weight, value, _ = self._left_out(given)
-                found = log_sum(weight + value, axis=1) - log_sum(weight, axis=1)
-            return (found[:, self._back] - self._slope).reshape(*shape, -1)
+            return (self._log_left_out(given)[:, self._back] - self._slope).reshape(*shape, -1)
 
         return in_pieces(alone, self._loo_width, mean_rate, parameters)
 
@@ -279,15 +289,7 @@ class IntervalRatings(RatingsLikelihood):
 
         def smaller(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
             given, shape = self._given(mean_rate, parameters)
-            if given.deviating:
-                return below_left_out(self._fabrics, given)[:, self._back].reshape(*shape, -1)
-            weight, _, grid = self._left_out(given)
-            law, rows, own = self.model.law, given.rows.at_points(), self._integrals.rater
-            expected = given.drive[:, None] + grid[..., own]
-            share = below(law, rows, expected, given.spread[:, None], given.parameters.at_points())
-            weight = np.exp(weight - weight.max(axis=1, keepdims=True))
-            found = (weight * share).sum(axis=1) / weight.sum(axis=1)
-            return found[:, self._back].reshape(*shape, -1)
+            return self._below_left_out(given)[:, self._back].reshape(*shape, -1)
 
         return in_pieces(smaller, self._loo_width, mean_rate, parameters)
 
@@ -302,8 +304,7 @@ class IntervalRatings(RatingsLikelihood):
 
         def whole(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
             given, shape = self._given(mean_rate, parameters)
-            grid, law = self._integrals.law_of_others(given)
-            density = log_sum(law + self._integrals.values(given, grid), axis=1)
+            density = log_of_raters(self._integrals, given)
             found = np.zeros((len(density), self.design.n_participants))
             found[:, self._raters] = density
             found -= np.bincount(self.design.participant, self._slope, self.design.n_participants)
@@ -389,12 +390,10 @@ class IntervalRatings(RatingsLikelihood):
         """Return a number inside of each interval."""
         return self._middle
 
-    def _left_out(self, given: RowParameters) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return log weights of points without each row, its log probability there, and the points.
+    def _log_left_out(self, given: RowParameters) -> FloatArray:
+        """Return the log probability of each row given all others, (draws, rows), sorted by rater."""
+        return log_density_left_out(self._fabrics, given) if given.deviating else log_of_rows(self._integrals, given)
 
-        The first two have shape (draws, points, rows), sorted by rater; the points have (draws, points, raters).
-        """
-        grid, law = self._integrals.law_of_others(given)
-        own, values = self._integrals.rater, self._integrals.row_values(given, grid)
-        whole = law + self._integrals.of_raters(values)
-        return whole[..., own] - values, values, grid
+    def _below_left_out(self, given: RowParameters) -> FloatArray:
+        """Return the probability below each row given all others, likewise."""
+        return below_left_out(self._fabrics, given) if given.deviating else below_rows(self._integrals, given)

@@ -20,7 +20,8 @@ from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.orders import OrderModel, OrderRatings
 from softness_bayes.likelihood.own import require_model
-from softness_bayes.likelihood.own_answers import OwnAnswers
+from softness_bayes.likelihood.own_answers import OwnAnswers, OwnAnswersModel
+from softness_bayes.likelihood.own_intervals import OwnIntervalModel, OwnIntervalRatings, OwnSliderModel
 from softness_bayes.likelihood.pairs import PairModel, PairRatings
 from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.likelihood.ratings import RatingsLikelihood, RatingsModel
@@ -67,6 +68,11 @@ OF_INTERVALS: Mapping[tuple[Scale, ErrorLaw], Callable[[RatingDirection], Rating
 )
 """The same for ratings that represent intervals, or that are places in lists."""
 
+OF_OWN_ANSWERS: Mapping[Scale, Callable[..., RatingsModel]] = MappingProxyType(
+    {MAGNITUDE: OwnIntervalModel, SLIDER: OwnSliderModel}
+)
+"""Constructors of the models in which raters have exponents or noise of their own, by scale."""
+
 UNDER_UNCERTAIN_LOADS: Mapping[Scale, Callable[..., RatingsLikelihood]] = MappingProxyType({MAGNITUDE: UncertainLoads})
 """Likelihoods of ratings with independent load errors, by scale."""
 
@@ -83,6 +89,7 @@ LIKELIHOODS: tuple[type[Likelihood], ...] = (
     SharedLoads,
     IndividualRatings,
     OwnAnswers,
+    OwnIntervalRatings,
     StandardisedRatings,
     AggregatedRatings,
     RaterSpreads,
@@ -113,6 +120,39 @@ def rating_model(
         known = ", ".join(f"{one.name} with {law.name} errors" for one, law in models)
         raise InputError(f"ratings: no model of {scale.name} with {error.name} errors; expected one of {known}")
     return models[scale, error](direction)
+
+
+def own_model(
+    scale: Scale,
+    differ: tuple[str, ...],
+    direction: RatingDirection = RISES,
+    error: ErrorLaw = NORMAL,
+    plain: bool = False,
+) -> RatingsModel:
+    """Return the observation model of raters who have exponents or noise of their own.
+
+    Parameters
+    ----------
+    scale, direction, error
+        As for `rating_model`.
+    differ
+        The quantities that differ: gamma, varsigma or both.
+    plain
+        True for exact numbers whose fabrics have no deviations: with normal errors, these have a simpler model.
+
+    Raises
+    ------
+    InputError
+        If there is no such model for that scale.
+    """
+    if scale not in OF_OWN_ANSWERS:
+        known = " and ".join(one.name for one in OF_OWN_ANSWERS)
+        raise InputError(
+            f"individual: raters' own exponents or noise are modelled for {known} ratings, not for {scale.name} ratings"
+        )
+    if plain and scale is MAGNITUDE and error == NORMAL:
+        return OwnAnswersModel(direction, differ=differ)
+    return OF_OWN_ANSWERS[scale](direction, law=error, differ=differ)
 
 
 def under_uncertain_loads(observed: RatingsLikelihood, errors: LoadErrors) -> RatingsLikelihood:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -36,18 +35,13 @@ from softness_bayes.likelihood.contract import Effects
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.mu_nodes import log_sum
+from softness_bayes.likelihood.own_effects import OWN_ANSWERS, OwnRaters
 from softness_bayes.likelihood.pieces import in_pieces
 from softness_bayes.likelihood.rater_sums import RaterSums
 from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.likelihood.stated import Stated
 
 FloatArray = NDArray[np.float64]
-
-OWN_ANSWERS: Mapping[str, str] = MappingProxyType({"gamma": "tau_gamma", "varsigma": "tau_varsigma"})
-"""Name of the parameter for the spread between raters, by the quantity that differs."""
-
-EFFECT_OF_ANSWER: Mapping[str, str] = MappingProxyType({"gamma": "rater_log_gamma", "varsigma": "rater_log_varsigma"})
-"""Names in files of raters' log deviations from the typical rater, by the quantity that differs."""
 
 
 class AnswerNodes(NamedTuple):
@@ -72,25 +66,9 @@ FEW_RATERS, FEW_ROWS = 8, 8
 """Number of raters, and mean number of ratings per rater, below which `FEW` is used instead of `FAST`."""
 
 
-class OwnEffects(NamedTuple):
-    """Values of the common mean and of the raters' effects."""
-
-    mu: FloatArray
-    """Shape (...)."""
-    participant: FloatArray
-    """Deviations of log ratings, shape (..., participants)."""
-    log_gamma: FloatArray
-    """Deviations of log exponents from the typical rater's, same shape; 0 if exponents do not differ."""
-    log_varsigma: FloatArray
-    """Deviations of the log noise, likewise."""
-
-
 @dataclass(frozen=True)
-class OwnAnswersModel(RatingModel):
+class OwnAnswersModel(OwnRaters, RatingModel):
     """A `RatingModel` without deviations of fabrics, in which raters have individual exponents or noise.
-
-    gamma_p = gamma exp(tau_gamma u_p) and varsigma_p = varsigma exp(tau_varsigma w_p), u and w standard normal. gamma
-    and varsigma are those of the typical (median) rater.
 
     Parameters
     ----------
@@ -101,72 +79,14 @@ class OwnAnswersModel(RatingModel):
     needs: ClassVar[tuple[str, ...]] = ("gamma", "tau", "varsigma", "eps", *OWN_ANSWERS.values())
     differ: tuple[str, ...] = ("gamma",)
 
-    def spreads(self, parameters: RatingParameters) -> tuple[FloatArray, FloatArray]:
-        """Return the spreads of log exponents and log noise, (...); 0 for a quantity that does not differ."""
-        exponent = parameters.tau_gamma if "gamma" in self.differ else 0.0
-        noise = parameters.tau_varsigma if "varsigma" in self.differ else 0.0
-        return np.asarray(exponent, float), np.asarray(noise, float)
-
-    def draw_effects(
-        self,
-        rng: np.random.Generator,
-        parameters: RatingParameters,
-        shape: tuple[int, ...],
-        n_participants: int,
-        n_fabrics: int,
-        levels: Mapping[str, ArrayLike] | None = None,
-    ) -> Effects:
-        """Effects of new raters of batch ``shape``; mu from its prior unless given."""
-        return self._with_raters(rng, parameters, self.draw_level(rng, shape, levels), n_participants)
-
-    def with_new_participants(
-        self, rng: np.random.Generator, parameters: RatingParameters, effects: Effects
-    ) -> Effects:
-        """Replace all raters' effects with those of new raters."""
-        return self._with_raters(rng, parameters, effects.mu, effects.participant.shape[-1])
-
-    def for_others(
-        self,
-        rng: np.random.Generator,
-        parameters: RatingParameters,
-        effects: Effects,
-        n_participants: int,
-        fabric: NDArray[np.intp],
-    ) -> Effects:
-        """Effects of new raters, otherwise as given; fabrics have no effects."""
-        return self._with_raters(rng, parameters, effects.mu, n_participants)
-
-    def _with_raters(
-        self, rng: np.random.Generator, parameters: RatingParameters, mu: FloatArray, count: int
-    ) -> Effects:
-        shape = (*np.shape(mu), count)
-        spreads = (parameters.tau, *self.spreads(parameters))
-        own = (np.asarray(spread, float)[..., None] * rng.standard_normal(shape) for spread in spreads)
-        return OwnEffects(mu, *own)
-
-    def draw_ratings(
-        self,
-        rng: np.random.Generator,
-        design: Design,
-        drive: FloatArray,
-        parameters: RatingParameters,
-        effects: Effects,
-    ) -> FloatArray:
-        """One rating for every row of a design, shape (..., rows), given the effects and the typical rater's drive."""
-        expected = self.expected_log(design, drive, effects)
-        noise = self.error.draw(rng, expected.shape, parameters) * np.exp(effects.log_varsigma[..., design.participant])
-        return self.scale.natural(expected + self.error_sd(parameters)[..., None] * noise)
-
-    def expected_log(self, design: Design, drive: FloatArray, effects: Effects) -> FloatArray:
-        """Return the expected log rating of every row given the effects, shape (..., rows)."""
-        own = np.exp(effects.log_gamma)[..., design.participant] * drive[..., design.condition]
-        return np.asarray(effects.mu[..., None] + effects.participant[..., design.participant] + own)
+    def take(self, values: Mapping[str, ArrayLike]) -> RatingParameters:
+        """Return the model's parameters from values by name; fabrics have no deviations."""
+        return super().take({**values, "omega": 0.0})
 
     def named_effects(self, effects: Effects) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
-        """Effects by their names in files, each with its axes after the batch axes."""
-        values = {"gamma": effects.log_gamma, "varsigma": effects.log_varsigma}
-        own = {EFFECT_OF_ANSWER[name]: (values[name], ("participant",)) for name in OWN_ANSWERS if name in self.differ}
-        return {"mu": (effects.mu, ()), "participant_effect": (effects.participant, ("participant",)), **own}
+        """Effects by their names in files, each with its axes after the batch axes; none of fabrics."""
+        named = super().named_effects(effects)
+        return {name: value for name, value in named.items() if name != "fabric_effect"}
 
     def observe(self, ratings: ArrayLike, design: Design, stated: Stated | None = None) -> OwnAnswers:
         """Return the likelihood of these ratings under this model."""
@@ -313,7 +233,7 @@ class OwnAnswers(LogRatings):
         shape = np.broadcast_shapes(mean_rate.shape[:-1], *(np.shape(v) for v in parameters))
         found = in_pieces(drawn, POINTS * max(self._counts) * count, mean_rate, parameters)
         effects = self.model.draw_effects(rng, parameters, shape, people, self.design.n_fabrics)
-        for k, each in enumerate(effects[1:]):
+        for k, each in enumerate((effects.participant, effects.log_gamma, effects.log_varsigma)):
             each[..., self._own.participant] = found[..., 1 + k * count : 1 + (k + 1) * count]
         return effects._replace(mu=found[..., 0] + math.log(self.model.centre))
 

@@ -9,7 +9,7 @@ rules about the modes then integrate each rater's zeta and the level.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -17,11 +17,17 @@ from numpy.typing import NDArray
 
 from softness_bayes.likelihood.box_integrals import POINTS, Boxes
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
-from softness_bayes.likelihood.interval_law import derivatives, in_single, log_probability, scaled_derivatives
+from softness_bayes.likelihood.interval_law import (
+    in_single,
+    log_probability,
+    of_rows,
+    scaled_derivatives,
+)
 from softness_bayes.likelihood.midpoints import weights
 from softness_bayes.likelihood.mu_nodes import draw_on, log_sum
 from softness_bayes.likelihood.pieces import blocks
 from softness_bayes.likelihood.quadrature import FAST, FINE, ROUGHLY, Quadrature, gauss_hermite, to_chebyshev
+from softness_bayes.likelihood.rater_grids import REACH, Part, law_of_others
 from softness_bayes.likelihood.rater_rows import RowParameters, WidthGroup, groups_by_width
 from softness_bayes.likelihood.scale_modes import ScaleModes, over_scales, series, taylor
 
@@ -46,12 +52,6 @@ ROUGH = 1.0
 
 HEADROOM = 1.0
 """Largest excess of the log density between Chebyshev points over that at them."""
-
-REACH = 6.0
-"""Extent of the Chebyshev points to either side of the mode, in standard deviations."""
-
-GRID = 41
-"""Number of points of the grids on which rows are left out."""
 
 _STEPS = 12  # limit for Newton's method
 _LEAST_CURVATURE = 0.1  # in Newton steps, relative to that of as many normal errors
@@ -95,10 +95,10 @@ class RaterIntegrals:
         ends: tuple[NDArray[np.bool_], NDArray[np.bool_]],
     ) -> None:
         self.law, self.rater, self.mean, self.sd = law, rater, mean, sd
-        self._first = np.flatnonzero(np.diff(rater, prepend=-1))
-        self._rows = np.diff(np.append(self._first, rater.size))
-        self.count = self._rows.astype(float)
-        self._boxes = Boxes(self._first, *ends)
+        self.first = np.flatnonzero(np.diff(rater, prepend=-1))
+        self.sizes = np.diff(np.append(self.first, rater.size))
+        self.count = self.sizes.astype(float)
+        self._boxes = Boxes(self.first, *ends)
         self._groups = groups_by_width(rater, width, times)
         # in the start an interval counts as its midpoint, unless an end is infinite
         closed = np.isfinite(width)
@@ -113,7 +113,7 @@ class RaterIntegrals:
 
     def of_raters(self, values: FloatArray) -> FloatArray:
         """Return the sums of rows by rater, shape (..., raters)."""
-        return np.add.reduceat(values, self._first, axis=-1, dtype=float)
+        return np.add.reduceat(values, self.first, axis=-1, dtype=float)
 
     def log_prior(self, level: FloatArray) -> FloatArray:
         """Return the log prior density of the level, same shape."""
@@ -168,11 +168,11 @@ class RaterIntegrals:
                 part = given.part(block)
                 expected = group.of_rows(a[block])
                 expected += part.drive[:, group.rows]
-                rows = part.rows.take(group.rows)
-                each = scaled_derivatives(law, rows, expected, part.spread, part.parameters, single, orders)
+                rows, spread = part.rows.take(group.rows), of_rows(part.spread, group.rows)
+                each = scaled_derivatives(law, rows, expected, spread, part.parameters, single, orders)
                 for k, own in enumerate(each):
                     found[k][block, group.raters] += group.of_raters(own, exactly=k == 0)
-        found /= given.spread ** np.arange(1 + orders)[:, None, None]
+        found /= of_rows(given.spread, self.first) ** np.arange(1 + orders)[:, None, None]
         return found
 
     def _steepest(self, given: RowParameters, a: FloatArray, slopes: FloatArray) -> ScaleModes:
@@ -203,13 +203,13 @@ class RaterIntegrals:
             certain = in_single(self._certain)
             for block in blocks(len(start), self.rater.size):
                 part = given.part(block)
-                error = left[block] - np.repeat(start[block], self._rows, axis=-1)
+                error = left[block] - np.repeat(start[block], self.sizes, axis=-1)
                 error = in_single(np.divide(error, part.spread, out=error))
                 weight, bend = weights(self.law, part.rows, error, part.spread, part.parameters.single())
                 weight *= certain
                 bend *= weight
                 error *= weight
-                total, pull, bent = (np.add.reduceat(one, self._first, axis=-1) for one in (weight, error, bend))
+                total, pull, bent = (np.add.reduceat(one, self.first, axis=-1) for one in (weight, error, bend))
                 slope[block] = pull / part.spread
                 curvature[block] = np.maximum(bent, _LEAST_BEND * total) / part.spread**2
         else:
@@ -340,18 +340,15 @@ class RaterIntegrals:
     def _row_values(self, given: RowParameters, a: FloatArray, rows: IndexArray | slice) -> FloatArray:
         parameters, intervals = given.parameters.at_points(), given.rows.take(rows).at_points()
         expected = given.drive[:, None, rows] + a
-        return log_probability(self.law, intervals, expected, given.spread[:, None], parameters)
+        return log_probability(self.law, intervals, expected, of_rows(given.spread, rows)[:, None], parameters)
 
     def law_of_others(self, given: RowParameters) -> tuple[FloatArray, FloatArray]:
-        """Return points of a_p and their log weights given all other raters' rows, each (draws, points, raters).
+        """Return points of a_p and their log weights given all other raters' rows, as `rater_grids.law_of_others`."""
+        return law_of_others(self, given, self.modes(given, FINE.settled))
 
-        The level's distribution given the other raters is approximated as normal.
-        """
-        modes = self.modes(given, FINE.settled)
-        mean, variance = self._others(given, modes)
-        grid = self.grid(given, modes)
-        law = -0.5 * (grid - mean[:, None]) ** 2 / variance[:, None] - 0.5 * np.log(2.0 * np.pi * variance)[:, None]
-        return grid, law + np.log(grid[:, 1:2] - grid[:, :1])
+    def parts(self, given: RowParameters) -> Iterator[Part]:
+        """Return sets of points at which rows and raters are left out: here one."""
+        yield Part(given, *self.law_of_others(given))
 
     def draw(
         self, rng: np.random.Generator, given: RowParameters, quadrature: Quadrature
@@ -379,22 +376,3 @@ class RaterIntegrals:
         zeta = centre[..., None] + x * np.sqrt(modes.shrink)[..., None]
         value = curve(mu[..., None] + given.tau[..., None] * zeta) - 0.5 * zeta**2
         return np.concatenate([mu, given.tau * draw_on(rng, zeta, value)], axis=-1)
-
-    def _others(self, given: RowParameters, modes: ScaleModes) -> tuple[FloatArray, FloatArray]:
-        """Return mean and variance of a_p given all other raters' rows, each (draws, raters)."""
-        precision = modes.shrink * modes.curvature
-        prior = self.sd**-2.0
-        rest = np.maximum(precision.sum(axis=-1, keepdims=True) - precision, 0.0) + prior
-        pull = modes.shrink * modes.pull
-        mean = (self.mean * prior + pull.sum(axis=-1, keepdims=True) - pull) / rest
-        return mean, 1.0 / rest + given.tau**2
-
-    def grid(self, given: RowParameters, modes: ScaleModes) -> FloatArray:
-        """Return points of a_p that cover its distribution even without any one row, (draws, `GRID`, raters)."""
-        _, variance = self._others(given, modes)
-        rows = derivatives(self.law, given.rows, given.drive + modes.a[:, self.rater], given.spread, given.parameters)
-        curved = np.maximum.reduceat(np.maximum(-rows[2], 0.0), self._first, axis=-1)
-        steep = np.maximum.reduceat(np.abs(rows[1]), self._first, axis=-1)
-        rest = 1.0 / (1.0 / variance + np.maximum(modes.curvature - curved, 0.0))
-        width = REACH * np.sqrt(rest) + steep * rest
-        return modes.a[:, None] + np.linspace(-1.0, 1.0, GRID)[:, None] * width[:, None]

@@ -50,6 +50,17 @@ class HasParts(Protocol):
         """Return some of the draws."""
 
 
+class OwnSpreads(NamedTuple):
+    """Spreads of raters' log exponents and of their log noise, each (draws, 1)."""
+
+    exponent: FloatArray
+    noise: FloatArray
+
+    def part(self, piece: Any) -> OwnSpreads:
+        """Return some of the draws."""
+        return OwnSpreads(*(one[piece] for one in self))
+
+
 class RowParameters(NamedTuple):
     """Parameters of a batch of points, each with a first axis of draws."""
 
@@ -58,7 +69,7 @@ class RowParameters(NamedTuple):
     tau: FloatArray
     """Shape (draws, 1)."""
     spread: FloatArray
-    """Spread of single errors, shape (draws, 1)."""
+    """Spread of single errors, shape (draws, 1), or (draws, rows) if raters have noise of their own."""
     parameters: LawParameters
     """Those of the error law."""
     rows: Rows
@@ -67,6 +78,8 @@ class RowParameters(NamedTuple):
     """A number inside of each row's interval, from which Newton's method starts, shape (rows,) or (draws, rows)."""
     omega: FloatArray
     """Spread of fabrics' deviations, which `fabric_integrals` alone uses, shape (draws, 1)."""
+    own: OwnSpreads | None = None
+    """Spreads of raters' own exponents and noise, if these differ."""
 
     @property
     def deviating(self) -> bool:
@@ -94,6 +107,7 @@ class RowParameters(NamedTuple):
             self.rows.part(piece),
             middle if middle.ndim == 1 else middle[piece],
             self.omega[piece],
+            None if self.own is None else self.own.part(piece),
         )
 
 

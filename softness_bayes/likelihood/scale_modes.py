@@ -106,7 +106,13 @@ def series(modes: ScaleModes) -> Callable[[FloatArray], FloatArray]:
 
 
 def over_scales(modes: ScaleModes, tau: FloatArray, scales: int, single: bool = False) -> list[FloatArray]:
-    """Return the log density of all raters, scales integrated out, with four derivatives in the level at its mode.
+    """Return the sums over all raters of `each_over_scales`, each (draws, 1)."""
+    every = each_over_scales(modes, tau, scales, single)
+    return [part.sum(axis=-1, keepdims=True, dtype=float) for part in every]
+
+
+def each_over_scales(modes: ScaleModes, tau: FloatArray, scales: int, single: bool = False) -> list[FloatArray]:
+    """Return each rater's log density, the scale integrated out, with four derivatives in the level at its mode.
 
     The nodes of zeta move with the level as in `RaterIntegrals.at_levels`. The derivatives are then joint cumulants,
     over the nodes, of the derivatives of the log density along these paths.
@@ -125,7 +131,7 @@ def over_scales(modes: ScaleModes, tau: FloatArray, scales: int, single: bool = 
     Returns
     -------
     list of ndarray
-        Value and derivatives, each (draws, 1).
+        Value and derivatives, each (draws, raters).
     """
     # long inner axes are faster: nodes come first
     x, log_weight = (one[:, None, None] for one in gauss_hermite(scales))
@@ -153,17 +159,35 @@ def over_scales(modes: ScaleModes, tau: FloatArray, scales: int, single: bool = 
     slope += own * zeta
     bend *= shrink**2
     skew *= shrink**3
-    first, second = mean(slope), mean(bend)
+    first, second, third, fourth = cumulants(weight, slope, bend, skew, shrink**4 * weighted(weight, curl))
+    value = np.log(total) + largest + (at_mode + 0.5 * np.log(modes.shrink) - _LOG_ROOT_TWO_PI)
+    return [value, first, second - own * own, third, fourth]
+
+
+def weighted(weight: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the weighted sum along the first axis."""
+    return np.einsum("k...,k...->...", weight, values)
+
+
+def cumulants(
+    weight: FloatArray, slope: FloatArray, bend: FloatArray, skew: FloatArray, curl: FloatArray
+) -> tuple[FloatArray, ...]:
+    """Return four derivatives of the log of a sum of exponentials.
+
+    Parameters
+    ----------
+    weight
+        Shares of the terms in the sum, which is along the first axis.
+    slope, bend, skew
+        Derivatives of each term's exponent; the first two are overwritten.
+    curl
+        The mean of their fourth derivatives.
+    """
+    first, second = weighted(weight, slope), weighted(weight, bend)
     slope -= first
     bend -= second
     square = slope * slope
-    variance = mean(square)
-    parts = (
-        np.log(total) + largest + (at_mode + 0.5 * np.log(modes.shrink) - _LOG_ROOT_TWO_PI),
-        first,
-        second - own * own + variance,
-        mean(skew + slope * (3.0 * bend + square)),
-        mean(4.0 * slope * skew + 3.0 * bend * bend + square * (6.0 * bend + square))
-        + (shrink**4 * mean(curl) - 3.0 * variance * variance),
-    )
-    return [part.sum(axis=-1, keepdims=True, dtype=float) for part in parts]
+    variance = weighted(weight, square)
+    third = weighted(weight, skew + slope * (3.0 * bend + square))
+    fourth = weighted(weight, 4.0 * slope * skew + 3.0 * bend * bend + square * (6.0 * bend + square))
+    return first, second + variance, third, fourth + (curl - 3.0 * variance * variance)

@@ -238,7 +238,7 @@ class WalledIntegrals(RaterIntegrals):
         Beyond a wall, heavy tails are hardly curved, and on its flat side nothing is.
         """
         found = np.broadcast_to(super().least_curvature(given, a, slope), a.shape).copy()
-        low, high = innermost(given, self._first)
+        low, high = innermost(given, self.first)
         distance = np.maximum(np.maximum(a - high, low - a), given.spread)
         found[:, self.walled] = (np.abs(slope) / distance)[:, self.walled]
         return found

@@ -19,7 +19,7 @@ from softness_bayes.likelihood.places import MOST_TIED
 from softness_bayes.likelihood.scales import AGGREGATED, CATEGORIES, MAGNITUDE, PAIRS, RANKS, SLIDER, STANDARDISED
 from softness_bayes.likelihood.stated import Stated
 from softness_bayes.model.error_tails import law_of
-from softness_bayes.model.individual import differing
+from softness_bayes.model.individual import differing, fingers_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.ranges import CATEGORIES_RANGE
 from softness_bayes.readable import counted, some_of
@@ -319,7 +319,7 @@ def _closed_form_alone(ratings: Ratings, options: ModelOptions) -> str:
         return f"{options.scale.name} ratings"
     if options.scale is AGGREGATED:
         return "means of several raters"
-    if options.individual:
+    if fingers_of(options.individual):
         return f"raters' {differing(options.individual)} (--individual)"
     if ratings.load_log_sd(options.load_cv).any():
         return "errors of loads (load_cv)"

@@ -20,9 +20,8 @@ from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import FREE, RISES, RatingDirection
 from softness_bayes.likelihood.individual import IndividualModel
 from softness_bayes.likelihood.load_errors import LoadErrors
-from softness_bayes.likelihood.models import rating_model, under_shared_loads, under_uncertain_loads
+from softness_bayes.likelihood.models import own_model, rating_model, under_shared_loads, under_uncertain_loads
 from softness_bayes.likelihood.own import try_likelihood
-from softness_bayes.likelihood.own_answers import OwnAnswersModel
 from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.likelihood.ratings import SKIN, RatingParameters, RatingsLikelihood, RatingsModel
 from softness_bayes.likelihood.scales import MAGNITUDE, STANDARDISED
@@ -131,11 +130,6 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
         raise InputError(
             f"individual: there is one participant only, whose {differing(options.individual)[4:]} cannot be "
             "distinguished from the typical one's; omit it"
-        )
-    if answers_of(options.individual) and FABRIC_SPREAD in options.priors:
-        raise InputError(
-            f"individual: raters' {differing(options.individual)} and fabrics' own deviations (a prior of "
-            "omega) cannot be combined: omit one of them, or compare two runs"
         )
     if fingers_of(options.individual) and (freed := sorted(SHAPE_PARAMETERS.keys() & options.priors.keys())):
         raise InputError(f"individual: raters' own fingers and a prior of {freed[0]} cannot be combined")
@@ -306,11 +300,13 @@ def _model_of(options: ModelOptions, given: AsGiven, direction: RatingDirection 
         model: Any = rating_model(options.scale, direction, options.errors, given.said.exact)
         model = replace(model, categories=given.categories) if given.categories else model
         return replace(model, raters=given.raters) if given.raters else model
+    if answers := answers_of(options.individual):
+        assert options.errors is not None
+        plain = given.said.exact and FABRIC_SPREAD not in options.priors
+        return own_model(options.scale, answers, direction, options.errors, plain)
     if options.scale is not MAGNITUDE:
         what = differing(options.individual)
         raise InputError(f"individual: raters' {what} need magnitude estimates, not {options.scale.name} ratings")
-    if answers := answers_of(options.individual):
-        return OwnAnswersModel(direction, differ=answers)
     return IndividualModel(direction, grid=grid_of(options.individual))
 
 

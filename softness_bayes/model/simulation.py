@@ -18,8 +18,8 @@ from softness_bayes.likelihood.contract import Model
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import RISES, RatingDirection
 from softness_bayes.likelihood.error_laws import GUMBEL, NORMAL, ErrorLaw
-from softness_bayes.likelihood.models import UNDER_UNCERTAIN_LOADS, rating_model
-from softness_bayes.likelihood.own_answers import OWN_ANSWERS, OwnAnswersModel
+from softness_bayes.likelihood.models import UNDER_UNCERTAIN_LOADS, own_model, rating_model
+from softness_bayes.likelihood.own_effects import OWN_ANSWERS
 from softness_bayes.likelihood.ratings import OF_FORCES, RatingParameters
 from softness_bayes.likelihood.scales import (
     AGGREGATED,
@@ -140,7 +140,8 @@ def simulate_ratings(
     _require_of_scale(scale, resolution, load_cv)
     _require_ranges(participants, participants * len(fabrics) * len(loads), missing, mu)
     _require_averaged(scale, participants, missing)
-    model = _model_of(scale, direction, errors, categories, differing_in(values))
+    differ, plain = differing_in(values), not values.get("omega", 0.0)
+    model = _model_of(scale, direction, errors, categories, differ, plain)
     levels = _levels(model, scale, mu, slope)
     scene = scene_of(fabrics, loads, values, readings, discretisation=discretisation, finger=finger)
     rate = scene.total_rate(touch_parameters(values))
@@ -177,7 +178,12 @@ def simulate_ratings(
 
 
 def _model_of(
-    scale: Scale, direction: RatingDirection, errors: ErrorLaw, categories: int | None, differ: tuple[str, ...]
+    scale: Scale,
+    direction: RatingDirection,
+    errors: ErrorLaw,
+    categories: int | None,
+    differ: tuple[str, ...],
+    plain: bool,
 ) -> Any:
     """Return the rating model; for means, that of single raters.
 
@@ -190,12 +196,7 @@ def _model_of(
         for a scale that does not support them.
     """
     if differ:
-        if scale is not MAGNITUDE or errors != NORMAL:
-            raise InputError(
-                f"simulate: {', '.join(OWN_ANSWERS[name] for name in differ)} for {scale.name} ratings with "
-                f"{errors.name} errors, which only magnitude estimates with normal errors can have"
-            )
-        return OwnAnswersModel(direction, differ=differ)
+        return own_model(scale, differ, direction, errors, plain)
     model: Any = rating_model(scale, direction, GUMBEL if scale is RANKS and errors == NORMAL else errors)
     if scale is AGGREGATED:
         model = model.of_one_rater

@@ -23,7 +23,7 @@ from softness_bayes.checking.noise_check import check_noise
 from softness_bayes.checking.spread_check import SpreadCheck, check_spreads
 from softness_bayes.data import Experiment
 from softness_bayes.likelihood.error_laws import LAPSES, STUDENT
-from softness_bayes.likelihood.own_answers import EFFECT_OF_ANSWER
+from softness_bayes.likelihood.own_effects import EFFECT_OF_ANSWER
 from softness_bayes.likelihood.scales import MAGNITUDE
 from softness_bayes.likelihood.spreads import SPREADS
 from softness_bayes.model.other_fingers import skin_slope

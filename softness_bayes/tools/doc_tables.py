@@ -211,6 +211,15 @@ def fabric_errors(results: Path) -> str:
     return table(head, (list(row.values()) for row in _rows(results / "fabric_errors.csv")))
 
 
+def own_errors(results: Path) -> str:
+    """Return cost and errors where raters have exponents or noise of their own, from ``tools.own_errors``."""
+    head = [
+        *("ratings, errors, what differs", "ms per vector", "over raters who are alike", "error near the truth"),
+        *("standard deviation", "error within 300", "draws of the prior"),
+    ]
+    return table(head, (list(row.values()) for row in _rows(results / "own_errors.csv")))
+
+
 def rank_goal(results: Path) -> str:
     """Return what ranks from simulated walks are like, from ``tools.rank_goal``."""
     head = [
@@ -293,6 +302,7 @@ TABLES: Mapping[tuple[str, str], Callable[[Path], str]] = {
     ("benchmarks.md", "hard-cases"): hard_cases,
     ("model.md", "rating-integrals"): rating_integrals,
     ("model.md", "fabric-errors"): fabric_errors,
+    ("model.md", "own-errors"): own_errors,
     ("benchmarks.md", "tasks"): tasks,
     ("calibration.md", "calibration"): calibration,
     ("calibration.md", "model-ranks"): model_ranks,

@@ -34,6 +34,7 @@ from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.models import LIKELIHOODS, RATING_MODELS, rating_model
 from softness_bayes.likelihood.orders import OrderModel, OrderRatings
 from softness_bayes.likelihood.own_answers import OwnAnswers, OwnAnswersModel
+from softness_bayes.likelihood.own_intervals import OwnIntervalModel, OwnIntervalRatings
 from softness_bayes.likelihood.pairs import PairModel, PairRatings
 from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
 from softness_bayes.likelihood.quadrature import DENSE
@@ -156,6 +157,23 @@ def dense_answers(y, rate, p):
             gap = z - np.exp(p.tau_gamma * own)[:, None, None] * x - level[:, None]
             parts.append(logsumexp(law.logpdf(gap) + weight[:, None], axis=0) + of_noise)
         total = total + logsumexp(parts, axis=0)
+    return logsumexp(total) - np.log(y).sum()
+
+
+def dense_student_answers(y, rate, p):
+    """The same with Student's t errors and the typical noise, summed over every rater's scale as well."""
+    drive = (np.log(rate + p.eps) - np.log(rate + p.eps)[DESIGN.condition].mean()) * p.gamma
+    level, place = np.linspace(-11.0, 17.0, 251), np.linspace(-14.0, 20.0, 1201)
+    own = np.linspace(-6.0, 6.0, 41)
+    weight = norm.logpdf(own) + np.log(own[1] - own[0])
+    total = norm.logpdf(level, np.log(20.0), 3.0) + np.log(level[1] - level[0])
+    between = norm.logpdf(place, level[:, None], p.tau) + np.log(place[1] - place[0])
+    for rater in range(3):
+        rows = DESIGN.participant == rater
+        x, z = drive[DESIGN.condition[rows]], np.log(y[rows])
+        gap = (z - np.exp(p.tau_gamma * own)[:, None] * x)[:, None] - place[:, None]
+        each = student.logpdf(gap / p.varsigma, p.nu).sum(axis=-1) - x.size * np.log(p.varsigma)
+        total = total + logsumexp(between + logsumexp(each + weight[:, None], axis=0), axis=1)
     return logsumexp(total) - np.log(y).sum()
 
 
@@ -349,6 +367,19 @@ CASES = {
         dense_answers,
         joint=5e-6,
         left_out=5e-6,
+    ),
+    OwnIntervalRatings: Case(
+        OwnIntervalRatings(
+            20.0 * np.exp(NOISE),
+            DESIGN,
+            OwnIntervalModel(RISES, law=STUDENT, differ=("gamma",)),
+            quadrature=DENSE,
+        ),
+        RATES,
+        RATED._replace(gamma=np.array([0.2, 0.1, 0.15]), omega=[0.0] * 3, tau_gamma=np.array([0.2, 0.4, 0.3])),
+        dense_student_answers,
+        joint=1e-4,
+        left_out=1e-4,
     ),
     AggregatedRatings: Case(
         AggregatedRatings(20.0 * np.exp(NOISE), DESIGN, AggregatedModel(FALLS, raters=9)), RATES, RATED, dense_means

@@ -83,6 +83,26 @@ def test_spreads_of_nothing_give_the_usual_likelihood():
         assert_allclose(alike.log_likelihood(theta), usual.log_likelihood(theta), rtol=0, atol=1e-8)
 
 
+def test_they_combine_with_zeros_heavy_tails_and_deviations_of_fabrics(few_pictures, tmp_path):
+    made = experiment()
+    rating = np.where(made.ratings.rating < np.quantile(made.ratings.rating, 0.05), 0.0, made.ratings.rating)
+    made = made._replace(ratings=replace(made.ratings, rating=np.round(rating)))
+    options = OPTIONS | {"max_steps": 20, "priors": {"omega": HalfNormal(0.3)}}
+    with quickly():
+        result = sample(made, **options, errors=STUDENT, individual=("gamma",))
+    posterior = result.group("posterior")
+    assert {"rater_log_gamma", "fabric_effect", "tau_gamma", "omega", "nu"} <= {*posterior.data_vars}
+    assert "rater_log_varsigma" not in posterior
+    result.save(tmp_path / "run")
+    again = Result.load(tmp_path / "run")
+    assert {*again.answers.index.get_level_values("parameter")} == {"gamma"}
+    with quickly():
+        table = again.predict(draws=20)
+        again.rank(draws=20)
+    assert (table["new_rater_rating_high"] > table["typical_rating_high"]).all()
+    assert "--individual gamma" in report_page(again)
+
+
 def test_the_direction_may_be_inferred_beside_them():
     options = ModelOptions(fix=OPTIONS["fix"], individual=("gamma",), direction=FREE)
     with quickly():
@@ -100,11 +120,12 @@ def test_what_cannot_be_combined_is_refused():
     with quickly():
         for of, options, message in (
             (one, {}, "one participant only, whose exponents cannot be distinguished from the typical one's"),
-            (made, {"priors": {"omega": HalfNormal(0.3)}}, "own exponents and fabrics' own deviations .* be combined"),
             (made, {"load_cv": 0.05}, "own exponents and errors of loads .* cannot be combined"),
-            (made, {"errors": STUDENT}, "own exponents .* normal errors"),
-            (made, {"resolution": 1.0}, "own exponents .* need exact numbers"),
-            (experiment(standardised=True), {"scale": STANDARDISED}, "own exponents need magnitude estimates"),
+            (
+                experiment(standardised=True),
+                {"scale": STANDARDISED},
+                "own exponents or noise are modelled for magnitude and slider ratings, not for standardised ratings",
+            ),
         ):
             with pytest.raises(InputError, match=message):
                 build(of, ModelOptions(fix=OPTIONS["fix"], individual=("gamma",), **options))
@@ -122,6 +143,8 @@ def test_simulated_raters_have_their_own(tmp_path):
     truth = json.loads((out / "truth.json").read_text())["truth"]
     assert (truth["tau_gamma"], truth["tau_varsigma"]) == (0.3, 0.5)
     assert "omega" not in truth
-    refused = call("simulate", *words, "--force", "--set", "tau_gamma=0.3", "--errors", "student")
+    other = call("simulate", *words, "--force", "--set", "tau_gamma=0.3", "--errors", "student", "--resolution", "1")
+    assert other.returncode == 0, other.stderr
+    refused = call("simulate", *words, "--force", "--set", "tau_gamma=0.3", "--ratings", "ranks")
     assert refused.returncode == 2
-    assert "tau_gamma for magnitude ratings with student errors" in refused.stderr
+    assert "modelled for magnitude and slider ratings, not for ranks ratings" in refused.stderr
