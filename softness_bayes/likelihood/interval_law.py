@@ -6,7 +6,6 @@ An exact number is an interval of width 0. All functions work on arrays whose la
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +14,7 @@ from scipy.special import log_ndtr, ndtr
 
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.interval_rule import LEAST, by_rule, in_any_draw
+from softness_bayes.likelihood.log_derivatives import derivatives_of_log
 
 FloatArray = NDArray[np.float64]
 
@@ -148,8 +148,15 @@ def scaled_derivatives(
         found = _averaged(law, rows, expected, spread, parameters, single)
         if found is not None:
             return found
+    return _unaveraged(law, rows, expected, spread, parameters, single, orders)
+
+
+def _unaveraged(
+    law: ErrorLaw, rows: Rows, expected: FloatArray, spread: FloatArray, parameters: Any, single: bool, orders: int
+) -> tuple[FloatArray, ...]:
+    """Return `scaled_derivatives` without the series of narrow intervals."""
     value, *slopes = _with_lapses(law, rows, expected, spread, parameters, orders, single)
-    slopes = _cumulants(slopes)
+    slopes = derivatives_of_log(slopes)
     if law == NORMAL and value.min(initial=0.0) < -0.5 * OUTLYING**2:
         _set_outlying(rows, expected, spread, slopes)
     return value, *slopes
@@ -186,23 +193,10 @@ def _averaged(
     if others.any():
         rest = np.flatnonzero(others)
         some = rows.take(rest), expected[..., rest], of_rows(spread, rest)
-        few = scaled_derivatives(law, *some, parameters, single, 6)
+        few = _unaveraged(law, *some, parameters, single, 4)
         for whole, part in zip((value, *slopes), few, strict=False):
             whole[..., rest] = part
     return value, *slopes
-
-
-def _cumulants(moments: list[FloatArray]) -> list[FloatArray]:
-    """Return the derivatives of a logarithm, from those of its argument over the argument."""
-    one, two, three, four, *others = moments
-    square = one * one
-    second = two - square
-    third = three - one * (3.0 * second + square)
-    fourth = four - (4.0 * one * third + 3.0 * second * (second + 2.0 * square) + square * square)
-    found = [one, second, third, fourth]
-    for n, moment in enumerate(others, len(found)):
-        found.append(moment - sum(math.comb(n, k) * found[k] * moments[n - k - 1] for k in range(n)))
-    return found
 
 
 def _set_outlying(rows: Rows, expected: FloatArray, spread: FloatArray, slopes: list[FloatArray]) -> None:

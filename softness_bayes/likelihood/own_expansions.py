@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.likelihood.log_derivatives import cumulants, weighted
 from softness_bayes.likelihood.own_laws import OwnLaw, factor
 from softness_bayes.likelihood.rater_rows import RowParameters
-from softness_bayes.likelihood.scale_modes import cumulants, weighted
 
 FloatArray = NDArray[np.float64]
 
@@ -64,14 +64,18 @@ def truncation(given: RowParameters, law: OwnLaw, moments: Moments) -> tuple[Flo
     a = np.sqrt(given.tau**2 * np.maximum(ss - su**2 / uu, 0.0) + of_level**2)
     g = factor(spreads.exponent * law.mean.u)
     along = given.tau * su / np.sqrt(uu), spreads.exponent * g * np.sqrt(uu)
-    return _departure(moments, a, np.zeros_like(a)), _departure(moments, *along)
+    # a search that has not reached the mode: the remaining Newton step of a_p, in standard deviations
+    pull = moments[1][0] - (law.mean.a(given.tau) - law.mean.level) / np.maximum(given.tau, 1e-8) ** 2
+    curvature = np.maximum(-moments[2][0], 0.0) + 1.0 / np.maximum(given.tau, 1e-8) ** 2
+    moved = 1.0 + 0.5 * pull**2 / (curvature * a) ** 2
+    return _departure(moments, a, np.zeros_like(a), moved), _departure(moments, *along, moved)
 
 
-def _departure(moments: Moments, x: FloatArray, y: FloatArray) -> FloatArray:
+def _departure(moments: Moments, x: FloatArray, y: FloatArray, moved: FloatArray) -> FloatArray:
     third, fourth = (
         np.abs(sum(math.comb(k, j) * moments[k][j] * x ** (k - j) * y**j for j in range(1 + k))) for k in (3, 4)
     )
-    return np.asarray(np.square(third + fourth).sum(axis=-1))
+    return np.asarray(np.square((third + fourth) * moved).sum(axis=-1))
 
 
 def part_of_moments(moments: Moments, piece: Any) -> Moments:

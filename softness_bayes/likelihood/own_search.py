@@ -7,7 +7,7 @@ effects (`own_integrals`). The search is the same without deviations: all rows t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -170,38 +170,24 @@ class OwnSearch(FabricIntegrals):
         noisy = self.integrals.noisy
         relative = factor(own.noise * point.w + louder)[:, rater] if noisy else np.ones((1, 1))
         spread = given.spread * relative
-        averaging = about is not None
-        if about is not None:
-            lean = own.exponent[..., None] * factor(own.exponent * point.u)[..., None]
-            cov = about.covariance
-            aa = (given.tau**2 * cov[..., 0, 0])[:, rater]
-            along = (given.tau * own.exponent * factor(own.exponent * point.u) * cov[..., 0, 1])[:, rater]
-            uu = (lean[..., 0] ** 2 * cov[..., 1, 1])[:, rater]
-            level = (1.0 - given.tau * about.to_level[..., 0])[:, rater]
-            tilt = -(lean[..., 0] * about.to_level[..., 1])[:, rater]
-            share = 1.0 / about.precision
+        variances = None if about is None else _Variances.of(given, point, about, rater)
         found = np.zeros((9, *shift.shape))
         for group in self._groups:
             for block in blocks(len(shift), group.size):
                 part = given.part(block)
                 drive = part.drive[:, group.rows]
-                scaled = group.of_rows(g[block])
-                expected = scaled * drive
+                expected = group.of_rows(g[block]) * drive
                 expected += group.of_rows(shift[block])
                 here = group.of_rows(spread[block]) if noisy else spread[block]
                 rows = part.rows.take(group.rows)
                 value, one, two, *more = scaled_derivatives(law, rows, expected, here, part.parameters, single)
                 whole = drive + group.of_rows(extra[block])
                 two = -two
-                if averaging:
-                    variance = group.of_rows(aa[block]) + whole * (
-                        2.0 * group.of_rows(along[block]) + whole * group.of_rows(uu[block])
-                    )
-                    variance += (group.of_rows(level[block]) + whole * group.of_rows(tilt[block])) ** 2 * share[block]
-                    half = 0.5 * np.minimum(variance / here**2, MOST_AVERAGED)
+                if variances is not None:
+                    half = 0.5 * np.minimum(variances.at(group, block, whole) / here**2, MOST_AVERAGED)
                     one, two = one + half * more[0], two - half * more[1]
                 each = [value, one, one * whole, two, two * whole, two * whole * whole]
-                if law != NORMAL and not averaging:
+                if law != NORMAL and variances is None:
                     middle = part.middle[..., group.rows]
                     secant = secants(one, (middle - expected) / here)
                     each += [secant, secant * whole, secant * whole * whole]
@@ -209,7 +195,7 @@ class OwnSearch(FabricIntegrals):
                     found[k][block, group.raters] += group.of_raters(values, exactly=k == 0)
         found[1:3] /= spread
         found[3:] /= spread * spread
-        if law != NORMAL and not averaging:
+        if law != NORMAL and variances is None:
             # where the density is hardly concave, secants make steps that cannot overshoot
             flat = (found[3] < _LEAST_CURVATURE * found[6]) | (found[5] < _LEAST_CURVATURE * found[8])
             found[3:6] = np.where(flat, found[6:], found[3:6])
@@ -219,3 +205,34 @@ class OwnSearch(FabricIntegrals):
             every[:, :, cells] = found
             found = every
         return found.reshape(6, len(shift), *self._count.shape)
+
+
+class _Variances(NamedTuple):
+    """Variance of expectations given the deviations, a quadratic function of D, for each cell; each (draws, cells)."""
+
+    own: FloatArray  # of the scale given the level
+    along: FloatArray  # covariance of scale and exponent
+    exponent: FloatArray
+    level: FloatArray  # change of a_p with the level
+    tilt: FloatArray  # change of the exponent with the level
+    of_level: FloatArray  # variance of the level, (draws, 1)
+
+    @classmethod
+    def of(cls, given: RowParameters, point: OwnPoint, law: OwnLaw, rater: NDArray[np.intp]) -> _Variances:
+        """Return the variances for cells of these raters under a law."""
+        assert given.own is not None
+        lean, cov, tau = given.own.exponent * factor(given.own.exponent * point.u), law.covariance, given.tau
+        every = (
+            tau**2 * cov[..., 0, 0],
+            tau * lean * cov[..., 0, 1],
+            lean**2 * cov[..., 1, 1],
+            1.0 - tau * law.to_level[..., 0],
+            -lean * law.to_level[..., 1],
+        )
+        return cls(*(*(one[:, rater] for one in every), 1.0 / law.precision))
+
+    def at(self, group: WidthGroup, block: slice, d: FloatArray) -> FloatArray:
+        """Return the variance of some rows with these D, (draws, rows)."""
+        own, along, exponent, level, tilt = (group.of_rows(one[block]) for one in self[:5])
+        found = own + d * (2.0 * along + d * exponent) + (level + d * tilt) ** 2 * self.of_level[block]
+        return np.asarray(found)

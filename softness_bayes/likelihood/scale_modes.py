@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.likelihood.interval_law import in_single
+from softness_bayes.likelihood.log_derivatives import cumulants, weighted
 from softness_bayes.likelihood.quadrature import gauss_hermite
 from softness_bayes.likelihood.rater_rows import HasParts
 
@@ -162,32 +163,3 @@ def each_over_scales(modes: ScaleModes, tau: FloatArray, scales: int, single: bo
     first, second, third, fourth = cumulants(weight, slope, bend, skew, shrink**4 * weighted(weight, curl))
     value = np.log(total) + largest + (at_mode + 0.5 * np.log(modes.shrink) - _LOG_ROOT_TWO_PI)
     return [value, first, second - own * own, third, fourth]
-
-
-def weighted(weight: FloatArray, values: FloatArray) -> FloatArray:
-    """Return the weighted sum along the first axis."""
-    return np.einsum("k...,k...->...", weight, values)
-
-
-def cumulants(
-    weight: FloatArray, slope: FloatArray, bend: FloatArray, skew: FloatArray, curl: FloatArray
-) -> tuple[FloatArray, ...]:
-    """Return four derivatives of the log of a sum of exponentials.
-
-    Parameters
-    ----------
-    weight
-        Shares of the terms in the sum, which is along the first axis.
-    slope, bend, skew
-        Derivatives of each term's exponent; the first two are overwritten.
-    curl
-        The mean of their fourth derivatives.
-    """
-    first, second = weighted(weight, slope), weighted(weight, bend)
-    slope -= first
-    bend -= second
-    square = slope * slope
-    variance = weighted(weight, square)
-    third = weighted(weight, skew + slope * (3.0 * bend + square))
-    fourth = weighted(weight, 4.0 * slope * skew + 3.0 * bend * bend + square * (6.0 * bend + square))
-    return first, second + variance, third, fourth + (curl - 3.0 * variance * variance)

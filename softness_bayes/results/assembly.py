@@ -23,8 +23,8 @@ from softness_bayes.checking.noise_check import check_noise
 from softness_bayes.checking.spread_check import SpreadCheck, check_spreads
 from softness_bayes.data import Experiment
 from softness_bayes.likelihood.error_laws import LAPSES, STUDENT
+from softness_bayes.likelihood.models import OF_OWN_ANSWERS
 from softness_bayes.likelihood.own_effects import EFFECT_OF_ANSWER
-from softness_bayes.likelihood.scales import MAGNITUDE
 from softness_bayes.likelihood.spreads import SPREADS
 from softness_bayes.model.other_fingers import skin_slope
 from softness_bayes.model.other_moduli import drive_slope
@@ -238,7 +238,7 @@ def _checks(draws: RatedDraws, error: float, exactness: Exactness) -> dict[str, 
     fingers = check_fingers(draws.ratings, few.mean_rate, skin, few.parameters, few.effects)
     noise = check_noise(draws.ratings, few.mean_rate, few.parameters, few.effects)
     differing = [name for name, effect in EFFECT_OF_ANSWER.items() if effect in draws.model.named_effects(few.effects)]
-    may_differ = draws.model.scale is MAGNITUDE
+    may_differ = draws.model.scale in OF_OWN_ANSWERS
     spreads = _spreads(draws, few)
     residuals = ResidualChecks(
         fabric_check=check.sentence(_condition_names(draws.experiment)),

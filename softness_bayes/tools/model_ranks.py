@@ -169,10 +169,6 @@ CASES: Mapping[str, Case] = {
         {**_WHOLE, "errors": STUDENT, "individual": ("gamma",)},
         {**TOO_PRECISE, "differences ignored": scaled(tau_gamma=0.0)},
     ),
-    "own varsigma and fabrics' deviations": Case(
-        {**_WHOLE, "errors": NORMAL, "individual": ("varsigma",), "priors": {"omega": HalfNormal(0.3)}},
-        {**TOO_PRECISE, "differences ignored": scaled(tau_varsigma=0.0), **_SAME_FABRICS},
-    ),
 }
 
 RANKED = (
