@@ -165,9 +165,9 @@ CASES: Mapping[str, Case] = {
     "raters' own varsigma": Case(
         {**_OWN, "individual": ("varsigma",)}, {**TOO_PRECISE, "differences ignored": scaled(tau_varsigma=0.0)}
     ),
-    "own gamma, whole numbers, Student": Case(
-        {**_WHOLE, "errors": STUDENT, "individual": ("gamma",)},
-        {**TOO_PRECISE, "differences ignored": scaled(tau_gamma=0.0)},
+    "own gamma and fabrics' deviations": Case(
+        {**_WHOLE, "errors": NORMAL, "individual": ("gamma",), "priors": {"omega": HalfNormal(0.3)}},
+        {**TOO_PRECISE, "differences ignored": scaled(tau_gamma=0.0), **_SAME_FABRICS},
     ),
 }
 
