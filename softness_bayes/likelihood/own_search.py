@@ -23,7 +23,7 @@ from softness_bayes.likelihood.rater_rows import RowParameters, WidthGroup
 
 FloatArray = NDArray[np.float64]
 
-_SETTLED = 0.5  # step after which a search without deviations stops, in standard deviations
+_SETTLED = 0.25  # step after which a search without deviations stops, in standard deviations
 _STEP = 0.1  # of the log noise, for differences instead of derivatives
 _ROUNDS = 3  # Newton steps of each rater's exponent and noise from midpoints of intervals
 _LEAST_CURVATURE = 0.5  # of the rows in a Newton step, relative to their secants
