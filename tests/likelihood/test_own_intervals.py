@@ -95,8 +95,9 @@ def test_exact_numbers_are_those_of_sums_of_squares(differ):
     assert_allclose(people, other.log_likelihood_participants(rate, points), rtol=0, atol=5e-3)
 
 
-LARGEST = {"normal": 1e-3, "student": 5e-3, "lapses": 3e-3}
-"""Largest error of the log-likelihood near the truth by error law, of 720 ratings of 30 raters."""
+LARGEST = {"normal": 1e-3, "student": 1e-2, "lapses": 3e-3}
+"""Largest error of the log-likelihood near the truth by error law, of 720 ratings of 30 raters. With heavy tails the
+density of a rater's exponent may have shoulders, which the nodes of the run do not resolve."""
 
 
 @pytest.mark.parametrize("differ", KINDS[:2])
