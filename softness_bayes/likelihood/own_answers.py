@@ -83,6 +83,19 @@ class OwnAnswersModel(OwnRaters, RatingModel):
         """Return the model's parameters from values by name; fabrics have no deviations."""
         return super().take({**values, "omega": 0.0})
 
+    def draw_effects(
+        self,
+        rng: np.random.Generator,
+        parameters: RatingParameters,
+        shape: tuple[int, ...],
+        n_participants: int,
+        n_fabrics: int,
+        levels: Mapping[str, ArrayLike] | None = None,
+    ) -> Effects:
+        """Effects of new raters of batch ``shape``; no random numbers are drawn for fabrics, whose deviations are 0."""
+        effects = super().draw_effects(rng, parameters, shape, n_participants, 0, levels)
+        return effects._replace(fabric=np.zeros((*shape, n_fabrics)))
+
     def named_effects(self, effects: Effects) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
         """Effects by their names in files, each with its axes after the batch axes; none of fabrics."""
         named = super().named_effects(effects)

@@ -95,7 +95,7 @@ def test_they_combine_with_zeros_heavy_tails_and_deviations_of_fabrics(few_pictu
     assert "rater_log_varsigma" not in posterior
     result.save(tmp_path / "run")
     again = Result.load(tmp_path / "run")
-    assert {*again.answers.index.get_level_values("parameter")} == {"gamma"}
+    assert {name for _, name in again.answers.index} == {"gamma"}
     with quickly():
         table = again.predict(draws=20)
         again.rank(draws=20)
