@@ -83,13 +83,30 @@ def test_spreads_of_nothing_give_the_usual_likelihood():
         assert_allclose(alike.log_likelihood(theta), usual.log_likelihood(theta), rtol=0, atol=1e-8)
 
 
-def test_they_combine_with_zeros_heavy_tails_and_deviations_of_fabrics(few_pictures, tmp_path):
+def with_zeros():
+    """The experiment in whole numbers, a twentieth of them 0."""
     made = experiment()
     rating = np.where(made.ratings.rating < np.quantile(made.ratings.rating, 0.05), 0.0, made.ratings.rating)
-    made = made._replace(ratings=replace(made.ratings, rating=np.round(rating)))
-    options = OPTIONS | {"max_steps": 20, "priors": {"omega": HalfNormal(0.3)}}
+    return made._replace(ratings=replace(made.ratings, rating=np.round(rating)))
+
+
+COMBINED = {"errors": STUDENT, "individual": ("gamma",), "priors": {"omega": HalfNormal(0.3)}}
+
+
+def test_they_combine_with_zeros_heavy_tails_and_deviations_of_fabrics():
     with quickly():
-        result = sample(made, **options, errors=STUDENT, individual=("gamma",))
+        model = build(with_zeros(), ModelOptions(fix=OPTIONS["fix"], **COMBINED))
+        posterior = model.posterior
+        assert "ratings of 0 are censored" in model.given.note
+        assert {"tau_gamma", "omega", "nu"} <= {*posterior.names}
+        theta = posterior.space.draw_prior(np.random.default_rng(2), 3)
+        assert np.isfinite(posterior.log_likelihood(theta)).all()
+
+
+@pytest.mark.slow
+def test_a_run_of_all_of_them(few_pictures, tmp_path):
+    with quickly():
+        result = sample(with_zeros(), **OPTIONS | {"max_steps": 20}, **COMBINED)
     posterior = result.group("posterior")
     assert {"rater_log_gamma", "fabric_effect", "tau_gamma", "omega", "nu"} <= {*posterior.data_vars}
     assert "rater_log_varsigma" not in posterior
