@@ -113,13 +113,12 @@ class FabricLaw(NamedTuple):
     @property
     def log_factor(self) -> FloatArray:
         """Log of the approximate integral over the deviations, less log Z at `z`, shape (draws,)."""
-        gain = np.minimum((self.slope * self.step).sum(axis=-1), MOST_GAIN)
-        return np.asarray(0.5 * (gain - (self.z**2).sum(axis=-1)) - self.log_root)
+        return log_factor_of(self.z, self.slope, self.step, self.log_root)
 
     @property
     def log_root(self) -> FloatArray:
         """Half the log determinant of H, shape (draws,)."""
-        return np.asarray(np.log(np.diagonal(self.root, axis1=-2, axis2=-1)).sum(axis=-1))
+        return log_root_of(self.root)
 
     def distance(self, point: Point, given: RowParameters) -> FloatArray:
         """Return how far the mean is from a point, in standard deviations of single effects, shape (draws,)."""
@@ -129,9 +128,24 @@ class FabricLaw(NamedTuple):
 
     def at(self, x: FloatArray) -> FloatArray:
         """Return the deviations, of which standard normal draws x (draws, points, fabrics) are the scores."""
-        upper, scores = np.swapaxes(self.root, -1, -2), np.swapaxes(x, -1, -2)
-        apart = np.swapaxes(np.linalg.solve(upper, scores), -1, -2)
-        return np.asarray(apart + (self.z + self.step)[:, None])
+        return deviations_at(self.root, self.z + self.step, x)
+
+
+def log_factor_of(z: FloatArray, slope: FloatArray, step: FloatArray, log_root: FloatArray) -> FloatArray:
+    """Return `FabricLaw.log_factor` from the fields of a law."""
+    gain = np.minimum((slope * step).sum(axis=-1), MOST_GAIN)
+    return np.asarray(0.5 * (gain - (z**2).sum(axis=-1)) - log_root)
+
+
+def log_root_of(root: FloatArray) -> FloatArray:
+    """Return half the log determinant of matrices with these Cholesky factors, shape (draws,)."""
+    return np.asarray(np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(axis=-1))
+
+
+def deviations_at(root: FloatArray, mean: FloatArray, x: FloatArray) -> FloatArray:
+    """Return the deviations, of which x (draws, points, fabrics) are the scores; `root` is that of their precision."""
+    upper, scores = np.swapaxes(root, -1, -2), np.swapaxes(x, -1, -2)
+    return np.asarray(np.swapaxes(np.linalg.solve(upper, scores), -1, -2) + mean[:, None])
 
 
 def law_of(

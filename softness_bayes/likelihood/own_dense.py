@@ -12,11 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.likelihood.dense_integrals import DenseIntegrals
-from softness_bayes.likelihood.interval_law import log_probability
 from softness_bayes.likelihood.mu_nodes import draw_index
-from softness_bayes.likelihood.own_draws import PROPOSALS
+from softness_bayes.likelihood.own_draws import PROPOSALS, log_of_raters
 from softness_bayes.likelihood.own_integrals import OwnIntegrals
-from softness_bayes.likelihood.own_laws import factor
 from softness_bayes.likelihood.quadrature import Quadrature, gauss_hermite
 from softness_bayes.likelihood.rater_grids import Part
 from softness_bayes.likelihood.rater_integrals import RaterIntegrals
@@ -62,15 +60,11 @@ class OwnDenseIntegrals(DenseIntegrals, OwnIntegrals):
     ) -> tuple[FloatArray, FloatArray]:
         """Equivalent of `OwnIntegrals.draw`; exponents and noise by importance resampling from the prior."""
         level, moved = DenseIntegrals.draw(self, rng, given, quadrature)
-        own = given.own
-        assert own is not None
         u, w = (
             rng.standard_normal((PROPOSALS, *moved.shape)) if name in self.differ else np.zeros((1, *moved.shape))
             for name in ("gamma", "varsigma")
         )
-        expected = (level + moved)[:, self.rater] + factor(own.exponent * u)[..., self.rater] * given.drive
-        spread = given.spread * factor(own.noise * w)[..., self.rater]
-        value = self.of_raters(log_probability(self.law, given.rows, expected, spread, given.parameters))
+        value = log_of_raters(self, given, level + moved, u, w)
         chosen = draw_index(rng, value)[None]
         u, w = (np.take_along_axis(np.broadcast_to(one, value.shape), chosen, axis=0)[0] for one in (u, w))
         return level, np.concatenate([moved, u, w], axis=-1)

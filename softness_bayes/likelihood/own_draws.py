@@ -12,12 +12,11 @@ from softness_bayes.likelihood.mu_nodes import draw_index, draw_on
 from softness_bayes.likelihood.own_laws import OwnLaw, factor
 from softness_bayes.likelihood.pieces import pieces
 from softness_bayes.likelihood.quadrature import ROUGHLY
+from softness_bayes.likelihood.rater_grids import REACH
+from softness_bayes.likelihood.rater_integrals import LEVELS
 from softness_bayes.likelihood.rater_rows import RowParameters
 
 FloatArray = NDArray[np.float64]
-
-LEVELS, REACH = 33, 6.0
-"""Number of levels at which the level's density is computed, and their extent in standard deviations."""
 
 PROPOSALS = 64
 """Number of draws of a rater's effects among which one is chosen by weight (importance resampling)."""
@@ -47,8 +46,6 @@ def _of_raters(
     rng: np.random.Generator, integrals: Any, given: RowParameters, law: OwnLaw, level: FloatArray
 ) -> FloatArray:
     """Return each rater's effects in standard deviations of their priors, shape (3, draws, raters)."""
-    own = given.own
-    assert own is not None
     root = np.linalg.cholesky(law.covariance)
     score = rng.standard_normal((PROPOSALS, *law.covariance.shape[:-1]))
     moved = law.to_level * (level - law.mean.level)[..., None]
@@ -59,10 +56,19 @@ def _of_raters(
             effects[..., k] = 0.0
             score[..., k] = 0.0
     scale, u, w = np.moveaxis(effects, -1, 0)
-    rater = integrals.rater
-    expected = (level + given.tau * scale)[..., rater] + factor(own.exponent * u)[..., rater] * given.drive
-    spread = given.spread * factor(own.noise * w)[..., rater] if integrals.noisy else given.spread
-    value = integrals.of_raters(log_probability(integrals.law, given.rows, expected, spread, given.parameters))
+    value = log_of_raters(integrals, given, level + given.tau * scale, u, w)
     value += 0.5 * ((score**2).sum(axis=-1) - (effects**2).sum(axis=-1))
     chosen = draw_index(rng, value)
     return np.asarray(np.take_along_axis(np.moveaxis(effects, -1, 0), chosen[None, None], axis=1)[:, 0])
+
+
+def log_of_raters(integrals: Any, given: RowParameters, a: FloatArray, u: FloatArray, w: FloatArray) -> FloatArray:
+    """Return each rater's log density given a_p, u and w, each (..., draws, raters), of that shape."""
+    own, rater = given.own, integrals.rater
+    assert own is not None
+    expected = a[..., rater] + factor(own.exponent * u)[..., rater] * given.drive
+    spread = given.spread * factor(own.noise * w)[..., rater] if integrals.noisy else given.spread
+    found: FloatArray = integrals.of_raters(
+        log_probability(integrals.law, given.rows, expected, spread, given.parameters)
+    )
+    return found

@@ -15,6 +15,7 @@ from softness_bayes.likelihood.contract import Effects
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings, SliderModel
 from softness_bayes.likelihood.own_dense import OwnDenseIntegrals
+from softness_bayes.likelihood.own_draws import PROPOSALS
 from softness_bayes.likelihood.own_effects import OWN_ANSWERS, OwnEffects, OwnRaters
 from softness_bayes.likelihood.own_integrals import OwnIntegrals
 from softness_bayes.likelihood.own_left_out import below_left_out, log_density_left_out
@@ -29,8 +30,23 @@ from softness_bayes.likelihood.stated import Stated
 FloatArray = NDArray[np.float64]
 
 
+class _OfIntervals(OwnRaters):
+    """What both models below have in common."""
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """Names of the model's parameters."""
+        parent: Any = super()
+        return (*parent.needs, *OWN_ANSWERS.values())
+
+    def observe(self, ratings: ArrayLike, design: Design, stated: Stated | None = None) -> OwnIntervalRatings:
+        """Return the likelihood of these ratings: exact numbers, unless `stated` gives their intervals."""
+        me: Any = self
+        return OwnIntervalRatings(ratings, design, me, stated=stated)
+
+
 @dataclass(frozen=True)
-class OwnIntervalModel(OwnRaters, IntervalModel):
+class OwnIntervalModel(_OfIntervals, IntervalModel):  # type: ignore[override]
     """An `IntervalModel` in which raters have individual exponents or noise.
 
     Parameters
@@ -41,30 +57,12 @@ class OwnIntervalModel(OwnRaters, IntervalModel):
 
     differ: tuple[str, ...] = ("gamma",)
 
-    @property
-    def needs(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Names of the model's parameters."""
-        return (*super().needs, *OWN_ANSWERS.values())
-
-    def observe(self, ratings: ArrayLike, design: Design, stated: Stated | None = None) -> OwnIntervalRatings:
-        """Return the likelihood of these ratings: exact numbers, unless `stated` gives their intervals."""
-        return OwnIntervalRatings(ratings, design, self, stated=stated)
-
 
 @dataclass(frozen=True)
-class OwnSliderModel(OwnRaters, SliderModel):
+class OwnSliderModel(_OfIntervals, SliderModel):  # type: ignore[override]
     """A `SliderModel` in which raters have individual exponents or noise, as in `OwnIntervalModel`."""
 
     differ: tuple[str, ...] = ("gamma",)
-
-    @property
-    def needs(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Names of the model's parameters."""
-        return (*super().needs, *OWN_ANSWERS.values())
-
-    def observe(self, ratings: ArrayLike, design: Design, stated: Stated | None = None) -> OwnIntervalRatings:
-        """Return the likelihood of these positions."""
-        return OwnIntervalRatings(ratings, design, self, stated=stated)
 
 
 class OwnIntervalRatings(IntervalRatings):
@@ -101,7 +99,8 @@ class OwnIntervalRatings(IntervalRatings):
             return np.concatenate(self._fabrics.draw(rng, given, self._quadrature), axis=-1).reshape(*shape, -1)
 
         count = self._raters.size
-        found = in_pieces(drawn, self._draw_width, mean_rate, parameters)
+        width = PROPOSALS * self.design.n_rows + self._fabrics.width
+        found = in_pieces(drawn, width, mean_rate, parameters)
         people = self.design.n_participants
         effects = self.model.draw_effects(rng, parameters, shape, people, self.design.n_fabrics)
         exponent, noise = self.model.spreads(parameters)
@@ -109,10 +108,6 @@ class OwnIntervalRatings(IntervalRatings):
         for k, (one, spread) in enumerate(zip(own, (np.ones(()), exponent, noise), strict=True)):
             one[..., self._raters] = spread[..., None] * found[..., 1 + k * count : 1 + (k + 1) * count]
         return OwnEffects(found[..., 0], own[0], found[..., 1 + 3 * count :], *own[1:])
-
-    @property
-    def _draw_width(self) -> int:
-        return 64 * self.design.n_rows + self._fabrics.width
 
     def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
         """Return the residual of each log rating as a normal score times the typical spread, shape (..., rows)."""

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.likelihood.fabric_laws import MOST_GAIN, roots
+from softness_bayes.likelihood.fabric_laws import deviations_at, log_factor_of, log_root_of, roots
 from softness_bayes.likelihood.rater_rows import OwnSpreads, RowParameters
 
 FloatArray = NDArray[np.float64]
@@ -118,9 +118,8 @@ class OwnLaw(NamedTuple):
         parts: Any = (one.part(piece) if isinstance(one, OwnPoint) else one[piece] for one in self)
         return OwnLaw(*parts)
 
-    def replaced(self, other: OwnLaw, draws: NDArray[np.intp]) -> OwnLaw:
-        """Return the law with some draws from another one."""
-        chosen = np.isin(np.arange(len(self.z)), draws)
+    def replaced(self, other: OwnLaw, chosen: NDArray[np.bool_]) -> OwnLaw:
+        """Return the law with the chosen draws from another one."""
 
         def mixed(one: Any, two: Any) -> Any:
             if isinstance(one, OwnPoint):
@@ -132,13 +131,12 @@ class OwnLaw(NamedTuple):
     @property
     def log_factor(self) -> FloatArray:
         """Log of the approximate integral over the deviations, less the log density at `z`, shape (draws,)."""
-        gain = np.minimum((self.slope * self.step).sum(axis=-1), MOST_GAIN)
-        return np.asarray(0.5 * (gain - (self.z**2).sum(axis=-1)) - self.log_root)
+        return log_factor_of(self.z, self.slope, self.step, self.log_root)
 
     @property
     def log_root(self) -> FloatArray:
         """Half the log determinant of minus the second derivative, shape (draws,)."""
-        return np.asarray(np.log(np.diagonal(self.root, axis1=-2, axis2=-1)).sum(axis=-1))
+        return log_root_of(self.root)
 
     def distance(self, point: OwnPoint, given: RowParameters) -> FloatArray:
         """Return how far the mean is from a point, in standard deviations of single effects, shape (draws,)."""
@@ -152,8 +150,7 @@ class OwnLaw(NamedTuple):
 
     def at(self, x: FloatArray) -> FloatArray:
         """Return the deviations, of which standard normal draws x (draws, points, fabrics) are the scores."""
-        upper, scores = np.swapaxes(self.root, -1, -2), np.swapaxes(x, -1, -2)
-        return np.asarray(np.swapaxes(np.linalg.solve(upper, scores), -1, -2) + (self.z + self.step)[:, None])
+        return deviations_at(self.root, self.z + self.step, x)
 
 
 def factor(log: FloatArray) -> FloatArray:
@@ -179,7 +176,8 @@ def own_law(
     safe
         True for a Newton step, whose curvatures are not smaller than their expectations.
     """
-    spreads = given.own or OwnSpreads(*np.zeros((2, *given.tau.shape)))
+    spreads = given.own
+    assert spreads is not None
     g, omega = factor(spreads.exponent * point.u), given.omega
     own = _own_effects(given, spreads, g, point, sums, safe)
     inverse: FloatArray = np.asarray(np.linalg.inv(own.hessian), float)

@@ -56,7 +56,7 @@ class OwnSearch(FabricIntegrals):
             return own_law(given, mean, sd, point, sums)[0]
         plain, _ = own_law(given, mean, sd, point, sums)
         found, good = own_law(given, mean, sd, point, self._sums(given, point, about=plain))
-        return found if good.all() else found.replaced(plain, np.flatnonzero(~good))
+        return found if good.all() else found.replaced(plain, ~good)
 
     def _start(self, given: RowParameters) -> OwnPoint:
         """Return a point near the mode, as if all intervals that have two ends were their midpoints."""

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.likelihood.interval_law import derivatives, of_rows
+from softness_bayes.likelihood.interval_law import derivatives
 from softness_bayes.likelihood.mu_nodes import log_sum
 from softness_bayes.likelihood.rater_rows import RowParameters
 from softness_bayes.likelihood.row_scores import below
@@ -104,9 +104,8 @@ def below_rows(integrals: Integrals, given: RowParameters) -> FloatArray:
         np.logaddexp(rest, log_sum(weight, axis=1), out=rest)
         own, of_law = part.given, part.given.parameters.at_points()
         expected = own.drive[:, None] + part.grid[..., integrals.rater]
-        spread = of_rows(own.spread, slice(None))[:, None]
         with np.errstate(divide="ignore"):
-            weight += np.log(below(integrals.law, own.rows.at_points(), expected, spread, of_law))
+            weight += np.log(below(integrals.law, own.rows.at_points(), expected, own.spread[:, None], of_law))
         np.logaddexp(under, log_sum(weight, axis=1), out=under)
     return np.exp(under - rest)
 

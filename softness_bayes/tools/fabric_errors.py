@@ -100,28 +100,40 @@ def measured(kind: Kind, near: int = NEAR, far: int = FAR, draws: int = DRAWS, r
         Number of timed calls.
     """
     posterior, truth = _posterior(kind, OMEGA)
-    observed, space = posterior.observation, posterior.space
+    observed = posterior.observation
     fine: Any = posterior.with_term(observed.finer())
-    noise = SCATTER * np.random.default_rng(2).standard_normal((near, truth.size))
-    here = space.natural(space.coordinates(truth) + noise)
+    here = near_truth(posterior, truth, near)
     rate, parameters = posterior.response(here), posterior.rating_parameters(here)
     # ratings of fabrics that do not deviate: with deviations these parameters would be far from the data
     alike, none = _posterior(kind, 0.0)[0].observation, parameters._replace(omega=np.zeros(near))
     own, base = alternating(
         (lambda: observed.log_likelihood(rate, parameters), lambda: alike.log_likelihood(rate, none)), repeats
     )
-    there = space.draw_prior(np.random.default_rng(3), draws)
-    value = np.concatenate([posterior.log_likelihood(part) for part in np.array_split(there, -(-draws // 64))])
-    there = there[value > posterior.log_likelihood(truth[None])[0] - DISTANCE][:far]
-    errors, others = (
-        np.concatenate([fine.log_likelihood(one[None]) - posterior.log_likelihood(one[None]) for one in at])
-        for at in (here, there)
-    )
+    there = plausible(posterior, truth, draws)[:far]
+    errors, others = (differences(fine, posterior, at) for at in (here, there))
     size = np.abs(others)
     median, sd, usual, largest = (
         float(f"{one:.0e}") for one in (np.median(np.abs(errors)), errors.std(), np.median(size), size.max())
     )
     return Row(kind.words, median, sd, usual, largest, len(there), round(own / base, 1))
+
+
+def near_truth(posterior: Posterior, truth: Array, count: int) -> Array:
+    """Return vectors scattered about the truth."""
+    noise = SCATTER * np.random.default_rng(2).standard_normal((count, truth.size))
+    return posterior.space.natural(posterior.space.coordinates(truth) + noise)
+
+
+def plausible(posterior: Posterior, truth: Array, draws: int) -> Array:
+    """Return those of some draws of the prior whose log-likelihood is within `DISTANCE` of the truth's."""
+    there = posterior.space.draw_prior(np.random.default_rng(3), draws)
+    value = np.concatenate([posterior.log_likelihood(part) for part in np.array_split(there, -(-draws // 64))])
+    return there[value > posterior.log_likelihood(truth[None])[0] - DISTANCE]
+
+
+def differences(fine: Any, posterior: Posterior, at: Array) -> Array:
+    """Return the log-likelihood of a reference less that of a posterior, one vector at a time."""
+    return np.concatenate([fine.log_likelihood(one[None]) - posterior.log_likelihood(one[None]) for one in at])
 
 
 def _posterior(kind: Kind, omega: float) -> tuple[Posterior, Array]:

@@ -25,7 +25,7 @@ from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.parameters.priors import HalfNormal
 from softness_bayes.tools.benchmark_ratings import alternating, write_table
-from softness_bayes.tools.fabric_errors import DISTANCE, OMEGA, SCATTER
+from softness_bayes.tools.fabric_errors import OMEGA, differences, near_truth, plausible
 from softness_bayes.touch.readings import MENDED
 
 Array = NDArray[np.float64]
@@ -86,7 +86,7 @@ class Row(NamedTuple):
     near_sd: float
     """Standard deviation of the error near the truth: an offset that all vectors share is irrelevant."""
     prior: float
-    """Largest error over draws of the prior within `DISTANCE` of the truth's log-likelihood."""
+    """Largest error over draws of the prior within `fabric_errors.DISTANCE` of the truth's log-likelihood."""
     prior_draws: int
     """Number of these draws."""
 
@@ -104,10 +104,8 @@ def measured(kind: Kind, near: int = NEAR, far: int = FAR, draws: int = DRAWS, r
         Number of timed calls.
     """
     posterior, truth, alike = _posterior(kind)
-    space = posterior.space
     fine: Any = posterior.with_term(posterior.observation.finer())
-    noise = SCATTER * np.random.default_rng(2).standard_normal((max(near, BATCH), truth.size))
-    here = space.natural(space.coordinates(truth) + noise)
+    here = near_truth(posterior, truth, max(near, BATCH))
     rate, parameters = posterior.response(here[:BATCH]), posterior.rating_parameters(here[:BATCH])
     own, base = alternating(
         (
@@ -116,13 +114,8 @@ def measured(kind: Kind, near: int = NEAR, far: int = FAR, draws: int = DRAWS, r
         ),
         repeats,
     )
-    there = space.draw_prior(np.random.default_rng(3), draws)
-    value = np.concatenate([posterior.log_likelihood(part) for part in np.array_split(there, -(-draws // 64))])
-    there = there[value > posterior.log_likelihood(truth[None])[0] - DISTANCE][:far]
-    errors, others = (
-        np.concatenate([fine.log_likelihood(one[None]) - posterior.log_likelihood(one[None]) for one in at])
-        for at in (here[:near], there)
-    )
+    there = plausible(posterior, truth, draws)[:far]
+    errors, others = (differences(fine, posterior, at) for at in (here[:near], there))
     most, sd, usual = (float(f"{one:.0e}") for one in (np.abs(errors).max(), errors.std(), np.abs(others).max()))
     return Row(kind.words, round(1e3 * own / BATCH, 2), round(own / base, 1), most, sd, usual, len(there))
 
