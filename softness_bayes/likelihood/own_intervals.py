@@ -31,7 +31,7 @@ FloatArray = NDArray[np.float64]
 
 
 class _OfIntervals(OwnRaters):
-    """What both models below have in common."""
+    """The part that both models below have in common."""
 
     @property
     def needs(self) -> tuple[str, ...]:
