@@ -165,6 +165,10 @@ CASES: Mapping[str, Case] = {
     "raters' own varsigma": Case(
         {**_OWN, "individual": ("varsigma",)}, {**TOO_PRECISE, "differences ignored": scaled(tau_varsigma=0.0)}
     ),
+    "own gamma and fabrics' deviations": Case(
+        {**_WHOLE, "errors": NORMAL, "individual": ("gamma",), "priors": {"omega": HalfNormal(0.3)}},
+        {**TOO_PRECISE, "differences ignored": scaled(tau_gamma=0.0), **_SAME_FABRICS},
+    ),
 }
 
 RANKED = (
