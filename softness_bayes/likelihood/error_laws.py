@@ -61,6 +61,9 @@ class ErrorLaw:
         Log of the mean density over narrow intervals and its derivatives (`narrow_intervals`), for symmetric laws;
         takes middles, squares of half-widths (None for exact numbers), and the parameters. None if there is no such
         series.
+    sixth_over_fourth
+        Ratio of the expected sixth derivative of the log density to the expected fourth, of laws with heavy tails;
+        None if the derivatives of higher orders than the second are zero, or are not estimated.
     """
 
     name: str
@@ -77,6 +80,7 @@ class ErrorLaw:
     steepest: Callable[[Any, float], float]
     lapses: bool = False
     averaged: Callable[[FloatArray, FloatArray | None, Any], tuple[FloatArray, ...]] | None = None
+    sixth_over_fourth: Callable[[Any], FloatArray] | None = None
 
 
 def _draw_normal(rng: np.random.Generator, shape: tuple[int, ...], parameters: Any) -> FloatArray:
@@ -219,6 +223,10 @@ def _student_smooth(parameters: Any) -> FloatArray:
     return np.asarray(((1.0 + t) * (1.0 + 3.0 * t) * (1.0 + 5.0 * t) * (1.0 + 7.0 * t)) ** -0.125)
 
 
+def _student_sixth(parameters: Any) -> FloatArray:
+    return student.sixth_over_fourth(parameters.nu)
+
+
 def _student_steepest(parameters: Any, distance: float) -> float:
     nu = _nu(parameters)
     at = np.minimum(distance, np.sqrt(nu))
@@ -303,6 +311,7 @@ STUDENT = ErrorLaw(
     smooth=_student_smooth,
     steepest=_student_steepest,
     averaged=_student_averaged,
+    sixth_over_fourth=_student_sixth,
 )
 """Errors with heavy tails: Student's t with `nu` degrees of freedom."""
 LAPSES = replace(

@@ -20,8 +20,9 @@ operation itself."""
 
 
 def blocks(draws: int, width: int) -> list[slice]:
-    """Return slices of the draws, each of as many as fit into `BLOCK` with ``width`` numbers for every draw."""
+    """Return slices of the draws, as few as have room in `BLOCK` with ``width`` numbers for every draw, and as equal."""
     size = max(1, BLOCK // max(width, 1))
+    size = -(-draws // -(-draws // size)) if draws else size
     return [slice(first, min(first + size, draws)) for first in range(0, draws, size)]
 
 

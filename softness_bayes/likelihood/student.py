@@ -77,6 +77,21 @@ def normal_score(u: FloatArray, nu: FloatArray) -> FloatArray:
     return np.copysign(correction, u)
 
 
+def sixth_over_fourth(nu: FloatArray) -> FloatArray:
+    """Return the ratio of the expected sixth derivative of the log density to the expected fourth, shape of `nu`.
+
+    The derivatives of log(1 + u²/nu) are polynomials of p = 1/(1 + u²/nu), by way of the complex logarithm; under the law
+    itself, p has a beta distribution with parameters nu/2 and 1/2, whose moments are products.
+    """
+    nu = np.maximum(np.asarray(nu, float), LEAST)
+    moment, found = np.ones_like(nu), []
+    for k in range(7):
+        found.append(moment)
+        moment = moment * (nu + 2.0 * k) / (nu + 1.0 + 2.0 * k)
+    sixth = 32.0 * found[6] - 48.0 * found[5] + 18.0 * found[4] - found[3]
+    return np.asarray(-20.0 / nu * sixth / (8.0 * (found[4] - found[3]) + found[2]))
+
+
 @cache
 def _coefficients() -> FloatArray:
     """Return the coefficients of (q/z - 1) nu: Chebyshev in 1/nu, monomial in z, shape (orders of each)."""

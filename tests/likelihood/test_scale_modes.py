@@ -91,3 +91,28 @@ def test_tiny_errors_overflow_nowhere(law, step):
     for spread in (1e-12, 1e-6, 1.1e-4, 1e-2):
         tiny = points._replace(varsigma=np.full_like(points.varsigma, spread))
         assert np.isfinite(observed.log_likelihood(rate, tiny)).all(), spread
+
+
+def test_the_sixth_derivative_is_estimated_from_the_fourth(monkeypatch):
+    """Expansions of four derivatives under Student's t: most of their error is the mean effect of the sixth."""
+    errors = []
+    for estimated in (True, False):
+        if not estimated:
+            monkeypatch.setattr(rater_integrals.RaterIntegrals, "_sixth", lambda *_: 0.0)
+        for seed in range(6):
+            observed, rate, points = table(20 + seed, 12, 4, law=STUDENT, step=1.0)
+            points = points._replace(nu=np.full_like(points.nu, 8.0))
+            measure = observed._integrals.modes(observed._given(rate, points)[0], FAST.settled, True).truncation
+            exact = observed.with_quadrature(FINE).log_likelihood(rate, points)
+            found = observed.with_quadrature(FAST).log_likelihood(rate, points) - exact
+            errors.append(found[measure < rater_integrals.FOUR])
+    with_it, without = (np.concatenate(part) for part in (errors[:6], errors[6:]))
+    assert with_it.size >= 10
+    assert np.sqrt(np.mean(with_it**2)) < 0.6 * np.sqrt(np.mean(without**2))
+    assert (without > 0.0).mean() > 0.9  # the sixth derivative is negative
+
+
+def test_only_laws_with_heavy_tails_have_an_estimate(many):
+    observed, given, modes, _ = many
+    four = modes._replace(slopes=modes.slopes[:5])
+    assert np.any(observed._integrals._sixth(given, four)) == (observed.model.law is STUDENT)
