@@ -20,7 +20,7 @@ operation itself."""
 
 
 def blocks(draws: int, width: int) -> list[slice]:
-    """Return slices of the draws, as few as have room in `BLOCK` with ``width`` numbers for every draw, and as equal."""
+    """Return slices of the draws of about equal size, as few as fit into `BLOCK` with ``width`` numbers for each."""
     size = max(1, BLOCK // max(width, 1))
     size = -(-draws // -(-draws // size)) if draws else size
     return [slice(first, min(first + size, draws)) for first in range(0, draws, size)]

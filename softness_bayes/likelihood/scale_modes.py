@@ -61,9 +61,9 @@ class ScaleModes(NamedTuple):
     def truncation(self) -> FloatArray:
         """Measure of the raters' distance from normal laws, shape (draws,).
 
-        Under Student's t, the error of the log density without higher derivatives than the fourth is about a twentieth of
-        it: the sixth derivative is about 3 g4² / g2, and its mean effect is 15/720 of that in units of the width. With
-        that effect added (`RaterIntegrals`), a quarter of the error remains.
+        Under Student's t, the error of the log density without higher derivatives than the fourth is about a twentieth
+        of it: the sixth derivative is about 3 g4² / g2, and its mean effect is 15/720 of that in units of the width.
+        With that effect added (`RaterIntegrals`), a quarter of the error remains.
         """
         width = self.width
         moved = np.square((self.a - self.at) / width)

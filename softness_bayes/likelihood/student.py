@@ -80,8 +80,8 @@ def normal_score(u: FloatArray, nu: FloatArray) -> FloatArray:
 def sixth_over_fourth(nu: FloatArray) -> FloatArray:
     """Return the ratio of the expected sixth derivative of the log density to the expected fourth, shape of `nu`.
 
-    The derivatives of log(1 + u²/nu) are polynomials of p = 1/(1 + u²/nu), by way of the complex logarithm; under the law
-    itself, p has a beta distribution with parameters nu/2 and 1/2, whose moments are products.
+    The derivatives of log(1 + u²/nu) are polynomials of p = 1/(1 + u²/nu), by way of the complex logarithm. Under the
+    law itself, p has a beta distribution with parameters nu/2 and 1/2, whose moments are products.
     """
     nu = np.maximum(np.asarray(nu, float), LEAST)
     moment, found = np.ones_like(nu), []
