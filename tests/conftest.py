@@ -24,6 +24,7 @@ from softness_bayes.touch.neuron import fixed_channels, noise, spikes
 from softness_bayes.touch.neuron.firing import CurveError, RateCurve
 from softness_bayes.touch.neuron.onset import Onset
 from softness_bayes.touch.parameters import TouchParameters
+from support.longer import mark_longer
 from support.longest import LONGEST
 from support.once import Kept, made_once
 from support.paths import SHARED
@@ -39,8 +40,13 @@ def pytest_collection() -> None:
     gc.disable()
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the files that take longest, so that none is left to a single process at the end."""
+@pytest.hookimpl(tryfirst=True)  # before pytest leaves out what is slow
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Mark the tests of `longer.txt` as slow.
+
+    Begin with the files that take longest, so that none is left to a single process at the end.
+    """
+    mark_longer(config, items)
     place = {name: k for k, name in enumerate(LONGEST)}
     items.sort(key=lambda item: place.get(item.path.relative_to(Path(__file__).parent).as_posix(), len(place)))
 
