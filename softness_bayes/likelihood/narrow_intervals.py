@@ -2,14 +2,18 @@
 
 The mean of a density f over an interval of half-width h about u is f + h² f''/6 + h⁴ f''''/120 + ... . Its logarithm is
 that of f plus a series in h², whose terms are polynomials of u for normal errors, and of p = 1/(1 + u²/nu) for
-Student's t. One density thus replaces two distribution functions. All arrays may have single precision.
+Student's t. One density thus replaces two distribution functions. The value has terms to h⁶, its derivatives to h⁴ or
+less: the errors of many ratings' values add up, whereas those of derivatives matter only about the mode. All arrays may
+have single precision.
 """
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
+from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 
 from softness_bayes.likelihood import student
@@ -93,15 +97,19 @@ def student_t(errors: FloatArray, square: FloatArray | None, nu: FloatArray) -> 
     four *= p
     if square is None:
         return value, one, two, three, four
-    # the series is h² p (b z - 1) c/6 + h⁴ p² (k0 + k1 z + k2 z²), in which no digits cancel for large nu
+    # the series is h² p (b z - 1) c/6 + h⁴ p² (k0 + k1 z + k2 z²) + h⁶ p³ times a cubic of z, in which no digits cancel
+    # for large nu
     z *= p
     b, scaled = 1.0 + 3.0 * t, square * p
     k0 = count * ((1.0 + 4.0 * t) / 60.0 - count / 180.0)
     k1 = count * (count * b / 90.0 + ((count + 2.0 * t) * (b - t) - (2.0 * count + 7.0 * t) * b) / 30.0)
     k2 = count * b * (t * (count + 3.0 * t) / 15.0 - count * b / 180.0)
     quartic = _polynomial(z, k2, k1, k0)
-    part = _polynomial(z, count * b / 6.0, count / -6.0)
-    part += scaled * quartic
+    part = _polynomial(z, *_of_sixth_order(t, errors.dtype))
+    part *= scaled
+    part += quartic
+    part *= scaled
+    part += _polynomial(z, count * b / 6.0, count / -6.0)
     part *= scaled
     value += part
     # its derivatives in z, where dz/du = 2 p² u and dp/dz = -t
@@ -141,6 +149,34 @@ def student_t(errors: FloatArray, square: FloatArray | None, nu: FloatArray) -> 
     part *= p
     four += part
     return value, one, two, three, four
+
+
+def _of_sixth_order(t: FloatArray, kind: Any) -> list[FloatArray]:
+    """Return the coefficients of h⁶ p³ in Student's series, of z³ to 1, each of the shape of t = 1/nu."""
+    table = _sixth_order()
+    found = (t.astype(float) ** np.arange(len(table)) @ table).astype(kind)
+    return [found[..., k : k + 1] for k in (3, 2, 1, 0)]
+
+
+@cache
+def _sixth_order() -> FloatArray:
+    """Return the same coefficients, of 1 to z³, as polynomials of t, shape (powers of t, powers of z).
+
+    With m_k = f^(k)/f, the series has h⁶ (m_6/5040 - m_2 m_4/720 + m_2³/648). Leibniz's rule for
+    (1 + t u²) f' = -(1 + t) u f gives each m from the two before it: m_2n is p^n times a polynomial of z, and m_(2n-1)
+    is -u p^n times another.
+    """
+    rows, t = [], np.linspace(0.0, 2.0, 7)  # the coefficients have degree 6
+    for one in t:
+        c, even, odd = 1.0 + one, [np.ones(1)], np.array([1.0 + one])
+        for k in (1, 3, 5):
+            raised = (c + 2.0 * k * one) * polynomial.polymulx(odd)
+            even.append(polynomial.polysub(raised, k * (c + (k - 1) * one) * even[-1]))
+            odd = polynomial.polysub((c + 2.0 * (k + 1) * one) * even[-1], (k + 1) * (c + k * one) * odd)
+        _, two, four, six = even
+        cube = polynomial.polymul(two, polynomial.polymul(two, two))
+        rows.append(six / 5040.0 - polynomial.polymul(two, four) / 720.0 + cube / 648.0)
+    return polynomial.polyfit(t, np.array(rows), t.size - 1)
 
 
 def _polynomial(x: FloatArray, first: Any, *others: Any) -> FloatArray:
