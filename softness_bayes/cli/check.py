@@ -120,7 +120,7 @@ def _show_tables(experiment: Experiment, asked: ModelOptions) -> None:
 
     moduli = moduli_of(experiment, asked)
     modulus = np.array(moduli.middle) / 1e3
-    for line in (*_summary(experiment, modulus, asked.scale.own_units), "", *_fabric_table(experiment, moduli)):
+    for line in (*_summary(experiment, modulus, asked), "", *_fabric_table(experiment, moduli)):
         click.echo(line)
     if exact := len(moduli.laws) - len(moduli.uncertain):
         click.echo(
@@ -209,11 +209,12 @@ def _show_compression(compression: Compression) -> None:
         click.echo(f"{name:14}{text}")
 
 
-def _summary(experiment: Experiment, modulus: NDArray[np.float64], own_units: bool) -> list[str]:
+def _summary(experiment: Experiment, modulus: NDArray[np.float64], asked: ModelOptions) -> list[str]:
     """Return lines on participants, fabrics (moduli in kPa), loads and the rating scale."""
     import numpy as np
 
     from softness_bayes.model.build import raters_told
+    from softness_bayes.model.reach import wide_contacts
 
     ratings = experiment.ratings
     each = np.bincount(ratings.participant)
@@ -229,7 +230,9 @@ def _summary(experiment: Experiment, modulus: NDArray[np.float64], own_units: bo
         "conditions": f"{len(conditions.fabric)} of {pairs} pairs of fabric and load; "
         f"{rated} of {len(ratings.participants) * pairs} with each participant",
     }
-    if own_units:
+    if wide := wide_contacts(ratings.loads, asked.finger.radius):
+        lines["contact"] = wide
+    if asked.scale.own_units:
         told = raters_told(ratings)
         lines["tau"] = (
             f"several {'participants' if ratings.cells is None else 'raters'}: the spread of their rating scales (tau) "

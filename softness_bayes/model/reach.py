@@ -28,11 +28,17 @@ Array = NDArray[np.float64]
 MOST = 0.5
 """Share of touches outside the reach from which a note is given."""
 
+MOST_NAMED = 4
+"""Largest number of loads that are named one by one."""
+
 GAIN = 0.1
 """Smallest gain in the share within reach for which a change is recommended."""
 
 DEEP = 0.75
 """Indentation, in radii of the fingertip, from which the geometry is considered invalid."""
+
+WIDE = 0.5
+"""Contact radius, in radii of the fingertip, beyond which Hertz's geometry is questionable (model.md 3)."""
 
 OTHER_LOADS: Mapping[type, tuple[Load, ...]] = {
     Force: tuple(map(Force, (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0))),
@@ -53,7 +59,7 @@ class Reach(NamedTuple):
     silent: Array
     """No receptor fires."""
     questionable: Array
-    """The contact radius exceeds R/2."""
+    """The contact radius exceeds `WIDE` R."""
     meaningless: Array
     """The contact radius is R or more, or the indentation is `DEEP` R or more."""
     within: Array
@@ -74,7 +80,7 @@ def reach(scene: Scene, parameters: TouchParameters) -> Reach:
     silent = scene.total_rate(parameters) <= 0
     extent = contact.radius / radius
     beyond = (extent >= 1.0) | (contact.indentation >= DEEP * radius)
-    found = (silent, extent > 0.5, beyond, ~silent & ~beyond)
+    found = (silent, extent > WIDE, beyond, ~silent & ~beyond)
     return Reach(*(np.mean(np.atleast_2d(each), axis=0) for each in found))
 
 
@@ -126,6 +132,28 @@ def reach_note(
     ends = f"{tried[0]} to {tried[-1]}" if len(kinds) == 1 else "the usual forces and indentations"
     skins = f", with {' or '.join(others)} or without," if others else ""
     return f"{said}. No load from {ends}{skins} brings {percent(GAIN)} more into the range"
+
+
+def wide_contacts(loads: Sequence[Load], radius: float) -> str:
+    """Name the indentations at which the contact is too wide for Hertz's geometry; empty if there are none.
+
+    The contact radius sqrt(R d) at an indentation d is independent of all moduli; under a force it is not, and the
+    results report how often it is too wide.
+
+    Parameters
+    ----------
+    loads
+        The loads.
+    radius
+        Fingertip radius R [m].
+    """
+    pressed = sorted(load for load in loads if isinstance(load, Indentation))
+    extent = {load: float(np.sqrt(load.depth / radius)) for load in pressed}
+    wide = [f"{extent[load]:.2f} R at {load}" for load in pressed if extent[load] > WIDE]
+    if not wide:
+        return ""
+    told = ", ".join(wide) if len(wide) <= MOST_NAMED else f"{wide[0]} to {wide[-1]}"
+    return f"radius {told} (R = {radius * 1e3:g} mm): beyond {WIDE:g} R Hertz's geometry is questionable"
 
 
 def reach_of_priors(
