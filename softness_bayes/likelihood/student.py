@@ -24,6 +24,7 @@ REACH = 10.0
 
 _HALF_WAY = 4.0  # value of z at the midpoint of the series' variable
 _ORDERS = 40, 20  # numbers of terms in 1/nu and in z
+_NEARLY_INFINITE = 1e15
 _LARGE = 100.0  # degrees of freedom beyond which the constant of the density comes from Stirling's series
 
 _LOG_ROOT_TWO_PI = 0.5 * np.log(2.0 * np.pi)
@@ -83,7 +84,7 @@ def sixth_over_fourth(nu: FloatArray) -> FloatArray:
     The derivatives of log(1 + u²/nu) are polynomials of p = 1/(1 + u²/nu), by way of the complex logarithm. Under the
     law itself, p has a beta distribution with parameters nu/2 and 1/2, whose moments are products.
     """
-    nu = np.maximum(np.asarray(nu, float), LEAST)
+    nu = np.clip(np.asarray(nu, float), LEAST, _NEARLY_INFINITE)
     moment, found = np.ones_like(nu), []
     for k in range(7):
         found.append(moment)

@@ -49,3 +49,7 @@ def test_expected_sixth_derivative_over_the_fourth(nu):
     fourth, sixth = (-np.prod(np.arange(1.0, n)) * weight @ sums[n] * (-1.0) ** n for n in (4, 6))
     assert_allclose(sixth_over_fourth(np.array(nu)), sixth / fourth / nu, rtol=1e-6)
     assert sixth_over_fourth(np.array(nu)) < 0.0
+
+
+def test_the_normal_law_has_no_sixth_derivative():
+    assert_allclose(sixth_over_fourth(np.array([1e9, np.inf])), 0.0, atol=1e-7)
