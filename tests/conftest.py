@@ -30,6 +30,8 @@ from support.once import Kept, made_once
 from support.paths import SHARED
 from support.randomness import SEED, generator_of
 
+# Processes that tests start have a processor each at best: more threads of linear algebra would wait for one another.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 # Processes that tests start compile nothing anew, whatever the environment says: that took a third of their time.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False  # or this process hands it on to those that it forks
