@@ -24,7 +24,7 @@ from softness_bayes.touch.neuron import fixed_channels, noise, spikes
 from softness_bayes.touch.neuron.firing import CurveError, RateCurve
 from softness_bayes.touch.neuron.onset import Onset
 from softness_bayes.touch.parameters import TouchParameters
-from support.longer import mark_longer
+from support.longer import file_of, mark_longer
 from support.longest import LONGEST
 from support.once import Kept, made_once
 from support.paths import SHARED
@@ -50,7 +50,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """
     mark_longer(config, items)
     place = {name: k for k, name in enumerate(LONGEST)}
-    items.sort(key=lambda item: place.get(item.path.relative_to(Path(__file__).parent).as_posix(), len(place)))
+    items.sort(key=lambda item: place.get(file_of(item), len(place)))
 
 
 def pytest_collection_finish() -> None:

@@ -16,8 +16,8 @@ from softness_bayes.model.prediction import quantities
 from softness_bayes.model.scenes import touch_parameters
 from softness_bayes.parameters.fabric_moduli import KPA
 from softness_bayes.plotting.panels import title
-from softness_bayes.plotting.response import HERTZ_LIMIT
 from softness_bayes.readable import number, percent
+from softness_bayes.touch.contact import HERTZ_LIMIT
 from softness_bayes.touch.pad import touch_profiles
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.receptors import kink_distances

@@ -62,8 +62,8 @@ class ErrorLaw:
         takes middles, squares of half-widths (None for exact numbers), and the parameters. None if there is no such
         series.
     sixth_over_fourth
-        Ratio of the expected sixth derivative of the log density to the expected fourth, of laws with heavy tails;
-        None if the derivatives of higher orders than the second are zero, or are not estimated.
+        Ratio of the expected sixth derivative of the log density to the expected fourth, of laws with heavy tails; its
+        last axis has length 1. None if the derivatives of higher orders than the second are zero, or are not estimated.
     """
 
     name: str
@@ -224,7 +224,7 @@ def _student_smooth(parameters: Any) -> FloatArray:
 
 
 def _student_sixth(parameters: Any) -> FloatArray:
-    return student.sixth_over_fourth(parameters.nu)
+    return student.sixth_over_fourth(_nu(parameters))
 
 
 def _student_steepest(parameters: Any, distance: float) -> float:

@@ -101,9 +101,7 @@ def student_t(errors: FloatArray, square: FloatArray | None, nu: FloatArray) -> 
     # for large nu
     z *= p
     b, scaled = 1.0 + 3.0 * t, square * p
-    k0 = count * ((1.0 + 4.0 * t) / 60.0 - count / 180.0)
-    k1 = count * (count * b / 90.0 + ((count + 2.0 * t) * (b - t) - (2.0 * count + 7.0 * t) * b) / 30.0)
-    k2 = count * b * (t * (count + 3.0 * t) / 15.0 - count * b / 180.0)
+    k2, k1, k0 = _of_fourth_order(t)
     quartic = _polynomial(z, k2, k1, k0)
     part = _polynomial(z, *_of_sixth_order(t, errors.dtype))
     part *= scaled
@@ -149,6 +147,16 @@ def student_t(errors: FloatArray, square: FloatArray | None, nu: FloatArray) -> 
     part *= p
     four += part
     return value, one, two, three, four
+
+
+def _of_fourth_order(t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the coefficients of h⁴ p² in Student's series, of z² to 1, each of the shape of t = 1/nu."""
+    count, b = 1.0 + t, 1.0 + 3.0 * t
+    return (
+        count * b * (t * (count + 3.0 * t) / 15.0 - count * b / 180.0),
+        count * (count * b / 90.0 + ((count + 2.0 * t) * (b - t) - (2.0 * count + 7.0 * t) * b) / 30.0),
+        count * ((1.0 + 4.0 * t) / 60.0 - count / 180.0),
+    )
 
 
 def _of_sixth_order(t: FloatArray, kind: Any) -> list[FloatArray]:

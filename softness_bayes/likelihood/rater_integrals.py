@@ -290,8 +290,8 @@ class RaterIntegrals:
         if ratio is None or len(modes.slopes) > 5:
             return 0.0
         width = modes.width * modes.width
-        of_fourth = (modes.slopes[4] * width * width * width).sum(axis=-1) / given.spread[:, 0] ** 2
-        return np.asarray(15.0 / 720.0 * ratio(given.parameters) * of_fourth)[:, None]
+        of_fourth = (modes.slopes[4] * width * width * width).sum(axis=-1, keepdims=True) / given.spread**2
+        return np.asarray(15.0 / 720.0 * ratio(given.parameters) * of_fourth)
 
     def at_levels(
         self,

@@ -53,9 +53,10 @@ class ScaleModes(NamedTuple):
 
         Shape (draws,).
         """
-        reach = 3.0 * self.width + np.abs(self.a - self.at)
+        width = self.width
+        reach = 3.0 * width + np.abs(self.a - self.at)
         bend = reach * reach * reach * (np.abs(self.slopes[3]) / 6.0 + reach * np.abs(self.slopes[4]) / 24.0)
-        return np.asarray(np.where(reach > 6.0 * self.width, np.inf, bend).max(axis=-1))
+        return np.asarray(np.where(reach > 6.0 * width, np.inf, bend).max(axis=-1))
 
     @property
     def truncation(self) -> FloatArray:

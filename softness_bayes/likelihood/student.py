@@ -84,7 +84,7 @@ def sixth_over_fourth(nu: FloatArray) -> FloatArray:
     The derivatives of log(1 + u²/nu) are polynomials of p = 1/(1 + u²/nu), by way of the complex logarithm. Under the
     law itself, p has a beta distribution with parameters nu/2 and 1/2, whose moments are products.
     """
-    nu = np.clip(np.asarray(nu, float), LEAST, _NEARLY_INFINITE)
+    nu = np.minimum(np.asarray(nu, float), _NEARLY_INFINITE)
     moment, found = np.ones_like(nu), []
     for k in range(7):
         found.append(moment)

@@ -17,7 +17,7 @@ from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
 from softness_bayes.parameters.declared import SHAPE_PARAMETERS
 from softness_bayes.parameters.fabric_moduli import FabricModuli
 from softness_bayes.readable import percent
-from softness_bayes.touch.contact import Finger, Force, Indentation, Load
+from softness_bayes.touch.contact import HERTZ_LIMIT, Finger, Force, Indentation, Load
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import Readings
@@ -36,9 +36,6 @@ GAIN = 0.1
 
 DEEP = 0.75
 """Indentation, in radii of the fingertip, from which the geometry is considered invalid."""
-
-WIDE = 0.5
-"""Contact radius, in radii of the fingertip, beyond which Hertz's geometry is questionable (model.md 3)."""
 
 OTHER_LOADS: Mapping[type, tuple[Load, ...]] = {
     Force: tuple(map(Force, (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0))),
@@ -59,7 +56,7 @@ class Reach(NamedTuple):
     silent: Array
     """No receptor fires."""
     questionable: Array
-    """The contact radius exceeds `WIDE` R."""
+    """The contact radius exceeds `HERTZ_LIMIT` R."""
     meaningless: Array
     """The contact radius is R or more, or the indentation is `DEEP` R or more."""
     within: Array
@@ -80,7 +77,7 @@ def reach(scene: Scene, parameters: TouchParameters) -> Reach:
     silent = scene.total_rate(parameters) <= 0
     extent = contact.radius / radius
     beyond = (extent >= 1.0) | (contact.indentation >= DEEP * radius)
-    found = (silent, extent > WIDE, beyond, ~silent & ~beyond)
+    found = (silent, extent > HERTZ_LIMIT, beyond, ~silent & ~beyond)
     return Reach(*(np.mean(np.atleast_2d(each), axis=0) for each in found))
 
 
@@ -149,11 +146,11 @@ def wide_contacts(loads: Sequence[Load], radius: float) -> str:
     """
     pressed = sorted(load for load in loads if isinstance(load, Indentation))
     extent = {load: float(np.sqrt(load.depth / radius)) for load in pressed}
-    wide = [f"{extent[load]:.2f} R at {load}" for load in pressed if extent[load] > WIDE]
+    wide = [f"{extent[load]:.2f} R at {load}" for load in pressed if extent[load] > HERTZ_LIMIT]
     if not wide:
         return ""
     told = ", ".join(wide) if len(wide) <= MOST_NAMED else f"{wide[0]} to {wide[-1]}"
-    return f"radius {told} (R = {radius * 1e3:g} mm): beyond {WIDE:g} R Hertz's geometry is questionable"
+    return f"radius {told} (R = {radius * 1e3:g} mm): beyond {HERTZ_LIMIT:g} R Hertz's geometry is questionable"
 
 
 def reach_of_priors(

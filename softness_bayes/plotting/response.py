@@ -25,7 +25,7 @@ from softness_bayes.plotting.panels import (
 )
 from softness_bayes.plotting.ratio import RatioAxis
 from softness_bayes.plotting.style import USUAL, Style
-from softness_bayes.touch.contact import Load
+from softness_bayes.touch.contact import HERTZ_LIMIT, Load
 from softness_bayes.touch.load_groups import LoadGroup
 
 if TYPE_CHECKING:
@@ -36,9 +36,6 @@ if TYPE_CHECKING:
 
 QUESTIONABLE = "#EFEFEF"
 """Background colour of a panel where Hertz's contact theory is questionable."""
-
-HERTZ_LIMIT = 0.5
-"""Ratio of contact radius to fingertip radius above which Hertz's contact theory is questionable (model.md 11)."""
 
 
 def response_figure(

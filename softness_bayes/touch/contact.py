@@ -25,6 +25,9 @@ INDENTATIONS = Range(1e-9, 0.1, "m")
 FORCES = Range(1e-9, 1e3, "N")
 """Permitted contact forces of a fingertip."""
 
+HERTZ_LIMIT = 0.5
+"""Ratio of contact radius to fingertip radius above which Hertz's contact theory is questionable (model.md 3)."""
+
 
 @dataclass(frozen=True)
 class Finger:

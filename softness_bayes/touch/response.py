@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.touch.contact import Contact
+from softness_bayes.touch.contact import HERTZ_LIMIT, Contact
 
 Array = NDArray[np.float64]
 
@@ -33,6 +33,11 @@ class BeyondHertz(NamedTuple):
     """Shares of draws × conditions with a large contact (model.md 3)."""
 
     questionable: float
-    """Share with a > 0.5 R."""
+    """Share with a > `HERTZ_LIMIT` R."""
     meaningless: float
     """Share with a >= R."""
+
+    @classmethod
+    def of(cls, extent: Array) -> Self:
+        """Return the shares for given ratios of contact radius to fingertip radius."""
+        return cls(float((extent > HERTZ_LIMIT).mean()), float((extent >= 1.0).mean()))

@@ -382,7 +382,7 @@ class Scene:
     def beyond_hertz(self, parameters: TouchParameters, modulus: Array | None = None) -> BeyondHertz:
         """Return the shares of draws × conditions with contact outside the range of Hertz's geometry."""
         radius = self.contact(parameters, modulus).radius / self.fingertip(parameters).radius
-        return BeyondHertz(float((radius > 0.5).mean()), float((radius >= 1.0).mean()))
+        return BeyondHertz.of(radius)
 
     def _chunks(
         self, parameters: TouchParameters, modulus: Array | None

@@ -14,9 +14,14 @@ LIST = Path(__file__).with_suffix(".txt")
 _TESTS = LIST.parents[1]
 
 
+def file_of(item: pytest.Item) -> str:
+    """Return the file of a test, below `tests`."""
+    return item.path.relative_to(_TESTS).as_posix()
+
+
 def name_of(item: pytest.Item) -> str:
     """Return the name of a test in the list: its file below `tests`, and its own name."""
-    return f"{item.path.relative_to(_TESTS).as_posix()}::{item.name}"
+    return f"{file_of(item)}::{item.name}"
 
 
 def without_parameters(name: str) -> str:
@@ -32,7 +37,7 @@ def mark_longer(config: pytest.Config, items: list[pytest.Item]) -> None:
     pytest.UsageError
         If a file was collected as a whole and a listed test of it does not exist.
     """
-    listed = set(LIST.read_text(encoding="utf-8").split("\n"))
+    listed = set(LIST.read_text(encoding="utf-8").splitlines())
     found = {name_of(item): item for item in items}
     for name, item in found.items():
         if listed & {name, without_parameters(name)}:
