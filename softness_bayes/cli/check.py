@@ -230,7 +230,7 @@ def _summary(experiment: Experiment, modulus: NDArray[np.float64], asked: ModelO
         "conditions": f"{len(conditions.fabric)} of {pairs} pairs of fabric and load; "
         f"{rated} of {len(ratings.participants) * pairs} with each participant",
     }
-    if wide := wide_contacts(ratings.loads, asked.finger.radius):
+    if wide := wide_contacts(ratings.loads, asked.finger):
         lines["contact"] = wide
     if asked.scale.own_units:
         told = raters_told(ratings)

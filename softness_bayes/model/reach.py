@@ -131,7 +131,7 @@ def reach_note(
     return f"{said}. No load from {ends}{skins} brings {percent(GAIN)} more into the range"
 
 
-def wide_contacts(loads: Sequence[Load], radius: float) -> str:
+def wide_contacts(loads: Sequence[Load], finger: Finger) -> str:
     """Name the indentations at which the contact is too wide for Hertz's geometry; empty if there are none.
 
     The contact radius sqrt(R d) at an indentation d is independent of all moduli; under a force it is not, and the
@@ -141,16 +141,17 @@ def wide_contacts(loads: Sequence[Load], radius: float) -> str:
     ----------
     loads
         The loads.
-    radius
-        Fingertip radius R [m].
+    finger
+        The finger that touches.
     """
     pressed = sorted(load for load in loads if isinstance(load, Indentation))
-    extent = {load: float(np.sqrt(load.depth / radius)) for load in pressed}
+    any_modulus = np.ones(1)
+    extent = {load: float(load.close(any_modulus, finger).radius[0]) / finger.radius for load in pressed}
     wide = [f"{extent[load]:.2f} R at {load}" for load in pressed if extent[load] > HERTZ_LIMIT]
     if not wide:
         return ""
     told = ", ".join(wide) if len(wide) <= MOST_NAMED else f"{wide[0]} to {wide[-1]}"
-    return f"radius {told} (R = {radius * 1e3:g} mm): beyond {HERTZ_LIMIT:g} R Hertz's geometry is questionable"
+    return f"radius {told} (R = {finger.radius * 1e3:g} mm): beyond {HERTZ_LIMIT:g} R Hertz's geometry is questionable"
 
 
 def reach_of_priors(

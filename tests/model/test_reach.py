@@ -94,7 +94,7 @@ def test_the_commands_say_it_first(tmp_path):
 def test_indentations_with_wide_contacts_are_named():
     """The contact radius over R is the root of the indentation over R."""
     loads = [Indentation(0.5e-3), Indentation(2e-3), Indentation(2.001e-3), Force(5.0)]
-    assert wide_contacts(loads[:2], 8e-3) == ""
-    assert "0.50 R at 2.001 mm (R = 8 mm)" in wide_contacts(loads, 8e-3)
-    many = wide_contacts([Indentation(1e-3 * depth) for depth in (7.0, 3.0, 4.0, 5.0, 6.0)], 8e-3)
+    assert wide_contacts(loads[:2], Finger()) == ""
+    assert "0.50 R at 2.001 mm (R = 8 mm)" in wide_contacts(loads, Finger())
+    many = wide_contacts([Indentation(1e-3 * depth) for depth in (7.0, 3.0, 4.0, 5.0, 6.0)], Finger())
     assert "0.61 R at 3 mm to 0.94 R at 7 mm" in many
