@@ -83,7 +83,7 @@ class Boxes:
         self.both = np.logical_or.reduceat(low, first) & np.logical_or.reduceat(high, first)
         """True for raters whose intervals bound their scale from both sides, shape (raters,)."""
 
-    def needed(self, given: RowParameters, bend: FloatArray) -> NDArray[np.bool_]:
+    def needed(self, given: RowParameters, bend: Callable[[], FloatArray]) -> NDArray[np.bool_]:
         """Return True for draws at which densities are too far from normal for rules about their modes, (draws,).
 
         Parameters
@@ -91,7 +91,7 @@ class Boxes:
         given
             Parameters.
         bend
-            Change of the raters' log densities by third and fourth derivatives, (draws,).
+            Returns the change of the raters' log densities by third and fourth derivatives, (draws,).
         """
         found = np.zeros(len(given.drive), dtype=bool)
         if self._closed.size and self.both.any():
@@ -101,7 +101,7 @@ class Boxes:
             part = given.part(found)
             low, high = innermost(part, self._first)
             common = (high - low > BOX * part.spread)[:, self.both].any(axis=1)
-            found[found] = common | (bend[found] > BENT)
+            found[found] = common | (bend()[found] > BENT)
         return found
 
     def log_density(

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri_exp
+from scipy.special import log_ndtr, ndtri_exp
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood import narrow_intervals, student
@@ -39,8 +39,12 @@ class ErrorLaw:
     normal_scores
         Normal score of errors (..., rows): the standard normal quantile at the error's cumulative probability (Dunn
         and Smyth, J. Comp. Graph. Stat. 5, 236, 1996). All checks of residuals can thus assume a normal distribution.
+    log_below
+        Log probability of smaller errors than these, (..., rows).
     log_density
         Log density of errors (..., rows).
+    log_peak
+        Log density of an error of 0; its last axis has length 1.
     slopes
         First derivatives of the density with respect to the error, each divided by the density; takes errors,
         parameters and the number of derivatives.
@@ -71,7 +75,9 @@ class ErrorLaw:
     needs: tuple[str, ...]
     draw: Callable[[np.random.Generator, tuple[int, ...], Any], FloatArray]
     normal_scores: Callable[[FloatArray, Any], FloatArray]
+    log_below: Callable[[FloatArray, Any], FloatArray]
     log_density: Callable[[FloatArray, Any], FloatArray]
+    log_peak: Callable[[Any], FloatArray]
     slopes: Callable[[FloatArray, Any, int], tuple[FloatArray, ...]]
     weight: Callable[[FloatArray, Any], FloatArray]
     kernel: Callable[[FloatArray, Any], FloatArray]
@@ -91,8 +97,16 @@ def _same(errors: FloatArray, parameters: Any) -> FloatArray:
     return errors
 
 
+def _log_normal_below(errors: FloatArray, parameters: Any) -> FloatArray:
+    return np.asarray(log_ndtr(errors))
+
+
 def _log_normal_density(errors: FloatArray, parameters: Any) -> FloatArray:
     return -0.5 * errors * errors - _LOG_ROOT_TWO_PI
+
+
+def _log_normal_peak(parameters: Any) -> FloatArray:
+    return np.full(1, -_LOG_ROOT_TWO_PI)
 
 
 def _normal_slopes(errors: FloatArray, parameters: Any, orders: int) -> tuple[FloatArray, ...]:
@@ -126,7 +140,7 @@ def _normal_ends(errors: FloatArray, parameters: Any, orders: int) -> tuple[Floa
 
 
 def _normal_averaged(errors: FloatArray, square: FloatArray | None, parameters: Any) -> tuple[FloatArray, ...]:
-    return narrow_intervals.normal(errors, np.zeros_like(errors) if square is None else square)
+    return narrow_intervals.averaged(errors, np.zeros_like(errors) if square is None else square)
 
 
 def _one(parameters: Any) -> FloatArray:
@@ -155,8 +169,16 @@ def _student_score(errors: FloatArray, parameters: Any) -> FloatArray:
     return student.normal_score(errors, _nu(parameters))
 
 
+def _log_student_below(errors: FloatArray, parameters: Any) -> FloatArray:
+    return student.log_below(errors, _nu(parameters))
+
+
 def _log_student_density(errors: FloatArray, parameters: Any) -> FloatArray:
     return student.log_density(errors, _nu(parameters))
+
+
+def _log_student_peak(parameters: Any) -> FloatArray:
+    return student.log_constant(_nu(parameters))
 
 
 def _student_slopes(errors: FloatArray, parameters: Any, orders: int) -> tuple[FloatArray, ...]:
@@ -174,7 +196,7 @@ def _student_slopes(errors: FloatArray, parameters: Any, orders: int) -> tuple[F
 
 
 def _student_averaged(errors: FloatArray, square: FloatArray | None, parameters: Any) -> tuple[FloatArray, ...]:
-    return narrow_intervals.student_t(errors, square, _nu(parameters))
+    return narrow_intervals.averaged(errors, square, _nu(parameters))
 
 
 def _student_weight(errors: FloatArray, parameters: Any) -> FloatArray:
@@ -250,9 +272,17 @@ def _gumbel_score(errors: FloatArray, parameters: Any) -> FloatArray:
     return np.asarray(ndtri_exp(-np.exp(-_gumbel(errors))))
 
 
+def _log_gumbel_below(errors: FloatArray, parameters: Any) -> FloatArray:
+    return np.asarray(-np.exp(-_gumbel(errors)))
+
+
 def _log_gumbel_density(errors: FloatArray, parameters: Any) -> FloatArray:
     z = _gumbel(errors)
     return np.log(GUMBEL_SD) - z - np.exp(-z)
+
+
+def _log_gumbel_peak(parameters: Any) -> FloatArray:
+    return _log_gumbel_density(np.zeros(1), parameters)
 
 
 def _gumbel_weight(errors: FloatArray, parameters: Any) -> FloatArray:
@@ -287,7 +317,9 @@ NORMAL = ErrorLaw(
     needs=(),
     draw=_draw_normal,
     normal_scores=_same,
+    log_below=_log_normal_below,
     log_density=_log_normal_density,
+    log_peak=_log_normal_peak,
     slopes=_normal_slopes,
     weight=_equal,
     kernel=_normal_kernel,
@@ -303,7 +335,9 @@ STUDENT = ErrorLaw(
     needs=("nu",),
     draw=_draw_student,
     normal_scores=_student_score,
+    log_below=_log_student_below,
     log_density=_log_student_density,
+    log_peak=_log_student_peak,
     slopes=_student_slopes,
     weight=_student_weight,
     kernel=_student_kernel,
@@ -328,7 +362,9 @@ GUMBEL = ErrorLaw(
     needs=(),
     draw=_draw_gumbel,
     normal_scores=_gumbel_score,
+    log_below=_log_gumbel_below,
     log_density=_log_gumbel_density,
+    log_peak=_log_gumbel_peak,
     slopes=_gumbel_slopes,
     weight=_gumbel_weight,
     kernel=_gumbel_kernel,

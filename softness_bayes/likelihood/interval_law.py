@@ -15,6 +15,7 @@ from scipy.special import log_ndtr, ndtr
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.interval_rule import LEAST, by_rule, in_any_draw
 from softness_bayes.likelihood.log_derivatives import derivatives_of_log
+from softness_bayes.likelihood.narrow_series import STEEPEST, WIDEST
 
 FloatArray = NDArray[np.float64]
 
@@ -24,10 +25,6 @@ with the first correction: a difference of two distribution functions would lose
 
 SINGLE_LEAST = 1e-30
 """Least probability, relative to the density at 0, that is computed in single precision."""
-
-WIDEST, STEEPEST = 0.45, 1.2
-"""Largest half-width of the intervals whose probability is a series (`narrow_intervals`), in the smooth length of the
-law, and largest square of the change of the log density over it."""
 
 FAR = 6.0
 """Normal score of both ends beyond which probabilities are computed from logarithms."""
@@ -130,6 +127,7 @@ def scaled_derivatives(
     parameters: Any,
     single: bool = False,
     orders: int = 4,
+    wide: bool = False,
 ) -> tuple[FloatArray, ...]:
     """Return the same as `derivatives`, with the expectation in units of the spread, and possibly fewer.
 
@@ -141,9 +139,11 @@ def scaled_derivatives(
         True to compute most probabilities in single precision: twice as fast, or more, with errors of about 1e-6. The
         third and fourth derivative are then left out where they are negligible, of narrow intervals and normal errors.
     orders
-        Number of derivatives, 4 or 6.
+        Number of derivatives: 2, 4 or 6.
+    wide
+        True for rows among which no series is tried, because their intervals are wide.
     """
-    served = orders == 4 and law.averaged is not None and not law.lapses
+    served = orders == 4 and not wide and law.averaged is not None and not law.lapses
     if served and (single or (law != NORMAL and (rows.low == rows.high).all())):
         found = _averaged(law, rows, expected, spread, parameters, single)
         if found is not None:
@@ -300,7 +300,7 @@ def _weighed(
 
     They are divided by the density at 0, and multiplied here by the exponential of a constant.
     """
-    constant = constant + law.log_density(np.zeros((*probability.shape[:-1], 1)), parameters)
+    constant = constant + law.log_peak(parameters)
     if not law.lapses:
         inverse = 1.0 / probability
         return [np.log(probability) + constant, *(part * inverse for part in slopes)]
@@ -320,7 +320,7 @@ def _beyond(
     lower = np.isinf(rows.low)
     side = np.where(lower, 1.0, -1.0)
     error = clipped((np.where(lower, rows.high, rows.low) - expected) / spread)
-    found = log_ndtr(side * law.normal_scores(error, parameters))
+    found = law.log_below(side * error, parameters)
     if not orders:
         return [found]
     ratio = law.log_density(error, parameters) - found

@@ -25,7 +25,7 @@ from softness_bayes.likelihood.group_conditionals import block_log_likelihood
 from softness_bayes.likelihood.interval_law import Rows
 from softness_bayes.likelihood.lapses import Lapses, RaterRange, WholeScale
 from softness_bayes.likelihood.magnitude import RatingModel
-from softness_bayes.likelihood.pieces import in_pieces
+from softness_bayes.likelihood.pieces import batch_shape, in_pieces, is_number, over_draws
 from softness_bayes.likelihood.quadrature import DENSE, DENSER, FAST, FINE, Quadrature, finer_than, quadrature_for
 from softness_bayes.likelihood.random_effects import Effects
 from softness_bayes.likelihood.rater_grids import below_rows, log_of_raters, log_of_rows
@@ -39,6 +39,7 @@ from softness_bayes.likelihood.walled_integrals import WalledIntegrals
 
 FloatArray = NDArray[np.float64]
 
+_OF_DRAWS = "tau", "varsigma", "omega", "nu", "lapse"  # parameters that the integrals use
 _LEAST_SPREAD = 1e-8
 _SEED = 0  # seed of the random shares of intervals at which residuals are taken
 
@@ -364,15 +365,16 @@ class IntervalRatings(RatingsLikelihood):
 
     def _given(self, mean_rate: FloatArray, parameters: RatingParameters) -> tuple[RowParameters, tuple[int, ...]]:
         """Return the parameters with one axis of draws, and their batch shape."""
-        drive = self.drive(mean_rate, parameters)[..., self._condition]
-        shape = np.broadcast_shapes(drive.shape[:-1], *(np.shape(v) for v in parameters))
-        flat = RatingParameters(*(np.broadcast_to(np.asarray(v, float), shape).ravel() for v in parameters))
+        drive = self.drive(mean_rate, parameters)
+        shape = batch_shape(drive.shape[:-1], parameters)
+        flat = RatingParameters(*(v if is_number(v) else over_draws(v, shape) for v in parameters))
         drive = np.broadcast_to(drive, (*shape, drive.shape[-1])).reshape(-1, drive.shape[-1])
-        spread = np.maximum(flat.varsigma, _LEAST_SPREAD)[:, None]
+        tau, varsigma, omega, nu, lapse = (over_draws(getattr(flat, name), drive.shape[:1]) for name in _OF_DRAWS)
+        drive = drive.T.take(self._condition, axis=0).T  # rows of draws are copied as a whole
+        spread = np.maximum(varsigma, _LEAST_SPREAD)[:, None]
         rows = self._rows_at(flat)
-        of_law = LawParameters(np.asarray(flat.nu), np.asarray(flat.lapse))
-        tau, omega = (np.asarray(v)[:, None] for v in (flat.tau, flat.omega))
-        return RowParameters(drive, tau, spread, of_law, rows, self._middle_of(rows, spread), omega), shape
+        own = LawParameters(nu, lapse), rows, self._middle_of(rows, spread)
+        return RowParameters(drive, tau[:, None], spread, *own, omega[:, None]), shape
 
     def _rows_at(self, parameters: RatingParameters) -> Rows:
         """Return every row's interval, sorted by rater; in this class independent of the parameters."""

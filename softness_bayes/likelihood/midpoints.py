@@ -15,19 +15,20 @@ FloatArray = NDArray[np.float64]
 _TINY_WEIGHT = 1e-30
 
 
-def weights(
-    law: ErrorLaw, rows: Rows, errors: FloatArray, spread: FloatArray, parameters: Any
-) -> tuple[FloatArray, FloatArray]:
+def weights(law: ErrorLaw, errors: FloatArray, parameters: Any, lapsed: Any = 0.0) -> tuple[FloatArray, FloatArray]:
     """Return the weights of observations in the most probable mean, and their curvatures over the weights.
 
     Intervals count as their midpoints. With lapses, the weight includes the probability that the row is not a lapse.
 
     Parameters
     ----------
-    law, rows, spread, parameters
+    law, parameters
         As for `interval_law.log_probability`.
     errors
         Errors in spreads, (..., rows), of any precision.
+    lapsed
+        Density of each row if it is a lapse, relative to that of an error of 0, times the share of lapses; of the same
+        shape.
 
     Returns
     -------
@@ -35,18 +36,22 @@ def weights(
         Minus the slope of the log density over the error, and minus its second derivative over the weight.
     """
     found = law.weight(errors, parameters)
-    square = errors * errors
     if not law.lapses:
-        # of Student's t, whose weight is (nu + 1) / (nu + u²)
-        nu = np.asarray(parameters.nu)[..., None]
-        return found, 1.0 - square * found * (2.0 / (nu + 1.0))
-    width = rows.high - rows.low
-    width = np.where((width > 0) & (width < np.inf), width, 1.0)
-    lapsed = (np.exp(rows.lapse) / width).astype(errors.dtype)
-    lapse = np.asarray(parameters.lapse)[..., None]
-    lapsed = lapsed * (lapse * spread * np.exp(-law.log_density(np.zeros(1), parameters))).astype(errors.dtype)
-    kept = (1.0 - lapse) * law.kernel(errors, parameters)
+        # of Student's t, whose weight is (1 + 1/nu) / (1 + u²/nu)
+        bend = found * (2.0 / (1.0 + 1.0 / np.asarray(parameters.nu)[..., None]))
+        bend -= 1.0
+        return found, bend
+    kept = (1.0 - np.asarray(parameters.lapse)[..., None]) * law.kernel(errors, parameters)
     kept += _TINY_WEIGHT  # a row that cannot be a lapse counts, however far away
-    lapsed += kept
-    share = np.divide(kept, lapsed, out=kept)
-    return found * share, 1.0 - (1.0 - share) * square
+    share = kept / (lapsed + kept)
+    bend = share - 1.0
+    bend *= errors
+    bend *= errors
+    bend += 1.0
+    return found * share, bend
+
+
+def lapse_density(rows: Rows) -> FloatArray:
+    """Return the density of every row if it is a lapse, 0 if it cannot be, of the shape of its interval's ends."""
+    width = rows.high - rows.low
+    return np.asarray(np.exp(rows.lapse) / np.where((width > 0) & (width < np.inf), width, 1.0))

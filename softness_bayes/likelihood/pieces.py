@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -19,9 +20,9 @@ memory of larger arrays is released and allocated anew at each operation, which 
 operation itself."""
 
 
-def blocks(draws: int, width: int) -> list[slice]:
-    """Return slices of the draws of about equal size, as few as fit into `BLOCK` with ``width`` numbers for each."""
-    size = max(1, BLOCK // max(width, 1))
+def blocks(draws: int, width: int, room: int = BLOCK) -> list[slice]:
+    """Return slices of the draws of about equal size, as few as fit into ``room`` with ``width`` numbers for each."""
+    size = max(1, room // max(width, 1))
     size = -(-draws // -(-draws // size)) if draws else size
     return [slice(first, min(first + size, draws)) for first in range(0, draws, size)]
 
@@ -35,6 +36,24 @@ def pieces(draws: int, width: int) -> list[slice]:
 def part_of(values: Any, piece: Any) -> Any:
     """Return a NamedTuple with its arrays (draws, ...) restricted to some draws; numbers are unchanged."""
     return type(values)(*(value if np.ndim(value) == 0 else np.asarray(value)[piece] for value in values))
+
+
+def is_number(value: Any) -> bool:
+    """Return True for a number, or an array without axes; faster than `numpy.ndim`."""
+    return not getattr(value, "shape", ())
+
+
+def over_draws(value: Any, shape: tuple[int, ...]) -> Array:
+    """Return a number or array for each of the draws of a batch shape, as one axis; without a copy where possible."""
+    if is_number(value):
+        return np.full(math.prod(shape), value, float)
+    found = np.asarray(value, float)
+    return (found if found.shape == shape else np.broadcast_to(found, shape)).ravel()
+
+
+def batch_shape(first: tuple[int, ...], values: Iterable[Any]) -> tuple[int, ...]:
+    """Return the common shape of a first one and of all values; numbers, which are most, have none."""
+    return np.broadcast_shapes(first, *(np.shape(value) for value in values if not is_number(value)))
 
 
 def in_pieces(work: Callable[[Array, Any], Array], width: int, mean_rate: Array, parameters: Any) -> Array:
@@ -51,13 +70,13 @@ def in_pieces(work: Callable[[Array, Any], Array], width: int, mean_rate: Array,
     parameters
         A NamedTuple of numbers and arrays of the batch shape (...).
     """
-    shape = np.broadcast_shapes(mean_rate.shape[:-1], *(np.shape(value) for value in parameters))
+    shape = batch_shape(mean_rate.shape[:-1], parameters)
     draws = int(np.prod(shape))
     parts = pieces(draws, width)
     if len(parts) <= 1:
         return work(mean_rate, parameters)
     rate = np.broadcast_to(mean_rate, (*shape, mean_rate.shape[-1])).reshape(draws, -1)
-    flat = type(parameters)(*(v if np.ndim(v) == 0 else np.broadcast_to(v, shape).ravel() for v in parameters))
+    flat = type(parameters)(*(v if is_number(v) else over_draws(v, shape) for v in parameters))
     first = work(rate[parts[0]], part_of(flat, parts[0]))
     found = np.empty((draws, first.shape[-1]))
     found[parts[0]] = first

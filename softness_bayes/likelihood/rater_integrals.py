@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -17,19 +18,16 @@ from numpy.typing import NDArray
 
 from softness_bayes.likelihood.box_integrals import POINTS, Boxes
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
-from softness_bayes.likelihood.interval_law import (
-    in_single,
-    log_probability,
-    of_rows,
-    scaled_derivatives,
-)
-from softness_bayes.likelihood.midpoints import weights
+from softness_bayes.likelihood.interval_law import log_probability, of_rows, scaled_derivatives
 from softness_bayes.likelihood.mu_nodes import draw_on, log_sum
+from softness_bayes.likelihood.narrow_rows import NarrowRows
 from softness_bayes.likelihood.pieces import blocks
 from softness_bayes.likelihood.quadrature import FAST, FINE, ROUGHLY, Quadrature, gauss_hermite, to_chebyshev
 from softness_bayes.likelihood.rater_grids import REACH, Part, law_of_others
-from softness_bayes.likelihood.rater_rows import RowParameters, WidthGroup, groups_by_width
-from softness_bayes.likelihood.scale_modes import ScaleModes, over_scales, series, taylor
+from softness_bayes.likelihood.rater_rows import Kept, RowParameters, WidthGroup, groups_by_width, of_two_kinds
+from softness_bayes.likelihood.row_columns import ROOM, in_columns
+from softness_bayes.likelihood.scale_modes import ScaleModes, over_scales, series
+from softness_bayes.likelihood.scale_starts import Start, Starts
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
@@ -55,9 +53,7 @@ HEADROOM = 1.0
 
 _STEPS = 12  # limit for Newton's method
 _LEAST_CURVATURE = 0.1  # in Newton steps, relative to that of as many normal errors
-_LEAST_BEND = 0.3  # in the first step, relative to the total weight
 _NO_CURVATURE = 0.002  # same ratio, for the normal approximation about the mode
-_NO_WEIGHT = 1e-3  # replaces the total weight 0 of a rater without narrow intervals as a divisor
 _LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 
 
@@ -100,15 +96,18 @@ class RaterIntegrals:
         self.count = self.sizes.astype(float)
         self._boxes = Boxes(self.first, *ends)
         self._groups = groups_by_width(rater, width, times)
-        # in the start an interval counts as its midpoint, unless an end is infinite
+        # where a search starts an interval counts as its midpoint, unless an end is infinite
         closed = np.isfinite(width)
-        self._open = [group for group in self._groups if not closed[group.rows].any()]
         self.widest = float(width.max(initial=0.0, where=closed))
-        self._certain = np.where(closed, 1.0 / (1.0 + np.where(closed, width, 0.0) ** 2), 0.0)
-        self.weight = weight * self._certain
+        certain = np.where(closed, 1.0 / (1.0 + np.where(closed, width, 0.0) ** 2), 0.0)
+        self.weight = weight * certain
         """Weight of each row's midpoint where a search starts; 0 if an end is infinite."""
-        self._weighed, self._times = self.of_raters(self.weight), times
-        self.walled = np.flatnonzero(self._weighed == 0.0)
+        self.walled = np.flatnonzero(self.of_raters(self.weight) == 0.0)
+        self._times, self._closed, self._exact = times, closed, bool((width == 0.0).all())
+        self._some: Kept[list[WidthGroup]] = Kept()
+        self._columns = in_columns(rater, times)
+        self._narrow = NarrowRows(law, self._columns)
+        self._starts = Starts(law, self._columns, self.weight, certain, of_two_kinds(rater, closed, ~closed, times))
         self._orders = 6 if law.lapses else 4
 
     def of_raters(self, values: FloatArray) -> FloatArray:
@@ -131,102 +130,106 @@ class RaterIntegrals:
         single
             True for the expansion of the integrals themselves, in single precision where that is enough.
         """
-        a, orders = self._start(given), self._orders if single else 4
+        orders = self._orders if single else 4
         single = single and given.in_single(self.law, self.widest)
-        at, slopes, active = a.copy(), self._slopes(given, a, single=single, orders=orders), np.arange(len(a))
+        start = self._starts.near(self, given, single)
+        a, slopes = start.a.copy(), self._slopes_near(given, start.a, start, single, orders)
         step = self._steepest(given, a, slopes)
+        moved = (np.abs(step.a - a) / step.width).max(axis=-1) > settled
+        if not (moved.any() or self.walled.size) and (step.curvature == -slopes[2]).all():
+            return step
+        at, active = start.a, np.arange(len(a))
         for _ in range(_STEPS - 1):
-            moved = (np.abs(step.a - a[active]) / step.width).max(axis=-1) > settled
             if not moved.any():
                 break
             a[active] = step.a
             active = active[moved]
             part, at[active] = given.part(active), a[active]
-            slopes[:, active] = self._slopes(part, a[active], single=single, orders=orders)
+            slopes[:, active] = self._slopes_near(part, a[active], start.part(active), single, orders)
             step = self._steepest(part, a[active], slopes[:, active])
+            moved = (np.abs(step.a - a[active]) / step.width).max(axis=-1) > settled
         return self._about(given, at, slopes)
 
     def _about(self, given: RowParameters, at: FloatArray, slopes: FloatArray) -> ScaleModes:
         """Return the modes, given l_p and its derivatives at points near them."""
         curvature = np.maximum(-slopes[2], _NO_CURVATURE * self.count / given.spread**2)
-        return self._step(given, at, slopes[1], curvature)._replace(at=at, slopes=tuple(slopes))
+        return self.step(given, at, slopes[1], curvature, tuple(slopes))
 
-    def _slopes(
+    def _slopes_near(self, given: RowParameters, a: FloatArray, start: Start, single: bool, orders: int) -> FloatArray:
+        """Return the same as `_slopes`, with narrow intervals by their series."""
+        served = orders == 4 and self.law.averaged is not None and not self.law.lapses
+        if not served or not (single or (self._exact and self.law != NORMAL)):
+            return self._slopes(given, a, single, orders)
+        found = np.empty((1 + orders, *a.shape))
+        for block in blocks(len(a), self._columns.rows.size, ROOM):
+            part, here = given.part(block), a[block]
+            narrow = self._narrow.slopes(part, start.part(block), here)
+            if narrow is None:
+                found[:, block] = self._slopes(part, here, single)
+                continue
+            each, others = narrow
+            if others.any():
+                groups = self._some(others, partial(of_two_kinds, self.rater, self._closed, others, self._times))
+                self._add_slopes(each, part, here, groups, single, wide=True)
+            found[:, block] = each / _powers(part.spread, orders)
+        return found
+
+    def _slopes(self, given: RowParameters, a: FloatArray, single: bool = False, orders: int = 4) -> FloatArray:
+        """Return l_p and its first derivatives at a_p (draws, raters), shape (1 + orders, draws, raters)."""
+        found = np.zeros((1 + orders, *a.shape))
+        self._add_slopes(found, given, a, self._groups, single)
+        found /= _powers(of_rows(given.spread, self.first), orders)
+        return found
+
+    def _add_slopes(
         self,
+        found: FloatArray,
         given: RowParameters,
         a: FloatArray,
-        groups: Sequence[WidthGroup] | None = None,
-        single: bool = False,
-        law: ErrorLaw | None = None,
-        orders: int = 4,
-    ) -> FloatArray:
-        """Return l_p and its first derivatives at a_p (draws, raters), shape (1 + orders, draws, raters)."""
-        law = law or self.law
-        found = np.zeros((1 + orders, *a.shape))
-        for group in self._groups if groups is None else groups:
+        groups: Sequence[WidthGroup],
+        single: bool,
+        wide: bool = False,
+    ) -> None:
+        """Add the value and its derivatives with respect to a_p in spreads, for groups of rows."""
+        for group in groups:
             for block in blocks(len(a), group.size):
                 part = given.part(block)
                 expected = group.of_rows(a[block])
                 expected += part.drive[:, group.rows]
                 rows, spread = part.rows.take(group.rows), of_rows(part.spread, group.rows)
-                each = scaled_derivatives(law, rows, expected, spread, part.parameters, single, orders)
-                for k, own in enumerate(each):
-                    found[k][block, group.raters] += group.of_raters(own, exactly=k == 0)
-        found /= of_rows(given.spread, self.first) ** np.arange(1 + orders)[:, None, None]
-        return found
+                orders = len(found) - 1
+                each = scaled_derivatives(self.law, rows, expected, spread, part.parameters, single, orders, wide)
+                found[: len(each), block, group.raters] += group.sums(each)
 
     def _steepest(self, given: RowParameters, a: FloatArray, slopes: FloatArray) -> ScaleModes:
         """Return a Newton step, for l_p that far from its mode may not be concave if errors have heavy tails."""
         least = self.least_curvature(given, a, slopes[1])
-        return self._step(given, a, slopes[1], np.maximum(-slopes[2], least))
+        return self.step(given, a, slopes[1], np.maximum(-slopes[2], least), tuple(slopes))
 
     def least_curvature(self, given: RowParameters, a: FloatArray, slope: FloatArray) -> FloatArray:
         """Return the smallest curvature of l_p for a Newton step from a_p, given its slope there, (draws, raters)."""
         return np.asarray(_LEAST_CURVATURE * self.count / given.spread**2)
 
-    def _step(self, given: RowParameters, a: FloatArray, slope: FloatArray, curvature: FloatArray) -> ScaleModes:
+    def step(
+        self,
+        given: RowParameters,
+        a: FloatArray,
+        slope: FloatArray,
+        curvature: FloatArray,
+        slopes: tuple[FloatArray, ...] = (),
+    ) -> ScaleModes:
         """Return the mode of all scales and the level for quadratic l_p of that slope and curvature at a_p."""
         prior, variance = self.sd**-2.0, given.tau**2
         pull = slope + curvature * a
         shrink = 1.0 / (1.0 + variance * curvature)
         precision = prior + (shrink * curvature).sum(axis=-1, keepdims=True)
         mu = (self.mean * prior + (shrink * pull).sum(axis=-1, keepdims=True)) / precision
-        return ScaleModes(a, (), shrink * (mu + variance * pull), pull, curvature, shrink, mu, precision**-0.5)
-
-    def _start(self, given: RowParameters) -> FloatArray:
-        """Return points near the modes: midpoints of intervals first, then with those that have one end added."""
-        left = given.middle - given.drive
-        mean = self.of_raters(self.weight * left) / np.maximum(self._weighed, _NO_WEIGHT)
-        slope, curvature = np.zeros(mean.shape), self._weighed / given.spread**2
-        start = self._step(given, mean, slope, curvature).a
-        if self.law != NORMAL:
-            certain = in_single(self._certain)
-            for block in blocks(len(start), self.rater.size):
-                part = given.part(block)
-                error = left[block] - np.repeat(start[block], self.sizes, axis=-1)
-                error = in_single(np.divide(error, part.spread, out=error))
-                weight, bend = weights(self.law, part.rows, error, part.spread, part.parameters.single())
-                weight *= certain
-                bend *= weight
-                error *= weight
-                total, pull, bent = (np.add.reduceat(one, self.first, axis=-1) for one in (weight, error, bend))
-                slope[block] = pull / part.spread
-                curvature[block] = np.maximum(bent, _LEAST_BEND * total) / part.spread**2
-        else:
-            slope = curvature * (mean - start)
-        if self._open:
-            # the normal law is near enough here, and faster
-            _, steep, bend, _, _ = self._slopes(given, start, self._open, law=NORMAL)
-            curvature = curvature + np.maximum(-bend, 0.0)
-            own = self.walled  # raters without other rows
-            curvature[:, own] = np.maximum(curvature, self.least_curvature(given, start, steep))[:, own]
-            slope = slope + steep
-        return self._step(given, start, slope, curvature).a
+        return ScaleModes(a, slopes, shrink * (mu + variance * pull), pull, curvature, shrink, mu, precision**-0.5)
 
     def log_density(self, given: RowParameters, quadrature: Quadrature) -> FloatArray:
         """Return the log density of all rows, shape (draws,)."""
         modes, few = self.modes(given, quadrature.settled, quadrature == FAST), quadrature.points == 0
-        boxed, truncation = self._boxes.needed(given, modes.bend), modes.truncation
+        boxed, truncation = self._boxes.needed(given, lambda: modes.bend), modes.truncation
         six = few & (truncation > FOUR) & (self._orders < 6)
         rough = few & (truncation > (FOUR if self.walled.size else SIX)) & ~boxed
         if not (boxed.any() or rough.any() or six.any()):
@@ -277,8 +280,8 @@ class RaterIntegrals:
         if quadrature.points or self.walled.size:
             each = self.at_levels(given, modes, self.curve(given, modes, quadrature), level, quadrature).sum(axis=-1)
         else:
-            expanded = over_scales(modes, given.tau, quadrature.scales, given.in_single(self.law, self.widest))
-            each = taylor(expanded, modes.sd * x)
+            single = given.in_single(self.law, self.widest)
+            each = over_scales(modes, given.tau, quadrature.levels, quadrature.scales, single)
         if not quadrature.points:
             each = each + self._sixth(given, modes)
         terms = each + self.log_prior(level) + log_weight + np.log(modes.sd)
@@ -387,3 +390,8 @@ class RaterIntegrals:
         zeta = centre[..., None] + x * np.sqrt(modes.shrink)[..., None]
         value = curve(mu[..., None] + given.tau[..., None] * zeta) - 0.5 * zeta**2
         return np.concatenate([mu, given.tau * draw_on(rng, zeta, value)], axis=-1)
+
+
+def _powers(spread: FloatArray, orders: int) -> FloatArray:
+    """Return powers of a spread (draws, ...) from 0 on, (1 + orders, draws, ...)."""
+    return np.cumprod([np.ones_like(spread), *[spread] * orders], axis=0)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol, Self
+from collections.abc import Callable, Sequence
+from typing import Any, Generic, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from softness_bayes.likelihood.interval_law import Rows, in_single
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
+T = TypeVar("T")
 
 WIDE = 0.6
 """Width of intervals, as a difference of logs, beyond which their midpoints are a poor approximation."""
@@ -25,6 +27,7 @@ TINY = 1e-4
 NEARLY_NORMAL = 1.0 - 1e-4
 """Smooth length of a law from which it is computed in double precision, as its limit, the normal law."""
 
+_MOST_KNOWN = 100  # results
 _WIDTHS = 1e-12, 0.25, WIDE, 1e300  # limits between groups: exact numbers, intervals, half-open intervals
 
 
@@ -98,6 +101,8 @@ class RowParameters(NamedTuple):
 
     def part(self, piece: Any) -> RowParameters:
         """Return some of the draws."""
+        if isinstance(piece, slice) and piece == slice(0, len(self.drive)):
+            return self
         of, middle = self.parameters, self.middle
         return RowParameters(
             self.drive[piece],
@@ -139,6 +144,10 @@ class WidthGroup(NamedTuple):
         values = values if self.times is None else values * self.times.astype(values.dtype)
         return np.add.reduceat(values, self.first, axis=-1, dtype=float if exactly else None)
 
+    def sums(self, values: Sequence[FloatArray]) -> FloatArray:
+        """Return `of_raters` of several values, shape (values, ..., raters), the first of them exactly."""
+        return np.stack([self.of_raters(one, exactly=k == 0) for k, one in enumerate(values)])
+
 
 def groups_by_width(rater: IndexArray, width: FloatArray, times: FloatArray) -> list[WidthGroup]:
     """Return groups of rows with intervals of similar width; rows with multiplicity 0 are omitted.
@@ -162,6 +171,39 @@ def groups_by_width(rater: IndexArray, width: FloatArray, times: FloatArray) -> 
         group = group._replace(rows=slice(None)) if rows.size == rater.size else group
         found.append(group._replace(raters=slice(None)) if raters.size == rater[-1] + 1 else group)
     return found
+
+
+class Kept(Generic[T]):
+    """Results for sets of rows, which are kept for further use."""
+
+    def __init__(self) -> None:
+        self._known: dict[bytes, T] = {}
+
+    def __call__(self, chosen: NDArray[np.bool_], make: Callable[[], T]) -> T:
+        """Return the result for chosen rows, given by a mask of shape (rows,); `make` computes a new one."""
+        key = chosen.tobytes()
+        if key not in self._known:
+            if len(self._known) > _MOST_KNOWN:
+                self._known.clear()
+            self._known[key] = make()
+        return self._known[key]
+
+
+def of_two_kinds(
+    rater: IndexArray, closed: NDArray[np.bool_], chosen: NDArray[np.bool_], times: FloatArray
+) -> list[WidthGroup]:
+    """Return groups of chosen rows: those whose intervals have two finite ends, and others.
+
+    Parameters
+    ----------
+    rater, times
+        As for `groups_by_width`.
+    closed
+        True for rows with two finite ends, shape (rows,).
+    chosen
+        True for chosen rows.
+    """
+    return groups_by_width(rater, np.where(closed, WIDE, np.inf), np.where(chosen, times, 0.0))
 
 
 def times_of(*keys: FloatArray | IndexArray) -> FloatArray:

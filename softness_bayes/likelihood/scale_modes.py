@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +21,8 @@ FloatArray = NDArray[np.float64]
 _LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 
 
-class ScaleModes(NamedTuple):
+@dataclass(frozen=True)
+class ScaleModes:
     """The joint mode of all raters' scales and the level, and the normal approximation about it."""
 
     at: FloatArray
@@ -43,9 +46,9 @@ class ScaleModes(NamedTuple):
 
     def part(self, piece: Any) -> ScaleModes:
         """Return some of the draws."""
-        at, slopes, *others, tables = self
-        part = ScaleModes(at[piece], tuple(one[piece] for one in slopes), *(one[piece] for one in others))
-        return part if tables is None else part._replace(tables=tables.part(piece))
+        parts = {name: getattr(self, name)[piece] for name in ("at", "a", "pull", "curvature", "shrink", "mu", "sd")}
+        tables = None if self.tables is None else self.tables.part(piece)
+        return ScaleModes(slopes=tuple(one[piece] for one in self.slopes), tables=tables, **parts)
 
     @property
     def bend(self) -> FloatArray:
@@ -71,7 +74,7 @@ class ScaleModes(NamedTuple):
         higher = (np.abs(self.slopes[3]) + np.abs(self.slopes[4]) * width) * (width * width * width)
         return np.asarray(np.square(higher * (1.0 + 0.5 * moved)).sum(axis=-1))
 
-    @property
+    @cached_property
     def width(self) -> FloatArray:
         """Standard deviation of a_p, the level's included, shape (draws, raters)."""
         return np.sqrt((1.0 - self.shrink) / np.maximum(self.curvature, 1e-300) + (self.shrink * self.sd) ** 2)
@@ -89,11 +92,14 @@ def taylor(derivatives: Sequence[FloatArray], t: FloatArray, order: int = 0) -> 
     order
         Order of the derivative.
     """
-    *others, last = (part / math.factorial(k) for k, part in enumerate(derivatives[order:]))
-    found = np.broadcast_to(last, t.shape)
-    for part in reversed(others):
-        found = found * t
+    last, *others = [part / math.factorial(k) if k > 1 else part for k, part in enumerate(derivatives[order:])][::-1]
+    if not others:
+        return np.broadcast_to(last, t.shape)
+    found = last * t
+    for part in others[:-1]:
         found += part
+        found *= t
+    found += others[-1]
     return found
 
 
@@ -108,10 +114,47 @@ def series(modes: ScaleModes) -> Callable[[FloatArray], FloatArray]:
     return evaluate
 
 
-def over_scales(modes: ScaleModes, tau: FloatArray, scales: int, single: bool = False) -> list[FloatArray]:
-    """Return the sums over all raters of `each_over_scales`, each (draws, 1)."""
-    every = each_over_scales(modes, tau, scales, single)
-    return [part.sum(axis=-1, keepdims=True, dtype=float) for part in every]
+def over_scales(modes: ScaleModes, tau: FloatArray, levels: int, scales: int, single: bool = False) -> FloatArray:
+    """Return the sum of all raters' log densities, their scales integrated out, at nodes of the level (draws, levels).
+
+    Parameters
+    ----------
+    modes
+        The modes.
+    tau
+        Spread of the raters' scales, shape (draws, 1).
+    levels, scales
+        Numbers of nodes of the level and of each scale.
+    single
+        True for single precision, with errors of about 1e-6.
+    """
+    # long inner axes are faster: nodes come first, then those of the level, then draws and raters
+    (x, log_weight), shrink = gauss_hermite(scales), modes.shrink
+    up = (modes.sd * gauss_hermite(levels)[0]).T[:, :, None]
+    own = tau * shrink * modes.curvature
+    centre, away = tau * shrink * modes.pull - own * (modes.mu + up), up + (modes.mu - modes.at)
+    at_mode, *slopes = (part / math.factorial(k) for k, part in enumerate(modes.slopes))
+    root, wide = np.sqrt(shrink), tau
+    if single:
+        each = (in_single(one) for one in (x, log_weight, centre, away, root, wide, *slopes))
+        x, log_weight, centre, away, root, wide, *slopes = each
+    zeta = (x[:, None, None] * root)[:, None] + centre
+    d = wide * zeta
+    d += away
+    value = d * slopes[-1]
+    for slope in slopes[-2::-1]:
+        value += slope
+        value *= d
+    zeta *= zeta
+    zeta *= 0.5
+    value -= zeta
+    value += log_weight[:, None, None, None]
+    largest = value.max(axis=0)
+    value -= largest
+    total = np.log(np.exp(value, out=value).sum(axis=0))
+    total += largest
+    of_raters = at_mode + 0.5 * np.log(shrink) - _LOG_ROOT_TWO_PI
+    return total.sum(axis=-1, dtype=float).T + of_raters.sum(axis=-1, keepdims=True)
 
 
 def each_over_scales(modes: ScaleModes, tau: FloatArray, scales: int, single: bool = False) -> list[FloatArray]:
@@ -138,13 +181,17 @@ def each_over_scales(modes: ScaleModes, tau: FloatArray, scales: int, single: bo
     """
     # long inner axes are faster: nodes come first
     x, log_weight = (one[:, None, None] for one in gauss_hermite(scales))
-    shrink = modes.shrink
-    own = tau * shrink * modes.curvature
-    zeta = tau * shrink * modes.pull - own * modes.mu + np.sqrt(shrink) * x
-    d = tau * zeta + (modes.mu - modes.at)
     at_mode, *slopes = modes.slopes
+    own = tau * modes.shrink * modes.curvature
+    centre, away, root = tau * modes.shrink * modes.pull - own * modes.mu, modes.mu - modes.at, np.sqrt(modes.shrink)
+    shrink, wide = modes.shrink, tau
     if single:
-        shrink, own, zeta, d, log_weight, *slopes = (in_single(v) for v in (shrink, own, zeta, d, log_weight, *slopes))
+        each = (in_single(one) for one in (x, log_weight, centre, away, root, shrink, wide, own, *slopes))
+        x, log_weight, centre, away, root, shrink, wide, own, *slopes = each
+    zeta = root * x
+    zeta += centre
+    d = wide * zeta
+    d += away
     slopes = [np.zeros(1, d.dtype), *slopes]
     value, slope, bend, skew, curl = (taylor(slopes, d, order) for order in range(5))
     value += log_weight
@@ -154,9 +201,6 @@ def each_over_scales(modes: ScaleModes, tau: FloatArray, scales: int, single: bo
     weight = np.exp(value, out=value)
     total = weight.sum(axis=0)
     weight /= total
-
-    def mean(values: FloatArray) -> FloatArray:
-        return np.einsum("k...,k...->...", weight, values)
 
     slope *= shrink
     slope += own * zeta

@@ -12,7 +12,7 @@ from functools import cache
 import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import gammaln, ndtri_exp, stdtr
+from scipy.special import betaln, log_ndtr, ndtri_exp, stdtr
 
 FloatArray = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ REACH = 10.0
 
 _HALF_WAY = 4.0  # value of z at the midpoint of the series' variable
 _ORDERS = 40, 20  # numbers of terms in 1/nu and in z
-_NEARLY_INFINITE = 1e15
+_FEW = 500  # errors for which SciPy's distribution function is faster than the series
 _LARGE = 100.0  # degrees of freedom beyond which the constant of the density comes from Stirling's series
 
 _LOG_ROOT_TWO_PI = 0.5 * np.log(2.0 * np.pi)
@@ -34,7 +34,9 @@ def log_constant(nu: ArrayLike) -> FloatArray:
     """Return log of the density at 0, shape of `nu`; for infinite `nu`, that of the normal law."""
     nu = np.asarray(nu, float)
     small = np.minimum(nu, _LARGE)
-    exact = gammaln(0.5 * (small + 1.0)) - gammaln(0.5 * small) - 0.5 * np.log(np.pi * small)
+    exact = -betaln(0.5 * small, 0.5) - 0.5 * np.log(small)
+    if not nu.size or nu.max() < _LARGE:
+        return np.asarray(exact)
     w = 1.0 / np.maximum(nu, _LARGE)
     series = -_LOG_ROOT_TWO_PI - w / 4.0 + w**3 / 24.0 - w**5 / 20.0
     return np.where(nu < _LARGE, exact, series)
@@ -78,19 +80,24 @@ def normal_score(u: FloatArray, nu: FloatArray) -> FloatArray:
     return np.copysign(correction, u)
 
 
+def log_below(u: FloatArray, nu: FloatArray) -> FloatArray:
+    """Return the log probability below `u`, of whose shape `nu` is but for its last axis, of length 1."""
+    if u.size <= _FEW:
+        with np.errstate(divide="ignore"):
+            found = np.log(stdtr(nu, u))
+        if np.isfinite(found).all():
+            return np.asarray(found)
+    return np.asarray(log_ndtr(normal_score(u, nu)))
+
+
 def sixth_over_fourth(nu: FloatArray) -> FloatArray:
     """Return the ratio of the expected sixth derivative of the log density to the expected fourth, shape of `nu`.
 
     The derivatives of log(1 + u²/nu) are polynomials of p = 1/(1 + u²/nu), by way of the complex logarithm. Under the
-    law itself, p has a beta distribution with parameters nu/2 and 1/2, whose moments are products.
+    law itself, p has a beta distribution with parameters nu/2 and 1/2, whose moments are products of ratios.
     """
-    nu = np.minimum(np.asarray(nu, float), _NEARLY_INFINITE)
-    moment, found = np.ones_like(nu), []
-    for k in range(7):
-        found.append(moment)
-        moment = moment * (nu + 2.0 * k) / (nu + 1.0 + 2.0 * k)
-    sixth = 32.0 * found[6] - 48.0 * found[5] + 18.0 * found[4] - found[3]
-    return np.asarray(-20.0 / nu * sixth / (8.0 * (found[4] - found[3]) + found[2]))
+    t = 1.0 / np.asarray(nu, float)
+    return -20.0 * t * (1.0 + 4.0 * t) * (1.0 + 5.0 * t) / ((1.0 + 9.0 * t) * (1.0 + 11.0 * t))
 
 
 @cache

@@ -38,7 +38,7 @@ KINDS: tuple[tuple[ErrorLaw, float], ...] = (
 )
 """Error law, and step of the grid of numbers."""
 
-REPEATS, TURN = 60, 10
+REPEATS, TURN = 300, 10
 """Calls of each likelihood, of which the fastest counts, and successive ones."""
 
 NEAR, FAR, DRAWS, DISTANCE = 20, 30, 1500, 300.0

@@ -12,6 +12,7 @@ from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
 from softness_bayes.likelihood.intervals import IntervalModel, SliderModel
 from softness_bayes.likelihood.quadrature import DENSE, FINEST
 from softness_bayes.likelihood.rater_integrals import RaterIntegrals
+from softness_bayes.likelihood.scale_starts import Starts
 from softness_bayes.likelihood.stated import Stated
 from softness_bayes.likelihood.walled_integrals import Resolution, WalledIntegrals, Walls
 from softness_bayes.tools.model_ranks import laboratory
@@ -135,14 +136,14 @@ def test_search_from_far_beyond_a_wall(monkeypatch):
     assert (expected < 0.0).all()  # probabilities of whole numbers
     assert_allclose(observed.log_likelihood(*given), expected, atol=3e-4)
     assert_allclose(observed.finer().log_likelihood(*given), expected, atol=3e-4)
-    begin = RaterIntegrals._start
+    begin = Starts.near
 
-    def far_off(self, given):
-        found = begin(self, given)
-        found[:, self.walled] = -2900.0
+    def far_off(self, steps, given, single):
+        found = begin(self, steps, given, single)
+        found.a[:, steps.walled] = -2900.0
         return found
 
-    monkeypatch.setattr(WalledIntegrals, "_start", far_off)
+    monkeypatch.setattr(Starts, "near", far_off)
     assert_allclose(observed.log_likelihood(*given), expected, atol=3e-4)
     # negative control: the curvature that is assumed of other raters
     monkeypatch.setattr(WalledIntegrals, "least_curvature", RaterIntegrals.least_curvature)

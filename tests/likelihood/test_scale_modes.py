@@ -1,5 +1,7 @@
 """The expansion of raters' log densities, its error and its limits; the midpoints from which the search starts."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -7,10 +9,10 @@ from numpy.testing import assert_allclose
 from softness_bayes.likelihood import rater_integrals
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
 from softness_bayes.likelihood.interval_law import Rows, scaled_derivatives
-from softness_bayes.likelihood.midpoints import weights
-from softness_bayes.likelihood.quadrature import FAST, FINE
+from softness_bayes.likelihood.midpoints import lapse_density, weights
+from softness_bayes.likelihood.quadrature import FAST, FINE, gauss_hermite
 from softness_bayes.likelihood.rater_rows import LawParameters
-from softness_bayes.likelihood.scale_modes import over_scales, series, taylor
+from softness_bayes.likelihood.scale_modes import each_over_scales, over_scales, series, taylor
 from support.interval_tables import table
 
 LAWS = NORMAL, STUDENT, LAPSES
@@ -36,12 +38,22 @@ def test_derivatives_in_the_level_are_those_of_sums_at_levels(many):
     observed, given, modes, _ = many
     levels = modes.mu + modes.sd * np.linspace(-2.0, 2.0, 9)
     each = observed._integrals.at_levels(given, modes, series(modes), levels, FAST).sum(axis=-1)
-    expanded = over_scales(modes, given.tau, FAST.scales)
+    expanded = [part.sum(axis=-1, keepdims=True) for part in each_over_scales(modes, given.tau, FAST.scales)]
     assert_allclose(taylor(expanded, levels - modes.mu), each, atol=2e-3)
     # without its fourth and third derivative the expansion would be noticed
     for kept in (4, 3):
         lost = np.abs(taylor(expanded[:kept], levels - modes.mu) - each).max()
         assert lost > 5.0 * np.abs(taylor(expanded, levels - modes.mu) - each).max(), kept
+
+
+def test_sums_over_scales_are_those_at_levels(many):
+    observed, given, modes, _ = many
+    x, _ = gauss_hermite(FAST.levels)
+    each = observed._integrals.at_levels(given, modes, series(modes), modes.mu + modes.sd * x, FAST).sum(axis=-1)
+    double, single = (over_scales(modes, given.tau, FAST.levels, FAST.scales, how) for how in (False, True))
+    assert_allclose(double, each, rtol=1e-12)
+    assert_allclose(single, each, atol=1e-4)
+    assert np.abs(single - each).max() > 1e-9  # the precision is in fact lower
 
 
 def test_raters_far_from_normal_need_more_than_four_derivatives(monkeypatch):
@@ -64,7 +76,11 @@ def test_weights_at_midpoints_are_slopes_and_curvatures_of_exact_numbers(law):
     error = np.linspace(-6.0, 6.0, 49)[None]
     spread, parameters = np.array([[0.4]]), LawParameters(np.array([3.3]), np.array([0.05]))
     rows = Rows(np.zeros(49), np.zeros(49), np.full(49, -2.0))
-    weight, curvature = weights(law, rows, error, spread, parameters)
+    lapsed = 0.0
+    if law.lapses:
+        at_zero = np.exp(law.log_density(np.zeros(1), parameters)) / spread
+        lapsed = np.broadcast_to(parameters.lapse * lapse_density(rows) / at_zero, error.shape)
+    weight, curvature = weights(law, error, parameters, lapsed)
     _, slope, bend, *_ = scaled_derivatives(law, rows, -0.4 * error, spread, parameters)
     assert_allclose(weight * error, slope, atol=1e-12)
     assert_allclose(weight * curvature, -bend, atol=1e-12)
@@ -78,7 +94,7 @@ def test_the_search_starts_near_the_modes(law):
         given, _ = observed._given(rate, points)
         integrals = observed._integrals
         modes = integrals.modes(given, 1e-3)
-        distance = np.abs(integrals._start(given) - modes.a) / modes.width
+        distance = np.abs(integrals._starts.near(integrals, given, single=True).a - modes.a) / modes.width
         assert np.median(distance) < usual
         assert distance.max() < 2.0
 
@@ -114,5 +130,5 @@ def test_the_sixth_derivative_is_estimated_from_the_fourth(monkeypatch):
 
 def test_only_laws_with_heavy_tails_have_an_estimate(many):
     observed, given, modes, _ = many
-    four = modes._replace(slopes=modes.slopes[:5])
+    four = replace(modes, slopes=modes.slopes[:5])
     assert np.any(observed._integrals._sixth(given, four)) == (observed.model.law is STUDENT)

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import norm, t
 
-from softness_bayes.likelihood.student import LEAST, log_density, normal_score, sixth_over_fourth
+from softness_bayes.likelihood.student import LEAST, log_below, log_density, normal_score, sixth_over_fourth
 
 ERRORS = np.concatenate([np.linspace(-9.0, 9.0, 181), [-40.0, 33.0, 1e3]])
 
@@ -53,3 +53,14 @@ def test_expected_sixth_derivative_over_the_fourth(nu):
 
 def test_the_normal_law_has_no_sixth_derivative():
     assert_allclose(sixth_over_fourth(np.array([1e9, np.inf])), 0.0, atol=1e-7)
+
+
+@pytest.mark.parametrize("nu", [LEAST, 2.0, 12.0, 99.0, 1e4, 1e12])
+def test_log_probability_below_is_that_of_scipy(nu):
+    """Of few errors by SciPy's distribution function, unless it underflows, and of many by normal scores."""
+    near = ERRORS[np.abs(ERRORS) < 8.0]
+    expected = np.log(t.cdf(near, nu))
+    few, many = (log_below(np.tile(near, count), np.array([nu]))[: near.size] for count in (1, 9))
+    assert_allclose(few, expected, rtol=1e-9, atol=1e-14)
+    assert_allclose(many, expected, rtol=3e-5, atol=1e-6)
+    assert np.isfinite(log_below(np.array([-1e40, -300.0, 0.0]), np.array([nu]))).all()
