@@ -140,7 +140,7 @@ def _normal_ends(errors: FloatArray, parameters: Any, orders: int) -> tuple[Floa
 
 
 def _normal_averaged(errors: FloatArray, square: FloatArray | None, parameters: Any) -> tuple[FloatArray, ...]:
-    return narrow_intervals.averaged(errors, np.zeros_like(errors) if square is None else square)
+    return narrow_intervals.averaged(errors, square)
 
 
 def _one(parameters: Any) -> FloatArray:

@@ -15,7 +15,7 @@ from scipy.special import log_ndtr, ndtr
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.interval_rule import LEAST, by_rule, in_any_draw
 from softness_bayes.likelihood.log_derivatives import derivatives_of_log
-from softness_bayes.likelihood.narrow_series import STEEPEST, WIDEST
+from softness_bayes.likelihood.narrow_series import STEEPEST
 
 FloatArray = NDArray[np.float64]
 
@@ -25,6 +25,10 @@ with the first correction: a difference of two distribution functions would lose
 
 SINGLE_LEAST = 1e-30
 """Least probability, relative to the density at 0, that is computed in single precision."""
+
+ROWS_WIDEST = 0.45
+"""Largest half-width of intervals for which each row's probability is a series (`narrow_intervals`), in the smooth
+length of the law. It is smaller than `narrow_series.WIDEST`, because normal errors have only two derivatives here."""
 
 FAR = 6.0
 """Normal score of both ends beyond which probabilities are computed from logarithms."""
@@ -167,11 +171,11 @@ def _averaged(
 ) -> tuple[FloatArray, ...] | None:
     """Return `scaled_derivatives` by the series of narrow intervals, and those of wider ones by the other methods.
 
-    None if most intervals are wider than `WIDEST`.
+    None if most intervals are wider than `ROWS_WIDEST`.
     """
     assert law.averaged is not None
     half = 0.5 * (rows.high - rows.low)
-    others = in_any_draw(half > WIDEST * float((spread * law.smooth(parameters)).min()))
+    others = in_any_draw(half > ROWS_WIDEST * float((spread * law.smooth(parameters)).min()))
     if others.sum() > MOST_OTHERS * others.size:
         return None
     errors = expected - (rows.low + half)  # the law is symmetric
@@ -316,7 +320,7 @@ def _weighed(
 def _beyond(
     law: ErrorLaw, rows: Rows, expected: FloatArray, spread: FloatArray, parameters: Any, orders: int
 ) -> list[FloatArray]:
-    """Return the same as `_with_lapses`, without lapses, for intervals with one finite end."""
+    """Return the same as `_with_lapses`, without lapses, for intervals with one finite end and a symmetric law."""
     lower = np.isinf(rows.low)
     side = np.where(lower, 1.0, -1.0)
     error = clipped((np.where(lower, rows.high, rows.low) - expected) / spread)

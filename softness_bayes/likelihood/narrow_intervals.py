@@ -18,31 +18,34 @@ from softness_bayes.likelihood.narrow_series import series
 
 FloatArray = NDArray[np.float64]
 
+NORMAL_ORDERS = 3
+"""Number of derivatives of normal errors, the value included; others are of the order of h⁴."""
+
 _LOG_ROOT_TWO_PI = 0.5 * np.log(2.0 * np.pi)
 
 
 def averaged(errors: FloatArray, square: FloatArray | None, nu: FloatArray | None = None) -> tuple[FloatArray, ...]:
-    """Return the log of the mean density over intervals, and its first four derivatives in their middles.
+    """Return the log of the mean density over intervals, and its derivatives in their middles.
 
     Parameters
     ----------
     errors
         Middles of the intervals in spreads, shape (..., rows).
     square
-        Squares of their half-widths in spreads, of the same shape; None for exact numbers under Student's t.
+        Squares of their half-widths in spreads, of the same shape; None for exact numbers.
     nu
         Degrees of freedom of Student's t, shape (..., 1); None for normal errors.
 
     Returns
     -------
     tuple of ndarray
-        Value and derivatives, each (..., rows).
+        Value and derivatives, each (..., rows): four derivatives of Student's t, two of normal errors.
     """
     z, high = errors * errors, np.zeros(1, errors.dtype) if square is None else square
     if nu is None:
         slope, value = errors, -0.5 * z
         value -= _LOG_ROOT_TWO_PI
-        every = [[part[0].tolist() for part in parts] for parts in _series(square is not None)]
+        every = [[part[0].tolist() for part in parts] for parts in _series(square is not None)[:NORMAL_ORDERS]]
     else:
         p = z / nu
         value = student.log_one_plus(p, nu)

@@ -8,9 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.likelihood.error_laws import ErrorLaw
+from softness_bayes.likelihood import student
+from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.interval_law import MOST_OTHERS, in_any_draw
-from softness_bayes.likelihood.narrow_series import STEEPEST, WIDEST
+from softness_bayes.likelihood.narrow_series import FLAT, STEEPEST, WIDEST
 from softness_bayes.likelihood.power_sums import power_sums
 from softness_bayes.likelihood.rater_rows import Kept, RowParameters
 from softness_bayes.likelihood.row_columns import Columns
@@ -19,6 +20,8 @@ from softness_bayes.likelihood.scale_starts import Start
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+_LEAST_SQUARE = 1e-6  # of a half-width in spreads
+
 
 class Widths(NamedTuple):
     """Widths of the narrow rows, given which these are."""
@@ -26,7 +29,7 @@ class Widths(NamedTuple):
     times: FloatArray
     """Multiplicity of the row at each place, shape (length, columns); 0 for other rows."""
     absent: NDArray[np.intp]
-    """Places where it is 0, as indices of the flattened array."""
+    """Places where `times` is 0, as indices of the flattened array."""
     square: FloatArray
     """Square of each interval's half-width over that of the widest one, (length, columns, 1) or (..., draws)."""
     largest: float
@@ -79,15 +82,15 @@ class NarrowRows:
         u = columns.of_columns((a - start.about) / given.spread).astype(start.errors.dtype) - start.errors
         inverse = given.spread[:, 0] ** -2.0
         widths = self._widths(half, others)
-        # no density of Student's law is steeper than at one point
-        if widths.largest and not (law.steepest(parameters, math.inf) * widest).max() ** 2 <= STEEPEST:
+        if widths.largest and not (law.steepest(parameters, math.inf) * widest).max() ** 2 <= FLAT:
             steep = self._steep(given, u, widths.square, widths.largest * inverse)
             if steep.any():
                 others = others | steep
                 widths = self._widths(half, others)
-        u.reshape(widths.times.size, -1)[widths.absent] = 0.0
+        u.reshape(widths.times.size, -1)[widths.absent] = 0.0  # a view, because u is new
         square = (widths.square.astype(u.dtype), widths.largest * inverse) if widths.largest else None
-        found = power_sums(columns, widths.times, u, square, parameters.nu if law.needs else None)
+        nu = None if law == NORMAL else np.maximum(parameters.nu, student.LEAST)
+        found = power_sums(columns, widths.times, u, square, nu)
         level = law.log_peak(parameters) - np.log(given.spread)
         found[:, 0] += widths.rows * level + widths.log_width
         return np.ascontiguousarray(found.transpose(1, 0, 2)), others
@@ -96,7 +99,7 @@ class NarrowRows:
         """Return the widths of the narrow rows, given half-widths (rows,) or (draws, rows)."""
         if half.ndim > 1:
             return self._widths_of(half, others)
-        return self._known(others, lambda: self._widths_of(half, others))
+        return self._known(np.where(others, np.inf, half), lambda: self._widths_of(half, others))
 
     def _widths_of(self, half: FloatArray, others: Mask) -> Widths:
         columns = self._columns
@@ -115,9 +118,9 @@ class NarrowRows:
         """Return True for rows whose log density changes too much over their interval in any draw, shape (rows,)."""
         law, columns = self._law, self._columns
         change = u * u
-        change *= square.astype(u.dtype)
-        change *= scale.astype(u.dtype)
-        if law.needs and change.max() > STEEPEST:
+        # the least width bounds the powers of exact numbers' errors as well
+        change *= np.maximum(square.astype(u.dtype) * scale.astype(u.dtype), u.dtype.type(_LEAST_SQUARE))
+        if law != NORMAL and change.max() > STEEPEST:
             weight = law.weight(u[..., None], given.parameters)[..., 0]
             change *= weight * weight
         found = np.zeros(given.drive.shape[-1], bool)

@@ -16,13 +16,17 @@ from scipy.signal import convolve2d
 
 FloatArray = NDArray[np.float64]
 
-POWERS = 4, 3, 3, 2, 2
+POWERS = 4, 3, 3, 1, 1
 """Largest power of H in the series of the value, and of each derivative. The errors of many ratings' values add up,
 whereas those of derivatives matter only about the mode."""
 
 WIDEST, STEEPEST = 0.7, 0.8
 """Largest half-width of the intervals whose probability is a series, in the smooth length of the law, and largest
 square of the change of the log density over it."""
+
+FLAT = 1.1
+"""Largest square of that change where Student's log density is steepest, up to which no row is too steep: the heavier
+tails are, the faster the series converges."""
 
 # polynomials of t and z are arrays (powers of t, powers of z)
 _Z, _T = np.array([[0.0, 1.0]]), np.array([[0.0], [1.0]])

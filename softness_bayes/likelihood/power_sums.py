@@ -22,7 +22,7 @@ IndexArray = NDArray[np.intp]
 
 
 class Power(NamedTuple):
-    """A product of powers: z^z H^h, times p u if it is odd."""
+    """A product of z and H to powers `z` and `h`, times p u if it is odd."""
 
     odd: bool
     h: int
@@ -64,7 +64,7 @@ def power_sums(
         Value and four derivatives, shape (draws, 5, raters).
     """
     t = np.zeros(u.shape[-1]) if nu is None else 1.0 / nu
-    powers, of_h, table = _terms(square is not None)
+    powers, of_h, table = _terms(square is not None, nu is None)
     factor, scale = (None, np.ones(1)) if square is None else square
     log, found = _sums(powers, u, factor, nu, None if (times <= 1.0).all() else times[..., None])
     found[-1] = times.sum(axis=0)[:, None]
@@ -78,17 +78,19 @@ def power_sums(
 
 
 @cache
-def _terms(rounded: bool) -> tuple[tuple[Power, ...], IndexArray, FloatArray]:
+def _terms(rounded: bool, normal: bool) -> tuple[tuple[Power, ...], IndexArray, FloatArray]:
     """Return the products whose sums are needed, their powers of H, and the coefficients of value and derivatives.
 
     Coefficients have the shape (powers of t, derivatives, products). The last product is 1.
     """
+    # normal errors have t = 0, and thus fewer products
     each = [
-        (Power(n % 2 == 1, j, k), n, part[:, k])
+        (Power(n % 2 == 1, j, k), n, part[: 1 if normal else None, k])
         for n, parts in enumerate(series())
         for j, part in enumerate(parts if rounded else parts[:1])
         for k in range(part.shape[1])
     ]
+    each = [one for one in each if one[2].any()]
     powers = [*sorted({power for power, _, _ in each} - {_NONE}), _NONE]
     table = np.zeros((max(values.size for _, _, values in each), len(series()), len(powers)))
     for power, n, values in each:

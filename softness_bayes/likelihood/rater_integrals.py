@@ -136,6 +136,7 @@ class RaterIntegrals:
         a, slopes = start.a.copy(), self._slopes_near(given, start.a, start, single, orders)
         step = self._steepest(given, a, slopes)
         moved = (np.abs(step.a - a) / step.width).max(axis=-1) > settled
+        # the curvatures are then those that `_about` would use
         if not (moved.any() or self.walled.size) and (step.curvature == -slopes[2]).all():
             return step
         at, active = start.a, np.arange(len(a))

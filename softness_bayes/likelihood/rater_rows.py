@@ -27,7 +27,7 @@ TINY = 1e-4
 NEARLY_NORMAL = 1.0 - 1e-4
 """Smooth length of a law from which it is computed in double precision, as its limit, the normal law."""
 
-_MOST_KNOWN = 100  # results
+_MOST_KNOWN = 100  # results that are kept at most
 _WIDTHS = 1e-12, 0.25, WIDE, 1e300  # limits between groups: exact numbers, intervals, half-open intervals
 
 
@@ -174,19 +174,22 @@ def groups_by_width(rater: IndexArray, width: FloatArray, times: FloatArray) -> 
 
 
 class Kept(Generic[T]):
-    """Results for sets of rows, which are kept for further use."""
+    """Results for sets of rows, which are kept for further use, but left out of copies for other processes."""
 
     def __init__(self) -> None:
         self._known: dict[bytes, T] = {}
 
-    def __call__(self, chosen: NDArray[np.bool_], make: Callable[[], T]) -> T:
-        """Return the result for chosen rows, given by a mask of shape (rows,); `make` computes a new one."""
-        key = chosen.tobytes()
+    def __call__(self, of: NDArray[Any], make: Callable[[], T]) -> T:
+        """Return the result for an array, such as a mask of rows; `make` computes a new one."""
+        key = of.tobytes()
         if key not in self._known:
-            if len(self._known) > _MOST_KNOWN:
+            if len(self._known) >= _MOST_KNOWN:
                 self._known.clear()
             self._known[key] = make()
         return self._known[key]
+
+    def __reduce__(self) -> tuple[type[Kept[T]], tuple[()]]:
+        return type(self), ()
 
 
 def of_two_kinds(

@@ -19,8 +19,6 @@ HEIGHT = 3.0
 ROOM = 72_000
 """Number of elements of the arrays of a block of draws (`pieces.BLOCK`), most of which have single precision."""
 
-_MOST = 8  # columns of a rater with the largest number of rows
-
 
 class Columns(NamedTuple):
     """Places of rows in columns of equal length, some of which stay empty."""
@@ -38,11 +36,6 @@ class Columns(NamedTuple):
     def empty(self) -> IndexArray:
         """Places without a row, as indices of the flattened array."""
         return np.flatnonzero(self.times == 0.0)
-
-    @property
-    def single(self) -> bool:
-        """True if no row has a multiplicity."""
-        return bool((self.times <= 1.0).all())
 
     def placed(self, values: FloatArray) -> FloatArray:
         """Return values (rows,) or (draws, rows) at their places, shape (length, columns, 1) or (..., draws)."""
@@ -83,7 +76,7 @@ def in_columns(rater: IndexArray, times: FloatArray) -> Columns:
     chosen = np.flatnonzero(times > 0.0)
     sizes = np.bincount(rater[chosen])
     begin = np.cumsum(sizes) - sizes
-    lengths = -(-sizes.max() // np.arange(1, 1 + min(_MOST, sizes.max())))
+    lengths = np.unique(-(-sizes.max() // np.arange(1, 1 + sizes.max())))
     length = int(min(lengths, key=lambda one: (-(-sizes // one)).sum() * (one + HEIGHT)))
     columns = -(-sizes // length)
     first = np.cumsum(columns) - columns

@@ -34,7 +34,6 @@ from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.provenance import PRIOR, NumericalErrors, ResidualChecks, Silence, attributes_of, family_of
 from softness_bayes.results.constants import constant_group, coordinates
 from softness_bayes.results.draws import (
-    CURVES,
     REWEIGHT_DRAWS,
     RatedDraws,
     Subset,
@@ -86,6 +85,7 @@ def assembled(
     listener: Listener = unheard,
     figures: Beginning | None = None,
     exact: bool = True,
+    share: float = 1.0,
 ) -> Assembled:
     """Compute all groups and the summary from the draws of one run.
 
@@ -109,6 +109,8 @@ def assembled(
         Figures, started as soon as their data are available.
     exact
         Whether the fast likelihood is compared with the exact one.
+    share
+        Share of the usual numbers of draws of all quantities.
 
     Raises
     ------
@@ -116,13 +118,13 @@ def assembled(
         If the posterior is not that of a compiled scene.
     """
     listener(Stage.REPLICATES)
-    kept = chains.kept(burn_in, draws_per_walker(posterior, chains))
+    kept = chains.kept(burn_in, draws_per_walker(posterior, chains, share))
     theta = kept.by_walker(posterior.natural(kept.coordinates))
     comparison = begin_comparison(posterior, theta, workers, reweight) if exact else unchecked
     if figures is not None:
         walk = {"posterior": named(posterior.space, theta)}
         figures.begin_walk(tree_of(walk, {arviz_bridge.ENSEMBLE: kept.ensemble}, attributes))
-    draws = draws_of(experiment, posterior, kept, theta, rng)
+    draws = draws_of(experiment, posterior, kept, theta, rng, share)
     if reweight:
         listener(Stage.EXACT)
     known = comparison() if reweight else None
@@ -206,7 +208,7 @@ def _plate_groups(draws: RatedDraws, drawn: Replicates) -> Groups:
     data, forces = draws.experiment.compression, draws.posterior.compression
     if data is None or forces is None or drawn.plate is None:
         return {}
-    return plate_groups(data, forces, draws.posterior.skin_parameters(draws.subset(CURVES).theta), drawn.plate)
+    return plate_groups(data, forces, draws.posterior.skin_parameters(draws.subset(draws.curves).theta), drawn.plate)
 
 
 def _with_picks(tree: xr.DataTree, draws: RatedDraws) -> xr.DataTree:
@@ -295,7 +297,7 @@ def _silence(draws: RatedDraws) -> Silence:
     """Return the shares of silent draws and of contacts outside the range of Hertz's theory."""
     stated = slice(draws.scene.n_conditions)
     prior, posterior = draws.posterior.mean_rate(draws.prior)[..., stated], draws.mean_rate[..., stated]
-    beyond = draws.scene.beyond_hertz(*draws.touches(draws.subset(CURVES).theta))
+    beyond = draws.scene.beyond_hertz(*draws.touches(draws.subset(draws.curves).theta))
     return Silence(
         prior_silent_everywhere=float((prior == 0).all(axis=-1).mean()),
         prior_silent_conditions=float((prior == 0).mean()),

@@ -44,6 +44,9 @@ LEAST_PER_WALKER, LEAST_REPLICATES = 10, 100
 PRIOR_DRAWS = 1000
 """Number of prior draws."""
 
+FIRST_SHARE = 0.3
+"""Share of these numbers in a first look."""
+
 REWEIGHT_DRAWS = 1000
 """Number of draws that are weighted if a run uses exact weights."""
 
@@ -80,6 +83,8 @@ class RatedDraws:
         Draws of the prior, shape (`PRIOR_DRAWS`, dimension).
     log_weight
         Log weights of `REWEIGHT_DRAWS` evenly spaced draws, if the result is that of weighted draws.
+    share
+        Share of the usual numbers of replicates and curves.
     """
 
     experiment: Experiment
@@ -92,6 +97,7 @@ class RatedDraws:
     effects: Any
     prior: Array
     log_weight: Array | None = None
+    share: float = 1.0
 
     @property
     def model(self) -> RatingsModel:
@@ -106,7 +112,12 @@ class RatedDraws:
     @property
     def replicates(self) -> int:
         """Number of draws with replicated ratings: `REPLICATES`, or as many as fit into `ROOM`."""
-        return min(REPLICATES, max(LEAST_REPLICATES, ROOM // self.ratings.design.n_rows))
+        return min(int(self.share * REPLICATES), max(LEAST_REPLICATES, ROOM // self.ratings.design.n_rows))
+
+    @property
+    def curves(self) -> int:
+        """Number of draws with stored response curves."""
+        return int(self.share * CURVES)
 
     @property
     def picks(self) -> dict[str, int]:
@@ -114,7 +125,7 @@ class RatedDraws:
         return {
             "posterior_predictive": self.replicates,
             "log_likelihood_loo": self.replicates,
-            "predictions": CURVES,
+            "predictions": self.curves,
         }
 
     @property
@@ -186,19 +197,26 @@ class RatedDraws:
         return self.touch(theta), self.posterior.space.modulus(theta)
 
 
-def draws_per_walker(posterior: Posterior, chains: Chains) -> int:
+def draws_per_walker(posterior: Posterior, chains: Chains, share: float = 1.0) -> int:
     """Return the number of draws of each walker to store: `DRAWS_PER_WALKER`, or as many as fit into `ROOM`.
+
+    With a share, that share of `DRAWS_PER_WALKER`.
 
     The responses to all conditions and the effects of all participants and fabrics are stored for every draw.
     """
     design = posterior.observation.design
     width = max(design.n_conditions, design.n_participants, design.n_fabrics)
     ensembles, _, walkers = chains.log_density.shape
-    return min(DRAWS_PER_WALKER, max(LEAST_PER_WALKER, ROOM // (ensembles * walkers * width)))
+    return min(int(share * DRAWS_PER_WALKER), max(LEAST_PER_WALKER, ROOM // (ensembles * walkers * width)))
 
 
 def draws_of(
-    experiment: Experiment, posterior: Posterior, kept: Chains, theta: Array, rng: np.random.Generator
+    experiment: Experiment,
+    posterior: Posterior,
+    kept: Chains,
+    theta: Array,
+    rng: np.random.Generator,
+    share: float = 1.0,
 ) -> RatedDraws:
     """Return the draws of a run with effects given each draw and prior draws, both from `rng` in this order.
 
@@ -212,8 +230,8 @@ def draws_of(
         raise TypeError("a result is assembled from a compiled scene")
     mean_rate = posterior.mean_rate(theta)
     effects = _effects(posterior, theta, mean_rate, rng)
-    prior = posterior.space.draw_prior(rng, PRIOR_DRAWS)
-    return RatedDraws(experiment, posterior, scene, ratings, kept, theta, mean_rate, effects, prior)
+    prior = posterior.space.draw_prior(rng, int(share * PRIOR_DRAWS))
+    return RatedDraws(experiment, posterior, scene, ratings, kept, theta, mean_rate, effects, prior, share=share)
 
 
 def _effects(posterior: Posterior, theta: Array, mean_rate: Array, rng: np.random.Generator) -> Any:

@@ -43,7 +43,7 @@ def modulus_shifts(draws: RatedDraws, inflection: Mapping[str, Variable]) -> pd.
     if not exact.size:
         return None
     points = turning_draws(draws)
-    index = evenly(points.shape, SHIFT_DRAWS)
+    index = evenly(points.shape, int(draws.share * SHIFT_DRAWS))
     theta = points[index]
     signs, share = directions(exact.astype(np.intp), design.n_fabrics)
     rates = rates_of_other_moduli(draws.posterior, theta, STEP)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.checking.inflection import find_inflection, response_curves, turning_points
 from softness_bayes.checking.misfit import TYPICAL
-from softness_bayes.results.draws import CURVES, REWEIGHT_DRAWS, RatedDraws
+from softness_bayes.results.draws import REWEIGHT_DRAWS, RatedDraws
 from softness_bayes.results.groups import Groups, Variable, merged, named, turning_variables
 from softness_bayes.results.pictures import membrane_illustration, touch_illustration
 from softness_bayes.results.replicates import Replicates
@@ -36,7 +36,7 @@ def prediction_group(draws: RatedDraws, grid: Scene, error: float) -> dict[str, 
     error
         Numerical error of the response relative to its peak.
     """
-    few, scene, ratings = draws.subset(CURVES), draws.scene, draws.ratings
+    few, scene, ratings = draws.subset(draws.curves), draws.scene, draws.ratings
     curves = response_curves(grid, draws.touch(few.theta))
     fabrics = float(scene.modulus.min()), float(scene.modulus.max())
     turn = find_inflection(curves, error, fabrics)
@@ -75,7 +75,7 @@ def turning_draws(draws: RatedDraws) -> Array:
     """Return the points theta of the group `inflection`, shape (chains, draws, dimension)."""
     if draws.log_weight is not None:
         return draws.subset(REWEIGHT_DRAWS).theta[None]
-    every = -(-draws.theta.shape[0] * draws.theta.shape[1] // TURNING)
+    every = -(-draws.theta.shape[0] * draws.theta.shape[1] // int(draws.share * TURNING))
     return draws.theta[:, ::-1][:, ::every][:, ::-1]
 
 
@@ -98,9 +98,9 @@ def illustration_groups(draws: RatedDraws, drawn: Replicates, turn: Array) -> tu
     draws, drawn
         The draws of the run, and the quantities drawn after it.
     turn
-        E_fab at the turning points of `CURVES` draws [Pa], shape (draws, loads), NaN where there is none.
+        E_fab at the turning points of the draws with curves [Pa], shape (draws, loads), NaN where there is none.
     """
-    touched, fired = (draws.touch(draws.subset(size).theta) for size in (ILLUSTRATED, CURVES))
+    touched, fired = (draws.touch(draws.subset(size).theta) for size in (ILLUSTRATED, draws.curves))
     touch, along = touch_illustration(drawn.receptors, draws.scene, touched, turn)
     membrane, currents = membrane_illustration(drawn.trains(), draws.scene, fired)
     return merged(touch, membrane), {**along, **currents}

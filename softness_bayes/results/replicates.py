@@ -21,7 +21,7 @@ from softness_bayes.checking.quantities import Layout
 from softness_bayes.checking.reproduction import LEVELLED, LEVELLED_NAMES, SHORTFALL
 from softness_bayes.likelihood.pieces import part_of, pieces
 from softness_bayes.likelihood.ratings import RatingParameters
-from softness_bayes.results.draws import CURVES, RatedDraws, Subset
+from softness_bayes.results.draws import RatedDraws, Subset
 from softness_bayes.results.groups import Groups, Variable, named
 from softness_bayes.results.pictures import Trains, example_trains
 from softness_bayes.results.plate import PlateReplicates, draw_plate
@@ -75,7 +75,7 @@ def draw_replicates(rng: np.random.Generator, draws: RatedDraws, workers: Worker
     prior = _prior_rated(rng, draws)
     plate = _plate(rng, draws, few)
     receptors = draw_receptors(rng, draws.scene.finger, draws.scene.readings.receptor_density)
-    trains = example_trains(rng, draws.scene, draws.touch(draws.subset(CURVES).theta), workers)
+    trains = example_trains(rng, draws.scene, draws.touch(draws.subset(draws.curves).theta), workers)
     return Replicates(again, anew, level, prior, plate, receptors, trains)
 
 

@@ -35,6 +35,7 @@ from softness_bayes.provenance import (
     family_of,
 )
 from softness_bayes.results.assembly import assembled
+from softness_bayes.results.draws import FIRST_SHARE
 from softness_bayes.results.raters import rater_table, with_covariates
 from softness_bayes.results.request import Request, RunOptions
 from softness_bayes.results.result import Result
@@ -234,6 +235,7 @@ def sample_model(
             listener,
             figures,
             exact=not run.quick,
+            share=FIRST_SHARE if run.quick else 1.0,
         )
         listener(Stage.TABLES)
         return Result(tree, summary.join(information_table(tree)), tables_of(experiment, tree, shifts))

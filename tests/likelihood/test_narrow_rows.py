@@ -1,14 +1,20 @@
 """Slopes of raters' log densities by power sums, where rows are narrow, and the starts of the search for modes."""
 
+import pickle
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.special import log_ndtr
 
 from softness_bayes.likelihood import narrow_rows
+from softness_bayes.likelihood.categories import CategoryModel, CategoryRatings
+from softness_bayes.likelihood.directions import RISES
 from softness_bayes.likelihood.error_laws import ERROR_LAWS, GUMBEL, NORMAL, STUDENT
+from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings
 from softness_bayes.likelihood.rater_rows import LawParameters
-from support.interval_tables import table
+from softness_bayes.likelihood.stated import Stated
+from support.interval_tables import design_of, points_of, table
 
 LAWS = NORMAL, STUDENT
 
@@ -85,3 +91,37 @@ def test_start_of_open_rows_is_that_of_their_probability():
     assert_allclose((bent / given.spread**2)[near], ((2.0 * here - up - down) / h**2)[near], rtol=1e-2, atol=0.1)
     count = np.add.reduceat(open_ended, integrals.first).astype(float)
     assert_allclose(bent[2, 2], count[2])
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
+def test_what_is_kept_of_some_widths_is_not_used_for_others(law):
+    """Of categories, whose thresholds are parameters: with all of them numbers, intervals have one axis."""
+    rng, design = np.random.default_rng(1), design_of(4, 6)
+    model, answers = CategoryModel(RISES, law=law, categories=7), rng.integers(2, 7, design.n_rows).astype(float)
+    rate = np.linspace(0.0, 30.0, 6) * np.ones((2, 1))
+
+    def log_likelihood(observed, gap):
+        given = {"gamma": 1.0, "tau": 0.5, "varsigma": 1.0, "eps": 0.1, "nu": 5.0, "omega": 0.0}
+        return observed.log_likelihood(rate, model.take(given | {f"gap_{k}": gap for k in range(2, 7)}))
+
+    used, fresh = CategoryRatings(answers, design, model), CategoryRatings(answers, design, model)
+    before = log_likelihood(used, 0.5)
+    expected = log_likelihood(fresh, 0.7)
+    assert_allclose(log_likelihood(used, 0.7), expected, rtol=1e-12)
+    assert (np.abs(before - expected) > 1.0).all()
+    # what is kept goes to no other process
+    assert pickle.dumps(used) == pickle.dumps(CategoryRatings(answers, design, model))
+
+
+@pytest.mark.parametrize(("law", "nu"), [(NORMAL, 5.0), (STUDENT, 1e12)])
+def test_errors_of_thousands_of_spreads_do_not_overflow(law, nu):
+    """Exact numbers far off among narrow intervals, in single precision; warnings are errors here."""
+    design, rng = design_of(4, 6), np.random.default_rng(1)
+    step = np.where(design.participant < 3, 0.0, 0.01)
+    values = np.full(design.n_rows, 5.0)
+    values[:5] *= np.exp(4.0)
+    said = Stated(values, step, step / 2, np.full(values.size, np.inf))
+    observed = IntervalRatings(values, design, IntervalModel(RISES, law=law), stated=said)
+    points = points_of(rng, varsigma=1.5e-3, nu=nu, gamma=0.0, tau=0.5)
+    found = observed.log_likelihood(np.ones((3, 6)), points)
+    assert_allclose(found, observed.finer().log_likelihood(np.ones((3, 6)), points), rtol=1e-6)

@@ -53,7 +53,11 @@ def test_sums_are_those_of_the_rows(sizes, folded):
         scale = np.linspace(0.5, 2.0, DRAWS)
         factor = placed(columns, square / scale[:, None])
         found = power_sums(columns, columns.times, placed(columns, errors), (factor, scale), nu)
-        assert_allclose(found, by_row(rater, times, errors, square, wide), rtol=1e-11, atol=1e-11)
+        wanted = by_row(rater, times, errors, square, wide)
+        assert_allclose(found[:, : wanted.shape[1]], wanted, rtol=1e-11, atol=1e-10)
+        if nu is None:  # row by row, normal errors have fewer derivatives
+            limit = by_row(rater, times, errors, square, np.full((DRAWS, 1), 1e9))
+            assert_allclose(found, limit, rtol=1e-5, atol=1e-5)
         single = power_sums(
             columns, columns.times, placed(columns, errors, np.float32), (factor.astype(np.float32), scale), nu
         )
@@ -75,7 +79,7 @@ def test_every_row_has_a_place(sizes):
     assert_allclose(columns.sums_of(errors[0]), wanted[:1], atol=1e-12)
     scales = np.random.default_rng(3).standard_normal((DRAWS, sizes.size))
     assert_allclose(columns.of_columns(scales), scales.T[columns.rater])
-    assert columns.rows.size < 3 * rater.size + 10  # few places stay empty
+    assert columns.rows.size < 1.6 * (times > 0.0).sum()  # few places stay empty
 
 
 def test_coefficients_are_derivatives_of_one_another():

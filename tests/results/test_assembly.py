@@ -1,6 +1,7 @@
 """The groups of a result are functions of its draws: none depends on which was made before."""
 
 import copy
+import dataclasses
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from softness_bayes.model.build import build
 from softness_bayes.results import draws as draws_module
 from softness_bayes.results.draws import (
     DRAWS_PER_WALKER,
+    FIRST_SHARE,
     LEAST_PER_WALKER,
     LEAST_REPLICATES,
     REPLICATES,
@@ -75,6 +77,15 @@ def test_groups_do_not_depend_on_the_order_in_which_they_are_made(draws):
     backwards = [make() for make in reversed(makers)][::-1]
     assert all(same(one, other) for one, other in zip(forwards, backwards, strict=True))
     assert same(before, [draws.theta, draws.mean_rate, draws.prior])
+
+
+def test_a_first_look_stores_fewer_draws(draws):
+    first = dataclasses.replace(draws, share=FIRST_SHARE)
+    assert 4 * first.replicates > REPLICATES > 3 * first.replicates
+    assert 4 * first.curves > draws.curves > 3 * first.curves
+    assert first.picks["predictions"] == first.curves
+    per_walker = draws_per_walker(draws.posterior, draws.kept, FIRST_SHARE)
+    assert 4 * per_walker > DRAWS_PER_WALKER > 3 * per_walker
 
 
 def test_large_tables_store_fewer_draws(draws, monkeypatch):
