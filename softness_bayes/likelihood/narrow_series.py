@@ -61,8 +61,8 @@ def _value(power: int) -> list[FloatArray]:
     even, odd, mean = np.ones((1, 1)), -_C, [np.ones((1, 1))]
     for n in range(1, power + 1):
         k = 2 * n - 1
-        even = -1.0 * (_plus(_times(_plus(_C, 2 * k * _T), _Z, odd), k * _times(_plus(_C, (k - 1) * _T), even)))
-        odd = -1.0 * (_plus(_times(_plus(_C, 2 * (k + 1) * _T), even), (k + 1) * _times(_plus(_C, k * _T), odd)))
+        even = -_plus(_times(_plus(_C, 2 * k * _T), _Z, odd), k * _times(_plus(_C, (k - 1) * _T), even))
+        odd = -_plus(_times(_plus(_C, 2 * (k + 1) * _T), even), (k + 1) * _times(_plus(_C, k * _T), odd))
         mean.append(even / math.factorial(2 * n + 1))
     # the logarithm of a power series
     found = [np.ones((1, 1))]

@@ -102,9 +102,8 @@ class Starts:
             part = given.part(block)
             left = columns.placed(part.drive)
             np.subtract(columns.placed(part.middle), left, out=left)
-            mean = columns.of_raters(np.einsum("sc,scd->cd", self._weight, left)).T / np.maximum(
-                self._whole, _NO_WEIGHT
-            )
+            mean = columns.of_raters(np.einsum("sc,scd->cd", self._weight, left)).T
+            mean = mean / np.maximum(self._whole, _NO_WEIGHT)
             flat = self._whole / part.spread**2
             here = steps.step(part, mean, np.zeros(mean.shape), flat).a
             left -= columns.of_columns(here)

@@ -41,7 +41,7 @@ def test_slopes_are_those_of_all_rows(law, outliers, folded):
     """Wide intervals, zeros and outliers among narrow ones; folded rows are equal ratings of one condition."""
     observed, rate, points = table(3, 7, 12 if folded else 1, law=law, step=1.0, outliers=outliers, spread=0.2)
     assert (observed._integrals._times > 1.0).any() == folded
-    assert (errors_of(observed, rate, points) < [5e-6, 2e-4, 5e-4, 3e-3, 4e-3]).all()
+    assert (errors_of(observed, rate, points) < [5e-6, 2e-4, 5e-4, 5e-3, 0.03]).all()
 
 
 def test_series_of_steep_rows_would_be_wrong(monkeypatch):
