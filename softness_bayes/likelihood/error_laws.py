@@ -354,6 +354,7 @@ LAPSES = replace(
     meaning="normal, mixed with a share of lapses over the rater's range",
     needs=("lapse",),
     lapses=True,
+    averaged=None,
 )
 """Normal errors, but for a share `lapse` of observations that do not depend on the touch."""
 GUMBEL = ErrorLaw(

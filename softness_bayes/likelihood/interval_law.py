@@ -143,11 +143,11 @@ def scaled_derivatives(
         True to compute most probabilities in single precision: twice as fast, or more, with errors of about 1e-6. The
         third and fourth derivative are then left out where they are negligible, of narrow intervals and normal errors.
     orders
-        Number of derivatives: 2, 4 or 6.
+        Number of derivatives, 4 or 6.
     wide
         True for rows among which no series is tried, because their intervals are wide.
     """
-    served = orders == 4 and not wide and law.averaged is not None and not law.lapses
+    served = orders == 4 and not wide and law.averaged is not None
     if served and (single or (law != NORMAL and (rows.low == rows.high).all())):
         found = _averaged(law, rows, expected, spread, parameters, single)
         if found is not None:

@@ -371,8 +371,7 @@ class IntervalRatings(RatingsLikelihood):
         drive = np.broadcast_to(drive, (*shape, drive.shape[-1])).reshape(-1, drive.shape[-1])
         tau, varsigma, omega, nu, lapse = (over_draws(getattr(flat, name), drive.shape[:1]) for name in _OF_DRAWS)
         drive = drive.T.take(self._condition, axis=0).T  # rows of draws are copied as a whole
-        spread = np.maximum(varsigma, _LEAST_SPREAD)[:, None]
-        rows = self._rows_at(flat)
+        spread, rows = np.maximum(varsigma, _LEAST_SPREAD)[:, None], self._rows_at(flat)
         own = LawParameters(nu, lapse), rows, self._middle_of(rows, spread)
         return RowParameters(drive, tau[:, None], spread, *own, omega[:, None]), shape
 

@@ -134,13 +134,10 @@ class RaterIntegrals:
         single = single and given.in_single(self.law, self.widest)
         start = self._starts.near(self, given, single)
         a, slopes = start.a.copy(), self._slopes_near(given, start.a, start, single, orders)
-        step = self._steepest(given, a, slopes)
-        moved = (np.abs(step.a - a) / step.width).max(axis=-1) > settled
-        # the curvatures are then those that `_about` would use
-        if not (moved.any() or self.walled.size) and (step.curvature == -slopes[2]).all():
-            return step
         at, active = start.a, np.arange(len(a))
+        step = self._steepest(given, a, slopes)
         for _ in range(_STEPS - 1):
+            moved = (np.abs(step.a - a[active]) / step.width).max(axis=-1) > settled
             if not moved.any():
                 break
             a[active] = step.a
@@ -148,7 +145,6 @@ class RaterIntegrals:
             part, at[active] = given.part(active), a[active]
             slopes[:, active] = self._slopes_near(part, a[active], start.part(active), single, orders)
             step = self._steepest(part, a[active], slopes[:, active])
-            moved = (np.abs(step.a - a[active]) / step.width).max(axis=-1) > settled
         return self._about(given, at, slopes)
 
     def _about(self, given: RowParameters, at: FloatArray, slopes: FloatArray) -> ScaleModes:
@@ -158,7 +154,7 @@ class RaterIntegrals:
 
     def _slopes_near(self, given: RowParameters, a: FloatArray, start: Start, single: bool, orders: int) -> FloatArray:
         """Return the same as `_slopes`, with narrow intervals by their series."""
-        served = orders == 4 and self.law.averaged is not None and not self.law.lapses
+        served = orders == 4 and self.law.averaged is not None
         if not served or not (single or (self._exact and self.law != NORMAL)):
             return self._slopes(given, a, single, orders)
         found = np.empty((1 + orders, *a.shape))
@@ -205,7 +201,7 @@ class RaterIntegrals:
     def _steepest(self, given: RowParameters, a: FloatArray, slopes: FloatArray) -> ScaleModes:
         """Return a Newton step, for l_p that far from its mode may not be concave if errors have heavy tails."""
         least = self.least_curvature(given, a, slopes[1])
-        return self.step(given, a, slopes[1], np.maximum(-slopes[2], least), tuple(slopes))
+        return self.step(given, a, slopes[1], np.maximum(-slopes[2], least))
 
     def least_curvature(self, given: RowParameters, a: FloatArray, slope: FloatArray) -> FloatArray:
         """Return the smallest curvature of l_p for a Newton step from a_p, given its slope there, (draws, raters)."""

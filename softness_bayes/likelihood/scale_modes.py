@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,33 +128,48 @@ def over_scales(modes: ScaleModes, tau: FloatArray, levels: int, scales: int, si
     single
         True for single precision, with errors of about 1e-6.
     """
+    up = (modes.sd * gauss_hermite(levels)[0]).T[:, :, None]
+    found = _paths(modes, tau, up, scales, single)
+    total = np.log(found.weight.sum(axis=0))
+    total += found.largest
+    of_raters = modes.slopes[0] + 0.5 * np.log(modes.shrink) - _LOG_ROOT_TWO_PI
+    return total.sum(axis=-1, dtype=float).T + of_raters.sum(axis=-1, keepdims=True)
+
+
+class _Paths(NamedTuple):
+    """Nodes of every rater's zeta at some levels, and the exponentials of the log density there; nodes come first."""
+
+    zeta: FloatArray
+    d: FloatArray
+    """Distance of a_p from the point of the derivatives."""
+    slopes: list[FloatArray]
+    """Value, which is 0, and derivatives there."""
+    weight: FloatArray
+    """Weight of each node, relative to the largest."""
+    largest: FloatArray
+    """Largest exponent."""
+
+
+def _paths(modes: ScaleModes, tau: FloatArray, up: FloatArray | float, scales: int, single: bool) -> _Paths:
+    """Return the nodes at levels that differ from the mode by `up`, broadcast with (draws, raters)."""
     # long inner axes are faster: nodes come first, then those of the level, then draws and raters
     (x, log_weight), shrink = gauss_hermite(scales), modes.shrink
-    up = (modes.sd * gauss_hermite(levels)[0]).T[:, :, None]
-    own = tau * shrink * modes.curvature
-    centre, away = tau * shrink * modes.pull - own * (modes.mu + up), up + (modes.mu - modes.at)
-    at_mode, *slopes = (part / math.factorial(k) for k, part in enumerate(modes.slopes))
-    root, wide = np.sqrt(shrink), tau
+    centre = tau * shrink * modes.pull - tau * shrink * modes.curvature * (modes.mu + up)
+    parts = [x, log_weight, centre, up + (modes.mu - modes.at), np.sqrt(shrink), tau, *modes.slopes[1:]]
     if single:
-        each = (in_single(one) for one in (x, log_weight, centre, away, root, wide, *slopes))
-        x, log_weight, centre, away, root, wide, *slopes = each
-    zeta = (x[:, None, None] * root)[:, None] + centre
+        parts = [in_single(part) for part in parts]
+    x, log_weight, centre, away, root, wide, *slopes = parts
+    x, log_weight = (one.reshape(-1, *(1,) * centre.ndim) for one in (x, log_weight))
+    zeta = root * x + centre
     d = wide * zeta
     d += away
-    value = d * slopes[-1]
-    for slope in slopes[-2::-1]:
-        value += slope
-        value *= d
-    zeta *= zeta
-    zeta *= 0.5
-    value -= zeta
-    value += log_weight[:, None, None, None]
+    slopes = [np.zeros(1, d.dtype), *slopes]
+    value = taylor(slopes, d)
+    value += log_weight
+    value -= 0.5 * zeta * zeta
     largest = value.max(axis=0)
     value -= largest
-    total = np.log(np.exp(value, out=value).sum(axis=0))
-    total += largest
-    of_raters = at_mode + 0.5 * np.log(shrink) - _LOG_ROOT_TWO_PI
-    return total.sum(axis=-1, dtype=float).T + of_raters.sum(axis=-1, keepdims=True)
+    return _Paths(zeta, d, slopes, np.exp(value, out=value), largest)
 
 
 def each_over_scales(modes: ScaleModes, tau: FloatArray, scales: int, single: bool = False) -> list[FloatArray]:
@@ -179,33 +194,17 @@ def each_over_scales(modes: ScaleModes, tau: FloatArray, scales: int, single: bo
     list of ndarray
         Value and derivatives, each (draws, raters).
     """
-    # long inner axes are faster: nodes come first
-    x, log_weight = (one[:, None, None] for one in gauss_hermite(scales))
-    at_mode, *slopes = modes.slopes
-    own = tau * modes.shrink * modes.curvature
-    centre, away, root = tau * modes.shrink * modes.pull - own * modes.mu, modes.mu - modes.at, np.sqrt(modes.shrink)
-    shrink, wide = modes.shrink, tau
+    found = _paths(modes, tau, 0.0, scales, single)
+    shrink, own = modes.shrink, tau * modes.shrink * modes.curvature
     if single:
-        each = (in_single(one) for one in (x, log_weight, centre, away, root, shrink, wide, own, *slopes))
-        x, log_weight, centre, away, root, shrink, wide, own, *slopes = each
-    zeta = root * x
-    zeta += centre
-    d = wide * zeta
-    d += away
-    slopes = [np.zeros(1, d.dtype), *slopes]
-    value, slope, bend, skew, curl = (taylor(slopes, d, order) for order in range(5))
-    value += log_weight
-    value -= 0.5 * zeta * zeta
-    largest = value.max(axis=0)
-    value -= largest
-    weight = np.exp(value, out=value)
-    total = weight.sum(axis=0)
+        shrink, own = in_single(shrink), in_single(own)
+    slope, bend, skew, curl = (taylor(found.slopes, found.d, order) for order in range(1, 5))
+    weight, total = found.weight, found.weight.sum(axis=0)
     weight /= total
-
     slope *= shrink
-    slope += own * zeta
+    slope += own * found.zeta
     bend *= shrink**2
     skew *= shrink**3
     first, second, third, fourth = cumulants(weight, slope, bend, skew, shrink**4 * weighted(weight, curl))
-    value = np.log(total) + largest + (at_mode + 0.5 * np.log(modes.shrink) - _LOG_ROOT_TWO_PI)
+    value = np.log(total) + found.largest + (modes.slopes[0] + 0.5 * np.log(modes.shrink) - _LOG_ROOT_TWO_PI)
     return [value, first, second - own * own, third, fourth]
