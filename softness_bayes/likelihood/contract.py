@@ -125,6 +125,13 @@ class Likelihood(ABC):
         """
         return self.log_likelihood_loo(mean_rate, parameters)
 
+    def for_sampling(self) -> Self:
+        """Return the likelihood in the form in which it is sampled; far from the data it may be less accurate.
+
+        Proposals that far away are rejected by any value.
+        """
+        return self
+
     @abstractmethod
     def below_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the probability of a smaller observation than each one, given all the others, shape (..., rows).

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.likelihood import student
-from softness_bayes.likelihood.error_laws import ErrorLaw
+from softness_bayes.likelihood import several_maxima
 from softness_bayes.likelihood.mu_nodes import draw_on, log_sum
-from softness_bayes.likelihood.quadrature import DENSE, Quadrature, gauss_hermite
+from softness_bayes.likelihood.quadrature import DENSE, MANY_ROWS, Quadrature, gauss_hermite
 from softness_bayes.likelihood.rater_grids import REACH
 from softness_bayes.likelihood.rater_integrals import LEVELS, RaterIntegrals
 from softness_bayes.likelihood.rater_rows import RowParameters
+from softness_bayes.likelihood.several_maxima import for_all, reach_of
 
 FloatArray = NDArray[np.float64]
 
@@ -33,7 +33,9 @@ class DenseIntegrals(RaterIntegrals):
     """
 
     def log_density(self, given: RowParameters, quadrature: Quadrature) -> FloatArray:
-        """Return the log density of all rows, shape (draws,)."""
+        """Return the log density of all rows, shape (draws,); with many rows, by `several_maxima`."""
+        if self.count.min() >= MANY_ROWS and several_maxima.feasible(self, given).all():
+            return several_maxima.log_density(self, given, reference=True)
         return np.concatenate([log_sum(one.joint, axis=-1)[None] for one in self._each(given, quadrature)])
 
     def law_of_others(self, given: RowParameters) -> tuple[FloatArray, FloatArray]:
@@ -74,7 +76,7 @@ class DenseIntegrals(RaterIntegrals):
             mu = draw_on(rng, one.level, one.joint)
             tau = float(given.tau[k, 0])
             points = one.points if one.shared else mu + tau * np.linspace(-REACH, REACH, 4 * LEVELS)
-            value = one.values if one.shared else self.values(given.part([k]), _for_all(points, self.count.size))[0]
+            value = one.values if one.shared else self.values(given.part([k]), for_all(points, self.count.size))[0]
             law = value - 0.5 * ((points - mu) / max(tau, 1e-300))[:, None] ** 2
             level[k], own[k] = mu, draw_on(rng, np.broadcast_to(points, law.T.shape), law.T) - mu
         return level, own
@@ -88,7 +90,7 @@ class DenseIntegrals(RaterIntegrals):
             one, tau, spread = given.part([k]), float(given.tau[k, 0]), float(given.spread[k, 0])
             narrow = spread / math.sqrt(self.count.max())
             people, alone = self.count.size, self.count.min() == 1
-            beyond = spread * _reach_of(self.law, given.parameters, k, max(int(self.count.min()) - 1, 1))
+            beyond = spread * reach_of(self.law, given.parameters, k, max(int(self.count.min()) - 1, 1))
             # limits of the prior if a rater's rows, or all but one of them, do not set narrower ones
             beyond += REACH * math.hypot(tau, self.sd if people == 1 or open_ended else tau) * (alone or open_ended)
             ends = left[k].min() - beyond, left[k].max() + beyond
@@ -103,25 +105,17 @@ class DenseIntegrals(RaterIntegrals):
                 points = _spaced(*ends, quadrature.settled * narrow)
                 law = -0.5 * ((points - level[:, None]) / tau) ** 2 - _LOG_ROOT_TWO_PI
                 law = law + math.log((points[1] - points[0]) / tau)
-                values = self.values(one, _for_all(points, people))[0]
+                values = self.values(one, for_all(points, people))[0]
                 largest = values.max(axis=0)
                 with np.errstate(divide="ignore"):
                     each = np.log(np.exp(law) @ np.exp(values - largest)) + largest
             else:
                 points = level[:, None] + tau * x
                 law = np.broadcast_to(log_weight - 0.5 * x**2 - _LOG_ROOT_TWO_PI, points.shape)
-                values = self.values(one, _for_all(points.ravel(), people))[0].reshape(*points.shape, people)
+                values = self.values(one, for_all(points.ravel(), people))[0].reshape(*points.shape, people)
                 each = log_sum(values + law[..., None], axis=1)
             each = np.maximum(each, -1e300)
             yield _Dense(level, points, law, values, each, each.sum(axis=-1) + log_prior, log_prior, shared)
-
-
-def _reach_of(law: ErrorLaw, parameters: Any, draw: int, rows: int) -> float:
-    """Return how far the density for a number of rows extends beyond them, in error spreads, leaving out 1e-6."""
-    if "nu" not in law.needs:
-        return REACH
-    nu = max(float(np.ravel(parameters.nu)[draw]), student.LEAST)
-    return float(np.clip(math.sqrt(nu) * 1e6 ** (1.0 / (rows * (nu + 1.0) - 1.0)), REACH, MOST_POINTS / 10.0))
 
 
 class _Dense(NamedTuple):
@@ -140,7 +134,3 @@ class _Dense(NamedTuple):
 def _spaced(low: float, high: float, step: float) -> FloatArray:
     """Return evenly spaced points, at most `MOST_POINTS`."""
     return np.linspace(low, high, min(max(math.ceil((high - low) / step), 2) + 1, MOST_POINTS))
-
-
-def _for_all(points: FloatArray, raters: int) -> FloatArray:
-    return np.broadcast_to(points[None, :, None], (1, points.size, raters))

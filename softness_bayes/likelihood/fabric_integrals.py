@@ -24,7 +24,7 @@ from softness_bayes.likelihood.fabric_laws import FabricLaw, Point, Sums, law_of
 from softness_bayes.likelihood.interval_law import scaled_derivatives
 from softness_bayes.likelihood.mu_nodes import draw_index, log_sum
 from softness_bayes.likelihood.pieces import blocks, pieces
-from softness_bayes.likelihood.quadrature import FAST, Quadrature
+from softness_bayes.likelihood.quadrature import Quadrature
 from softness_bayes.likelihood.rater_integrals import RaterIntegrals
 from softness_bayes.likelihood.rater_rows import RowParameters, WidthGroup, groups_by_width
 
@@ -99,7 +99,7 @@ class FabricIntegrals:
             return self.integrals.log_density(given, quadrature)
         if self._rough is not None:
             return self._averaged(self._rough, given, quadrature)
-        normal = self.normal(given, quadrature.settled, quadrature == FAST)
+        normal = self.normal(given, quadrature.settled, quadrature.fast)
         return self.integrals.log_density(self.shifted(given, normal.z), quadrature) + normal.log_factor
 
     def draw(
@@ -112,7 +112,7 @@ class FabricIntegrals:
         """
         if not given.deviating:
             return *self.integrals.draw(rng, given, quadrature), np.zeros((len(given.drive), self.n_fabrics))
-        normal = self.normal(given, quadrature.settled, quadrature == FAST)
+        normal = self.normal(given, quadrature.settled, quadrature.fast)
         x = rng.standard_normal((len(normal.z), PROPOSALS, self.n_fabrics))
         chosen = draw_index(rng, self._log_weights(given, normal, x, quadrature).T)
         z = normal.at(x)[np.arange(len(x)), chosen]
@@ -125,7 +125,7 @@ class FabricIntegrals:
         The mean over all draws, with the run's integrals over raters' scales, is multiplied by the ratio of the means
         over some of them, with finer integrals and with the run's.
         """
-        normal = rough.fabrics.normal(given, rough.quadrature.settled, rough.quadrature == FAST)
+        normal = rough.fabrics.normal(given, rough.quadrature.settled, rough.quadrature.fast)
         x = standard_draws(REFERENCE, self.n_fabrics)
         some = np.concatenate([np.arange(FINE_PAIRS), REFERENCE // 2 + np.arange(FINE_PAIRS)])
         every = np.broadcast_to(x, (len(normal.z), *x.shape))

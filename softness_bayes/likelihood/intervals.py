@@ -26,7 +26,7 @@ from softness_bayes.likelihood.interval_law import Rows
 from softness_bayes.likelihood.lapses import Lapses, RaterRange, WholeScale
 from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.pieces import batch_shape, in_pieces, is_number, over_draws
-from softness_bayes.likelihood.quadrature import DENSE, DENSER, FAST, FINE, Quadrature, finer_than, quadrature_for
+from softness_bayes.likelihood.quadrature import DENSE, DENSER, FINE, SAMPLING, Quadrature, finer_than, quadrature_for
 from softness_bayes.likelihood.random_effects import Effects
 from softness_bayes.likelihood.rater_grids import below_rows, log_of_raters, log_of_rows
 from softness_bayes.likelihood.rater_integrals import LEVELS, RaterIntegrals
@@ -232,7 +232,7 @@ class IntervalRatings(RatingsLikelihood):
         """Return the likelihood of the other ratings; centring of x and lapses still use all rows."""
         rest = self._stated.take(~rows)
         # derivatives alone need many rows
-        own = None if self._quadrature == FAST else self._quadrature
+        own = None if self._quadrature.fast else self._quadrature
         lapses = self._lapses.take(~rows)
         return type(self)(self.values[~rows], self.design.without(rows), self.model, self._over, rest, own, lapses)
 
@@ -249,6 +249,10 @@ class IntervalRatings(RatingsLikelihood):
     def finer(self) -> Self:
         """Return the same likelihood with finer integrals."""
         return self.with_quadrature(self._finer_quadrature(), Rough(self._fabrics, self._quadrature))
+
+    def for_sampling(self) -> Self:
+        """Equivalent of `Likelihood.for_sampling`."""
+        return self.with_quadrature(SAMPLING) if self._quadrature.fast else self
 
     def _finer_quadrature(self) -> Quadrature:
         walled = self._integrals.walled.size > 0

@@ -36,7 +36,7 @@ from softness_bayes.likelihood.own_laws import OwnLaw, factor
 from softness_bayes.likelihood.own_left_out import adaptive_parts
 from softness_bayes.likelihood.own_search import OwnSearch
 from softness_bayes.likelihood.pieces import blocks
-from softness_bayes.likelihood.quadrature import FAST, FINE, FINEST, ROUGHLY, Quadrature, gauss_hermite
+from softness_bayes.likelihood.quadrature import FAST, FINE, FINEST, ROUGHLY, SAMPLING, Quadrature, gauss_hermite
 from softness_bayes.likelihood.rater_grids import Part
 from softness_bayes.likelihood.rater_integrals import FOUR, SIX, RaterIntegrals
 from softness_bayes.likelihood.rater_rows import RowParameters
@@ -45,7 +45,7 @@ from softness_bayes.likelihood.scale_modes import ScaleModes, each_over_scales, 
 FloatArray = NDArray[np.float64]
 
 NODES: Mapping[Quadrature, tuple[int, int]] = MappingProxyType(
-    {FAST: (7, 7), ROUGHLY: (7, 7), FINE: (13, 11), FINEST: (21, 15)}
+    {FAST: (7, 7), SAMPLING: (7, 7), ROUGHLY: (7, 7), FINE: (13, 11), FINEST: (21, 15)}
 )
 """Nodes of a rater's exponent and of the noise, by the resolution of the other integrals."""
 
@@ -55,7 +55,7 @@ TAILS, LAPSES = (9, 7), (9, 11)
 _MOST_BENT = 0.8  # largest change of the spacing of nodes, relative to that at the mode
 _HEADROOM = 3.0  # largest log density of a node, relative to the mode, beyond that of a normal law
 _PLACINGS = 3  # times that nodes are placed, at most
-_SEARCH = 2  # Newton steps towards the mode of a scale at each node
+_SAMPLING = 2  # Newton steps towards the mode of a scale at each node
 _NO_CURVATURE = 0.002  # smallest curvature, relative to that of as many normal errors
 _LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 
@@ -90,13 +90,13 @@ class OwnIntegrals(RaterIntegrals):
     def counts(self, quadrature: Quadrature) -> tuple[int, int]:
         """Return the numbers of nodes of exponents and of noise."""
         exponents, noises = NODES[quadrature]
-        if quadrature == FAST and self.law != NORMAL:
+        if quadrature.fast and self.law != NORMAL:
             exponents, noises = LAPSES if self.law.lapses else TAILS
         return exponents if "gamma" in self.differ else 1, noises if self.noisy else 1
 
     def normal(self, given: RowParameters, quadrature: Quadrature) -> OwnLaw:
         """Return the normal law of all effects about their joint mode."""
-        law: OwnLaw = self.search.normal(given, quadrature.settled, quadrature == FAST)
+        law: OwnLaw = self.search.normal(given, quadrature.settled, quadrature.fast)
         return law
 
     def nodes(self, law: OwnLaw, bends: Bends, quadrature: Quadrature) -> Iterator[OwnNodes]:
@@ -329,7 +329,7 @@ class OwnIntegrals(RaterIntegrals):
         """Return the modes of raters' scales given the level, near a law."""
         a, level, sd = law.mean.a(given.tau), law.mean.level, law.precision**-0.5
         count = self.count / of_rows(given.spread, self.first) ** 2
-        for last in range(_SEARCH, -1, -1):
+        for last in range(_SAMPLING, -1, -1):
             slopes = self._slopes(given, a)
             modes = _modes(a, list(slopes), count, given.tau, level, sd, 0.1 if last else _NO_CURVATURE)
             a = modes.a

@@ -25,10 +25,19 @@ class Quadrature(NamedTuple):
     """Nodes of the level."""
     settled: float
     """Newton's method stops once no rater's mode moves by more than this, in its standard deviations."""
+    maxima: bool = True
+    """True to integrate raters' densities with several maxima over all of these (`several_maxima`)."""
+
+    @property
+    def fast(self) -> bool:
+        """True if this is `FAST`, with or without a search for several maxima."""
+        return self._replace(maxima=True) == FAST
 
 
 FAST = Quadrature(0, 5, 3, 1.0)
 """Quadrature for raters with many ratings each."""
+SAMPLING = FAST._replace(maxima=False)
+"""The same for sampling: all proposals far from the data are rejected, and their accuracy does not matter."""
 FINE = Quadrature(24, 13, 9, 0.05)
 """Quadrature for raters with few ratings, and reference for the error of `FAST`."""
 FINEST = Quadrature(40, 13, 13, 0.01)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
+from softness_bayes.likelihood import curvatures, several_maxima
 from softness_bayes.likelihood.box_integrals import POINTS, Boxes
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.interval_law import log_probability, of_rows, scaled_derivatives
@@ -38,7 +39,7 @@ LEVELS = 33
 FOUR, SIX, FEW = 0.02, 0.1, 0.5
 """Largest `ScaleModes.truncation` for which an expansion has four derivatives, and six. With lapses it always has six,
 because one lapse more or less changes the higher ones. Beyond, `ROUGHLY` is used, and beyond the third limit `FINE`.
-Over draws of the prior within 300 of the best log-likelihood, errors are then below 1e-3."""
+Over draws of the prior, errors are then below 1e-3."""
 
 SMOOTH = 0.4
 """Largest `ScaleModes.bend` for which effects are drawn by `FAST`; their grids reach twice as far as the nodes of the
@@ -225,23 +226,29 @@ class RaterIntegrals:
 
     def log_density(self, given: RowParameters, quadrature: Quadrature) -> FloatArray:
         """Return the log density of all rows, shape (draws,)."""
-        modes, few = self.modes(given, quadrature.settled, quadrature == FAST), quadrature.points == 0
+        modes, few = self.modes(given, quadrature.settled, quadrature.fast), quadrature.points == 0
+        several = quadrature.maxima & curvatures.may_have_several_maxima(self, given, modes)
         boxed, truncation = self._boxes.needed(given, lambda: modes.bend), modes.truncation
-        six = few & (truncation > FOUR) & (self._orders < 6)
-        rough = few & (truncation > (FOUR if self.walled.size else SIX)) & ~boxed
-        if not (boxed.any() or rough.any() or six.any()):
+        six = few & ((truncation > FOUR) | curvatures.have_other_sixth(self, given, modes)) & (self._orders < 6)
+        rough = few & (truncation > (FOUR if self.walled.size else SIX))
+        if not (several.any() or boxed.any() or rough.any() or six.any()):
             return self._summed(given, modes, quadrature)
-        six &= ~(rough | boxed)
-        found = np.empty(boxed.size)
+        found, left = np.empty(boxed.size), np.ones(boxed.size, dtype=bool)
         for chosen, how in (
+            (several, self._of_several_maxima),
             (boxed, self._on_points),
             (rough, self._on_few_points),
             (six, self._with_six_derivatives),
-            (~(boxed | rough | six), self._summed),
+            (left, self._summed),
         ):
-            if chosen.any():
-                found[chosen] = how(given.part(chosen), modes.part(chosen), quadrature)
+            now = chosen & left
+            if now.any():
+                found[now] = how(given.part(now), modes.part(now), quadrature)
+            left = left & ~now
         return found
+
+    def _of_several_maxima(self, given: RowParameters, modes: ScaleModes, quadrature: Quadrature) -> FloatArray:
+        return several_maxima.log_density(self, given, reference=quadrature.points > 0)
 
     def _with_six_derivatives(self, given: RowParameters, modes: ScaleModes, quadrature: Quadrature) -> FloatArray:
         return self._summed(given, self._about(given, modes.a, self._slopes(given, modes.a, orders=6)), quadrature)
@@ -289,9 +296,7 @@ class RaterIntegrals:
         ratio = self.law.sixth_over_fourth
         if ratio is None or len(modes.slopes) > 5:
             return 0.0
-        width = modes.width * modes.width
-        of_fourth = (modes.slopes[4] * width * width * width).sum(axis=-1, keepdims=True) / given.spread**2
-        return np.asarray(15.0 / 720.0 * ratio(given.parameters) * of_fourth)
+        return curvatures.effect_of_sixth(ratio(given.parameters), given, modes, modes.slopes[4])[:, None]
 
     def at_levels(
         self,

@@ -21,8 +21,9 @@ WIDE = 0.6
 ROUNDED = 0.05
 """Width of the widest interval, in spreads, below which all are computed in double precision, as exact numbers are."""
 
-TINY = 1e-4
-"""Spread of errors whose inverse has powers, in derivatives, that are too large for single precision."""
+TINY = 0.03
+"""Spread of errors below which log densities are so large, where the residuals are not as small, that single precision
+loses the digits of 1e-3."""
 
 NEARLY_NORMAL = 1.0 - 1e-4
 """Smooth length of a law from which it is computed in double precision, as its limit, the normal law."""

@@ -90,6 +90,17 @@ def log_below(u: FloatArray, nu: FloatArray) -> FloatArray:
     return np.asarray(log_ndtr(normal_score(u, nu)))
 
 
+def expected_curvature(nu: FloatArray) -> FloatArray:
+    """Return minus the expected second derivative of the log density (Fisher's information), shape of `nu`."""
+    return np.asarray((nu + 1.0) / (nu + 3.0))
+
+
+def expected_fourth(nu: FloatArray) -> FloatArray:
+    """Return the expected fourth derivative of the log density, shape of `nu`, derived as `sixth_over_fourth`."""
+    t = 1.0 / np.asarray(nu, float)
+    return 6.0 * t * (1.0 + t) * (1.0 + 2.0 * t) / ((1.0 + 5.0 * t) * (1.0 + 7.0 * t))
+
+
 def sixth_over_fourth(nu: FloatArray) -> FloatArray:
     """Return the ratio of the expected sixth derivative of the log density to the expected fourth, shape of `nu`.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol, Self, cast
 
 import numpy as np
@@ -87,6 +88,11 @@ class Density:
     def with_term(self, term: Likelihood) -> Self:
         """The posterior with the data of the same name replaced."""
         return replace(self, terms=tuple(term if old.name == term.name else old for old in self.terms))
+
+    @cached_property
+    def for_sampling(self) -> Self:
+        """The same density in the form in which it is sampled, `Likelihood.for_sampling`."""
+        return replace(self, terms=tuple(term.for_sampling() for term in self.terms))
 
     def mean_rate(self, theta: FloatArray) -> FloatArray:
         """The pad's mean rate N/N_ref [Hz] at points theta, shape (..., conditions); empty without a scene."""

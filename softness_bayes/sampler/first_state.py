@@ -11,6 +11,7 @@ from softness_bayes.errors import NumericalError
 from softness_bayes.sampler.adaptation import TriangularMap
 from softness_bayes.sampler.nonfinite import Nonfinite, watching
 from softness_bayes.sampler.starts import (
+    HasSamplingForm,
     Optimum,
     Starts,
     TargetDensity,
@@ -79,7 +80,7 @@ def watched(workers: Workers, tasks: list[tuple[Any, ...]]) -> tuple[list[Any], 
 
 
 def _watch(target: TargetDensity, work: Callable[..., Any], *task: Any) -> tuple[Any, Nonfinite]:
-    return watching(work, target, *task)
+    return watching(work, target.for_sampling if isinstance(target, HasSamplingForm) else target, *task)
 
 
 def _climb(target: TargetDensity, seed: np.random.SeedSequence, best: bool) -> Optimum:

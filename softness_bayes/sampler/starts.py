@@ -7,7 +7,7 @@ height alone is not informative, because a narrow mode can be much higher than a
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +51,15 @@ class TargetDensity(Protocol):
 
     def draw_start(self, rng: np.random.Generator, size: int) -> FloatArray:
         """Draw dispersed points of finite density from which optimisations may start, shape (size, dimension)."""
+
+
+@runtime_checkable
+class HasSamplingForm(Protocol):
+    """A target with a form of its own for sampling."""
+
+    @property
+    def for_sampling(self) -> TargetDensity:
+        """The same density, which may be less accurate where it is too small to matter."""
 
 
 def linear_coordinates(target: TargetDensity) -> int:

@@ -41,9 +41,8 @@ KINDS: tuple[tuple[ErrorLaw, float], ...] = (
 REPEATS, TURN = 300, 10
 """Calls of each likelihood, and successive ones, of which the fastest counts."""
 
-NEAR, FAR, DRAWS, DISTANCE = 20, 30, 1500, 300.0
-"""Vectors near the truth, draws of the prior, draws among which these are found, and the largest distance of their
-log-likelihood from the best."""
+NEAR, FAR = 20, 300
+"""Vectors near the truth, and draws of the prior, for which errors are computed."""
 
 
 class Row(NamedTuple):
@@ -57,7 +56,7 @@ class Row(NamedTuple):
     near: float
     """Largest error near the truth."""
     prior: float
-    """Largest error over draws of the prior within `DISTANCE` of the best log-likelihood."""
+    """Largest error over draws of the prior."""
 
 
 def measured(law: ErrorLaw, step: float, closed: Callable[[], Any], repeats: int = REPEATS, far: int = FAR) -> Row:
@@ -75,11 +74,8 @@ def measured(law: ErrorLaw, step: float, closed: Callable[[], Any], repeats: int
     posterior, _, near = rated(ModelOptions(), law, step)
     own, base = in_turns((lambda: posterior.log_likelihood(near), closed), repeats)
     dense = posterior.with_term(cast(IntervalRatings, posterior.observation).with_quadrature(DENSE))
-    draws = posterior.space.draw_prior(np.random.default_rng(5), DRAWS)
-    value = np.concatenate([posterior.log_likelihood(part) for part in np.array_split(draws, -(-DRAWS // BATCH))])
-    below = value.max() - value
-    at = near[:NEAR], draws[below < DISTANCE][-far:]
-    errors = [float(np.abs(posterior.log_likelihood(one) - dense.log_likelihood(one)).max(initial=0.0)) for one in at]
+    at = near[:NEAR], posterior.space.draw_prior(np.random.default_rng(5), far)
+    errors = [float(np.abs(posterior.log_likelihood(one) - dense.log_likelihood(one)).max()) for one in at]
     # other work slows turns of both alike, whereas the fastest of all calls belong to different moments
     cost = round(float(np.median(own / base)), 2)
     return Row(name_of(law, step), round(1e6 * own.min() / BATCH, 1), cost, *(float(f"{e:.0e}") for e in errors))

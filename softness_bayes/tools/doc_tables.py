@@ -198,7 +198,7 @@ def injected_faults(results: Path) -> str:
 
 def rating_integrals(results: Path) -> str:
     """Return time and error of the integrated likelihoods of ratings, from ``tools.benchmark_ratings``."""
-    head = ["ratings, errors", "µs per vector", "over the closed form", "error near the truth", "error within 300"]
+    head = ["ratings, errors", "µs per vector", "over the closed form", "error near the truth", "error over the prior"]
     return table(head, (list(row.values()) for row in _rows(results / "rating_integrals.csv")))
 
 

@@ -394,3 +394,14 @@ def test_a_script_without_a_main_guard_is_told_so(tmp_path):
     )
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=60, check=False)
     assert "under 'if __name__ == \"__main__\":'" in done.stdout
+
+
+def test_a_target_is_sampled_in_its_form_for_sampling():
+    class TwoForms(Target):
+        for_sampling = Target(normal)
+
+    def never(z):
+        raise AssertionError("the other form was evaluated")
+
+    found, expected = (sample_until(target, SHORT, seed=3) for target in (TwoForms(never), Target(normal)))
+    assert np.array_equal(found.chains.coordinates, expected.chains.coordinates)
