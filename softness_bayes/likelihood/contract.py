@@ -128,7 +128,7 @@ class Likelihood(ABC):
     def for_sampling(self) -> Self:
         """Return the likelihood in the form in which it is sampled; far from the data it may be less accurate.
 
-        Proposals that far away are rejected by any value.
+        Proposals that far away are rejected by either.
         """
         return self
 

@@ -33,8 +33,9 @@ class DenseIntegrals(RaterIntegrals):
     """
 
     def log_density(self, given: RowParameters, quadrature: Quadrature) -> FloatArray:
-        """Return the log density of all rows, shape (draws,); with many rows, by `several_maxima`."""
-        if self.count.min() >= MANY_ROWS and several_maxima.feasible(self, given).all():
+        """Return the log density of all rows, shape (draws,); with many closed intervals, by `several_maxima`."""
+        many = self.count.min() >= MANY_ROWS and not self.walled.size
+        if many and several_maxima.feasible(self, given).all():
             return several_maxima.log_density(self, given, reference=True)
         return np.concatenate([log_sum(one.joint, axis=-1)[None] for one in self._each(given, quadrature)])
 

@@ -55,7 +55,7 @@ TAILS, LAPSES = (9, 7), (9, 11)
 _MOST_BENT = 0.8  # largest change of the spacing of nodes, relative to that at the mode
 _HEADROOM = 3.0  # largest log density of a node, relative to the mode, beyond that of a normal law
 _PLACINGS = 3  # times that nodes are placed, at most
-_SAMPLING = 2  # Newton steps towards the mode of a scale at each node
+_SEARCH = 2  # Newton steps towards the mode of a scale at each node
 _NO_CURVATURE = 0.002  # smallest curvature, relative to that of as many normal errors
 _LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 
@@ -329,7 +329,7 @@ class OwnIntegrals(RaterIntegrals):
         """Return the modes of raters' scales given the level, near a law."""
         a, level, sd = law.mean.a(given.tau), law.mean.level, law.precision**-0.5
         count = self.count / of_rows(given.spread, self.first) ** 2
-        for last in range(_SAMPLING, -1, -1):
+        for last in range(_SEARCH, -1, -1):
             slopes = self._slopes(given, a)
             modes = _modes(a, list(slopes), count, given.tau, level, sd, 0.1 if last else _NO_CURVATURE)
             a = modes.a

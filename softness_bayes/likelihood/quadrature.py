@@ -37,7 +37,7 @@ class Quadrature(NamedTuple):
 FAST = Quadrature(0, 5, 3, 1.0)
 """Quadrature for raters with many ratings each."""
 SAMPLING = FAST._replace(maxima=False)
-"""The same for sampling: all proposals far from the data are rejected, and their accuracy does not matter."""
+"""The same for sampling: all proposals far from the data are rejected, whatever the error of their density."""
 FINE = Quadrature(24, 13, 9, 0.05)
 """Quadrature for raters with few ratings, and reference for the error of `FAST`."""
 FINEST = Quadrature(40, 13, 13, 0.01)

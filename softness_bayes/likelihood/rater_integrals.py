@@ -227,7 +227,8 @@ class RaterIntegrals:
     def log_density(self, given: RowParameters, quadrature: Quadrature) -> FloatArray:
         """Return the log density of all rows, shape (draws,)."""
         modes, few = self.modes(given, quadrature.settled, quadrature.fast), quadrature.points == 0
-        several = quadrature.maxima & curvatures.may_have_several_maxima(self, given, modes)
+        none = np.zeros(len(given.drive), dtype=bool)
+        several = curvatures.may_have_several_maxima(self, given, modes) if quadrature.maxima else none
         boxed, truncation = self._boxes.needed(given, lambda: modes.bend), modes.truncation
         six = few & ((truncation > FOUR) | curvatures.have_other_sixth(self, given, modes)) & (self._orders < 6)
         rough = few & (truncation > (FOUR if self.walled.size else SIX))

@@ -39,14 +39,14 @@ NO_SPREAD = 0.03
 """Value of tau, relative to the smallest standard deviation of a rater's density, below which points are Gauss-Hermite
 nodes about each level."""
 
-NODES = 13
+NODES = 7
 """Their number."""
 
 LEFT_OUT = 1e-6
 """Share of a rater's density that may lie beyond the points."""
 
 MOST_WORK = 5e8
-"""Largest number of values in a scan, which takes a few seconds. Beyond it, rules about the mode are used."""
+"""Largest number of values in a scan, which takes seconds. Beyond it, rules about the mode are used."""
 
 _ROW = 10.0  # time of a row's log density, relative to that of a value in the scan
 _PER_SPREAD, _PER_RATER, _PER_LEVEL = 0.5, 3.0, 2.0  # longest steps of the scan: in spreads, and standard deviations
@@ -62,6 +62,8 @@ class Scales(Protocol):
     """Law of the errors."""
     count: FloatArray
     """Number of rows of each rater."""
+    sd: float
+    """Prior standard deviation of the level."""
 
     def values(self, given: RowParameters, a: FloatArray) -> FloatArray:
         """Return the log density of each rater's rows at points (draws, points, raters)."""
@@ -75,7 +77,8 @@ def feasible(scales: Scales, given: RowParameters) -> Mask:
     low, high = _ends(scales, given)
     narrow = given.spread[:, 0] / math.sqrt(scales.count.max())
     points = (high - low) / np.minimum(_PER_SPREAD * given.spread[:, 0], _PER_RATER * narrow)
-    levels = 2.0 * REACH + (high - low) / (_PER_LEVEL * np.hypot(given.tau[:, 0], narrow))
+    width = np.hypot(given.tau[:, 0], narrow)
+    levels = (2.0 * REACH * width + high - low) / (_PER_LEVEL * np.minimum(width, scales.sd))
     return np.asarray(points * (_ROW * scales.count.sum() + levels * scales.count.size) < MOST_WORK)
 
 
@@ -98,7 +101,7 @@ def _of_draw(scales: Scales, given: RowParameters, reference: bool) -> float:
     narrow = float(given.spread[0, 0]) / math.sqrt(scales.count.max())
     scan = _Scan.of(scales, given, max(tau, _LEAST_TAU * narrow), narrow)
     levels, relevant = scan.where(scales)
-    longest = step * math.hypot(tau, narrow) / math.sqrt(people)
+    longest = step / math.hypot(math.sqrt(people) / math.hypot(tau, narrow), 1.0 / scales.sd)
     level, apart = _divided(levels, scan.level[1] - scan.level[0], longest)
     if tau < NO_SPREAD * narrow:
         x, log_weight = gauss_hermite(NODES)
@@ -148,7 +151,7 @@ class _Scan(NamedTuple):
         width = math.hypot(tau, narrow)
         points = _evenly(low, high, min(_PER_SPREAD * float(given.spread[0, 0]), _PER_RATER * narrow))
         values = scales.values(given, for_all(points, scales.count.size))[0]
-        level = _evenly(low - REACH * width, high + REACH * width, _PER_LEVEL * width)
+        level = _evenly(low - REACH * width, high + REACH * width, _PER_LEVEL * min(width, scales.sd))
         return cls(points, values, level, tau, _SLACK + math.log1p(tau / narrow))
 
     @property

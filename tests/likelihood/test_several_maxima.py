@@ -9,7 +9,9 @@ from scipy.stats import norm, t
 
 from softness_bayes.likelihood import curvatures, several_maxima, student
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
+from softness_bayes.likelihood.intervals import IntervalRatings
 from softness_bayes.likelihood.quadrature import DENSE, FAST, FINE, SAMPLING
+from softness_bayes.likelihood.stated import Stated
 from support.interval_tables import table
 
 
@@ -168,6 +170,24 @@ def test_at_the_truth_sixth_derivatives_are_the_expected_ones():
     given, _ = observed._given(np.broadcast_to(rate[0], rate.shape), points)
     modes = observed._integrals.modes(given, FAST.settled, True)
     assert not curvatures.have_other_sixth(observed._integrals, given, modes).any()
+
+
+def test_a_large_spread_of_scales_leaves_the_level_to_its_prior():
+    observed, rate, points = two_groups(STUDENT, tau=40.0)
+    given, _ = observed._given(rate, points)
+    few, many = (several_maxima.log_density(observed._integrals, given, how) for how in (False, True))
+    assert_allclose(few, many, atol=1e-5)
+
+
+def test_raters_who_answer_zero_only_keep_the_limits_of_the_prior():
+    observed, rate, points = table(5, 3, 4, law=STUDENT)
+    below = np.full(observed.values.size, 20.0)
+    zeros = Stated(below / 2, 2 * below, below, np.full(below.size, np.inf))
+    walled = IntervalRatings(below / 2, observed.design, observed.model, stated=zeros)
+    points = far_from(points, tau=0.05, nu=5.0)
+    assert walled._integrals.walled.size == 3
+    exact = walled.with_quadrature(FINE).log_likelihood(rate, points)
+    assert_allclose(walled.with_quadrature(DENSE).log_likelihood(rate, points), exact, atol=1e-4)
 
 
 def test_rows_too_far_apart_for_a_scan_are_left_to_other_rules():
