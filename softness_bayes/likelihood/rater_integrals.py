@@ -39,7 +39,7 @@ LEVELS = 33
 FOUR, SIX, FEW = 0.02, 0.1, 0.5
 """Largest `ScaleModes.truncation` for which an expansion has four derivatives, and six. With lapses it always has six,
 because one lapse more or less changes the higher ones. Beyond, `ROUGHLY` is used, and beyond the third limit `FINE`.
-Over draws of the prior, errors are then below 1e-3."""
+Over draws of the prior of 1080 ratings of 30 raters, errors are then below 1e-3."""
 
 SMOOTH = 0.4
 """Largest `ScaleModes.bend` for which effects are drawn by `FAST`; their grids reach twice as far as the nodes of the

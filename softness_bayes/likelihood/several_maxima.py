@@ -201,7 +201,7 @@ def _ends(scales: Scales, given: RowParameters) -> tuple[FloatArray, FloatArray]
 
 
 def reach_of(law: ErrorLaw, parameters: LawParameters, draw: int, rows: int) -> float:
-    """Return how far the density for a number of rows extends beyond them, in error spreads, leaving out 1e-6."""
+    """Return how far the density for a number of rows extends beyond them, in error spreads, leaving out `LEFT_OUT`."""
     if "nu" not in law.needs:
         return REACH
     nu = max(float(np.ravel(parameters.nu)[draw]), student.LEAST)
