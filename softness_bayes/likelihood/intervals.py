@@ -189,8 +189,7 @@ class IntervalRatings(RatingsLikelihood):
         self._middle = scale.additive(self.values)[order]
         self._middle[narrow] = 0.5 * (self._rows.low + self._rows.high)[narrow]
         weight = np.ones(order.size) if model.law == NORMAL else robust_weights(self._middle, rater, self._condition)
-        count = np.bincount(rater).astype(float)
-        self._quadrature = quadrature or quadrature_for(count)
+        self._quadrature = quadrature or quadrature_for(np.bincount(rater).astype(float))
         walled = np.bincount(rater, np.isfinite(self._widths())).min() == 0.0
         times = times_of(rater, self._condition, self._rows.low, self._rows.high, self._middle)
         level, ends = model.level, self._finite_ends()
@@ -248,15 +247,13 @@ class IntervalRatings(RatingsLikelihood):
 
     def finer(self) -> Self:
         """Return the same likelihood with finer integrals."""
-        return self.with_quadrature(self._finer_quadrature(), Rough(self._fabrics, self._quadrature))
+        walled = self._integrals.walled.size > 0
+        quadrature = finer_than(self._quadrature, self._integrals.count, self.model.law, walled)
+        return self.with_quadrature(quadrature, Rough(self._fabrics, self._quadrature))
 
     def for_sampling(self) -> Self:
         """Equivalent of `Likelihood.for_sampling`."""
         return self.with_quadrature(SAMPLING) if self._quadrature.fast else self
-
-    def _finer_quadrature(self) -> Quadrature:
-        walled = self._integrals.walled.size > 0
-        return finer_than(self._quadrature, self._integrals.count, self.model.law, walled)
 
     def with_quadrature(self, quadrature: Quadrature, rough: Rough | None = None) -> Self:
         """Return the same likelihood with integrals of another resolution, as a reference of `rough` if given."""
@@ -343,9 +340,8 @@ class IntervalRatings(RatingsLikelihood):
         mean_rate: FloatArray | None = None,
     ) -> FloatArray:
         """Return one rating for every row, shape (..., rows), on its rater's grid."""
-        model, stated = self.model, self._stated
-        numbers = model.draw_attentive(rng, self.design, drive, parameters, effects)
-        return stated.rounded(model.with_lapses(rng, numbers, self.design, parameters, stated))
+        numbers = self.model.draw_attentive(rng, self.design, drive, parameters, effects)
+        return self._stated.rounded(self.model.with_lapses(rng, numbers, self.design, parameters, self._stated))
 
     def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
         """Return the residual of each log rating as a normal score times the spread, shape (..., rows).
