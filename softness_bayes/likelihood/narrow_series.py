@@ -12,7 +12,6 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import convolve2d
 
 FloatArray = NDArray[np.float64]
 
@@ -108,6 +107,12 @@ def _trimmed(values: FloatArray) -> FloatArray:
 
 
 def _times(first: FloatArray, *others: FloatArray) -> FloatArray:
+    """Return the product of polynomials in two variables."""
+    # `scipy.signal` has this, but imports all of `scipy.stats`, which delays the start of every command
     for other in others:
-        first = convolve2d(first, other)
-    return np.asarray(first)
+        rows, columns = other.shape
+        product = np.zeros((len(first) + rows - 1, first.shape[1] + columns - 1))
+        for (i, k), factor in np.ndenumerate(first):
+            product[i : i + rows, k : k + columns] += factor * other
+        first = product
+    return first

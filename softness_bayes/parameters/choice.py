@@ -214,7 +214,8 @@ def _within_surface(
     Raises
     ------
     InputError
-        If the prior of a multiplier, or a fixed alpha, is outside the range of the surface.
+        If the prior of a multiplier, or the median of that of alpha, or a fixed alpha, is outside the range of the
+        surface.
     """
     channels = [p for p in sampled if p.name in Channels._fields]
     for p in channels:
@@ -230,9 +231,12 @@ def _within_surface(
             f"alpha is {held['alpha']}, expected at most {firing.max_current:g} µA/cm², the range of the "
             f"firing-rate surface; fix {', '.join(p.name for p in channels)} too for larger ones"
         )
-    return tuple(
-        replace(p, range=replace(p.range, high=firing.max_current)) if p.name == "alpha" else p for p in sampled
-    )
+    within = tuple(p.up_to(firing.max_current) if p.name == "alpha" else p for p in sampled)
+    for p in within:
+        if p.name == "alpha":
+            within_surface = replace(p.range, unit=f"{p.unit}, the range of the firing-rate surface")
+            within_surface.require(f"prior of alpha: median of {p.prior}", p.prior.median)
+    return within
 
 
 def _suitable(parameter: Parameter, prior: Prior) -> Prior:

@@ -96,6 +96,7 @@ class Version:
         """End the process."""
         self._in.close()
         self._process.wait()
+        self._out.close()
 
 
 def measure(other: Path, accuracy: float, channels: str, rounds: int = ROUNDS, calls: int = CALLS) -> tuple[str, ...]:

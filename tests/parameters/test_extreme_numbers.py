@@ -56,6 +56,14 @@ def test_a_typed_prior_is_refused_with_what_was_expected_or_answers_everywhere(s
     assert 0.1 * len(seeds) < taken < 0.5 * len(seeds)
 
 
+def test_a_prior_beyond_the_firing_rate_surface_is_refused_before_anything_is_drawn():
+    beyond = {"alpha": parse_prior("loguniform(66.3,74)")}
+    with pytest.raises(InputError, match=r"alpha: median of loguniform.* to 60 µA/cm², the range of the firing-rate"):
+        parameter_space(priors=beyond)
+    space = parameter_space(priors=beyond, fix=dict.fromkeys(("c_Na", "c_K", "c_L", "c_A"), 1.0))
+    assert space.draw_prior(np.random.default_rng(1), 5)[:, space.names.index("alpha")].min() > 66
+
+
 @pytest.mark.parametrize("law", [HalfNormal(0.02), Normal(0.0, 0.02)], ids=str)
 def test_a_density_near_the_largest_number_is_zero(law):
     assert law.log_density(np.array([1.7e308])).tolist() == [-np.inf]
