@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -50,6 +51,10 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+MANY_RATINGS = 5000
+"""Number of ratings above which each ensemble walks alone: the time of a call then grows with its points, and ensembles
+that walk together would leave processors without work."""
+
 
 def walked(
     data: Experiment | Compression,
@@ -62,6 +67,8 @@ def walked(
     """Sample until convergence or a limit, from the start or from a checkpoint; arguments as for `sample`."""
     density.space.require_sampled()
     settings, begin = request.run.settings, None
+    if isinstance(data, Experiment) and len(data.ratings) > MANY_RATINGS:
+        settings = replace(settings, together=1)
     if checkpoint is not None:
         begin = checkpoint.begin(identity(data, density, settings, request.choices()))
         if begin is not None:

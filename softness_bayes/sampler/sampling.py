@@ -17,6 +17,8 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,6 +40,7 @@ from softness_bayes.sampler.moves import (
     fitted,
 )
 from softness_bayes.sampler.schedule import Schedule
+from softness_bayes.sampler.side_by_side import Density, side_by_side
 from softness_bayes.sampler.starts import TargetDensity
 from softness_bayes.sampler.state import EnsembleState, RunState
 from softness_bayes.sampler.workers import Workers, available_processors
@@ -68,6 +71,8 @@ class Settings(Schedule):
     processes
         Number of worker processes; by default one per ensemble or processor, whichever is fewer. The draws do not
         depend on it.
+    together
+        Number of ensembles that walk side by side in a process, so that one call evaluates the points of all.
     optima
         Number of optimised points about which the walkers of an ensemble start.
     first_moves, moves
@@ -79,6 +84,7 @@ class Settings(Schedule):
     ensembles: int = 4
     walkers: int | None = None
     processes: int | None = None
+    together: int = 2
     optima: int = 2
     first_moves: Moves = FIRST_MOVES
     moves: Moves = MOVES
@@ -86,7 +92,7 @@ class Settings(Schedule):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, bound in {"ensembles": 2, "optima": 1}.items():
+        for name, bound in {"ensembles": 2, "together": 1, "optima": 1}.items():
             if getattr(self, name) < bound:
                 raise InputError(f"sampling: {name} is {getattr(self, name)}, expected at least {bound}")
         if self.processes is not None:
@@ -151,21 +157,21 @@ class Sampled(NamedTuple):
 
 def advance(
     target: TargetDensity,
-    state: EnsembleState,
+    states: Sequence[EnsembleState],
     steps: int,
     moves: Moves,
     map: TriangularMap,
     stride: int = 1,
     modes: Sequence[TriangularMap] = (),
-) -> tuple[EnsembleState, Segment]:
-    """Advance one ensemble; two calls give bitwise the same result as one call over all steps.
+) -> list[tuple[EnsembleState, Segment]]:
+    """Advance ensembles side by side; two calls give bitwise the same result as one call over all steps.
 
     Parameters
     ----------
     target
         Density to sample.
-    state
-        State of the ensemble.
+    states
+        States of the ensembles.
     steps
         Number of steps, a multiple of ``stride``.
     moves
@@ -177,21 +183,29 @@ def advance(
     modes
         Maps of the density's modes, if it has several.
     """
+    own_moves = fitted(moves, map, [Mode(map, own) for own in modes])
+    walks = [partial(_walked, state, steps // stride, stride, own_moves) for state in states]
+    walked = side_by_side(Mapped(target, map), walks)
+    return [(state, segment._replace(coordinates=map.forward(segment.coordinates))) for state, segment in walked]
+
+
+def _walked(
+    state: EnsembleState, stored: int, stride: int, moves: Moves, density: Density, stepped: Callable[[], None]
+) -> tuple[EnsembleState, Segment]:
+    """Advance one ensemble in map coordinates; `stepped` is called after every stored step."""
     import emcee  # see `moves`
 
-    walkers, dimension = state.coordinates.shape
-    mapped = Mapped(target, map)
-    own_moves = fitted(moves, map, [Mode(map, own) for own in modes])
-    made = [(proposal.made(), share) for proposal, share in own_moves]
-    sampler = emcee.EnsembleSampler(walkers, dimension, mapped, moves=made, vectorize=True)
+    made = [(proposal.made(), share) for proposal, share in moves]
+    sampler = emcee.EnsembleSampler(*state.coordinates.shape, density, moves=made, vectorize=True)
     # emcee accepts any state, and silently uses NumPy's global generator if it is invalid
     sampler.random_state = state.random
     if not _same_random(sampler.random_state, state.random):
         raise NumericalError("the state of the random generator was not accepted")
     first = emcee.State(state.coordinates, log_prob=state.log_density, random_state=state.random)
-    last = sampler.run_mcmc(first, steps // stride, thin_by=stride, skip_initial_state_check=True)
+    for last in sampler.sample(first, iterations=stored, thin_by=stride, skip_initial_state_check=True):  # noqa: B007
+        stepped()
     accepted = np.asarray(sampler.backend.accepted, dtype=np.int64)
-    segment = Segment(map.forward(sampler.get_chain()), sampler.get_log_prob(), accepted)
+    segment = Segment(sampler.get_chain(), sampler.get_log_prob(), accepted)
     return EnsembleState(last.coords, last.log_prob, last.random_state), segment
 
 
@@ -293,9 +307,10 @@ def _advance(workers: Workers, settings: Settings, state: RunState, steps: int) 
     first = state.phase == 0 and bool(settings.pilot)
     dimension = state.ensembles[0].coordinates.shape[-1]
     moves = settings.first_moves if first else settings.moves_for(dimension)
-    tasks = [(advance, one, steps, moves, state.map, state.stride, state.modes) for one in state.ensembles]
+    groups = [state.ensembles[k : k + settings.together] for k in range(0, settings.ensembles, settings.together)]
+    tasks = [(advance, group, steps, moves, state.map, state.stride, state.modes) for group in groups]
     walked, found = watched(workers, tasks)
-    ensembles, segments = zip(*walked, strict=True)
+    ensembles, segments = zip(*chain.from_iterable(walked), strict=True)
     parts = tuple((*part, segment) for part, segment in zip(state.parts, segments, strict=True))
     return replace(
         state, steps=state.steps + steps, ensembles=ensembles, parts=parts, nonfinite=state.nonfinite + found

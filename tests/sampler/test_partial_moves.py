@@ -89,7 +89,7 @@ def largest_deviation(bend, moves, known=IDENTITY):
     """
     target, begin = Bent(bend), Bent(bend).draws(np.random.default_rng(5), WALKERS)
     state = EnsembleState(known.inverse(begin), target(begin), np.random.RandomState(7).get_state())
-    end, _ = advance(target, state, STEPS, moves, known)
+    ((end, _),) = advance(target, [state], STEPS, moves, known)
     z = known.forward(end.coordinates)
     x = target.natural(z)
     products = np.stack([x[:, 0] * x[:, k] for k in range(1, DIMENSION)], axis=-1)
@@ -179,7 +179,7 @@ def test_blocks_shorten_walks_where_some_coordinates_fit_no_map():
     state = EnsembleState(begin, Rough()(begin), np.random.RandomState(4).get_state())
 
     def left(moves):
-        end, _ = advance(Rough(), state, 20, moves, TriangularMap.identity(DIMENSION))
+        ((end, _),) = advance(Rough(), [state], 20, moves, TriangularMap.identity(DIMENSION))
         return np.mean([np.corrcoef(begin[:, k], end.coordinates[:, k])[0, 1] for k in range(DIMENSION)])
 
     at_once = ((Student(20.0), 0.6), (DifferentialEvolution(), 0.4))
@@ -200,7 +200,7 @@ def test_a_far_thin_tail_is_left_soon():
     state = EnsembleState(begin, Tailed()(begin), np.random.RandomState(4).get_state())
 
     def left(moves):
-        end, _ = advance(Tailed(), state, 60, moves, IDENTITY)
+        ((end, _),) = advance(Tailed(), [state], 60, moves, IDENTITY)
         return (np.abs(end.coordinates[:, 0]) > 5.0).mean()
 
     assert left(MANY_DIMENSIONS_MOVES) < 0.05

@@ -60,9 +60,9 @@ def state(target, seed=1, walkers=12):
 
 def test_a_walk_in_two_parts_is_bit_by_bit_the_walk_in_one():
     target, map = Target(normal), TriangularMap.identity(2)
-    end, whole = advance(target, state(target), 60, MOVES, map)
-    middle, first = advance(target, state(target), 25, MOVES, map)
-    again, second = advance(target, middle, 35, MOVES, map)
+    ((end, whole),) = advance(target, [state(target)], 60, MOVES, map)
+    ((middle, first),) = advance(target, [state(target)], 25, MOVES, map)
+    ((again, second),) = advance(target, [middle], 35, MOVES, map)
     joined = Segment.join([first, second])
     for one, other in zip(whole, joined, strict=True):
         np.testing.assert_array_equal(one, other)
@@ -70,14 +70,14 @@ def test_a_walk_in_two_parts_is_bit_by_bit_the_walk_in_one():
     np.testing.assert_array_equal(end.random[1], again.random[1])
     np.testing.assert_array_equal(whole.log_density[-1], target(whole.coordinates[-1]))
     # every second step of the whole is what a walk with stride 2 stores
-    _, strided = advance(target, state(target), 60, MOVES, map, stride=2)
+    ((_, strided),) = advance(target, [state(target)], 60, MOVES, map, stride=2)
     np.testing.assert_array_equal(strided.coordinates, whole.every(2).coordinates)
 
 
 def test_numpys_global_generator_is_neither_used_nor_moved():
     target, map = Target(normal), TriangularMap.identity(2)
     before = np.random.get_state()[1].copy()  # noqa: NPY002
-    walks = [advance(target, state(target, seed), 10, MOVES, map)[1].coordinates[-1] for seed in (1, 1, 2)]
+    walks = [advance(target, [state(target, seed)], 10, MOVES, map)[0][1].coordinates[-1] for seed in (1, 1, 2)]
     np.testing.assert_array_equal(np.random.get_state()[1], before)  # noqa: NPY002
     np.testing.assert_array_equal(walks[0], walks[1])
     assert not np.array_equal(walks[0], walks[2])
@@ -88,7 +88,7 @@ def test_a_random_state_that_emcee_would_ignore_is_an_error():
     for nonsense in (("MT19937", np.arange(5), 0, 0, 0.0), (7, 1, 2, 3, 4)):
         wrong = state(target)._replace(random=nonsense)
         with pytest.raises(NumericalError, match="random generator"):
-            advance(target, wrong, 5, MOVES, TriangularMap.identity(2))
+            advance(target, [wrong], 5, MOVES, TriangularMap.identity(2))
 
 
 def test_draws_depend_on_the_seed_and_not_on_the_processes():
