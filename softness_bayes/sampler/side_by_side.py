@@ -2,8 +2,8 @@
 
 A call for a few dozen points costs little more than one for half as many, because most of its time goes into NumPy's
 calls. emcee calls the density from within its steps, so that each ensemble walks in a thread of its own. The threads
-take turns: the density is called when all of them wait for values, or for the others at the end of a step. Which points
-are evaluated together therefore depends on the steps alone, not on the speed of the threads.
+take turns: when all of them wait, for values or for the others at the end of a step, the last to arrive calls the
+density. Which points are evaluated together therefore depends on the steps alone, not on the speed of the threads.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from contextvars import copy_context
 from functools import partial
 from queue import SimpleQueue
-from threading import Thread
+from threading import Lock, Thread
 from typing import Any, TypeVar
 
 import numpy as np
@@ -29,7 +29,7 @@ Walk = Callable[[Density, Callable[[], None]], Result]
 
 
 def side_by_side(density: Density, walks: Sequence[Walk[Result]]) -> list[Result]:
-    """Return the results of walks with a common density, which is called in the current thread.
+    """Return the results of walks with a common density; the last walk is made in the current thread.
 
     Parameters
     ----------
@@ -45,12 +45,16 @@ def side_by_side(density: Density, walks: Sequence[Walk[Result]]) -> list[Result
     """
     if len(walks) == 1:
         return [walks[0](density, lambda: None)]
-    meeting = _Meeting(walks)
-    try:
-        while meeting.everyone_waits():
-            meeting.answer(density)
-    finally:
-        meeting.end()
+    meeting = _Meeting(density, walks)
+    # NumPy's error state belongs to a thread's context
+    threads = [Thread(target=copy_context().run, args=(meeting.walk, k), daemon=True) for k in range(len(walks) - 1)]
+    for thread in threads:
+        thread.start()
+    meeting.walk(len(walks) - 1)
+    for thread in threads:
+        thread.join()
+    if meeting.errors:
+        raise meeting.errors[0]
     return meeting.results
 
 
@@ -59,74 +63,51 @@ class _Abandoned(BaseException):
 
 
 class _Meeting:
-    """The threads of some walks, and what they wait for."""
+    """Threads of some walks, of which the last to arrive evaluates the density for all that wait."""
 
-    def __init__(self, walks: Sequence[Walk[Any]]) -> None:
+    def __init__(self, density: Density, walks: Sequence[Walk[Any]]) -> None:
         self.results: list[Any] = [None] * len(walks)
-        self._asked: SimpleQueue[tuple[int, Any]] = SimpleQueue()
-        self._answers = [SimpleQueue[Any]() for _ in walks]
+        self.errors: list[BaseException] = []
+        self._density, self._walks, self._lock = density, walks, Lock()
         self._walking = set(range(len(walks)))
         self._waiting: dict[int, FloatArray | None] = {}
-        # NumPy's error state belongs to a thread's context
-        self._threads = [
-            Thread(target=copy_context().run, args=(self._walked, k, walk), daemon=True) for k, walk in enumerate(walks)
-        ]
-        for thread in self._threads:
-            thread.start()
+        self._answers = [SimpleQueue[Any]() for _ in walks]
 
-    def _walked(self, k: int, walk: Walk[Any]) -> None:
-        """Run a walk in its thread; its end, or its error, is the last thing that it reports."""
-        error: BaseException | None = None
+    def walk(self, k: int) -> None:
+        """Make a walk in the current thread, and keep its result or its error."""
         try:
-            self.results[k] = walk(partial(self._wait, k), partial(self._wait, k, None))
-        except BaseException as raised:
-            error = raised
-        self._asked.put((k, _End(error)))
+            self.results[k] = self._walks[k](partial(self._ask, k), partial(self._ask, k, None))
+            self._arrive(lambda: self._walking.remove(k))
+        except _Abandoned:
+            pass
+        except BaseException as error:
+            with self._lock:
+                self.errors.append(error)
+                for answers in self._answers:
+                    answers.put(_Abandoned())
 
-    def _wait(self, k: int, points: FloatArray | None) -> Any:
+    def _ask(self, k: int, points: FloatArray | None) -> Any:
         """Return the values at some points, or None when all others have ended the step as well."""
-        self._asked.put((k, points))
+        self._arrive(lambda: self._waiting.update({k: points}))
         answer = self._answers[k].get()
         if isinstance(answer, _Abandoned):
             raise answer
         return answer
 
-    def everyone_waits(self) -> bool:
-        """Let the threads walk until all of them wait; return False when all have ended."""
-        while len(self._waiting) < len(self._walking):
-            k, said = self._asked.get()
-            if isinstance(said, _End):
-                self._walking.remove(k)
-                if said.error is not None:
-                    raise said.error
+    def _arrive(self, said: Callable[[], None]) -> None:
+        """Take note of what a walk says; if all wait now, answer those that have points or else begin the next step."""
+        with self._lock:
+            said()
+            if self.errors or len(self._waiting) < len(self._walking):
+                return
+            asking = sorted(k for k, points in self._waiting.items() if points is not None)
+            if not asking:
+                answered = dict.fromkeys(self._waiting)
+                self._waiting.clear()
             else:
-                self._waiting[k] = said
-        return bool(self._walking)
-
-    def answer(self, density: Density) -> None:
-        """Evaluate the points that are waited for or, if there are none, begin the next step."""
-        asking = sorted(k for k, points in self._waiting.items() if points is not None)
-        if not asking:
-            for k in self._waiting:
-                self._answers[k].put(None)
-            self._waiting.clear()
-            return
-        points = [self._waiting.pop(k) for k in asking]
-        ends = np.cumsum([len(part) for part in points])  # type: ignore[arg-type]
-        values = density(np.concatenate(points))  # type: ignore[arg-type]
-        for k, part in zip(asking, np.split(values, ends[:-1]), strict=True):
-            self._answers[k].put(part)
-
-    def end(self) -> None:
-        """End all threads."""
-        for k in self._walking:
-            self._answers[k].put(_Abandoned())
-        for thread in self._threads:
-            thread.join()
-
-
-class _End:
-    """The end of a walk, with its error, if any."""
-
-    def __init__(self, error: BaseException | None) -> None:
-        self.error = error
+                points = [self._waiting.pop(k) for k in asking]
+                ends = np.cumsum([len(part) for part in points])  # type: ignore[arg-type]
+                values = self._density(np.concatenate(points))  # type: ignore[arg-type]
+                answered = dict(zip(asking, np.split(values, ends[:-1]), strict=True))
+            for k, answer in answered.items():
+                self._answers[k].put(answer)
