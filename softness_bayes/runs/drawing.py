@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from softness_bayes.files.outputs import write_outputs
+from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS
 from softness_bayes.plotting.figures import FIGURES, drawn, figures_of
 from softness_bayes.plotting.style import PLOT
 from softness_bayes.results.result import Result
@@ -39,7 +40,7 @@ LARGE = (
     "log_likelihood_loo",
 )
 """Large groups, which are sent only for figures that declare them as needed; `posterior` is sent for figures that
-declare none."""
+declare none, and sampled moduli, which place the fabrics, for all."""
 
 
 class FiguresUnderWay:
@@ -118,6 +119,8 @@ def _needed(tree: xr.DataTree, name: str) -> xr.DataTree:
 
     named = {source.place.partition("/")[0] for source in FIGURES[name].needs} or {"posterior"}
     kept = {group: node for group, node in tree.children.items() if group not in LARGE or group in named}
+    if "posterior" not in kept and FABRIC_MODULUS in tree["posterior"].data_vars:
+        kept["posterior"] = xr.DataTree(tree["posterior"].to_dataset()[[FABRIC_MODULUS]])
     return xr.DataTree(tree.to_dataset(), children=kept)
 
 

@@ -44,8 +44,12 @@ def test_alpha_ends_where_its_rate_curves_end():
     wide = parameter_space(fix=channels, priors={"alpha": LogNormal(100, 1)})
     assert largest(wide) == LARGEST_CURRENT
     assert wide.draw_prior(np.random.default_rng(0), 500)[:, 2].max() < LARGEST_CURRENT
+    beyond = LogNormal(140, 0.01)
+    with pytest.raises(InputError, match="the range of the firing-rate surface"):
+        parameter_space(priors={"alpha": beyond})
+    sampled = tuple(replace(p, prior=beyond) if p.name == "alpha" else p for p in parameter_space().sampled)
     with pytest.raises(InputError, match="the range of the model"):
-        parameter_space(priors={"alpha": LogNormal(140, 0.01)}).draw_prior(np.random.default_rng(0), 5)
+        replace(parameter_space(), sampled=sampled).draw_prior(np.random.default_rng(0), 5)
 
 
 def test_a_current_that_the_membrane_lacks_is_held():

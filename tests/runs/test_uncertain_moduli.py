@@ -13,13 +13,14 @@ from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError
 from softness_bayes.model.build import build
 from softness_bayes.parameters.priors import LogNormal
-from softness_bayes.plotting.figures import FIGURES
+from softness_bayes.plotting.figures import FIGURES, drawn, figures_of
 from softness_bayes.plotting.style import USUAL
 from softness_bayes.report.conclusion import conclude, facts_of
 from softness_bayes.report.page import report_page
 from softness_bayes.results.fitted import Fitted
 from softness_bayes.results.from_result import experiment_of, options_of
 from softness_bayes.results.result import Result
+from softness_bayes.runs.drawing import FIRST_FIGURES, _needed
 from softness_bayes.runs.run import sample
 from support.command_line import FIXED, QUICK, call, few_ratings
 from support.paths import DATA
@@ -46,6 +47,13 @@ def result(few_pictures):
     unknown = LogNormal(150, 1.5)
     with quickly():
         return sample(rated(), **OPTIONS, unknown_modulus=unknown)
+
+
+def test_the_figures_of_a_run_have_the_moduli_without_the_other_draws(result):
+    """A run sends a figure only what it needs: then it shows the same as with the whole result."""
+    for name in set(figures_of(result)) & {"predictive_checks", *FIRST_FIGURES}:
+        sent = replace(result, tree=_needed(result.tree, name))
+        assert drawn(sent, name, ("csv",)) == drawn(result, name, ("csv",)), name
 
 
 def test_predicted_ratings_have_the_posterior_of_the_moduli(result):
