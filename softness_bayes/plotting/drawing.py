@@ -78,7 +78,9 @@ class Drawing:
             raise InputError(f"figure: cannot show {self.shows}: {reason}")
         figure = self.draw(result, style)
         if result.is_first_look:
-            figure.text(0.99, 0.99, FIRST_LOOK, ha="right", va="top", color="firebrick")
+            # a title of the figure, for which the layout makes room
+            said = filter(None, (FIRST_LOOK, figure.get_suptitle()))
+            figure.suptitle("\n".join(said), fontsize=style.small, color="firebrick")
         return figure
 
 
