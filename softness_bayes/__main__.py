@@ -25,7 +25,10 @@ def run() -> None:
     gc.set_threshold(*GARBAGE)
     from softness_bayes.cli import main
 
-    main(prog_name="softness-bayes")
+    try:
+        main(prog_name="softness-bayes")
+    finally:
+        gc.freeze()  # the memory ends with the process: to look for garbage in it would take half a second
 
 
 def quieten_libraries() -> None:
