@@ -98,5 +98,5 @@ def test_a_table_under_which_nothing_fires_says_so(table, tmp_path):
     limits = ("--max-steps", 20, "--processes", 1, "--no-figures")
     done = run("sample", "--data", table("silent"), "--out", out, *limits, *CHANNELS, timeout=900)
     assert done.returncode == 3, done.stderr
-    assert "the posterior is 100 % silent" in done.stdout
-    assert "are the units of moduli and loads right" in done.stdout
+    assert "no receptor fires in 100 % of posterior draws and conditions" in done.stdout
+    assert "Check the units of moduli and loads" in done.stdout
