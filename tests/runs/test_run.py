@@ -567,7 +567,9 @@ def test_a_directory_that_holds_something_is_refused(tmp_path):
 
 
 def test_equal_seeds_equal_draws_whatever_the_processes(experiment, monkeypatch):
-    monkeypatch.setattr(request, "Settings", functools.partial(Settings, pilot=(20,), optima=1, ensembles=2))
+    monkeypatch.setattr(
+        request, "Settings", functools.partial(Settings, pilot=(20,), optima=1, ensembles=2, together=1)
+    )
     fix = usual_values(MENDED) | {"sigma_0": 7.0}
     for name in ("gamma", "varsigma"):
         del fix[name]

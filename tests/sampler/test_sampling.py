@@ -93,15 +93,15 @@ def test_a_random_state_that_emcee_would_ignore_is_an_error():
 
 def test_draws_depend_on_the_seed_and_not_on_the_processes():
     posterior = fake_posterior()
-    settings = Settings(ensembles=2, pilot=(10,), round_steps=10, max_steps=20, optima=1, processes=1)
+    settings = Settings(ensembles=4, pilot=(10,), round_steps=10, max_steps=20, optima=1, processes=1)
     alone = sample_until(posterior, settings, 5)
     spread = sample_until(posterior, Settings(**{**vars(settings), "processes": 2}), np.random.SeedSequence(5))
     np.testing.assert_array_equal(alone.chains.coordinates, spread.chains.coordinates)
     np.testing.assert_array_equal(alone.chains.log_density, spread.chains.log_density)
     other = sample_until(posterior, settings, 6)
     assert not np.array_equal(alone.chains.coordinates, other.chains.coordinates)
-    first, second = alone.chains.coordinates
-    assert not np.intersect1d(first, second).size
+    for first, second in itertools.combinations(alone.chains.coordinates, 2):
+        assert not np.intersect1d(first, second).size
 
 
 def test_a_known_law_is_drawn_and_its_run_converges():
