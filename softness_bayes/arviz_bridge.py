@@ -288,14 +288,17 @@ def _arviz() -> Any:
 
 
 def prepare() -> None:
-    """Start to import ArviZ in the background, because the import takes a second or two."""
+    """Start to import ArviZ, and dask if it is installed, in the background: this takes a second or two."""
     threading.Thread(target=_import).start()  # not a daemon, so that the process does not end during an import
 
 
 def _import() -> None:
     """Import ArviZ and ignore errors: they are raised again where ArviZ is needed."""
     with contextlib.suppress(Exception):
+        import xarray
+
         _arviz()
+        xarray.Variable((), 0.0)  # the first variable imports dask
 
 
 def _next_line() -> bool:

@@ -97,10 +97,10 @@ def one_membrane(once):
     """Make each rate curve of fixed channels and each example train once, not in every test of something else."""
     curve, train = made_once(once, fixed_channels.known_curve), made_once(once, pictures.spike_times)
 
-    def spike_times(current, channels, membrane, duration, strength, rng):
+    def spike_times(current, channels, membrane, duration, strength, rng, tolerance):
         if strength:
             return spikes.spike_times(current, channels, membrane, duration, strength, rng)
-        return train(current, channels, membrane, duration).copy()
+        return train(current, channels, membrane, duration, strength, None, tolerance).copy()
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(noise, "exact_curve", made_once(once, noise.exact_curve))

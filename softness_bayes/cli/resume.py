@@ -10,7 +10,7 @@ import click
 
 from softness_bayes.cli.options.run import max_time, no_figures, processes
 from softness_bayes.cli.options.values import whole
-from softness_bayes.cli.running import command_line, recorded_files
+from softness_bayes.cli.running import Sampling, command_line, recorded_files
 from softness_bayes.cli.sample import require_drawn, run
 from softness_bayes.errors import InputError
 from softness_bayes.ranges import STEPS
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from softness_bayes.results.request import RunOptions
 
 
-@click.command()
+@click.command(cls=Sampling)
 @click.argument("directory", type=click.Path(path_type=Path), metavar="DIR")
 @click.option(
     "--more-steps",

@@ -26,6 +26,23 @@ if TYPE_CHECKING:
 _PATHS = ("data", "fabrics", "compression")
 
 
+class Sampling(click.Command):
+    """A command with `processes` and `no_figures` that starts the server of its workers first.
+
+    The server imports its modules while this process converts the options, which imports many modules as well.
+    """
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Start the server, unless no process will be needed, and convert the options."""
+        given, *_ = self.make_parser(ctx).parse_args(list(args))
+        if given.get("processes") != "1" and not given.get("help") and not ctx.resilient_parsing:
+            from softness_bayes.sampler import workers
+
+            drawing = () if given.get("no_figures") else ("softness_bayes.plotting.libraries",)
+            workers.prepare("softness_bayes.runs.run", *drawing)
+        return super().parse_args(ctx, args)
+
+
 def command_line() -> str:
     """Return the command line, quoted for a shell, without absolute paths."""
     return shlex.join(["softness-bayes", *(portable(word, Path.cwd()) for word in sys.argv[1:])])

@@ -19,7 +19,7 @@ from softness_bayes.cli.options.tables import DataFiles, data_files
 from softness_bayes.cli.options.values import Number, whole
 from softness_bayes.cli.printed import print_result
 from softness_bayes.cli.progress import Bar
-from softness_bayes.cli.running import command_line, record_of
+from softness_bayes.cli.running import Sampling, command_line, record_of
 from softness_bayes.defaults import MAX_STEPS, NOISE
 from softness_bayes.errors import InputError, NotConvergedError
 from softness_bayes.ranges import NOISES, STEPS
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from softness_bayes.results.request import Request
 
 
-@click.command()
+@click.command(cls=Sampling)
 @data_files
 @model_choice
 @rating_scale
@@ -104,11 +104,6 @@ def command(
     interruption or after its end; the draws are those of a run that was never interrupted. --quick takes a first
     look, from which 'resume' continues to the same draws as well.
     """
-    from softness_bayes.sampler import workers
-
-    if processes != 1:
-        drawing = () if no_figures else ("softness_bayes.plotting.libraries",)
-        workers.prepare("softness_bayes.runs.run", *drawing)  # workers import modules in parallel
     from softness_bayes.checkpoints.checkpoint import Checkpoint
     from softness_bayes.data import Compression
     from softness_bayes.likelihood.scales import scale_named

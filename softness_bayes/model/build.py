@@ -41,9 +41,10 @@ from softness_bayes.parameters.declared import ERROR_PARAMETERS, FINGER_PARAMETE
 from softness_bayes.parameters.fabric_moduli import FabricModuli
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.touch import accuracy
+from softness_bayes.touch.discretisation import Discretisation, sharing
 from softness_bayes.touch.load_groups import groups_of
 from softness_bayes.touch.resolution import resolution_for
-from softness_bayes.touch.scene import Discretisation, Scene
+from softness_bayes.touch.scene import Scene
 
 COARSE = Discretisation(4, 5.5, 1e-4)
 """Resolution sufficient to order fabrics by firing."""
@@ -239,7 +240,7 @@ def choose_direction(
     given = given or as_given(ratings, options)
     space = space_of(experiment, options, given)
     # noise smooths the onset of the rate curve, which does not change the order but takes minutes
-    coarse = replace(COARSE, rate_nodes=(options.discretisation or COARSE).rate_nodes)
+    coarse = replace(sharing(COARSE, options.finest), rate_nodes=(options.discretisation or COARSE).rate_nodes)
     scene = _compiler(experiment, replace(options, noise=0.0), space)(coarse)
     layout = Layout(design_of(experiment), scene.modulus, conditions.load, scale=options.scale)
     draws = space.touch(space.draw_prior(np.random.default_rng(0), direction.DRAWS))

@@ -18,10 +18,11 @@ from softness_bayes.parameters.declared import SHAPE_PARAMETERS
 from softness_bayes.parameters.fabric_moduli import FabricModuli
 from softness_bayes.readable import percent
 from softness_bayes.touch.contact import HERTZ_LIMIT, Finger, Force, Indentation, Load
+from softness_bayes.touch.discretisation import Discretisation, sharing
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import Readings
-from softness_bayes.touch.scene import Discretisation, Scene
+from softness_bayes.touch.scene import Scene
 
 Array = NDArray[np.float64]
 
@@ -162,12 +163,13 @@ def reach_of_priors(
     given: Mapping[str, float] | None = None,
     finger: Finger = Finger(),
     moduli: FabricModuli | None = None,
+    discretisation: Discretisation = COARSE,
 ) -> str:
     """Return `reach_note` at the prior medians, with the skins of other sets of priors as alternatives.
 
     Parameters
     ----------
-    fabrics, loads, readings, prior_set, given, finger, moduli
+    fabrics, loads, readings, prior_set, given, finger, moduli, discretisation
         As for `scene_of` and `usual_values`.
     """
     values = usual_values(readings, prior_set, given)
@@ -177,7 +179,7 @@ def reach_of_priors(
         for held in ({name: x for name, x in values.items() if name not in Channels._fields}, values):
             try:
                 return scene_of(
-                    fabrics, tuple(pressed), held, readings, discretisation=COARSE, finger=finger, moduli=moduli
+                    fabrics, tuple(pressed), held, readings, None, None, discretisation, finger=finger, moduli=moduli
                 )
             except InputError:
                 if held is values:
@@ -196,4 +198,7 @@ def reach_of(experiment: Experiment, options: ModelOptions) -> str:
     given = {name: value for name, value in known.items() if name in TouchParameters._fields}
     loads, finger = experiment.ratings.loads, replace(options.finger, **shape)
     moduli = moduli_of(experiment, options)
-    return reach_of_priors(experiment.fabrics, loads, options.readings, options.prior_set, given, finger, moduli)
+    coarse = sharing(COARSE, options.finest)
+    return reach_of_priors(
+        experiment.fabrics, loads, options.readings, options.prior_set, given, finger, moduli, coarse
+    )

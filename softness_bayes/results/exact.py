@@ -33,9 +33,20 @@ times the work of one task.
 """
 
 
-def exact_log_likelihood(posterior: Posterior, theta: Array) -> Array:
-    """Return the log-likelihood at points theta with exact firing rates and a finer quadrature, shape (points,)."""
-    exact, fingers = _scene(posterior).exact(), posterior.fingers
+def exact_log_likelihood(posterior: Posterior, theta: Array, refined: Scene | None = None) -> Array:
+    """Return the log-likelihood at points theta with exact firing rates and a finer quadrature, shape (points,).
+
+    Parameters
+    ----------
+    posterior
+        The density that was sampled.
+    theta
+        The points, shape (points, dimension).
+    refined
+        The posterior's scene at a finer resolution, if it is known (`Scene.refined`).
+    """
+    exact = _scene(posterior).exact() if refined is None else refined.fired_by(refined.firing.exact())
+    fingers = posterior.fingers
     finer = None if fingers is None else finer_family_of(exact, fingers.grid.finer())
     finest, others = posterior.with_term(posterior.observation.finer()), None
     if posterior.other_loads is not None:
@@ -98,7 +109,8 @@ def unchecked() -> Exactness:
 def _begin_exact(posterior: Posterior, theta: Array, workers: Workers) -> Callable[[], Array]:
     # the division does not depend on the number of processes, so that results agree to the last bit
     count = min(EXACT_PARTS, -(-len(theta) // FIRST_DRAWS))
-    parts = [workers.start(exact_log_likelihood, part) for part in np.array_split(theta, count)]
+    refined = _scene(posterior).refined()  # known here, whereas every process would compute its stress fields
+    parts = [workers.start(exact_log_likelihood, part, refined) for part in np.array_split(theta, count)]
     return lambda: np.concatenate([part() for part in parts])
 
 

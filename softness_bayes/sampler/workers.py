@@ -24,6 +24,7 @@ from threadpoolctl import ThreadpoolController
 
 from softness_bayes.defaults import GARBAGE
 from softness_bayes.errors import WorkersLostError
+from softness_bayes.sampler.server import PARENT
 
 Result = TypeVar("Result")
 
@@ -55,9 +56,14 @@ def prepare(*modules: str) -> None:
     if _served():
         from multiprocessing import forkserver  # not available on every system
 
-        _context().set_forkserver_preload(["softness_bayes.sampler.server", *modules, "emcee"])
-        with _shielded():
-            forkserver.ensure_running()
+        own = "softness_bayes.sampler."
+        _context().set_forkserver_preload([f"{own}server", *modules, "emcee", f"{own}server_ready"])
+        os.environ[PARENT] = str(os.getpid())
+        try:
+            with _shielded():
+                forkserver.ensure_running()
+        finally:
+            del os.environ[PARENT]
 
 
 @contextmanager

@@ -152,7 +152,8 @@ def references(accuracy: float) -> tuple[Discretisation, ...]:
     """
     if not 0 < accuracy < 1:
         raise InputError(f"accuracy is {accuracy}, expected a bound of relative errors between 0 and 1")
-    wanted = max(1e-2 * accuracy, TOLERANCES[-1]) * (1.0 + 1e-9)
+    # fine enough for `Scene.refined` of the scene that is chosen, too, which then computes no further fields
+    wanted = max(1e-3 * accuracy, TOLERANCES[-1]) * (1.0 + 1e-9)
     tolerance = max(t for t in TOLERANCES if t <= wanted)
     return tuple(Discretisation(*REFERENCE, tolerance, rate_nodes) for rate_nodes in RATE_NODES)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
@@ -21,3 +21,12 @@ class Discretisation:
     """Tolerance to which the stress field is computed before truncation to `field_tolerance`; by default the same."""
     rate_terms: int | None = None
     """Number of terms that are left of the polynomials in the root of the current; by default all."""
+
+
+def sharing(wanted: Discretisation, other: Discretisation) -> Discretisation:
+    """Return a resolution whose stress fields are truncated from those of another, if these are fine enough.
+
+    Fields of the same loads, finger and range of moduli are then computed once for both.
+    """
+    source = other.field_source or other.field_tolerance
+    return replace(wanted, field_source=source) if source <= wanted.field_tolerance * (1.0 + 1e-9) else wanted

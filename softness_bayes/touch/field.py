@@ -154,8 +154,8 @@ class StressField:
         """Compute [unit peak, coefficients of Q / size in T_k(y)] without the table, for moduli of shape (n,)."""
         return self._rows(modulus, self.shape_nodes)
 
-    def _rows(self, modulus: Array, shape_nodes: int) -> Array:
-        return self._inversion.rows(*self._touch(modulus), shape_nodes, self.y_least)
+    def _rows(self, modulus: Array, shape_nodes: int, guess: Array | None = None) -> Array:
+        return self._inversion.rows(*self._touch(modulus), shape_nodes, self.y_least, guess)
 
     def _moduli(self, x: Array) -> Array:
         """Return the moduli [Pa] at points of the range of ln(E_star + shift), scaled to [-1, 1]."""
@@ -168,11 +168,14 @@ class StressField:
             rows = np.abs(self._rows(few, self.shape_nodes)[:, 1:])
             if rows[:, -(self.shape_nodes // 10) :].sum(axis=1).max() <= self.tolerance * rows.sum(axis=1).max():
                 break
+        coarser: Array | None = None
         for order in MODULUS_NODES:
-            rows = self._rows(self._moduli(chebyshev.chebpts1(order)), self.shape_nodes)
+            x = chebyshev.chebpts1(order)
+            guess = None if coarser is None else np.asarray(chebyshev.chebval(x, coarser[:, 1:]).T, float)
+            rows = self._rows(self._moduli(x), self.shape_nodes, guess)
             largest = np.abs(rows[:, 1:]).sum(axis=1).max()
             scale = np.concatenate([[rows[:, 0].max()], np.full(self.shape_nodes, largest)])
-            table = values_to_coefficients(order) @ rows
+            coarser = table = values_to_coefficients(order) @ rows
             size = np.abs(table) / scale
             by_modulus = size.max(axis=1)[::-1].cumsum()[::-1]
             if by_modulus[-4] <= self.tolerance:
@@ -193,8 +196,8 @@ class StressField:
     def _measure(self, peak_scale: float, shape_scale: float) -> float:
         """Return the largest difference between table and field at points that are not nodes of either series."""
         along, across = np.cos(np.pi * (np.arange(11) + 0.3) / 11), np.cos(np.pi * (np.arange(61) + 0.3) / 61)
-        peak, shape = self._inversion.values(*self._touch(self._moduli(along)), across, self.y_least)
         rows = chebyshev.chebvander(along, self.table.shape[0] - 1) @ self.table
+        peak, shape = self._inversion.values(*self._touch(self._moduli(along)), across, self.y_least, rows[:, 1:])
         found = rows[:, 1:] @ chebyshev.chebvander(across, self.table.shape[1] - 2).T
         return float(max(np.abs(rows[:, 0] - peak).max() / peak_scale, np.abs(found - shape).max() / shape_scale))
 

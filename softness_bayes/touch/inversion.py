@@ -68,35 +68,55 @@ class Inversion:
         """Return the scale of Q [m²]: the sum of the squared depth and the squared width of the loaded patch."""
         return self.depth**2 + radius**2 / (1.0 + decay)
 
-    def rows(self, radius: Array, decay: Array, shape_nodes: int, y_least: float) -> Array:
+    def rows(self, radius: Array, decay: Array, shape_nodes: int, y_least: float, guess: Array | None = None) -> Array:
         """Return [unit peak, coefficients of Q / size in T_k(y)] of contacts, shape (n, 1 + shape_nodes).
 
-        The coefficients are those of y scaled from [`y_least`, 1] to [-1, 1].
+        The coefficients are those of y scaled from [`y_least`, 1] to [-1, 1]; `guess` as in `values`.
         """
         x, coefficients = chebyshev.chebpts1(shape_nodes), values_to_coefficients(shape_nodes).T
         blocks = np.array_split(np.arange(radius.size), -(-radius.size // BLOCK))
-        values = (self.values(radius[block], decay[block], x, y_least) for block in blocks)
+        values = (
+            self.values(radius[block], decay[block], x, y_least, None if guess is None else guess[block])
+            for block in blocks
+        )
         return np.concatenate([np.column_stack([peak, shape @ coefficients]) for peak, shape in values])
 
-    def values(self, radius: Array, decay: Array, x: Array, y_least: float) -> tuple[Array, Array]:
-        """Return unit peaks (n,) and Q / size (n, len(x)), x being y scaled to [-1, 1]."""
+    def values(
+        self, radius: Array, decay: Array, x: Array, y_least: float, guess: Array | None = None
+    ) -> tuple[Array, Array]:
+        """Return unit peaks (n,) and Q / size (n, len(x)), x being y scaled to [-1, 1].
+
+        Parameters
+        ----------
+        radius, decay
+            The contacts, shape (n,).
+        x
+            Places.
+        y_least
+            y at x = -1.
+        guess
+            Approximate coefficients of Q / size, shape (n, terms), from which the search starts. It saves two thirds
+            of the time and does not change the result by more than the tolerance of the search.
+        """
         y = 0.5 * (1 + y_least) + 0.5 * (1 - y_least) * x
-        size = self.size(radius, decay)
-        shape = self._distance(y, radius, decay) ** 2 * (y / (1 - y)) / size[:, None]
-        return self.unit(np.zeros_like(radius), radius, decay), shape
+        size, peak = self.size(radius, decay), self.unit(np.zeros_like(radius), radius, decay)
+        start = None if guess is None else _start(guess, x, y, y_least, size)
+        if start is None:
+            start = self._interpolated(y, radius, decay, peak)
+        shape = self._distance(y, radius, decay, peak, *start) ** 2 * (y / (1 - y)) / size[:, None]
+        return peak, shape
 
     def _relative_root(self, rho: Array, radius: Array, decay: Array, peak: Array) -> Array:
         return (self.unit(rho, radius, decay) / peak) ** self.root
 
-    def _distance(self, y: Array, radius: Array, decay: Array) -> Array:
-        """Invert the field: distances [m] at which it is y^(1/root) of its peak; (n, len(y)) from (n,)."""
-        radius, decay = radius[:, None], decay[:, None]
+    def _interpolated(self, y: Array, radius: Array, decay: Array, peak: Array) -> tuple[Array, Array]:
+        """Return ln rho and its slope in ln y, shape (n, len(y)), from splines through the field on a grid of rho."""
+        radius, decay, peak = radius[:, None], decay[:, None], peak[:, None]
         depth = self.depth
         # from near the axis to where the field follows its power law, and finely across the edge of the contact
         everywhere = np.geomspace(1e-4 * (depth + radius), 10.0 * (self.farthest + radius), 70, axis=-1)[:, 0]
         edge = radius + depth * np.sinh(np.linspace(-1, 1, 51) * np.arcsinh(0.9 * radius / depth))
         grid = np.sort(np.concatenate([everywhere, edge], axis=-1), axis=-1)
-        peak = self.unit(np.zeros_like(radius), radius, decay)
         log_grid, known = np.log(grid), np.log(self._relative_root(grid, radius, decay, peak))
         log_y = np.log(y)
         log_rho, slope = np.empty((radius.size, y.size)), np.empty((radius.size, y.size))
@@ -104,8 +124,16 @@ class Inversion:
             falling = np.concatenate([np.diff(known[row]) < -1e-13, [True]])
             inverse = CubicSpline(known[row][falling][::-1], log_grid[row][falling][::-1])
             log_rho[row], slope[row] = inverse(log_y), inverse(log_y, 1)
+        return log_rho, slope
+
+    def _distance(self, y: Array, radius: Array, decay: Array, peak: Array, log_rho: Array, slope: Array) -> Array:
+        """Invert the field: distances [m] at which it is y^(1/root) of its peak; (n, len(y)) from (n,).
+
+        Newton's method starts at `log_rho`, with a constant `slope` of ln rho in ln y, both of shape (n, len(y)).
+        """
+        radius, decay, peak, log_y = radius[:, None], decay[:, None], peak[:, None], np.log(y)
         before = 0.0
-        for _ in range(12):  # Newton's method with the spline's slope: each step usually gains about three digits
+        for _ in range(12):  # each step usually gains about three digits
             excess = slope * (np.log(self._relative_root(np.exp(log_rho), radius, decay, peak)) - log_y)
             log_rho = log_rho - np.clip(excess, -1.0, 1.0)
             found = float(np.abs(excess).max())
@@ -115,6 +143,17 @@ class Inversion:
                 break
             before = found
         return np.exp(log_rho)
+
+
+def _start(guess: Array, x: Array, y: Array, y_least: float, size: Array) -> tuple[Array, Array] | None:
+    """Return ln rho and its slope in ln y from approximate coefficients of Q / size; None if they do not fall in y."""
+    shape, rise = chebyshev.chebval(x, guess.T), chebyshev.chebval(x, chebyshev.chebder(guess.T))
+    if not (shape > 0.0).all():
+        return None
+    slope = 0.5 * (y * (2.0 / (1.0 - y_least)) * rise / shape - y / (1.0 - y) - 1.0)
+    if not (slope < 0.0).all():
+        return None
+    return 0.5 * np.log(size[:, None] * shape * (1.0 - y) / y), slope
 
 
 def values_to_coefficients(order: int) -> Array:

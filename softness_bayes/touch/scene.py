@@ -17,7 +17,7 @@ from softness_bayes.touch import batches
 from softness_bayes.touch.conditions import checked_conditions, checked_fabrics, distinct, frozen, indices
 from softness_bayes.touch.contact import Contact, Finger, FingerBox, Fingertip, Load, fingertips, require_loads
 from softness_bayes.touch.contacts import Contacts
-from softness_bayes.touch.discretisation import Discretisation
+from softness_bayes.touch.discretisation import Discretisation, sharing
 from softness_bayes.touch.family import MANY, Family
 from softness_bayes.touch.field import Profile
 from softness_bayes.touch.finger_field import FieldsOfLoads, profiles
@@ -265,7 +265,7 @@ class Scene:
         if self._finer is None:
             d = self.discretisation
             finer = Discretisation(d.nodes + 12, d.saturation + 8.0, 1e-2 * d.field_tolerance, d.rate_nodes)
-            self._finer = self._with(discretisation=finer)
+            self._finer = self._with(discretisation=sharing(finer, d))
         return self._finer
 
     def exact(self) -> Scene:
@@ -352,8 +352,9 @@ class Scene:
     def on_grid(self, modulus: Array, loads: Sequence[Load] | None = None) -> Scene:
         """Return a scene of fabrics with these moduli [Pa] and the median Poisson ratio, under some or all loads."""
         poisson = np.full(modulus.size, np.median(self.poisson))
-        loads = self.loads if loads is None else loads
-        return self._with(fabric_modulus=modulus, fabric_poisson=poisson, loads=loads, fabric=None, load=None)
+        own = replace(self.discretisation, field_source=None)  # fields over another range share no source
+        changed = {"fabric_modulus": modulus, "fabric_poisson": poisson, "loads": loads or self.loads}
+        return self._with(**changed, fabric=None, load=None, discretisation=own)
 
     def under(self, loads: Sequence[Load], fabric: ArrayLike, load: ArrayLike) -> Scene:
         """Return the scene of the same fabrics in other conditions, given by indices of fabrics and new loads."""

@@ -1,5 +1,7 @@
 """The comparison with the exact likelihood: it ends when its answer is certain, and not before."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -23,14 +25,13 @@ def compare(monkeypatch, rng):
     def run(difference, reweight=False):
         by_point = dict(zip(map(bytes, theta.reshape(-1, theta.shape[-1])), difference.ravel(), strict=True))
 
-        def different(posterior, points):
+        def different(posterior, points, _):
             asked.append(len(points))
             return posterior.log_likelihood(points) + [by_point[bytes(point)] for point in points]
 
         monkeypatch.setattr(exact, "exact_log_likelihood", different)
-        monkeypatch.setattr(
-            exact, "_scene", lambda posterior: type("Scene", (), {"firing": type("F", (), {"noise": 0})})
-        )
+        scene = SimpleNamespace(firing=SimpleNamespace(noise=0), refined=lambda: None)
+        monkeypatch.setattr(exact, "_scene", lambda posterior: scene)
         with Workers(posterior, 1) as workers:
             found = begin_comparison(posterior, theta, workers, reweight)()
         assert sum(asked) == found.difference.size

@@ -72,8 +72,8 @@ def test_errors_that_do_not_vanish_change_it(exact, changed):
     assert apart(moments(changed), exact) > 2.0 * APART
 
 
-def run_moments(changed):
-    """As `moments`, from a whole run: its starts, pilot, ensembles and convergence."""
+def run_draws(changed):
+    """Draws of the logarithms of `NAMES` in a whole run, from its starts to convergence, and their effective sizes."""
     options = options_of(changed)
     given = {name: getattr(options, name) for name in {"fix": None, "discretisation": None} | changed}
     with quickly():
@@ -81,24 +81,34 @@ def run_moments(changed):
     assert result.attributes["converged"]
     drawn = result.group("posterior")
     value = np.log(np.stack([drawn[parameter].values.ravel() for parameter in NAMES]))
-    away = (value.T - value.mean(axis=1)).T
-    sd, effective = value.std(axis=1), result.summary().loc[[*NAMES], "ess_bulk"].to_numpy()
-    # tails may be heavy: the error of a standard deviation follows from the fourth moment
+    return value, result.summary().loc[[*NAMES], "ess_bulk"].to_numpy()
+
+
+def run_moments(drawn, reference):
+    """As `moments`, from draws limited to three standard deviations of a reference.
+
+    A lobe of the posterior at a stiff skin holds one draw in a hundred. Whether a run visits it often or rarely would
+    decide about its standard deviations, and their errors do not say so.
+    """
+    value, effective = drawn
+    middle, width = reference[0].mean(axis=1, keepdims=True), 3.0 * reference[0].std(axis=1, keepdims=True)
+    value = value.clip(middle - width, middle + width)
+    away, sd = value - value.mean(axis=1, keepdims=True), value.std(axis=1)
     of_sd = np.sqrt(((away**4).mean(axis=1) - sd**4) / effective) / (2.0 * sd)
     return np.concatenate([value.mean(axis=1), sd]), np.concatenate([sd / np.sqrt(effective), of_sd])
 
 
 @pytest.fixture(scope="module")
 def exact_run(few_pictures):
-    return run_moments({})
+    return run_draws({})
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LIMITS)
 def test_a_run_has_the_posterior_of_exact_inputs(exact_run, name):
-    assert apart(run_moments(LIMITS[name]), exact_run) < APART
+    assert apart(run_moments(run_draws(LIMITS[name]), exact_run), run_moments(exact_run, exact_run)) < APART
 
 
 @pytest.mark.slow
 def test_a_run_with_errors_has_another_posterior(exact_run):
-    assert apart(run_moments(ERRORS[0]), exact_run) > 2.0 * APART
+    assert apart(run_moments(run_draws(ERRORS[0]), exact_run), run_moments(exact_run, exact_run)) > 2.0 * APART

@@ -31,7 +31,9 @@ about the spike voltage or about the depolarised rest of a blocked membrane."""
 STEP = 0.01
 """Step of the noisy integration [ms]; the explicit method becomes unstable beyond about 0.04."""
 
-_TOLERANCE = 1e-7  # of the integration without noise
+TOLERANCE = 1e-7
+"""Tolerance of the integration without noise, relative and absolute [mV, gate]."""
+
 _LONGEST_STEP = 1.0  # ms, so that no pulse of a millisecond is missed
 _TRANSIENT = 100.0  # ms excluded from statistics after the onset of the current
 
@@ -43,6 +45,7 @@ def spike_times(
     duration: float = 1000.0,
     noise: float = 0.0,
     rng: np.random.Generator | None = None,
+    tolerance: float = TOLERANCE,
 ) -> FloatArray:
     """Return the spike times of one membrane that is at rest at the onset of the current.
 
@@ -61,6 +64,8 @@ def spike_times(
         Strength of the white-noise current [µA/cm² sqrt(ms)].
     rng : Generator or None
         Random generator of the noise.
+    tolerance : float
+        Tolerance of the integration without noise. With 1e-5 it takes half the time, and spikes are within 0.02 ms.
 
     Returns
     -------
@@ -70,13 +75,15 @@ def spike_times(
     Raises
     ------
     InputError
-        If a multiplier, the duration or the noise is negative or not finite, there is noise but no generator, or the
-        current is not finite at some time.
+        If a multiplier, the duration or the noise is negative or not finite, the tolerance is not between 0 and 1,
+        there is noise but no generator, or the current is not finite at some time.
     NumericalError
         If the integration fails.
     """
     one = _one(channels)
     _require(duration, noise, rng)
+    if not 0.0 < tolerance < 1.0:
+        raise InputError(f"tolerance: {tolerance}, expected a number between 0 and 1")
     at = current if callable(current) else lambda _, constant=float(current): constant
     if noise > 0.0 and rng is not None:
         return _noisy_train(at, one, membrane, duration, noise, rng)
@@ -100,8 +107,8 @@ def spike_times(
         rest(one, membrane)[:, 0],
         method="LSODA",
         events=(crossing, rearming),
-        rtol=_TOLERANCE,
-        atol=_TOLERANCE,
+        rtol=tolerance,
+        atol=tolerance,
         max_step=_LONGEST_STEP,
     )
     if not train.success:

@@ -10,10 +10,17 @@ import pytest
 
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.neuron import firing as module
-from softness_bayes.touch.neuron.firing import TRIED, RateCurve, exact_curve
+from softness_bayes.touch.neuron.firing import TRIED, RateCurve, exact_curve, exact_curves
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 from softness_bayes.touch.neuron.limit_cycle import Budget
-from softness_bayes.touch.neuron.membrane import HODGKIN_HUXLEY, PAPER_CHANNELS, PRINTED, Channels, Membrane
+from softness_bayes.touch.neuron.membrane import (
+    CONNOR_STEVENS,
+    HODGKIN_HUXLEY,
+    PAPER_CHANNELS,
+    PRINTED,
+    Channels,
+    Membrane,
+)
 from softness_bayes.touch.neuron.onset import Onset
 from softness_bayes.touch.neuron.rate import firing_rate
 from support.onsets import CORNER, EXACT_ENOUGH, HODGKIN_HUXLEY_OWN
@@ -118,6 +125,16 @@ def test_a_coarser_tolerance_costs_what_is_said(curve: RateCurve, rng: np.random
     error = np.abs(coarse / fine - 1.0)
     assert error[:10].max() < 4e-6
     assert 1e-9 < error[10:].max() < 1e-6
+
+
+def test_checks_of_the_surface_use_a_tolerance_that_costs_little(rng: np.random.Generator) -> None:
+    channels = Channels(*np.exp(0.1 * rng.standard_normal((4, 6))))
+    alpha = np.full(6, 30.0)
+    fine, coarse = (exact_curves(channels, CONNOR_STEVENS, alpha, tolerance=tolerance) for tolerance in (2e-9, 1e-6))
+    current = np.linspace(0.0, 30.0, 200) * np.ones((6, 1))
+    rate = fine.rate(current)
+    error = np.abs(coarse.rate(current) - rate).max(axis=1) / rate.max(axis=1)
+    assert 1e-8 < error.max() < 1e-5
 
 
 ONE_AT_A_TIME = [

@@ -19,6 +19,12 @@ def test_intervals_of_a_constant_current_are_those_of_the_exact_rate() -> None:
     assert spike_times(17.9, duration=100.0).size == 0
 
 
+def test_a_coarser_tolerance_moves_spikes_by_what_is_said() -> None:
+    fine, coarse = (spike_times(30.0, duration=100.0, tolerance=tolerance) for tolerance in (1e-7, 1e-5))
+    assert fine.size == coarse.size > 5
+    assert 1e-4 < np.abs(fine - coarse).max() < 0.02
+
+
 def test_a_pulse_makes_spikes_while_it_lasts() -> None:
     times = spike_times(lambda t: 30.0 if 40.0 <= t < 80.0 else 0.0, duration=120.0)
     assert times.size >= 3
@@ -135,6 +141,7 @@ def test_monte_carlo_errors_are_the_spread_of_repetitions() -> None:
         ({"noise": 1.0}, "random generator"),
         ({"noise": -1.0}, "noise: -1"),
         ({"duration": 0.0}, "duration: 0"),
+        ({"tolerance": 0.0}, "tolerance: 0"),
         ({"current": lambda t: np.nan}, "the current is nan at 0 ms"),
         ({"channels": PAPER_CHANNELS._replace(c_K=[1.0, 1.1])}, "one value of each"),
     ],
