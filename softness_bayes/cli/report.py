@@ -42,7 +42,8 @@ def command(
     rating, figures, tables, the settings of the run, and the command that repeats it. The file is a single HTML page
     that needs no network. DIR is a run of 'sample'; nothing is computed again.
     """
-    from softness_bayes.report import anonymous, write_report
+    from softness_bayes.report.anonymity import anonymous
+    from softness_bayes.report.page import write_report
 
     home = directory if directory.is_dir() else directory.parent
     with Figures() as progress, reading(directory) as (result,):

@@ -19,6 +19,7 @@ from softness_bayes.parameters.fabric_moduli import FabricModuli
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.results.draws import RatedDraws
 from softness_bayes.results.groups import Variable
+from softness_bayes.results.noise_curves import stored_curves
 from softness_bayes.results.plate import plate_coordinates
 from softness_bayes.touch.scene import Scene
 
@@ -66,6 +67,7 @@ def constant_group(draws: RatedDraws, pit: LooPit) -> dict[str, Variable]:
         **({} if ratings.load_cv is None else {LOAD_CV.name: Variable(ratings.load_cv, ("rating_row",))}),
         **({} if ratings.resolution is None else {RESOLUTION.name: Variable(ratings.resolution, ("rating_row",))}),
         **({} if ratings.lists is None else {"list_index": Variable(ratings.lists, ("rating_row",))}),
+        **stored_curves(draws.scene.firing),
         **_of_cells(draws),
         **_as_filed(draws),
         **{

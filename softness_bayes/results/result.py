@@ -387,4 +387,9 @@ class Result(Answers):
             raise InputError(f"{path}: no such file; expected the {POSTERIOR} of a run")
         tree, tables, verified = read(path, {SUMMARY_TABLE: "parameter", **TABLES}, verify)
         summary = tables.pop(SUMMARY_TABLE)
-        return cls(tree, summary, Named(tables, "table", str(path)), verified, str(path))
+        found = cls(tree, summary, Named(tables, "table", str(path)), verified, str(path))
+        if noise := tree.attrs.get("noise"):
+            from softness_bayes.results.noise_curves import restore_curves
+
+            restore_curves(found.group("constant_data"), float(noise), found.readings.membrane)
+        return found

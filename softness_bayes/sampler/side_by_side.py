@@ -77,7 +77,9 @@ class _Meeting:
         """Make a walk in the current thread, and keep its result or its error."""
         try:
             self.results[k] = self._walks[k](partial(self._ask, k), partial(self._ask, k, None))
-            self._arrive(lambda: self._walking.remove(k))
+            with self._lock:
+                self._walking.remove(k)
+                self._serve()
         except _Abandoned:
             pass
         except BaseException as error:
@@ -88,26 +90,24 @@ class _Meeting:
 
     def _ask(self, k: int, points: FloatArray | None) -> Any:
         """Return the values at some points, or None when all others have ended the step as well."""
-        self._arrive(lambda: self._waiting.update({k: points}))
+        with self._lock:
+            self._waiting[k] = points
+            self._serve()
         answer = self._answers[k].get()
         if isinstance(answer, _Abandoned):
             raise answer
         return answer
 
-    def _arrive(self, said: Callable[[], None]) -> None:
-        """Take note of what a walk says; if all wait now, answer those that have points or else begin the next step."""
-        with self._lock:
-            said()
-            if self.errors or len(self._waiting) < len(self._walking):
-                return
-            asking = sorted(k for k, points in self._waiting.items() if points is not None)
-            if not asking:
-                answered = dict.fromkeys(self._waiting)
-                self._waiting.clear()
-            else:
-                points = [self._waiting.pop(k) for k in asking]
-                ends = np.cumsum([len(part) for part in points])  # type: ignore[arg-type]
-                values = self._density(np.concatenate(points))  # type: ignore[arg-type]
-                answered = dict(zip(asking, np.split(values, ends[:-1]), strict=True))
-            for k, answer in answered.items():
-                self._answers[k].put(answer)
+    def _serve(self) -> None:
+        """If all walks wait, answer those that have points, or else begin the next step; the lock must be held."""
+        if self.errors or len(self._waiting) < len(self._walking):
+            return
+        asking = {k: points for k, points in sorted(self._waiting.items()) if points is not None}
+        answered: dict[int, FloatArray | None] = dict.fromkeys(self._waiting)
+        if asking:
+            ends = np.cumsum([len(points) for points in asking.values()])
+            values = self._density(np.concatenate([*asking.values()]))
+            answered = dict(zip(asking, np.split(values, ends[:-1]), strict=True))
+        for k, answer in answered.items():
+            del self._waiting[k]
+            self._answers[k].put(answer)

@@ -14,7 +14,6 @@ from importlib import import_module
 from pathlib import Path
 
 import softness_bayes
-from softness_bayes import report
 from softness_bayes.tools import guide
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -55,9 +54,8 @@ def build(directory: Path) -> None:
         warnings.simplefilter("error")
         # pdoc evaluates annotations, but names imported only for type checking are undefined at run time
         warnings.filterwarnings("ignore", "Error parsing type annotation")
-        # pdoc inspects a module's attributes, but these are imported only on first use
-        for lazy in softness_bayes, report:
-            vars(lazy).update({name: getattr(lazy, name) for name in lazy.__all__})
+        # pdoc inspects a module's attributes, but the package's are imported only on first use
+        vars(softness_bayes).update({name: getattr(softness_bayes, name) for name in softness_bayes.__all__})
         pdoc.render.configure(
             docformat="numpy",
             show_source=False,

@@ -137,12 +137,12 @@ def own_answers(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def grids(tmp_path_factory):
-    """A run on whole numbers and zeros, whose table says so, in either direction."""
+    """A run on whole numbers and zeros, whose table says so, in either direction, with noise on the membranes."""
     with quickly():
         rated = experiment(participants=3)
         whole = np.maximum(np.round(rated.ratings.rating / 4.0), 0.0)
         ratings = replace(rated.ratings, rating=whole, resolution=np.ones(whole.size), lists=rated.ratings.participant)
-        result = sample(rated._replace(ratings=ratings), **OPTIONS | {"max_steps": 10, "direction": FREE})
+        result = sample(rated._replace(ratings=ratings), **OPTIONS | {"max_steps": 10, "direction": FREE, "noise": 1.0})
     return run_of(result, tmp_path_factory.mktemp("grids"), "r")
 
 

@@ -27,12 +27,13 @@ from softness_bayes.likelihood.directions import INVERSE
 from softness_bayes.parameters.priors import LogNormal
 from softness_bayes.plotting.figures import figures_of
 from softness_bayes.readable import chance
-from softness_bayes.report import anonymous, page, report_page, write_report
+from softness_bayes.report import page
 from softness_bayes.report.alternatives import alternative_text
-from softness_bayes.report.anonymity import renamed
+from softness_bayes.report.anonymity import anonymous, renamed
 from softness_bayes.report.cards import cards
 from softness_bayes.report.curves import shown
 from softness_bayes.report.findings import Standing, exactness_of, findings
+from softness_bayes.report.page import report_page, write_report
 from softness_bayes.report.repeat import repetition
 from softness_bayes.report.tables import MOST_FABRICS
 from softness_bayes.report.words import number

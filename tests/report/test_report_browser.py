@@ -7,8 +7,9 @@ import struct
 import numpy as np
 import pytest
 
-from softness_bayes.report import page, write_report
+from softness_bayes.report import page
 from softness_bayes.report.curves import shown
+from softness_bayes.report.page import write_report
 from softness_bayes.report.words import unbroken
 from support.browser import browser, find_browser
 from support.report_runs import EVIL

@@ -680,9 +680,10 @@ def test_the_result_says_whether_it_is_exact_enough(result):
 
 def test_under_noise_the_result_says_what_rates_it_was_compared_with(experiment, options, result, monkeypatch):
     curve = RateCurve(np.array(18.0), np.array(0.0), np.array([14.0, 4.0]), 60.0, CurveError(0.01, 1e-5, 1e-4))
-    monkeypatch.setattr(fixed_channels, "noisy_curve", lambda *_: curve)
+    monkeypatch.setattr(fixed_channels, "averaged_curve", lambda *_: curve)
     monkeypatch.setattr(pictures, "spike_times", lambda *_: np.empty(0))
     noisy = sample(experiment, *options, noise=1.0, max_steps=4)
+    assert noisy.group("constant_data")["noise_curve_coefficients"].shape == (2, 2)
     assert "compared with the same noise-averaged firing rates and a finer quadrature" in noisy.attributes["exactness"]
     assert "compared with exact firing rates and a finer quadrature" in result.attributes["exactness"]
 

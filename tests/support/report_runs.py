@@ -55,6 +55,7 @@ def quickly() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(request, "Settings", functools.partial(Settings, pilot=(8,), optima=1, ensembles=2))
         patch.setattr(fixed_channels, "known_curve", lambda *_: curve)
+        patch.setattr(fixed_channels, "averaged_curve", lambda *_: curve)
         patch.setattr(pictures, "spike_times", lambda *_: np.array([12.0, 30.0, 48.0]))
         patch.setattr(predictions, "ILLUSTRATED", 8)
         for module in (shared_loads, uncertain_loads):  # exact fields of other loads take seconds

@@ -12,7 +12,7 @@ from softness_bayes.kinds import require_kind, require_members
 from softness_bayes.touch.neuron.firing import RateCurve
 from softness_bayes.touch.neuron.known_curves import known_curve
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Driven, Membrane
-from softness_bayes.touch.neuron.noise import noisy_curve
+from softness_bayes.touch.neuron.noise import averaged_curve
 
 LARGEST_CURRENT = 150.0
 """Largest alpha [µA/cm²] with a rate curve: depolarisation block starts at 154-210 (model.md 7)."""
@@ -70,8 +70,13 @@ class FixedChannels:
 
     def _made(self, max_current: float, nodes: int) -> RateCurve:
         if self.noise:
-            return noisy_curve(self.noise, self.channels, self.membrane, max_current)
+            return averaged_curve(self.noise, self.channels, self.membrane, max_current)
         return known_curve(self.channels, self.membrane, max_current, nodes)
+
+    @property
+    def averaged(self) -> tuple[RateCurve, ...]:
+        """The default and the longer curve, if they are averages over noise."""
+        return () if self._longer is None or not self.noise else (self.curve, self._longer)
 
     def exact(self) -> FixedChannels:
         """Return a cached source with more nodes, or this one if the curve is an average over noise."""

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from softness_bayes.errors import InputError
 from softness_bayes.ranges import NOISES
 from softness_bayes.touch.neuron.firing import CurveError, RateCurve, exact_curve
+from softness_bayes.touch.neuron.known_curves import key
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane
 from softness_bayes.touch.neuron.spikes import firing_statistics
 
@@ -29,7 +30,25 @@ _NODES = 40
 _DEGREE = 13
 _STEP = 0.02  # ms; rates are accurate to 2e-4
 _CLOSEST = 0.05  # of the range of s, the node next to the end of the curve
+_KNOWN: dict[str, RateCurve] = {}
 _REACHES = np.linspace(0.0, 12.0, 25)  # µA/cm² below the rheobase at which the end of the curve is searched
+
+
+def averaged_curve(noise: float, channels: Channels, membrane: Membrane, max_current: float) -> RateCurve:
+    """Return a curve by `noisy_curve`, from memory if it was simulated before or stored with a run (`make_known`)."""
+    at = _place(noise, channels, membrane, max_current)
+    if at not in _KNOWN:
+        _KNOWN[at] = noisy_curve(noise, channels, membrane, max_current)
+    return _KNOWN[at]
+
+
+def make_known(noise: float, channels: Channels, membrane: Membrane, curve: RateCurve) -> None:
+    """Add a curve that `averaged_curve` returned in another process."""
+    _KNOWN[_place(noise, channels, membrane, float(curve.max_current))] = curve
+
+
+def _place(noise: float, channels: Channels, membrane: Membrane, max_current: float) -> str:
+    return f"noise {float(noise)!r}, {key(channels, membrane, max_current, _NODES)}"
 
 
 def noisy_curve(

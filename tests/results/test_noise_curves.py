@@ -1,0 +1,60 @@
+"""Averaged rate curves stored with a run: they are used again, for the same membrane alone."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from softness_bayes.results.noise_curves import restore_curves, stored_curves
+from softness_bayes.touch.neuron import noise as module
+from softness_bayes.touch.neuron.firing import CurveError, RateCurve
+from softness_bayes.touch.neuron.fixed_channels import LARGEST_CURRENT, FixedChannels
+from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, HODGKIN_HUXLEY, PAPER_CHANNELS
+
+
+class SimulatedError(Exception):
+    """A curve was about to be simulated."""
+
+
+@pytest.fixture
+def simulate(monkeypatch):
+    """Return a function that sets how curves are simulated; no curve is known."""
+    monkeypatch.setattr(module, "_KNOWN", {})
+    return lambda make: monkeypatch.setattr(module, "noisy_curve", make)
+
+
+def made(noise, channels, membrane, max_current):
+    error = CurveError(0.01 * noise, 1e-3, 0.25)
+    return RateCurve(np.array(17.0), np.array(0.25), np.array([14.0, noise, max_current]), max_current, error)
+
+
+def refused(*_):
+    raise SimulatedError
+
+
+def test_stored_curves_are_not_simulated_again(simulate):
+    simulate(made)
+    first = FixedChannels(noise=2.0)
+    values = {name: float(value) for name, value in PAPER_CHANNELS._asdict().items()}
+    stored = {name: (each.dims, each.values) for name, each in stored_curves(first).items()}
+    simulate(refused)
+    assert FixedChannels(noise=2.0).curve is first.curve  # from memory
+    module._KNOWN.clear()
+    with pytest.raises(SimulatedError):
+        FixedChannels(noise=2.0)
+    restore_curves(xr.Dataset(stored | values), 2.0, CONNOR_STEVENS)
+    again = FixedChannels(noise=2.0)
+    for one, other in zip(again.averaged, first.averaged, strict=True):
+        np.testing.assert_array_equal(one.coefficients, other.coefficients)
+        assert (one.rheobase, one.onset_rate, one.max_current) == (other.rheobase, other.onset_rate, other.max_current)
+        assert one.error == other.error
+    assert again.averaged[1].max_current == LARGEST_CURRENT
+    for other in ({"noise": 2.1}, {"channels": PAPER_CHANNELS._replace(c_K=1.1)}, {"membrane": HODGKIN_HUXLEY}):
+        with pytest.raises(SimulatedError):
+            FixedChannels(**{"noise": 2.0, **other})
+
+
+def test_without_noise_nothing_is_stored(simulate):
+    simulate(refused)
+    assert stored_curves(FixedChannels()) == {}
+    restore_curves(xr.Dataset(), 0.0, CONNOR_STEVENS)
+    assert module._KNOWN == {}
