@@ -47,6 +47,10 @@ BEYOND_SATURATION = 0.002
 REFERENCE = (40, 24.0)
 """Reference quadrature: within 1e-10 of the peak response."""
 
+FIELD_SHARE = 1e-3
+"""Tolerance of the reference's stress fields as a share of the accuracy. A scene whose fields have a tenth of the
+accuracy is then refined (`Scene.refined`) without finer ones."""
+
 RATES_SHARE = 0.2
 """Share of the bound that the error of a fixed-channel curve may use before more exact rates are added."""
 
@@ -152,8 +156,7 @@ def references(accuracy: float) -> tuple[Discretisation, ...]:
     """
     if not 0 < accuracy < 1:
         raise InputError(f"accuracy is {accuracy}, expected a bound of relative errors between 0 and 1")
-    # fine enough for `Scene.refined` of the scene that is chosen, too, which then computes no further fields
-    wanted = max(1e-3 * accuracy, TOLERANCES[-1]) * (1.0 + 1e-9)
+    wanted = max(FIELD_SHARE * accuracy, TOLERANCES[-1]) * (1.0 + 1e-9)
     tolerance = max(t for t in TOLERANCES if t <= wanted)
     return tuple(Discretisation(*REFERENCE, tolerance, rate_nodes) for rate_nodes in RATE_NODES)
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from softness_bayes.ranges import ACCURACIES
 from softness_bayes.touch.accuracy import (
     COARSEST,
+    FIELD_SHARE,
     RATES_SHARE,
     ChosenResolution,
     Errors,
@@ -94,7 +95,7 @@ def scene_with_accuracy(
     InputError
         If the scene cannot reach the accuracy.
     """
-    choice = _chosen(compiled, draws, accuracy, min(accuracy, 1e2 * least.field_tolerance), least)
+    choice = _chosen(compiled, draws, accuracy, min(accuracy, least.field_tolerance / FIELD_SHARE), least)
     return compiled(choice.discretisation), choice
 
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -52,9 +51,9 @@ def in_powers_of(coefficients: Array) -> Array:
 @lru_cache(maxsize=256)
 def _to_powers(order: int) -> Array:
     """Return the coefficients of the powers in T_k, k < order, one row for each."""
-    matrix = np.zeros((order, order))
-    for k in range(order):
-        matrix[k, : k + 1] = chebyshev.cheb2poly(np.eye(order)[k, : k + 1])
+    matrix = np.eye(order)
+    for k in range(2, order):
+        matrix[k] = np.append(0.0, 2.0 * matrix[k - 1, :-1]) - matrix[k - 2]
     return matrix
 
 
