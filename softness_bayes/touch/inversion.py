@@ -25,10 +25,12 @@ Array = NDArray[np.float64]
 BLOCK = 4
 """Number of contacts inverted at once; arrays of more contacts do not fit into the cache."""
 
+_ROUNDING = 1e-11  # change of ln y below which no slope follows from it
+
 
 @dataclass(frozen=True)
 class Inversion:
-    """The stress field of any contact radius and decay, inverted by Newton's method.
+    """The stress field of any contact radius and decay, inverted by the secant method.
 
     Parameters
     ----------
@@ -129,13 +131,18 @@ class Inversion:
     def _distance(self, y: Array, radius: Array, decay: Array, peak: Array, log_rho: Array, slope: Array) -> Array:
         """Invert the field: distances [m] at which it is y^(1/root) of its peak; (n, len(y)) from (n,).
 
-        Newton's method starts at `log_rho`, with a constant `slope` of ln rho in ln y, both of shape (n, len(y)).
+        The secant method starts at `log_rho`, with a `slope` of ln rho in ln y, both of shape (n, len(y)).
         """
         radius, decay, peak, log_y = radius[:, None], decay[:, None], peak[:, None], np.log(y)
-        before = 0.0
+        before, step, last = 0.0, np.zeros_like(log_rho), np.zeros_like(log_rho)
         for _ in range(12):  # each step usually gains about three digits
-            excess = slope * (np.log(self._relative_root(np.exp(log_rho), radius, decay, peak)) - log_y)
-            log_rho = log_rho - np.clip(excess, -1.0, 1.0)
+            gap = np.log(self._relative_root(np.exp(log_rho), radius, decay, peak)) - log_y
+            change = gap - last
+            known = (step != 0.0) & (np.abs(change) > _ROUNDING) & (step * change < 0.0)
+            slope = np.where(known, step / np.where(known, change, 1.0), slope)
+            excess = slope * gap
+            step, last = -np.clip(excess, -1.0, 1.0), gap
+            log_rho = log_rho + step
             found = float(np.abs(excess).max())
             # the error shrinks by a similar factor at every step, estimated from two steps; ten times that is safe
             shrinks = min(1.0, 10.0 * found / before) if before else 1.0

@@ -8,8 +8,9 @@ import pytest
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.contact import Finger, Force, Indentation, Load
 from softness_bayes.touch.field import StressField, profiles
+from softness_bayes.touch.inversion import Inversion
 from softness_bayes.touch.neuron.polynomials import clenshaw
-from softness_bayes.touch.readings import ALTERNATIVES, Readings
+from softness_bayes.touch.readings import ALTERNATIVES, NAMED_READINGS, Readings
 from softness_bayes.touch.stress import ATTENUATED, HERTZ, stress
 
 FINGER = Finger()
@@ -96,6 +97,22 @@ def test_every_table_says_how_good_it_is(readings, rng):
     wanted = clenshaw(rows[:, 1:].T, at)
     largest = np.abs(rows[:, 1:]).sum(axis=1).max()
     assert np.abs(found - wanted).max() < 3 * field.reached * max(largest, 1.0)
+
+
+def test_the_inverse_is_exact_next_to_the_axis():
+    """With the printed kernel the slope changes by orders of magnitude there, and a search with a fixed slope fails."""
+    field = StressField(Force(3.0), FINGER, NAMED_READINGS["printed"], RANGE, 1e-7)
+    assert field.reached < 1e-6
+    modulus = np.geomspace(1e3, 1e7, 5)
+    radius = Force(3.0).close(modulus, FINGER).radius
+    decay = field.readings.pressure.decay(modulus, radius, FINGER)
+    x = 1.0 - np.geomspace(1e-4, 1e-1, 6)
+    inversion = Inversion(FINGER.receptor_depth, 0.02, field.readings, 1e-7)
+    peak, shape = inversion.values(radius, decay, x, field.y_least)
+    y = 0.5 * (1.0 + field.y_least) + 0.5 * (1.0 - field.y_least) * x
+    rho = np.sqrt(shape * inversion.size(radius, decay)[:, None] * (1.0 - y) / y)
+    found = (inversion.unit(rho, radius[:, None], decay[:, None]) / peak[:, None]) ** inversion.root
+    np.testing.assert_allclose((1.0 - found) / (1.0 - y), 1.0, atol=1e-4)
 
 
 def test_a_table_with_too_few_nodes_says_so(monkeypatch):
