@@ -14,6 +14,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.touch.accuracy import QUADRATURES, REFERENCE, TOLERANCES, Errors, choose, errors
 from softness_bayes.touch.firing_sample import FiringSample
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS
+from softness_bayes.touch.population import Drive
 from softness_bayes.touch.resolution import first
 from softness_bayes.touch.scene import Discretisation, Scene
 
@@ -87,16 +88,16 @@ def _fields(of: Subject, effort: Effort) -> Iterator[Point]:
 
 
 def _population(of: Subject, effort: Effort) -> Iterator[Point]:
-    """Time the population integral: a response without its stress fields and contact."""
+    """Time the population integral, for known contacts and rate curves."""
     best = of.model.scene
     some = first(of.draws.parameters, BATCH)
     usual = replace(best.discretisation, field_tolerance=max(TOLERANCES[4], effort.finest))
     for nodes, saturation in QUADRATURES:
         exactly = best.coarser(replace(best.discretisation, nodes=nodes, saturation=saturation))
         scene = best.coarser(replace(usual, nodes=nodes, saturation=saturation))
-        whole = quickest(partial(scene.total_rate, some), effort.repeats) / BATCH
-        contact = quickest(partial(scene.contact, some), effort.repeats) / BATCH
-        spent = max(whole - contact - _profile_seconds(scene, of, effort.repeats), 0.0)
+        fields = scene.mechanics.fields(some.b, some.m, None, scene.fingertip(some))
+        drive = Drive(some.alpha, some.beta, some.sigma_0, scene.rates.curves(some))
+        spent = quickest(partial(scene.population.sums, fields, drive), effort.repeats) / BATCH
         yield _point(POPULATION, f"{nodes} nodes, to exp(-{saturation:g})", spent, _errors(exactly, best, of))
 
 
