@@ -51,6 +51,13 @@ def test_a_notebook_uses_public_names(path):
     assert public <= {*softness_bayes.__all__}
 
 
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_was_executed_in_order_and_stored_without_times(path):
+    cells = [cell for cell in json.loads(path.read_text(encoding="utf-8"))["cells"] if cell["cell_type"] == "code"]
+    assert [cell["execution_count"] for cell in cells] == [*range(1, len(cells) + 1)]
+    assert not [cell for cell in cells if "execution" in cell["metadata"]]
+
+
 @pytest.mark.parametrize("name", softness_bayes.__all__)
 def test_a_public_name_is_there(name):
     assert getattr(softness_bayes, name) is not None
