@@ -34,8 +34,9 @@ class Sampling(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Start the server, unless no process will be needed, and convert the options."""
-        given, *_ = self.make_parser(ctx).parse_args(list(args))
-        if given.get("processes") != "1" and not given.get("help") and not ctx.resilient_parsing:
+        given, asks = self.make_parser(ctx).parse_args(list(args))[0], self.get_help_option(ctx)
+        helped = asks is not None and asks.name in given
+        if given.get("processes") != "1" and not helped and not ctx.resilient_parsing:
             from softness_bayes.sampler import workers
 
             drawing = () if given.get("no_figures") else ("softness_bayes.plotting.libraries",)
