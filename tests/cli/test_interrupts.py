@@ -113,9 +113,11 @@ def sent(directory, delay, number=signal.SIGINT, whole=True):
     if said is None:
         return "finished"
     if (directory / "out" / "checkpoint" / "manifest.json").exists():
-        assert re.search(
-            r"the run is saved (up to step \d+|in its pilot phase): 'softness-bayes resume out' continues it", said
-        )
+        while_drawing = "the results are written to out: 'softness-bayes plot out' draws the figures;"
+        before = r"the run is saved (up to step \d+|in its pilot phase):"
+        assert re.search(f"({before}|{while_drawing}) 'softness-bayes resume out' continues it", said), said
+        if while_drawing in said:
+            assert Result.load(directory / "out").provenance.ending.steps > 0
         assert not read_status(directory / "out").running
         return "kept"
     assert "resume" not in said
