@@ -11,7 +11,7 @@ import numpy as np
 
 from softness_bayes.bench.subject import BATCH, Effort, Subject, quickest, subject
 from softness_bayes.errors import InputError
-from softness_bayes.touch.accuracy import QUADRATURES, REFERENCE, TOLERANCES, Errors, choose, errors
+from softness_bayes.touch.accuracy import FIELD_SHARE, QUADRATURES, REFERENCE, TOLERANCES, Errors, choose, errors
 from softness_bayes.touch.firing_sample import FiringSample
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS
 from softness_bayes.touch.population import Drive
@@ -142,7 +142,9 @@ def _whole(held: Subject, free: Subject, effort: Effort) -> Iterator[Point]:
 
 def dialled(accuracy: float, effort: Effort, held: bool) -> Subject:
     """Return the model at the resolution for an accuracy setting, with channels fixed or free."""
-    of = subject(Discretisation(*REFERENCE, field_tolerance=max(1e-2 * accuracy, effort.finest)), held, effort.draws)
+    of = subject(
+        Discretisation(*REFERENCE, field_tolerance=max(FIELD_SHARE * accuracy, effort.finest)), held, effort.draws
+    )
     best = of.model.scene
     rates = EXACT if held else of.draws.firing(best)
     choice = choose(best, of.draws.parameters, accuracy, of.draws.eps, rates)

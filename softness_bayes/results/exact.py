@@ -33,7 +33,7 @@ times the work of one task.
 """
 
 
-def exact_log_likelihood(posterior: Posterior, theta: Array, refined: Scene | None = None) -> Array:
+def exact_log_likelihood(posterior: Posterior, theta: Array, scene: Scene | None = None) -> Array:
     """Return the log-likelihood at points theta with exact firing rates and a finer quadrature, shape (points,).
 
     Parameters
@@ -42,11 +42,10 @@ def exact_log_likelihood(posterior: Posterior, theta: Array, refined: Scene | No
         The density that was sampled.
     theta
         The points, shape (points, dimension).
-    refined
-        The posterior's scene at a finer resolution, if it is known (`Scene.refined`).
+    scene
+        The posterior's scene, if it is known to hold its finer one (`Scene.refined`).
     """
-    exact = _scene(posterior).exact() if refined is None else refined.fired_by(refined.firing.exact())
-    fingers = posterior.fingers
+    exact, fingers = (_scene(posterior) if scene is None else scene).exact(), posterior.fingers
     finer = None if fingers is None else finer_family_of(exact, fingers.grid.finer())
     finest, others = posterior.with_term(posterior.observation.finer()), None
     if posterior.other_loads is not None:
@@ -109,8 +108,9 @@ def unchecked() -> Exactness:
 def _begin_exact(posterior: Posterior, theta: Array, workers: Workers) -> Callable[[], Array]:
     # the division does not depend on the number of processes, so that results agree to the last bit
     count = min(EXACT_PARTS, -(-len(theta) // FIRST_DRAWS))
-    refined = _scene(posterior).refined()  # known here, whereas every process would compute its stress fields
-    parts = [workers.start(exact_log_likelihood, part, refined) for part in np.array_split(theta, count)]
+    scene = _scene(posterior)
+    scene.refined()  # from now on part of the scene that is sent; otherwise every process would compute its fields
+    parts = [workers.start(exact_log_likelihood, part, scene) for part in np.array_split(theta, count)]
     return lambda: np.concatenate([part() for part in parts])
 
 

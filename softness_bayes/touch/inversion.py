@@ -97,8 +97,9 @@ class Inversion:
         y_least
             y at x = -1.
         guess
-            Approximate coefficients of Q / size, shape (n, terms), from which the search starts. It saves two thirds
-            of the time and does not change the result by more than the tolerance of the search.
+            Approximate coefficients of Q / size, shape (n, terms), from which the search starts. Whole tables then
+            need 8 to 52 % fewer evaluations (readings by name, four loads, tolerances 1e-4 and 1e-6), and state the
+            same error.
         """
         y = 0.5 * (1 + y_least) + 0.5 * (1 - y_least) * x
         size, peak = self.size(radius, decay), self.unit(np.zeros_like(radius), radius, decay)
@@ -138,7 +139,7 @@ class Inversion:
         for _ in range(12):  # each step usually gains about three digits
             gap = np.log(self._relative_root(np.exp(log_rho), radius, decay, peak)) - log_y
             change = gap - last
-            known = (step != 0.0) & (np.abs(change) > _ROUNDING) & (step * change < 0.0)
+            known = (np.abs(change) > _ROUNDING) & (step * change < 0.0)
             slope = np.where(known, step / np.where(known, change, 1.0), slope)
             excess = slope * gap
             step, last = -np.clip(excess, -1.0, 1.0), gap

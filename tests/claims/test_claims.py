@@ -393,8 +393,7 @@ def test_the_kept_claims_are_what_the_command_writes(tmp_path):
     call("claims", "--out", tmp_path)
     assert (KEPT / "claims.md").read_text(encoding="utf-8") == (tmp_path / "claims.md").read_text(encoding="utf-8")
     for name in ("claims.csv", "claims_loads.csv"):
-        # the place of a flat maximum moves by more than the errors of the curve
-        pd.testing.assert_frame_equal(pd.read_csv(KEPT / name), pd.read_csv(tmp_path / name), rtol=1e-4)
+        pd.testing.assert_frame_equal(pd.read_csv(KEPT / name), pd.read_csv(tmp_path / name), rtol=1e-6)
 
 
 # the command
