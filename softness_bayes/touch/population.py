@@ -359,14 +359,27 @@ class _Onset(NamedTuple):
 
     def gain(self, t: Array) -> Array:
         """Return d nu / d t [Hz] at t of shape (..., *batch)."""
-        squared = np.maximum(t * t, 1e-300)
-        lost = -np.expm1(-squared)
-        left = 1.0 - lost
-        below = 1.0 / (1.0 + self.odds * left)
-        # I - I_rheobase = s² = excess (1 - exp(-t²)) / (1 + odds exp(-t²)), without cancellation at t -> 0
-        ratio = np.sqrt(self.excess * lost / squared * below)
-        speed = self.excess * (1.0 + self.odds) * left * below * below / ratio
-        return speed * horner(self.slope, self.scale * ratio * t - 1.0)
+        # s² = I - I_rheobase = excess (1 - exp(-t²)) / (1 + odds exp(-t²)), without cancellation at t -> 0
+        t = np.maximum(t, 1e-150)
+        change = -t * t
+        np.expm1(change, out=change)
+        left = 1.0 + change
+        below = self.odds * left
+        below += 1.0
+        np.divide(1.0, below, out=below)
+        change *= -self.excess
+        change *= below
+        s = np.sqrt(change, out=change)
+        # ds/dt
+        speed = np.multiply(left, below, out=left)
+        speed *= below
+        speed *= t
+        speed *= self.excess * (1.0 + self.odds)
+        speed /= s
+        s *= self.scale
+        s -= 1.0
+        speed *= horner(self.slope, s)
+        return speed
 
     def rate(self, t: Array) -> Array:
         """Return nu [Hz] at t of shape (..., *batch)."""

@@ -30,6 +30,18 @@ def chebyshev_values(x: Array, order: int) -> Array:
     return basis
 
 
+def monomials(x: Array, order: int) -> Array:
+    """Return x^k, k < order, along a new first axis."""
+    basis = np.empty((order, *x.shape))
+    basis[0], basis[1:2] = 1.0, x
+    last = 1
+    while last < order - 1:
+        more = min(last, order - 1 - last)
+        np.multiply(basis[last], basis[1 : more + 1], out=basis[last + 1 : last + 1 + more])
+        last += more
+    return basis
+
+
 def clenshaw(coefficients: Array, x: Array) -> Array:
     """Return sum_k coefficients[k] T_k(x), each coefficients[k] of a shape that broadcasts to that of x."""
     twice = 2.0 * x
@@ -86,6 +98,15 @@ class TotalDegree:
     def basis(self, x: Array) -> Array:
         """Return the values of all products at points of shape (variables, n), shape (n, terms)."""
         return products(chebyshev_values(x, self.degree + 1), self.exponents).T
+
+    def monomials(self, x: Array) -> Array:
+        """Return the values of the same products of powers."""
+        return products(monomials(x, self.degree + 1), self.exponents).T
+
+    def in_powers_of(self, coefficients: Array) -> Array:
+        """Return coefficients, shape (terms, n), of the products of powers."""
+        of_each = _to_powers(self.degree + 1)
+        return np.asarray(np.prod([of_each[e][:, e] for e in self.exponents], axis=0).T @ coefficients)
 
 
 def products(values: Array, exponents: NDArray[np.intp]) -> Array:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.neuron.firing import CurveError, RateCurve, exact_curve, exact_curves, shortening
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, Channels, Driven, Membrane, lanes, rows_of
-from softness_bayes.touch.neuron.polynomials import TotalDegree, chebyshev_values, products
+from softness_bayes.touch.neuron.polynomials import TotalDegree, monomials, products
 from softness_bayes.touch.neuron.surface_design import DESIGNS, NO_SURFACE, SurfaceInputs
 
 FloatArray = NDArray[np.float64]
@@ -58,6 +58,7 @@ class Summed:
         # in ascending degree, so that the products up to any degree come first
         self._exponents, self._degree = others[:, np.argsort(others.sum(axis=0), kind="stable")], terms.degree
         row = {tuple(exponent): k for k, exponent in enumerate(terms.exponents.T.tolist())}
+        coefficients = terms.in_powers_of(coefficients)  # at these degrees without loss, and quicker to evaluate
         self._parts = []
         for last in range(terms.degree + 1):
             chosen = [row[*e, last] for e in self._exponents.T.tolist() if sum(e) + last <= terms.degree]
@@ -65,7 +66,7 @@ class Summed:
 
     def __call__(self, x: FloatArray) -> FloatArray:
         """Return the values of the polynomials at points of shape (variables, n), shape (n, columns)."""
-        values = chebyshev_values(x, self._degree + 1)
+        values = monomials(x, self._degree + 1)
         product = products(values[:, :-1], self._exponents).T
         total = product @ self._parts[0]
         for last, part in zip(values[1:, -1], self._parts[1:], strict=True):
