@@ -22,6 +22,14 @@ from softness_bayes.sampler.state import RunState
 APART = 0.05
 """Smallest number of steps between two checks, as a share of the run."""
 
+NUMBERS, LEAST_STORED = 40_000_000, 1000
+"""Largest number of stored numbers of all ensembles, and the stored steps of an ensemble that it always allows.
+
+A slow run of many parameters, whose neighbouring steps are nearly the same, would otherwise fill the memory, and each
+check would take longer than the steps since the last. A thousand stored steps suffice for the autocorrelation times of
+a run that converges, whose length is at least fifty of them.
+"""
+
 PARTS = 4
 """Number of possible checks per round; stored steps are thinned at the end of a round."""
 
@@ -43,7 +51,8 @@ class Schedule:
     round_steps
         The first check is made after three times this number of steps, the others at multiples of a quarter of it.
     stored
-        Largest number of stored steps of an ensemble; when it is exceeded, every second one is dropped.
+        Largest number of stored steps of an ensemble, or fewer if together they exceed `NUMBERS`; when it is exceeded,
+        every second one is dropped.
     goal
         Criteria of convergence.
     min_steps
@@ -115,7 +124,7 @@ class Schedule:
         if self.in_pilot(state) or not state.steps:
             return state
         while (
-            state.steps // state.stride > self.stored
+            state.steps // state.stride > self._most_stored(state)
             and state.steps % self._grid(state) == 0
             and state.steps % (2 * state.stride) == 0
         ):
@@ -150,6 +159,11 @@ class Schedule:
         steps = 0 if self.in_pilot(state) else state.steps
         goal = state.due if state.verdict is None else state.verdict.steps + state.verdict.more_steps
         return max(min(max(goal, self.min_steps), self.max_steps) - steps, 0)
+
+    def _most_stored(self, state: RunState) -> int:
+        """Return the largest number of stored steps of an ensemble."""
+        at_each_step = sum(one.coordinates.size + one.log_density.size for one in state.ensembles)
+        return min(self.stored, max(NUMBERS // at_each_step, LEAST_STORED))
 
     def _grid(self, state: RunState, parts: int = 1) -> int:
         """Return the steps of a round, or of one of its equal parts, in whole strides."""
