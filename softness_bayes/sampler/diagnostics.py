@@ -299,7 +299,7 @@ def look(
     fits = kept >= goal.lengths * tau.max() and r_hat.max() <= goal.r_hat and change <= goal.tau_change
     if fits:
         count = values[..., 0].size * kept / stored / tau[walks.shape[1] :]  # of the modes' indicators
-        ess = (np.concatenate([ess_bulk(walks, tau), count]), np.concatenate([ess_tail(walks), count]))
+        ess = (np.concatenate([ess_bulk(walks, tau), count]), np.concatenate([ess_tail(walks, tau), count]))
     passed = bool(fits and min(ess[0].min(), ess[1].min()) >= goal.ess)
     own = float(own_time(walks).max()) * stride if kept < goal.lengths * tau.max() else math.nan
     moved = (np.ptp(walks, axis=-2) > 0).any(axis=1)

@@ -39,3 +39,11 @@ def test_tail_size_is_the_smaller_of_both_tails():
     slow = autoregressive(rng, (4, 2000, 20, 1), 40.0)
     values = np.where(slow > 1.5, values + 5, values)
     assert ess_tail(walks(values))[0] < 160_000 / 10
+
+
+def test_tail_size_from_thinned_draws_is_almost_the_same():
+    values = autoregressive(np.random.default_rng(15), (4, 4000, 20, 2), 80.0)
+    every_draw = ess_tail(walks(values))
+    thinned = ess_tail(walks(values), np.array([80.0, 60.0]))
+    assert ((thinned > 0.94 * every_draw) & (thinned < 1.01 * every_draw)).all()
+    assert (ess_tail(walks(values), np.array([2000.0, 2000.0])) < 0.8 * every_draw).all()  # thinned too far
