@@ -7,9 +7,9 @@ import pytest
 
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.contact import Finger, Force, Indentation, Load
-from softness_bayes.touch.field import StressField, profiles
+from softness_bayes.touch.field import SeveralFields, StressField, profiles
 from softness_bayes.touch.inversion import Inversion
-from softness_bayes.touch.neuron.polynomials import clenshaw
+from softness_bayes.touch.neuron.polynomials import clenshaw, monomials
 from softness_bayes.touch.readings import ALTERNATIVES, NAMED_READINGS, Readings
 from softness_bayes.touch.stress import ATTENUATED, HERTZ, stress
 
@@ -168,3 +168,23 @@ def test_loads_side_by_side_are_the_loads_alone():
         np.testing.assert_allclose(together.peak[:, where], alone.peak, rtol=1e-14)
         distance = together.squared_distance(y)[:, where]
         np.testing.assert_allclose(distance, alone.squared_distance(y[:, where]), rtol=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("tolerance", "of_y", "of_places"), [(1e-4, True, True), (1e-5, True, False), (1e-7, False, False)]
+)
+def test_series_are_in_powers_as_far_as_that_loses_no_digits(tolerance, of_y, of_places, rng):
+    fields = [
+        StressField(load, FINGER, Readings(), RANGE, tolerance) for load in (Indentation(1e-3), Indentation(3e-3))
+    ]
+    columns = [np.array([0, 2]), np.array([1])]
+    inside, plain = (SeveralFields(fields, columns, powers=powers) for powers in (True, False))
+    assert inside.powers == of_y
+    assert (inside.polynomials is monomials) == of_places
+    modulus = np.exp(rng.uniform(*np.log(RANGE), (200, 3)))
+    radius = np.stack([fields[k].load.close(modulus[:, j], FINGER).radius for j, k in enumerate((0, 1, 0))], axis=1)
+    found, exact = (several.at(modulus, radius).whole() for several in (inside, plain))
+    y = exact.y_least + (1.0 - exact.y_least) * np.linspace(0.0, 1.0, 30)[:, None, None]
+    y = np.broadcast_to(y, (30, 200, 3))
+    error = np.abs(found.squared_distance(y) - exact.squared_distance(y)) / exact.squared_distance(y).max(axis=0)
+    assert error.max() < 1e-2 * tolerance

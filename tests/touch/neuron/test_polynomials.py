@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from softness_bayes.touch.neuron.polynomials import chebyshev_values, clenshaw, horner, in_powers_of
+from softness_bayes.touch.neuron.polynomials import (
+    TotalDegree,
+    chebyshev_values,
+    clenshaw,
+    horner,
+    in_powers_of,
+    monomials,
+)
 
 
 @pytest.mark.parametrize("order", [1, 2, 9])
@@ -36,3 +43,19 @@ def test_powers(rng, order):
     coefficients = rng.normal(size=(4, order))
     exact = [np.polynomial.chebyshev.cheb2poly(row) for row in coefficients]
     np.testing.assert_allclose(in_powers_of(coefficients), exact, rtol=1e-9)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 30])
+def test_monomials(rng, order):
+    x = rng.uniform(-1, 1, (3, 4))
+    exact = np.stack([x**k for k in range(order)])
+    np.testing.assert_allclose(monomials(x, order), exact, rtol=1e-13)
+
+
+@pytest.mark.parametrize("variables", [1, 2, 4])
+def test_products_of_powers_give_the_same_polynomials(rng, variables):
+    terms, x = TotalDegree(variables, 5), rng.uniform(-1, 1, (variables, 20))
+    coefficients = rng.normal(size=(terms.exponents.shape[1], 3))
+    exact = terms.basis(x) @ coefficients
+    np.testing.assert_allclose(terms.monomials(x) @ terms.in_powers_of(coefficients), exact, atol=1e-11)
+    assert np.abs(terms.monomials(x) @ coefficients - exact).max() > 0.1
