@@ -43,11 +43,15 @@ class TouchParameters(NamedTuple):
 _POSITIVE = [TouchParameters._fields.index(name) for name in ("b", "alpha", "beta", *Channels._fields)]
 _FROM_ZERO = [TouchParameters._fields.index(name) for name in ("radius", "receptor_depth")]
 
+_LEAST = np.full((len(TouchParameters._fields), 1), -np.finfo(float).max)
+_LEAST[_POSITIVE], _LEAST[_FROM_ZERO] = np.nextafter(0.0, 1.0), 0.0
+"""Least value of each parameter, one per row: the least positive number, 0, or the least number of all."""
+
 
 def checked_rows(parameters: TouchParameters) -> tuple[tuple[int, ...], TouchParameters]:
     """Check parameter vectors; return their batch shape, and the vectors as one-dimensional arrays."""
     shape, flat = rows_of(parameters)
-    if not (np.isfinite(flat).all() and (flat[_POSITIVE] > 0).all() and (flat[_FROM_ZERO] >= 0).all()):
+    if not ((flat >= _LEAST).all() and (flat < np.inf).all()):  # NaN is not above anything
         _refuse(flat)
     return shape, TouchParameters(*flat)
 

@@ -210,7 +210,7 @@ class Scene:
         """Return the total rates of one chunk; only the required parts of contact and fields are computed."""
         finger, own = self.fingertip(parameters), None if modulus is None else modulus[:, self.fabric]
         fields = self.mechanics.fields(parameters.b, parameters.m, own, finger)
-        return self.population.sums(fields, self._drive(parameters)).rate
+        return self.population.rate(fields, self._drive(parameters))
 
     def _interpolated_rate(self, parameters: TouchParameters) -> Array:
         shape, flat = checked_rows(parameters)
