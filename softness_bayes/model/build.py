@@ -392,5 +392,6 @@ def _bent(space: ParameterSpace, scene: Scene, directed: RatingDirection) -> Par
     if not np.isfinite(rheobase):
         return replace(space, bent=bent)
     unit = PARAMETERS["sigma_0"].prior.median
-    bent |= {"alpha": Bent(rheobase, ALPHA_WIDTH), "sigma_0": Scaled(unit)}
+    # rounded: a run goes on where the last digits of a computed rheobase are others
+    bent |= {"alpha": Bent(round(rheobase, 4), ALPHA_WIDTH), "sigma_0": Scaled(unit)}
     return replace(space, bent=bent, rheobase=rheobase)

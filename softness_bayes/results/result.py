@@ -32,7 +32,7 @@ from softness_bayes.results.read_back import (
     named_values,
     turning_points_in,
 )
-from softness_bayes.results.result_file import SUMMARY_TABLE, read, sealed
+from softness_bayes.results.result_file import SUMMARY_TABLE, content_of, read
 from softness_bayes.results.words import html_of, load_sentence
 from softness_bayes.touch.contact import Finger, Load
 from softness_bayes.touch.load_groups import LoadGroups, groups_of
@@ -351,8 +351,8 @@ class Result(Answers):
         OSError
             If there is no space or no permission; the earlier files remain.
         """
-        whole = sealed(self.tree, {SUMMARY_TABLE: self.table, **self.tables})
-        contents: dict[str, bytes | str] = {POSTERIOR: arviz_bridge.netcdf(whole)}
+        whole = content_of(self.tree, {SUMMARY_TABLE: self.table, **self.tables})
+        contents: dict[str, bytes | str] = {POSTERIOR: whole}
         for name, table in {
             SUMMARY: self.table,
             **{f"{name}.csv": table for name, table in self.tables.items()},

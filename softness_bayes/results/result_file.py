@@ -13,6 +13,7 @@ from softness_bayes import arviz_bridge
 from softness_bayes.errors import InputError
 from softness_bayes.files.spreadsheet import table_of
 from softness_bayes.results.checksums import CHECKSUMS, Changes, changes, checksums
+from softness_bayes.results.seal import is_broken, with_seal
 from softness_bayes.sampler.serial import as_json
 
 if TYPE_CHECKING:
@@ -38,15 +39,15 @@ class FileContents(NamedTuple):
     """True if the checksums show no change."""
 
 
-def sealed(tree: xr.DataTree, tables: Mapping[str, pd.DataFrame]) -> xr.DataTree:
-    """Return the groups of a result with its tables and checksums, in the form of its file."""
+def content_of(tree: xr.DataTree, tables: Mapping[str, pd.DataFrame]) -> bytes:
+    """Return the content of the file of a result: its groups and tables, with checksums of each part and of all."""
     import xarray as xr
 
     text = xr.Dataset({name: ((), _text_of(table)) for name, table in tables.items()})
     whole = tree.assign({TABLES: xr.DataTree(text)})
     whole.attrs = {**tree.attrs, "schema_version": SCHEMA}
     whole.attrs[CHECKSUMS] = checksums(whole)
-    return whole
+    return with_seal(arviz_bridge.netcdf(whole))
 
 
 def read(path: Path, index: Mapping[str, str | list[str]], verify: bool = True) -> FileContents:
@@ -66,6 +67,8 @@ def read(path: Path, index: Mapping[str, str | list[str]], verify: bool = True) 
     InputError
         If it cannot be read, was changed, or is not the file of a result that this version knows.
     """
+    if verify:
+        _require_whole(path)
     try:
         tree = arviz_bridge.read_netcdf(path)
     except Exception as error:  # HDF5 and the libraries above it have no common error class
@@ -78,6 +81,18 @@ def read(path: Path, index: Mapping[str, str | list[str]], verify: bool = True) 
     rest = tree.filter(lambda node: node.name != TABLES)
     rest.attrs = {name: value for name, value in tree.attrs.items() if name != CHECKSUMS}
     return FileContents(rest, tables, verify)
+
+
+def _require_whole(path: Path) -> None:
+    try:
+        broken = is_broken(path)
+    except OSError as error:
+        raise InputError(f"{path}: not a readable result ({error!s:.200})") from None
+    if broken:
+        raise InputError(
+            f"{path}: damaged since it was written: it does not have the checksum that stands at its end; restore it "
+            "from a copy, or delete it, and 'softness-bayes resume' writes it again from the checkpoint of the run"
+        )
 
 
 def _require_unchanged(path: Path, found: Changes) -> None:

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from softness_bayes.checkpoints.identity import require_density
+from softness_bayes.checkpoints.identity import identity, require_density
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.error_laws import NORMAL, STUDENT
@@ -13,7 +13,9 @@ from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_ratings
+from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.sampler.adaptation import TriangularMap
+from softness_bayes.sampler.sampling import Settings
 from softness_bayes.sampler.state import EnsembleState
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
@@ -49,3 +51,18 @@ def test_a_run_goes_on_although_other_points_are_evaluated_together(resolution, 
     require_density(density, state_of(z, values))
     with pytest.raises(InputError, match="has the software changed"):
         require_density(density, state_of(z, values + 0.01))
+
+
+def test_a_run_goes_on_where_the_last_digits_of_the_rheobase_are_others(monkeypatch):
+    fabrics, loads = Fabrics(tuple("abcd"), effective_modulus=np.geomspace(1e4, 7e6, 4)), (Indentation(2e-3),)
+    made = simulate_ratings(np.random.default_rng(2), fabrics, loads, usual_values(MENDED), participants=3)
+    data, plain = Experiment(made.ratings, fabrics, ()), ParameterSpace.rheobase_shift
+
+    def described(off):
+        monkeypatch.setattr(ParameterSpace, "rheobase_shift", lambda *of: plain(*of) + off)
+        return identity(data, build(data, ModelOptions()).posterior, Settings(), {})
+
+    here = described(0.0)
+    assert "Bent(" in here["coordinate of alpha"]
+    assert described(1e-13) == here
+    assert described(0.01) != here

@@ -3,6 +3,7 @@
 import json
 import shutil
 
+import h5py
 import numpy as np
 import pandas as pd
 import pytest
@@ -15,6 +16,7 @@ from softness_bayes.results.from_result import experiment_of, options_of
 from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
 from softness_bayes.results.result_file import SCHEMA, TABLES
+from softness_bayes.results.seal import is_broken
 from support.command_line import call, refused
 from support.paths import DATA
 
@@ -105,7 +107,47 @@ def test_no_flipped_bit_of_many_changes_what_is_loaded(name, count, small, runs,
     assert sum(flips(small if name == "small" else runs / name, tmp_path, rng, count)) == count
 
 
-@pytest.mark.parametrize("share", [0.0, 0.1, 0.9, 0.999])
+def test_damage_is_found_before_hdf5_reads_the_file(small, tmp_path, rng, monkeypatch):
+    """Some flipped bits send HDF5 into an endless loop."""
+    whole, path = bytearray((small / "posterior.nc").read_bytes()), tmp_path / "posterior.nc"
+    whole[rng.integers(len(whole) - 200)] ^= 1
+    path.write_bytes(whole)
+    assert is_broken(path)
+    assert not is_broken(small / "posterior.nc")
+    opened = []
+    monkeypatch.setattr(arviz_bridge, "read_netcdf", opened.append)
+    with pytest.raises(InputError, match=r"posterior\.nc: damaged since .* checksum .* 'softness-bayes resume'"):
+        Result.load(path)
+    assert not opened
+    with pytest.raises(AttributeError):
+        Result.load(path, verify=False)
+    assert opened == [path]
+
+
+@pytest.mark.parametrize("where", [-1, -2, -30, -66, -100])
+def test_a_damaged_seal_is_no_worse_than_none(where, small, tmp_path):
+    """Digits that changed show damage; without the words before them the checksums of the content decide."""
+    whole, path = bytearray((small / "posterior.nc").read_bytes()), tmp_path / "posterior.nc"
+    whole[where] ^= 1
+    path.write_bytes(whole)
+    if where in (-2, -30):
+        with pytest.raises(InputError, match="damaged since it was written"):
+            Result.load(path)
+    else:
+        assert_same(Result.load(path), Result.load(small))
+
+
+def test_a_change_in_place_is_named(small, tmp_path):
+    """HDF5 writes over the seal, or cuts it off."""
+    path = tmp_path / "posterior.nc"
+    path.write_bytes((small / "posterior.nc").read_bytes())
+    with h5py.File(path, "r+") as file:
+        file.attrs["sd"] = 0.25
+    with pytest.raises(InputError, match="changed or added attribute 'sd'"):
+        Result.load(path)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.9, 0.99])
 def test_a_truncated_file_is_refused(small, tmp_path, share):
     whole = (small / "posterior.nc").read_bytes()
     (tmp_path / "posterior.nc").write_bytes(whole[: int(share * len(whole))])
