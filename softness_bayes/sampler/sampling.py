@@ -197,6 +197,8 @@ def _walked(
 
     made = [(proposal.made(), share) for proposal, share in moves]
     sampler = emcee.EnsembleSampler(*state.coordinates.shape, density, moves=made, vectorize=True)
+    # emcee's wrapper prints whatever is raised, an interrupt too, with all points
+    sampler.log_prob_fn = density
     # emcee accepts any state, and silently uses NumPy's global generator if it is invalid
     sampler.random_state = state.random
     if not _same_random(sampler.random_state, state.random):

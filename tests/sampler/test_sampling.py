@@ -319,6 +319,24 @@ def test_settings_that_make_no_sense_are_refused(wrong, message):
         sample_until(Target(normal), Settings(**{"processes": 1, **wrong}), 0)
 
 
+@pytest.mark.parametrize("together", [1, 2])
+def test_what_a_density_raises_is_passed_on_without_a_word(together, capfd):
+    class Stopped(BaseException):
+        pass
+
+    def density(z):
+        if stopping:
+            raise Stopped
+        return normal(z)
+
+    stopping, target = [], Target(density)
+    states = [state(target), state(target)][:together]
+    stopping.append(True)
+    with pytest.raises(Stopped):
+        advance(target, states, 20, MOVES, TriangularMap.identity(2))
+    assert capfd.readouterr() == ("", "")
+
+
 def test_a_density_that_is_nowhere_positive_is_refused():
     with pytest.raises(NumericalError, match="probability zero"):
         sample_until(Target(lambda z: np.full(len(z), -np.inf)), SHORT, 0)
