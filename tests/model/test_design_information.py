@@ -164,9 +164,12 @@ def test_what_cannot_be_foreseen_is_refused():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("seed", "scale"), [(3, MAGNITUDE), (11, MAGNITUDE), (3, RANKS)])
-def test_foreseen_widths_are_those_of_posteriors(seed, scale):
-    """At truths from the prior, ratings are simulated and fitted: widths agree within a factor of 1.6."""
+@pytest.mark.parametrize(("seed", "scale", "factor"), [(3, MAGNITUDE, 1.5), (11, MAGNITUDE, 1.5), (3, RANKS, 1.8)])
+def test_foreseen_widths_are_those_of_posteriors(seed, scale, factor):
+    """At truths from the prior, ratings are simulated and fitted: widths agree, those of single quantities roughly.
+
+    Ranks tell little of `b`, whose posterior is then far from normal.
+    """
     from softness_bayes import RunOptions, sample
 
     exact = {"errors": NORMAL, "resolution": 0.0} if scale is MAGNITUDE else {"scale": scale}
@@ -183,7 +186,9 @@ def test_foreseen_widths_are_those_of_posteriors(seed, scale):
     result = sample(data, model.options, RunOptions(), seed=1)
     expected = foresee(model, as_it_is(model), truth)
     draws = result.tree["posterior"].to_dataset()
-    for k, name in enumerate(expected.names):
-        prior = next(p.prior for p in posterior.space.sampled if p.name == name)
-        ratio = float(draws[name].values.std()) / prior_moments(prior)[1]
-        assert expected.ratio[0, k] / ratio == pytest.approx(1.0, abs=0.6), name
+    widths = [float(draws[name].values.std()) for name in expected.names]
+    of_prior = {p.name: prior_moments(p.prior)[1] for p in posterior.space.sampled}
+    apart = np.log(expected.ratio[0] * [of_prior[name] for name in expected.names] / widths)
+    assert np.abs(apart).max() < np.log(factor), dict(zip(expected.names, np.exp(apart), strict=True))
+    assert np.abs(np.median(apart)) < np.log(1.15)
+    assert np.median(np.abs(apart)) < np.log(1.2)
