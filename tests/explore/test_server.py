@@ -12,6 +12,7 @@ import sys
 import time
 import urllib.parse
 from base64 import b64decode
+from functools import partial
 from html import escape
 
 import numpy as np
@@ -299,9 +300,10 @@ def test_bad_input_is_refused(unserved, tmp_path, report_run):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_it_quietly(number):
     command = [sys.executable, "-W", "error", "-m", "softness_bayes", "explore"]
-    running = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ | {"PYTHONPATH": str(ROOT)}
-    )
+    how = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    # a shell starts what it runs in the background with interrupts ignored, which children inherit
+    heard = partial(signal.signal, number, signal.SIG_DFL)
+    running = subprocess.Popen(command, **how, env=os.environ | {"PYTHONPATH": str(ROOT)}, preexec_fn=heard)
     address = urllib.parse.urlsplit(running.stdout.readline().strip())
     asked = http.client.HTTPConnection(address.hostname, address.port, timeout=60)
     asked.request("GET", "/nothing")
