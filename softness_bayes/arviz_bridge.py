@@ -12,7 +12,7 @@ import io
 import math
 import os
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -180,15 +180,27 @@ def require_storable(attributes: Mapping[str, Any], labels: Mapping[str, Sequenc
             raise InputError(f"{name} {bad!r:.80}: the file of a result cannot hold it; {expected}")
 
 
-def netcdf(tree: xarray.DataTree) -> bytes:
+def netcdf(tree: xarray.DataTree, ending: Callable[[memoryview], bytes] | None = None) -> bytes:
     """Return a result as the bytes of a NetCDF file that ArviZ 0.23 and 1.x can read.
 
     The content is created in memory because HDF5 does not reliably report a full disk.
+
+    Parameters
+    ----------
+    tree
+        Groups of the result.
+    ending
+        Function of the content that returns bytes to append to it, which readers ignore.
     """
     content = io.BytesIO()
     # xarray imports dask wherever it is installed, and needs it for arrays on other machines alone
     with without("dask"), _opened(content, "w") as file:
         tree.to_netcdf(file, engine="h5netcdf")
+    if ending is not None:
+        with content.getbuffer() as whole:
+            last = ending(whole)
+        content.seek(0, io.SEEK_END)
+        content.write(last)
     return content.getvalue()
 
 

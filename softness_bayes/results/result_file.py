@@ -13,7 +13,7 @@ from softness_bayes import arviz_bridge
 from softness_bayes.errors import InputError
 from softness_bayes.files.spreadsheet import table_of
 from softness_bayes.results.checksums import CHECKSUMS, Changes, changes, checksums
-from softness_bayes.results.seal import is_broken, with_seal
+from softness_bayes.results.seal import is_broken, seal_of
 from softness_bayes.sampler.serial import as_json
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def content_of(tree: xr.DataTree, tables: Mapping[str, pd.DataFrame]) -> bytes:
     whole = tree.assign({TABLES: xr.DataTree(text)})
     whole.attrs = {**tree.attrs, "schema_version": SCHEMA}
     whole.attrs[CHECKSUMS] = checksums(whole)
-    return with_seal(arviz_bridge.netcdf(whole))
+    return arviz_bridge.netcdf(whole, seal_of)
 
 
 def read(path: Path, index: Mapping[str, str | list[str]], verify: bool = True) -> FileContents:

@@ -19,9 +19,9 @@ _LENGTH = len(SEAL) + 65
 _CHUNK = 1 << 20
 
 
-def with_seal(content: bytes) -> bytes:
-    """Return the content of a file with its checksum at the end."""
-    return content + SEAL + hashlib.sha256(content).hexdigest().encode() + b"\n"
+def seal_of(content: bytes | memoryview) -> bytes:
+    """Return what is written after the content of a file."""
+    return SEAL + hashlib.sha256(content).hexdigest().encode() + b"\n"
 
 
 def is_broken(path: Path) -> bool:
