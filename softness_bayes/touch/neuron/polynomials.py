@@ -6,6 +6,7 @@ Values at neighbouring points are then contiguous in memory, for coefficients an
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -19,14 +20,9 @@ def chebyshev_values(x: Array, order: int) -> Array:
     """Return T_k(x), k < order, along a new first axis."""
     basis = np.empty((order, *x.shape))
     basis[0], basis[1:2] = 1.0, x
-    last = 1
-    while last < order - 1:
-        # all T_{last+k} = 2 T_last T_k - T_{last-k}, k <= last, together: few calls, each with much to do
-        more = min(last, order - 1 - last)
-        new = basis[last + 1 : last + 1 + more]
-        np.multiply(2.0 * basis[last], basis[1 : more + 1], out=new)
-        new -= basis[last - more : last][::-1]
-        last += more
+    for last, new in _doubled(basis):
+        np.multiply(2.0 * basis[last], basis[1 : len(new) + 1], out=new)
+        new -= basis[last - len(new) : last][::-1]
     return basis
 
 
@@ -34,12 +30,21 @@ def monomials(x: Array, order: int) -> Array:
     """Return x^k, k < order, along a new first axis."""
     basis = np.empty((order, *x.shape))
     basis[0], basis[1:2] = 1.0, x
-    last = 1
-    while last < order - 1:
-        more = min(last, order - 1 - last)
-        np.multiply(basis[last], basis[1 : more + 1], out=basis[last + 1 : last + 1 + more])
-        last += more
+    for last, new in _doubled(basis):
+        np.multiply(basis[last], basis[1 : len(new) + 1], out=new)
     return basis
+
+
+def _doubled(basis: Array) -> Iterator[tuple[int, Array]]:
+    """Yield the last known order n and the following ones, up to 2n, of which order n + k follows from n, k and n - k.
+
+    T_(n+k) = 2 T_n T_k - T_(n-k), and x^(n+k) = x^n x^k: few calls, each with much to do.
+    """
+    last = 1
+    while last < len(basis) - 1:
+        new = basis[last + 1 : 2 * last + 1]
+        yield last, new
+        last += len(new)
 
 
 def clenshaw(coefficients: Array, x: Array) -> Array:
