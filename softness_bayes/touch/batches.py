@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +11,13 @@ from softness_bayes.kinds import require_members
 from softness_bayes.touch.parameters import TouchParameters, checked_rows
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 CHUNK = 1 << 16
 """Number of quadrature nodes evaluated at once: enough for fast array operations, few enough for the cache."""
+
+LEAST_ROWS = 16
+"""Vectors that are evaluated at once at least, if there are so many: each load's table is then read for all of them."""
 
 
 def chunks(
@@ -52,3 +56,17 @@ def chunks(
     return shape, (
         (TouchParameters(*(value[k] for value in flat)), None if modulus is None else modulus[k]) for k in parts
     )
+
+
+def blocks(columns: Sequence[Index], nodes: int) -> list[Index]:
+    """Cut conditions into blocks of which `LEAST_ROWS` vectors fit into a chunk, load by load.
+
+    Parameters
+    ----------
+    columns
+        The conditions under each load.
+    nodes
+        Number of quadrature nodes of a condition.
+    """
+    together = np.concatenate(columns)
+    return np.array_split(together, -(-together.size * nodes * LEAST_ROWS // CHUNK))

@@ -1,14 +1,37 @@
-"""Validation of the fabrics and conditions of a scene."""
+"""Validation of what a scene is made of: its fabrics, conditions and parts."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
-from softness_bayes.kinds import numbers
+from softness_bayes.kinds import numbers, require_kind, require_members
+from softness_bayes.touch.contact import Finger, Load, require_loads
+from softness_bayes.touch.discretisation import Discretisation
+from softness_bayes.touch.neuron.fixed_channels import Firing
+from softness_bayes.touch.readings import Readings
 
 Array = NDArray[np.float64]
+
+
+def valid_parts(
+    loads: Sequence[Load], firing: Firing, finger: Finger, readings: Readings, discretisation: Discretisation
+) -> Sequence[Load]:
+    """Return the loads of a scene; raise an error if one of its parts is of another kind.
+
+    Raises
+    ------
+    InputError
+        If one is.
+    """
+    require_members("firing", firing, ("curves",), "a source of rate curves, such as FixedChannels()")
+    require_kind("finger", finger, Finger, "a Finger, such as Finger(receptor_depth=0.6e-3)")
+    require_kind("readings", readings, Readings, "Readings, such as NAMED_READINGS['printed']")
+    require_kind("discretisation", discretisation, Discretisation, "a Discretisation")
+    return require_loads("loads", loads)
 
 
 def checked_fabrics(modulus: ArrayLike, poisson: ArrayLike) -> tuple[Array, Array]:

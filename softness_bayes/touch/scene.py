@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
-from softness_bayes.kinds import require_kind, require_members
 from softness_bayes.touch import batches
-from softness_bayes.touch.conditions import checked_conditions, checked_fabrics, distinct, frozen, indices
-from softness_bayes.touch.contact import Contact, Finger, FingerBox, Fingertip, Load, fingertips, require_loads
+from softness_bayes.touch.conditions import checked_conditions, checked_fabrics, distinct, frozen, indices, valid_parts
+from softness_bayes.touch.contact import Contact, Finger, FingerBox, Fingertip, Load, fingertips
 from softness_bayes.touch.contacts import Contacts
 from softness_bayes.touch.discretisation import Discretisation, sharing
 from softness_bayes.touch.family import MANY, Family
@@ -32,6 +31,7 @@ from softness_bayes.touch.shared_fields import covered_moduli, cut, fields_of
 from softness_bayes.touch.skin_start import SkinBox
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 _KEPT = (
     *("loads", "firing", "fabric", "load", "finger"),
@@ -86,14 +86,10 @@ class Scene:
         finger_box: FingerBox | None = None,
         skin_box: SkinBox | None = None,
     ) -> None:
-        loads = require_loads("loads", loads)
-        require_members("firing", firing, ("curves",), "a source of rate curves, such as FixedChannels()")
-        require_kind("finger", finger, Finger, "a Finger, such as Finger(receptor_depth=0.6e-3)")
-        require_kind("readings", readings, Readings, "Readings, such as NAMED_READINGS['printed']")
-        require_kind("discretisation", discretisation, Discretisation, "a Discretisation")
+        loads = valid_parts(loads, firing, finger, readings, discretisation)
         moduli, poisson = checked_fabrics(fabric_modulus, fabric_poisson)
         self.fabric, self.load = checked_conditions(fabric, load, moduli.size, len(loads))
-        self._moduli, self._poissons, self.modulus_range = moduli, poisson, modulus_range
+        self.fabric_modulus, self._poissons, self.modulus_range = moduli, poisson, modulus_range
         self.loads, self.firing, self.finger_box, self.skin_box = tuple(loads), firing, finger_box, skin_box
         self.finger, self.readings, self.discretisation = finger, readings, discretisation
         self.modulus, self.poisson = frozen(moduli[self.fabric]), frozen(poisson[self.fabric])
@@ -109,6 +105,12 @@ class Scene:
         # the scene of the distinct conditions and the place of each in it; None if all are distinct
         first, place = distinct(self.load, self.modulus, self.poisson)
         self._once = None if first.size == self.n_conditions else (self.take(first), place)
+
+    @cached_property
+    def _parts(self) -> list[tuple[Index, Scene]]:
+        """Blocks of conditions and their scenes, if all are too many to be evaluated at once."""
+        blocks = batches.blocks(self.columns, self.discretisation.nodes)
+        return [(block, self.take(block)) for block in blocks] if len(blocks) > 1 else []
 
     @cached_property
     def _contacts(self) -> Contacts:
@@ -163,11 +165,6 @@ class Scene:
         return self.fabric.size
 
     @property
-    def fabric_modulus(self) -> Array:
-        """E_fab [Pa] of each fabric, shape (fabrics,)."""
-        return self._moduli
-
-    @property
     def n_receptors(self) -> float:
         """Expected number of receptors on the pad (N_ref of the rating model is one spike per second for each)."""
         return self.count.total
@@ -203,6 +200,9 @@ class Scene:
             return once.total_rate(parameters)[..., place]
         if max(columns.size for columns in self.columns) > MANY and modulus is None:
             return self._interpolated_rate(parameters)
+        if self._parts:
+            rates = [part.total_rate(parameters, modulus) for _, part in self._parts]
+            return np.concatenate(rates, axis=-1)[..., np.argsort(np.concatenate(self.columns))]
         shape, chunks = self._chunks(parameters, modulus)
         return np.concatenate([self._total_rate(*chunk) for chunk in chunks]).reshape(*shape, self.n_conditions)
 
@@ -318,7 +318,7 @@ class Scene:
         part.finger, part.count = finger, receptor_count(finger, self.readings.receptor_density)
         for name in ("fabric", "load", "modulus", "poisson"):
             setattr(part, name, getattr(self, name)[chosen])
-        places = [np.flatnonzero(np.isin(chosen, columns)) for columns in self.columns]
+        places = [np.flatnonzero(part.load == self.load[columns[0]]) for columns in self.columns]
         part.columns = [columns for columns in places if columns.size]
         part.fields = [field for field, columns in zip(self.fields, places, strict=True) if columns.size]
         d = self.discretisation
@@ -345,7 +345,7 @@ class Scene:
         """Return a copy in which some cached properties are made again."""
         part = copy.copy(self)
         part._finer = None
-        for name in made:
+        for name in ("_parts", *made):
             part.__dict__.pop(name, None)
         return part
 
@@ -371,13 +371,13 @@ class Scene:
             Indices of the conditions, into all fabrics and the scene's loads.
         """
         poisson = np.append(self._poissons, np.full(modulus.size, np.median(self.poisson)))
-        moduli = np.append(self._moduli, modulus)
+        moduli = np.append(self.fabric_modulus, modulus)
         return self._with(fabric_modulus=moduli, fabric_poisson=poisson, fabric=fabric, load=load)
 
     def _with(self, **changed: Any) -> Scene:
         """Compile a scene with the same arguments except the given ones."""
         own = {name: getattr(self, name) for name in _KEPT}
-        own |= {"fabric_modulus": self._moduli, "fabric_poisson": self._poissons}
+        own |= {"fabric_modulus": self.fabric_modulus, "fabric_poisson": self._poissons}
         return Scene(**own | changed)
 
     def beyond_hertz(self, parameters: TouchParameters, modulus: Array | None = None) -> BeyondHertz:

@@ -11,6 +11,7 @@ import pytest
 from softness_bayes.touch import batches
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.family import MANY, NODES, interpolated
+from softness_bayes.touch.population import Population
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.scene import Scene
 from softness_bayes.touch.stress import HERTZ
@@ -171,13 +172,13 @@ def test_ten_thousand_conditions_and_256_vectors_stay_under_a_gigabyte(method, m
 
 
 def test_evaluation_is_chunked(smooth_firing, paper, monkeypatch):
-    """What is handled at once does not grow with the number of vectors."""
+    """What is handled at once does not grow with the number of vectors or conditions."""
     scene = Scene(FABRICS[::20], 0.3, [Indentation(1e-3)], smooth_firing())
     seen = []
     monkeypatch.setattr(batches, "CHUNK", 10_000)
-    rate = scene.population.rate
+    rate = Population.rate
     monkeypatch.setattr(
-        scene.population, "rate", lambda profile, *rest: seen.append(profile.peak.size) or rate(profile, *rest)
+        Population, "rate", lambda self, profile, *rest: seen.append(profile.peak.size) or rate(self, profile, *rest)
     )
     scene.total_rate(paper(b=np.geomspace(5e4, 2e5, 40)))
     assert sum(seen) == 40 * 100

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from softness_bayes.errors import InputError, NumericalError, SoftnessError
+from softness_bayes.touch import batches
 from softness_bayes.touch.contact import Finger, Force, Indentation
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 from softness_bayes.touch.neuron.surface import FiringSurface
@@ -125,6 +126,35 @@ def test_the_order_of_arrays_in_memory_does_not_show(scene, rng, paper):
     assert usual.rate.max() > 0
     for found, wanted in zip(population.sums(turned, drive), usual, strict=True):
         np.testing.assert_allclose(found, wanted, rtol=1e-13)
+
+
+@pytest.mark.parametrize("own", [False, True], ids=["fabrics", "own moduli"])
+def test_blocks_of_conditions_do_not_show(own, smooth_firing, rng, paper, monkeypatch):
+    """Many loads are evaluated in blocks, in each of which a load's table is read once for many vectors."""
+    loads = [LOADS[k % 3] for k in range(9)] + [Indentation(1e-3 * depth) for depth in np.linspace(1, 3, 31)]
+    pairs = rng.permutation(5 * len(loads))
+    scene = Scene(FABRICS, POISSON, loads, smooth_firing(), fabric=pairs % 5, load=pairs // 5)
+    parameters = draws(rng, 40, paper)
+    modulus = FABRICS * np.exp(0.1 * rng.normal(size=(40, 5))) if own else None
+    whole = scene.total_rate(parameters, modulus)
+    monkeypatch.setattr("softness_bayes.touch.batches.CHUNK", batches.LEAST_ROWS * 12 * 50)
+    again = Scene(FABRICS, POISSON, loads, smooth_firing(), fabric=pairs % 5, load=pairs // 5)
+    seen = []
+    monkeypatch.setattr(Scene, "_total_rate", tally(Scene._total_rate, seen))
+    np.testing.assert_allclose(again.total_rate(parameters, modulus), whole, rtol=1e-12, atol=1e-300)
+    assert max(conditions for _, conditions in seen) <= 50
+    assert min(conditions for vectors, conditions in seen if vectors >= batches.LEAST_ROWS) > 25
+    assert sum(vectors * conditions for vectors, conditions in seen) == 40 * pairs.size
+    finer = again.refined().total_rate(parameters, modulus)  # whose nodes are more and blocks therefore smaller
+    np.testing.assert_allclose(finer, scene.refined().total_rate(parameters, modulus), rtol=1e-12, atol=1e-300)
+
+
+def tally(evaluate, seen):
+    def evaluated(scene, parameters, modulus):
+        seen.append((parameters.b.size, scene.n_conditions))
+        return evaluate(scene, parameters, modulus)
+
+    return evaluated
 
 
 def test_chunks_do_not_show(scene, rng, paper, monkeypatch):
