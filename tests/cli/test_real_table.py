@@ -94,7 +94,7 @@ def test_what_a_first_look_at_it_says(runs):
 
 @pytest.mark.slow
 def test_without_its_zeros_it_converges_with_all_parameters_free(tmp_path):
-    """29 sampled parameters, 16 of them moduli in brackets: more than an hour on two cores."""
+    """29 sampled parameters, 16 of them moduli in brackets: four to twelve minutes on two cores, more on slow ones."""
     data = with_brackets(tmp_path)
     exact = ("--drop-zeros", "--resolution", "0", "--errors", "normal")
     done = call("sample", *data, *exact, "--seed", "1", "--out", "run", cwd=tmp_path)
