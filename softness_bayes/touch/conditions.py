@@ -27,11 +27,12 @@ def valid_parts(
     InputError
         If one is.
     """
+    loads = require_loads("loads", loads)
     require_members("firing", firing, ("curves",), "a source of rate curves, such as FixedChannels()")
     require_kind("finger", finger, Finger, "a Finger, such as Finger(receptor_depth=0.6e-3)")
     require_kind("readings", readings, Readings, "Readings, such as NAMED_READINGS['printed']")
     require_kind("discretisation", discretisation, Discretisation, "a Discretisation")
-    return require_loads("loads", loads)
+    return loads
 
 
 def checked_fabrics(modulus: ArrayLike, poisson: ArrayLike) -> tuple[Array, Array]:

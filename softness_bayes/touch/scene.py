@@ -110,6 +110,7 @@ class Scene:
     def _parts(self) -> list[tuple[Index, Scene]]:
         """Blocks of conditions and their scenes, if all are too many to be evaluated at once."""
         blocks = batches.blocks(self.columns, self.discretisation.nodes)
+        _ = self.rates  # shortened once, not by each part
         return [(block, self.take(block)) for block in blocks] if len(blocks) > 1 else []
 
     @cached_property
