@@ -77,6 +77,7 @@ def test_the_ratio_is_of_the_quickest_setting_that_is_no_worse():
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("default")  # of other projects
 def test_brian_simulates_the_same_membrane():
     found = brian_peers()
     if not found:
@@ -159,6 +160,7 @@ def test_the_figure_holds_its_numbers():
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("default")  # of other projects
 def test_all_of_it_runs_and_every_stage_is_in_the_table(tmp_path):
     done = call("bench", "--quick", "--out", tmp_path)
     assert done.returncode == 0, done.stderr
