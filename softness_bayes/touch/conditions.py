@@ -25,7 +25,7 @@ def valid_parts(
     Raises
     ------
     InputError
-        If one is.
+        If one of them is.
     """
     loads = require_loads("loads", loads)
     require_members("firing", firing, ("curves",), "a source of rate curves, such as FixedChannels()")

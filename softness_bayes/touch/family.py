@@ -174,7 +174,7 @@ class Family:
             columns = [np.arange(log_k.shape[1])]
             profile = profiles([self.field], columns, reduced, load.close(reduced, own_finger).radius, own_finger)
             own = curve.take(vector) if curve.rheobase.ndim else curve
-            return population.rate(profile, Drive(p.alpha, p.beta, p.sigma_0, own))
+            return population.sums(profile, Drive(p.alpha, p.beta, p.sigma_0, own)).rate
 
         batch, floor = np.size(parameters.b), FAINT * population.count.total
         return interpolated(evaluate, batch, self.at, self.field.tolerance, floor)[:, self._of]

@@ -223,7 +223,7 @@ class FingerFamily:
         vector = np.repeat(np.arange(batch), sensitivities)
         own = curve.take(vector) if curve.rheobase.ndim else curve
         drive = Drive(p.alpha[vector], p.beta[vector], sigma_0.reshape(-1), own)
-        rate = scene.population.rate(profiles(scene.fields, columns, reduced, radius, scene.finger), drive)
+        rate = scene.population.sums(profiles(scene.fields, columns, reduced, radius, scene.finger), drive).rate
         smooth = rate.reshape(batch, sensitivities, loads, nodes)
         smooth = np.divide(smooth, t * t, out=np.zeros_like(smooth), where=t > 0)
         return np.moveaxis(smooth @ self._series.T, -1, 0)

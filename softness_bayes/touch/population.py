@@ -14,7 +14,6 @@ tabulated field. The range is cut only where the responding patch crosses an edg
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -102,26 +101,16 @@ class Population:
         intervals
             True to sum the inter-spike intervals as well, which doubles the time.
         """
-        shape, lanes, found = self._fired(fields, drive, intervals)
-        return ReceptorSums(*(_spread(shape, lanes, part) for part in found))
-
-    def rate(self, fields: Fields, drive: Drive) -> Array:
-        """Return the total rates [spikes/s] alone, shape (batch, conditions); arguments as for `sums`."""
-        shape, lanes, found = self._fired(fields, drive, False)
-        return _spread(shape, lanes, found.rate)
-
-    def _fired(self, fields: Fields, drive: Drive, intervals: bool) -> tuple[tuple[int, ...], Index, ReceptorSums]:
-        """Return the shape of the batch, the conditions in which receptors fire, and their sums.
-
-        Conditions are indices into the flattened batch. Those without firing, often a third of all, are skipped.
-        """
         onset = _Onset.of(drive)
         reach = onset.beta[:, None] * (fields.peak - onset.stress[:, None])
+        # conditions without firing, often a third of all, are skipped
         lanes, profile = fields.among(reach > 0.0)
-        found = ReceptorSums(*np.empty((3, 0)))
+        sums = ReceptorSums(*(np.zeros(reach.size) for _ in ReceptorSums._fields))
         if lanes.size:
             found = self._firing(profile, onset, lanes // reach.shape[1], reach.take(lanes), intervals)
-        return reach.shape, lanes, found
+            for whole, part in zip(sums, found, strict=True):
+                whole[lanes] = part
+        return ReceptorSums(*(whole.reshape(reach.shape) for whole in sums))
 
     def _firing(self, profile: Profile, onset: _Onset, vector: Index, reach: Array, intervals: bool) -> ReceptorSums:
         """Integrate the conditions in which receptors fire, flattened to one axis, with the index of each one's vector.
@@ -302,13 +291,6 @@ class Population:
             low, high, low_stays = np.where(up, y, low), np.where(up, high, y), ~up
         stress = profile.peak * y ** (1.0 / self.root)
         return np.sqrt(np.maximum(onset.beta * (stress - onset.stress), 0.0))
-
-
-def _spread(shape: tuple[int, ...], lanes: Index, values: Array) -> Array:
-    """Return values of some elements of a flattened batch in its shape, 0 elsewhere."""
-    whole = np.zeros(math.prod(shape))
-    whole[lanes] = values
-    return whole.reshape(shape)
 
 
 class _Steps(NamedTuple):

@@ -107,11 +107,11 @@ class Scene:
         self._once = None if first.size == self.n_conditions else (self.take(first), place)
 
     @cached_property
-    def _parts(self) -> list[tuple[Index, Scene]]:
-        """Blocks of conditions and their scenes, if all are too many to be evaluated at once."""
+    def _parts(self) -> tuple[list[Scene], Index]:
+        """Scenes of blocks of conditions, if all are too many to be evaluated at once, and each one's place in them."""
         blocks = batches.blocks(self.columns, self.discretisation.nodes)
         _ = self.rates  # shortened once, not by each part
-        return [(block, self.take(block)) for block in blocks] if len(blocks) > 1 else []
+        return [self.take(block) for block in blocks] if len(blocks) > 1 else [], np.argsort(np.concatenate(blocks))
 
     @cached_property
     def _contacts(self) -> Contacts:
@@ -201,9 +201,9 @@ class Scene:
             return once.total_rate(parameters)[..., place]
         if max(columns.size for columns in self.columns) > MANY and modulus is None:
             return self._interpolated_rate(parameters)
-        if self._parts:
-            rates = [part.total_rate(parameters, modulus) for _, part in self._parts]
-            return np.concatenate(rates, axis=-1)[..., np.argsort(np.concatenate(self.columns))]
+        parts, place = self._parts
+        if parts:
+            return np.concatenate([part.total_rate(parameters, modulus) for part in parts], axis=-1)[..., place]
         shape, chunks = self._chunks(parameters, modulus)
         return np.concatenate([self._total_rate(*chunk) for chunk in chunks]).reshape(*shape, self.n_conditions)
 
@@ -211,7 +211,7 @@ class Scene:
         """Return the total rates of one chunk; only the required parts of contact and fields are computed."""
         finger, own = self.fingertip(parameters), None if modulus is None else modulus[:, self.fabric]
         fields = self.mechanics.fields(parameters.b, parameters.m, own, finger)
-        return self.population.rate(fields, self._drive(parameters))
+        return self.population.sums(fields, self._drive(parameters)).rate
 
     def _interpolated_rate(self, parameters: TouchParameters) -> Array:
         shape, flat = checked_rows(parameters)

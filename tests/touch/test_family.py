@@ -176,9 +176,9 @@ def test_evaluation_is_chunked(smooth_firing, paper, monkeypatch):
     scene = Scene(FABRICS[::20], 0.3, [Indentation(1e-3)], smooth_firing())
     seen = []
     monkeypatch.setattr(batches, "CHUNK", 10_000)
-    rate = Population.rate
+    sums = Population.sums
     monkeypatch.setattr(
-        Population, "rate", lambda self, profile, *rest: seen.append(profile.peak.size) or rate(self, profile, *rest)
+        Population, "sums", lambda self, profile, *rest: seen.append(profile.peak.size) or sums(self, profile, *rest)
     )
     scene.total_rate(paper(b=np.geomspace(5e4, 2e5, 40)))
     assert sum(seen) == 40 * 100
