@@ -1,4 +1,4 @@
-"""Lower bound on the run time: the forward model's necessary arithmetic operations alone."""
+"""Lower bound on the run time: the forward model's arithmetic operations alone."""
 
 from __future__ import annotations
 
@@ -9,24 +9,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.bench.subject import BATCH, Effort, Subject, quickest
-from softness_bayes.touch.field import SeveralFields, StressField
+from softness_bayes.touch.field import StressField
 from softness_bayes.touch.neuron.surface import FiringSurface
+from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.population import GAINS
 from softness_bayes.touch.resolution import first
+from softness_bayes.touch.scene import Scene
+from softness_bayes.touch.several_fields import SeveralFields
 
 Array = NDArray[np.float64]
-
-EXPONENTIALS, ROOTS, DIVISIONS = 1, 1, 3
-"""For each node of the rate's gain: expm1(-t²); s; the sigmoid, s / t and the speed."""
 
 TOGETHER = 16
 """Vectors whose bare operations are done in one call: enough for array speed, few enough for the cache."""
 
-SKIN_EXPONENTIALS = 3
-"""For each condition, in one step of the search for the skin's modulus: e^w, and softplus with exp and log."""
 
-OF_SERIES = 2
-"""Exponentials for each condition where polynomials of the skin's parameters give E_star and the peak stress."""
+class Operations(NamedTuple):
+    """Operations at each point of a grid."""
+
+    points: int
+    """Number of points for each parameter vector."""
+    exponentials: int
+    """Logarithms included."""
+    roots: int
+    divisions: int
+    orders: int
+    """Multiplications and additions of polynomials, one each for every order."""
 
 
 class Limit(NamedTuple):
@@ -53,73 +60,82 @@ class Limit(NamedTuple):
 
 
 def limit(of: Subject, effort: Effort) -> Limit:
-    """Count and time the operations.
+    """Count and time the operations: exponentials, roots, divisions, polynomials and matrix products.
 
-    At each node of a condition that fires, the polynomials are those of the stress field's inverse (two passes of
-    Horner's rule each order, or three of a Clenshaw recurrence) and of the receptor count, and there is one division,
-    1/y. The rate's gain has a polynomial too, and nodes of its own. Conditions beyond saturation share these: it is
-    evaluated once for each vector, and again for each condition whose peak is below saturation. Matrix products give
-    the coefficients of the rate curves and stress fields and, if they come from polynomials, the contacts.
+    Single multiplications and additions are not counted, nor are the selection of conditions, copies and calls.
     """
-    scene = of.model.scene
-    some = first(of.draws.parameters, BATCH)
-    contact, curve = scene.contact(some), scene.rates.curves(some)
-    one_finger = [field for field in scene.fields if isinstance(field, StressField)]
-    fields = SeveralFields(one_finger, scene.columns, powers=True)
-    profile = fields.at(contact.reduced_modulus, contact.radius).whole()
-    orders, rates, count = len(profile.shape), curve.coefficients.shape[-1], scene.count.coefficients[0].size
-    nodes, conditions = scene.discretisation.nodes, scene.n_conditions
-    odds = some.alpha / curve.rheobase - 1.0
-    with np.errstate(invalid="ignore"):
-        reach = some.beta[:, None] * (profile.peak - some.sigma_0[:, None]) + np.log(odds)[:, None]
-    fires, near = ((reach > 0.0) & (reach <= most) for most in (np.inf, scene.discretisation.saturation))
-    firing, made = round(float(fires.sum(axis=-1).mean())), 1.0 + float(near.sum(axis=-1).mean())
-    lanes, gains = firing * nodes, round(made * (GAINS * nodes + 1))
-    of_field = (2 if profile.powers else 3) * orders
-    at_lanes, at_gains = of_field + 2 * count, 2 * rates
-    series = scene.mechanics.products
-    of_curves = scene.rates.table.size if isinstance(scene.rates, FiringSurface) else 0
-    products = series + of_curves + round(firing * float(np.mean([part.size for part in fields.series])))
-    adds = lanes * (2 * orders + count) + gains * rates + products
-    at_conditions = OF_SERIES if series else SKIN_EXPONENTIALS
-    exponentials = gains * EXPONENTIALS + firing + conditions * at_conditions
-    roots, divisions = gains * ROOTS + round(made * nodes) + 2 * firing, gains * DIVISIONS + lanes
-    traffic = 8.0 * (3 * (at_lanes * lanes + at_gains * gains) + 2 * (exponentials + roots + divisions))
+    scene, some = of.model.scene, first(of.draws.parameters, BATCH)
+    grids, bases, products = _operations(scene, some)
+    exponentials, roots, divisions, orders = (
+        sum(one.points * one[kind] for one in grids) for kind in range(1, len(Operations._fields))
+    )
     rng = np.random.default_rng(0)
-    points = [rng.uniform(0.1, 0.9, (BATCH // TOGETHER, TOGETHER * n)) for n in (lanes, gains, conditions)]
-    matrix = rng.uniform(size=(256, 256))
+    blocks = [[rng.uniform(0.1, 0.9, TOGETHER * one.points) for one in grids] for _ in range(BATCH // TOGETHER)]
+    basis, matrix = rng.uniform(size=TOGETHER * bases), rng.uniform(size=(256, 256))
     product = quickest(lambda: matrix @ matrix, effort.repeats) / 256**3
-    bare = quickest(partial(_bare, points, at_lanes, at_gains, at_conditions), effort.repeats) / BATCH
+    bare = quickest(partial(_bare, blocks, grids, basis), effort.repeats) / BATCH
+    adds = orders + bases + products
     return Limit(
         exponentials,
         roots,
         divisions,
         adds,
-        traffic / 1e6,
+        8e-6 * (6 * orders + 3 * bases + 2 * (exponentials + roots + divisions)),
         quickest(partial(scene.total_rate, some), effort.repeats) / BATCH,
         bare + product * products,
         product * adds,
     )
 
 
-def _bare(points: list[Array], passes_at_lanes: int, passes_at_gains: int, passes_at_conditions: int) -> None:
+def _operations(scene: Scene, some: TouchParameters) -> tuple[list[Operations], int, int]:
+    """Return the operations on every grid, the number of values of polynomial bases, and of multiply-adds with them.
+
+    Conditions beyond saturation share the rate's gain: it is evaluated once for each vector, and again for each
+    condition whose peak is below saturation. Matrix products of bases and coefficients give the coefficients of the
+    rate curves and of the stress fields and, if they come from polynomials, the contacts.
+    """
+    curve, contact = scene.rates.curves(some), scene.contact(some)
+    one_finger = [field for field in scene.fields if isinstance(field, StressField)]
+    fields = SeveralFields(one_finger, scene.columns, fast=True)
+    peak = fields.at(contact.reduced_modulus, contact.radius).peak
+    with np.errstate(invalid="ignore"):
+        reach = some.beta[:, None] * (peak - some.sigma_0[:, None]) + np.log(some.alpha / curve.rheobase - 1.0)[:, None]
+    fires, near = ((reach > 0.0) & (reach <= most) for most in (np.inf, scene.discretisation.saturation))
+    firing, made = round(float(fires.sum(axis=-1).mean())), 1.0 + float(near.sum(axis=-1).mean())
+    nodes, (of_skin, columns) = scene.discretisation.nodes, scene.mechanics.polynomials
+    # Clenshaw's recurrence takes three operations for each order
+    of_field = fields.order if fields.powers else 3 * fields.order // 2
+    grids = [
+        # the peak stress, or one step of the search for the skin's modulus (e^w, and softplus with exp and log)
+        Operations(scene.n_conditions, 1 if of_skin else 3, 0, 0, 0),
+        # the gain beyond saturation, and where; the root of the peak
+        Operations(firing, 1, 2, 3, 0),
+        # rho², with 1 / y, and the receptors within it
+        Operations(firing * nodes, 0, 0, 1, of_field + scene.count.coefficients[0].size),
+        # the rate's gain: expm1(-u), the sigmoid, s, ds / du and d nu / d s
+        Operations(round(made * (GAINS * nodes + 1)), 1, 1, 2, curve.coefficients.shape[-1]),
+        # stresses at the nodes
+        Operations(round(made * nodes), 0, 1, 1, 0),
+    ]
+    of_curves = scene.rates.table if isinstance(scene.rates, FiringSurface) else np.empty((0, 0))
+    terms, of_fields = np.mean([(series.shape[1], series.size) for series in fields.series], axis=0)
+    bases = of_skin + len(of_curves) + round(firing * terms)
+    return grids, bases, of_skin * columns + of_curves.size + round(firing * of_fields)
+
+
+def _bare(blocks: list[list[Array]], grids: list[Operations], basis: Array) -> None:
     """Run the operations of a batch in blocks that fit in the cache."""
-    for x, gain, skin in zip(*points, strict=True):
-        y, speed, root = np.empty_like(x), np.empty_like(gain), np.empty_like(skin)
-        for _ in range(passes_at_conditions):
-            np.exp(skin, out=root)
-        for _ in range(EXPONENTIALS):
-            np.expm1(gain, out=speed)
-        for _ in range(ROOTS):
-            np.sqrt(gain, out=speed)
-        for _ in range(DIVISIONS):
-            np.divide(gain, speed, out=speed)
-        _polynomials(gain, speed, passes_at_gains)
-        np.divide(1.0, x, out=y)
-        _polynomials(x, y, passes_at_lanes)
-
-
-def _polynomials(x: Array, y: Array, passes: int) -> None:
-    for _ in range(passes // 2):
-        np.multiply(y, x, out=y)
-        np.add(y, x, out=y)
+    values = np.empty_like(basis)
+    for block in blocks:
+        np.multiply(basis, basis, out=values)
+        for x, work in zip(block, grids, strict=True):
+            y = np.empty_like(x)
+            for _ in range(work.exponentials):
+                np.exp(x, out=y)
+            for _ in range(work.roots):
+                np.sqrt(x, out=y)
+            for _ in range(work.divisions):
+                np.divide(1.0, x, out=y)
+            for _ in range(work.orders):
+                np.multiply(y, x, out=y)
+                np.add(y, x, out=y)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,7 +69,7 @@ class Design:
         """Number of fabrics."""
         return int(self.fabric.max()) + 1
 
-    @property
+    @cached_property
     def weight(self) -> FloatArray:
         """Share of the rows in each condition, shape (conditions,)."""
         return self.cells.sum(axis=0) / self.n_rows

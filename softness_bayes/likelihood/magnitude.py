@@ -225,6 +225,7 @@ class LogRatings(RatingsLikelihood):
                 f"{self.values[wrong][0]}; magnitude estimates have no zeros or negatives"
             )
         self._log = self.model.scale.additive(self.values)
+        self._jacobian = -float(self._log.sum())
 
     @cached_property
     def _effects(self) -> RandomEffects:
@@ -245,7 +246,7 @@ class LogRatings(RatingsLikelihood):
         ndarray, shape (...)
         """
         drive = self.drive(mean_rate, parameters)
-        return self._effects.log_density(drive, spreads_of(parameters)) - self._log.sum()
+        return self._effects.log_density(drive, spreads_of(parameters)) + self._jacobian
 
     def leave_one_out(self, mean_rate: FloatArray, parameters: RatingParameters) -> LeaveOneOut:
         """The normal law of each log rating given all the others, arrays of shape (..., rows)."""

@@ -56,9 +56,19 @@ class LeaveOneOut(NamedTuple):
 class _Levels(NamedTuple):
     """Precisions of participants' means given tau and varsigma."""
 
-    precision: FloatArray  # of each participant's mean without mu, (..., participants)
-    total: FloatArray  # their sum W, (...)
+    precision: FloatArray  # of each participant's mean without mu, (..., participants), or of groups of like ones
+    total: FloatArray  # their sum W over the participants, (...)
     shrinkage: FloatArray  # 1 / (1 + sd² W), (...)
+
+
+class _Alike(NamedTuple):
+    """Participants with the same numbers of rows in all conditions, one group for each pattern."""
+
+    rows: FloatArray  # of each participant, (groups,)
+    number: FloatArray  # of participants, (groups,)
+    shares: FloatArray  # of the conditions in the rows, (groups, conditions)
+    mean: FloatArray  # of the participants' means less the prior's, (groups,)
+    squares: FloatArray  # sum of the squared deviations of their means from it, (groups,)
 
 
 class RandomEffects:
@@ -83,6 +93,16 @@ class RandomEffects:
         self._means = np.bincount(design.participant, self._values, rows.size) / np.maximum(rows, 1.0)
         self._deviation = self._values - self._means[design.participant]
         self._within = within_of(design, self._deviation)
+
+    @cached_property
+    def _alike(self) -> _Alike:
+        """Participants whose means have the same law."""
+        _, first, group = np.unique(self.design.cells, axis=0, return_index=True, return_inverse=True)
+        group, centred = group.reshape(-1), np.where(self._rows > 0, self._means - self.mean, 0.0)
+        number = np.bincount(group).astype(float)
+        mean = np.bincount(group, centred) / number
+        squares = np.bincount(group, (centred - mean[group]) ** 2).astype(float)
+        return _Alike(self._rows[first], number, self._shares[first], mean, squares)
 
     @cached_property
     def _dense(self) -> Dense:
@@ -123,22 +143,26 @@ class RandomEffects:
         -------
         ndarray, shape (...)
         """
-        levels, variance = self._levels(spreads), _variance(spreads.row)
+        alike, variance = self._alike, _variance(spreads.row)
+        of_sum = variance[..., None] + alike.rows * _column(spreads.participant) ** 2
+        precision = alike.rows / of_sum
+        total = precision @ alike.number
+        shrinkage = 1.0 / (1.0 + self.sd**2 * total)
         log_determinant = (
             (self.design.n_rows - self._rows.size) * np.log(variance)
-            + np.log(variance[..., None] + self._rows * _column(spreads.participant) ** 2).sum(axis=-1)
-            - np.log(levels.shrinkage)
+            + np.log(of_sum) @ alike.number
+            - np.log(shrinkage)
         )
         penalty: FloatArray | float = 0.0
-        if np.any(np.asarray(spreads.fabric) > 0):
-            omega = np.asarray(spreads.fabric, float)
-            root, likely = self._fabric_posterior(offset, spreads, levels)
+        omega = np.asarray(spreads.fabric, float)
+        if (omega > 0).any():
+            root, likely = self._fabric_posterior(offset, spreads, self._levels(spreads))
             diagonal = np.abs(np.diagonal(root, axis1=-2, axis2=-1))
             log_determinant = log_determinant + 2.0 * np.log(diagonal).sum(axis=-1)
             # at the most probable effects the quadratic form is a sum of squares, so errors enter only squared
             penalty = (likely**2).sum(axis=-1)
             offset = offset + (omega[..., None] * likely)[..., self.design.fabric]
-        quadratic = self._quadratic(offset, levels, variance) + penalty
+        quadratic = self._quadratic(offset, _Levels(precision, total, shrinkage), variance) + penalty
         return -0.5 * (self.design.n_rows * math.log(2.0 * math.pi) + log_determinant + quadratic)
 
     def draw_effects(self, rng: np.random.Generator, offset: FloatArray, spreads: EffectSpreads) -> Effects:
@@ -219,11 +243,13 @@ class RandomEffects:
         return np.where(present, self._means - self.mean, 0.0) - offset @ self._shares.T
 
     def _quadratic(self, offset: FloatArray, levels: _Levels, variance: FloatArray) -> FloatArray:
-        within = self._within.squares(offset)
-        means = self._residual_means(offset)
-        centre = (levels.precision * means).sum(axis=-1) / levels.total
-        between = (levels.precision * (means - centre[..., None]) ** 2).sum(axis=-1)
-        return within / variance + between + centre**2 * levels.total * levels.shrinkage
+        """Return the quadratic form without effects of fabrics; the levels are of the groups of like participants."""
+        alike = self._alike
+        means = alike.mean - offset @ alike.shares.T
+        centre = (levels.precision * means) @ alike.number / levels.total
+        squares = alike.number * (means - centre[..., None]) ** 2 + alike.squares
+        between = (levels.precision * squares).sum(axis=-1) + centre**2 * levels.total * levels.shrinkage
+        return self._within.squares(offset) / variance + between
 
     def _fabric_posterior(
         self, offset: FloatArray, spreads: EffectSpreads, levels: _Levels

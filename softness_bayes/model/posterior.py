@@ -129,7 +129,7 @@ class Density:
 
     def _likelihood(self, theta: FloatArray) -> FloatArray:
         """Return the log density of the data, which may not be finite."""
-        return np.broadcast_to(self.data_density(theta), theta.shape[:-1])
+        return _of_shape(self.data_density(theta), theta.shape[:-1])
 
     def response_is_finite(self, theta: FloatArray) -> bool:
         """Return whether the forward model is finite at one point theta, shape (dimension,)."""
@@ -210,7 +210,7 @@ class Posterior(Density):
         """Mean rate N/N_ref [Hz] of the pad at theta, shape (..., conditions), then those at additional loads."""
         # if all parameters of the forward model are fixed, all points share one response
         rate = self.mean_rate_of(self.space.touch(theta), self.space.modulus(theta))
-        return np.broadcast_to(rate, (*theta.shape[:-1], rate.shape[-1]))
+        return _of_shape(rate, (*theta.shape[:-1], rate.shape[-1]))
 
     def response(self, theta: FloatArray, modulus: FloatArray | None = None) -> FloatArray:
         """Mean rates of the typical finger (`mean_rate`), followed by those of each of `fingers` in every condition.
@@ -233,7 +233,7 @@ class Posterior(Density):
             pressed = self.observation.skins_of_pressed(self.rating_parameters(theta))
             own = self.fingers.total_rate(touch, FingerSpreads(**spreads), known, pressed) / self.scene.n_receptors
             rates.append(own.reshape(*own.shape[:-2], -1))
-        rates = [np.broadcast_to(rate, (*theta.shape[:-1], rate.shape[-1])) for rate in rates]
+        rates = [_of_shape(rate, (*theta.shape[:-1], rate.shape[-1])) for rate in rates]
         return rates[0] if len(rates) == 1 else np.concatenate(rates, axis=-1)
 
     def mean_rate_of(self, touch: TouchParameters, modulus: FloatArray | None) -> FloatArray:
@@ -304,6 +304,11 @@ class Posterior(Density):
         centre = self.space.coordinates(self.space.median)
         theta = self.space.natural(centre + width * (self.space.coordinates(theta) - centre))
         return theta[(self.space.log_prior(theta) > NEGLIGIBLE).all(axis=-1)]
+
+
+def _of_shape(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    """Broadcast values to a shape, which most have already."""
+    return values if values.shape == shape else np.broadcast_to(values, shape)
 
 
 def _finite(value: FloatArray) -> FloatArray:

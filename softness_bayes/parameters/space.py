@@ -198,8 +198,13 @@ class ParameterSpace:
 
     def touch(self, theta: FloatArray) -> TouchParameters:
         """Return the parameters of the forward model in SI at points ``theta``."""
+        return TouchParameters(**{name: self.value(name, theta) * si for name, si in self._of_touch.items()})
+
+    @cached_property
+    def _of_touch(self) -> dict[str, float]:
+        """Parameters of the forward model, each with its unit in SI."""
         names = [n for n in TouchParameters._fields if n in PARAMETERS or n in self._place]
-        return TouchParameters(**{n: self.value(n, theta) * EVERY_PARAMETER[n].si for n in names})
+        return {n: EVERY_PARAMETER[n].si for n in names}
 
     @property
     def chain(self) -> tuple[Parameter, ...]:

@@ -54,7 +54,7 @@ accuracy is then refined (`Scene.refined`) without finer ones."""
 RATES_SHARE = 0.2
 """Share of the bound that the error of a fixed-channel curve may use before more exact rates are added."""
 
-SHORTER_SHARE = 0.12
+SHORTER_SHARE = 0.2
 """Share of the bound that fewer terms of the rate curves may use."""
 
 FIRST_SHARE = 0.3

@@ -52,6 +52,8 @@ def chunks(
         modulus = np.broadcast_to(modulus, (*shape, modulus.shape[-1])).reshape(-1, modulus.shape[-1])
     shape, flat = checked_rows(parameters)
     rows = max(1, CHUNK // nodes)
+    if flat[0].size <= rows:
+        return shape, iter([(flat, modulus)])
     parts = (slice(start, start + rows) for start in range(0, max(flat[0].size, 1), rows))
     return shape, (
         (TouchParameters(*(value[k] for value in flat)), None if modulus is None else modulus[k]) for k in parts

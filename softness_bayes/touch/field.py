@@ -14,18 +14,16 @@ ln(E_star + shift) represents it. The series is truncated where its coefficients
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
-from itertools import pairwise
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from softness_bayes.errors import InputError, NumericalError
+from softness_bayes.errors import InputError
 from softness_bayes.touch.contact import Finger, Load
 from softness_bayes.touch.inversion import Inversion, values_to_coefficients
-from softness_bayes.touch.neuron.polynomials import chebyshev_values, clenshaw, horner, in_powers_of, monomials
+from softness_bayes.touch.neuron.polynomials import clenshaw, horner
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.receptors import kink_distances
 
@@ -41,10 +39,6 @@ layer near y = 1."""
 
 MODULUS_NODES = (24, 48, 96, 160)
 """Chebyshev nodes in ln(E_star + shift), likewise."""
-
-ROUNDING = 1e-2
-"""Share of a field's tolerance that may be lost when its series in T_k are converted to powers (of y, and also of the
-place in the table), and when that of the peak is truncated."""
 
 
 class Profile(NamedTuple):
@@ -157,13 +151,13 @@ class StressField:
     def _rows(self, modulus: Array, shape_nodes: int, guess: Array | None = None) -> Array:
         return self._inversion.rows(*self._touch(modulus), shape_nodes, self.y_least, guess)
 
-    def _moduli(self, x: Array) -> Array:
+    def moduli(self, x: Array) -> Array:
         """Return the moduli [Pa] at points of the range of ln(E_star + shift), scaled to [-1, 1]."""
         low, high = self.log_range
         return np.exp(0.5 * (low + high) + 0.5 * (high - low) * x) - self.shift
 
     def _fit(self) -> None:
-        few = self._moduli(np.linspace(-0.999, 0.999, 5))
+        few = self.moduli(np.linspace(-0.999, 0.999, 5))
         for self.shape_nodes in SHAPE_NODES:
             rows = np.abs(self._rows(few, self.shape_nodes)[:, 1:])
             if rows[:, -(self.shape_nodes // 10) :].sum(axis=1).max() <= self.tolerance * rows.sum(axis=1).max():
@@ -172,7 +166,7 @@ class StressField:
         for order in MODULUS_NODES:
             x = chebyshev.chebpts1(order)
             guess = None if coarser is None else np.asarray(chebyshev.chebval(x, coarser[:, 1:]).T, float)
-            rows = self._rows(self._moduli(x), self.shape_nodes, guess)
+            rows = self._rows(self.moduli(x), self.shape_nodes, guess)
             largest = np.abs(rows[:, 1:]).sum(axis=1).max()
             scale = np.concatenate([[rows[:, 0].max()], np.full(self.shape_nodes, largest)])
             coarser = table = values_to_coefficients(order) @ rows
@@ -197,171 +191,9 @@ class StressField:
         """Return the largest difference between table and field at points that are not nodes of either series."""
         along, across = np.cos(np.pi * (np.arange(11) + 0.3) / 11), np.cos(np.pi * (np.arange(61) + 0.3) / 61)
         rows = chebyshev.chebvander(along, self.table.shape[0] - 1) @ self.table
-        peak, shape = self._inversion.values(*self._touch(self._moduli(along)), across, self.y_least, rows[:, 1:])
+        peak, shape = self._inversion.values(*self._touch(self.moduli(along)), across, self.y_least, rows[:, 1:])
         found = rows[:, 1:] @ chebyshev.chebvander(across, self.table.shape[1] - 2).T
         return float(max(np.abs(rows[:, 0] - peak).max() / peak_scale, np.abs(found - shape).max() / shape_scale))
-
-
-def profiles(
-    fields: Sequence[StressField], columns: Sequence[NDArray[np.intp]], modulus: Array, radius: Array
-) -> Profile:
-    """Return the fields of several loads at reduced moduli, side by side; arguments as `SeveralFields` takes them."""
-    return SeveralFields(fields, columns).at(modulus, radius).whole()
-
-
-class SeveralFields:
-    """The fields of several loads, side by side.
-
-    Parameters
-    ----------
-    fields
-        One for each load.
-    columns
-        The conditions under each load.
-    powers
-        Whether series may be in powers, which take less time, where that loses at most `ROUNDING` of the tolerance.
-    """
-
-    def __init__(
-        self, fields: Sequence[StressField], columns: Sequence[NDArray[np.intp]], powers: bool = False
-    ) -> None:
-        self.fields, self.columns = fields, columns
-        # transposed: a matrix product with the polynomials of the places gives rows
-        series = [field.table[:, 1:].T for field in fields]
-        of_y = _in_powers(fields, series, axis=0) if powers else None
-        of_both = None if of_y is None else _in_powers(fields, of_y, axis=1)
-        self.powers, self.polynomials = of_y is not None, chebyshev_values if of_both is None else monomials
-        self.series = [np.ascontiguousarray(part) for part in of_both or of_y or series]
-        self.by_load = np.concatenate(columns)
-        self.ends = np.cumsum([0, *(where.size for where in columns)])
-        conditions = self.by_load.size
-        self.terms = max(field.table.shape[0] for field in fields)
-        self.order = max(field.table.shape[1] for field in fields) - 1
-        self.shift, self.rise, self.fall, self.y_least = np.empty((4, conditions))
-        of_peak = [_peak_series(field) for field in fields]
-        self.of_peak = np.zeros((max(part.size for part in of_peak), conditions))
-        for field, where, peak in zip(fields, columns, of_peak, strict=True):
-            low, high = field.log_range
-            # ln(E_star + shift) is scaled to [-1, 1] over the table's range
-            self.rise[where], self.fall[where] = 2.0 / (high - low), (low + high) / (high - low)
-            self.shift[where], self.y_least[where] = field.shift, field.y_least
-            self.of_peak[: peak.size, where] = peak[:, None]
-
-    def at(self, modulus: Array, radius: Array, peak: Array | None = None) -> FieldsAt:
-        """Return the fields at E_star [Pa] and the contact radius [m], both of shape (batch, conditions).
-
-        Parameters
-        ----------
-        modulus, radius
-            Reduced modulus and contact radius.
-        peak
-            Stress on the axis [Pa], if it is known.
-
-        Raises
-        ------
-        NumericalError
-            If the peak has to be computed, and a modulus is not a positive finite number.
-        """
-        if peak is None:
-            if not ((modulus > 0) & np.isfinite(modulus)).all():
-                raise NumericalError("stress field: a reduced modulus is not positive and finite")
-            peak = self.peak(modulus, radius)
-        return FieldsAt(self, modulus, radius, peak)
-
-    def peak(self, modulus: Array, radius: Array) -> Array:
-        """Return the stress on the axis [Pa]; arguments as for `at`."""
-        x, beyond = self.places(modulus, slice(None))
-        unit = np.einsum("kbn,kn->bn", chebyshev_values(x, len(self.of_peak)), self.of_peak)
-        if beyond.any():
-            for field, where in zip(self.fields, self.columns, strict=True):
-                if (outside := beyond[:, where]).any():
-                    rows, columns = np.nonzero(outside)
-                    unit[rows, where[columns]] = field.exact_rows(modulus[rows, where[columns]])[:, 0]
-        first = self.fields[0]
-        return first.readings.pressure.amplitude(modulus, radius, first.finger) * unit
-
-    def places(self, modulus: Array, condition: NDArray[np.intp] | slice) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the places of moduli [Pa] of some conditions in the tables, and which lie beyond their ends.
-
-        A place is ln(E_star + shift), scaled to [-1, 1] over the range of the table.
-        """
-        x = np.log(modulus + self.shift[condition])
-        x *= self.rise[condition]
-        x -= self.fall[condition]
-        return np.minimum(np.maximum(x, -1.0), 1.0), np.abs(x) > 1 + 1e-12
-
-
-class FieldsAt:
-    """The fields of several loads at reduced moduli, with profiles only where they are asked for.
-
-    Parameters
-    ----------
-    several
-        The fields.
-    modulus, radius, peak
-        As `SeveralFields.at` takes them.
-    """
-
-    def __init__(self, several: SeveralFields, modulus: Array, radius: Array, peak: Array) -> None:
-        self._of, self._modulus, self._radius, self.peak = several, modulus, radius, peak
-
-    def whole(self) -> Profile:
-        """Return the profile of all elements."""
-        at, part = self.among(np.ones(self.peak.shape, dtype=bool))
-        shape = np.empty_like(part.shape)
-        shape[:, at] = part.shape
-        return Profile(self.peak, shape.reshape(len(shape), *self.peak.shape), self._of.y_least, part.powers)
-
-    def among(self, mask: NDArray[np.bool_]) -> tuple[NDArray[np.intp], Profile]:
-        """Return indices into the flattened batch of the elements of a mask, load by load, and their profile."""
-        several, (batch, conditions) = self._of, self.peak.shape
-        found = np.flatnonzero(mask.T.take(several.by_load, axis=0))
-        ends = found.searchsorted(batch * several.ends)
-        place, vector = np.divmod(found, batch)
-        condition = several.by_load.take(place)
-        at = vector * conditions + condition
-        modulus, shape = self._modulus.take(at), np.empty((several.order, at.size))
-        x, beyond = several.places(modulus, condition)
-        basis = several.polynomials(x, several.terms)
-        for field, series, (start, stop) in zip(several.fields, several.series, pairwise(ends.tolist()), strict=True):
-            order, terms = series.shape
-            np.matmul(series, basis[:terms, start:stop], out=shape[:order, start:stop])
-            shape[order:, start:stop] = 0.0
-            if (outside := beyond[start:stop]).any():
-                exact = field.exact_rows(modulus[start:stop][outside])[:, 1 : order + 1]
-                shape[:order, start:stop][:, outside] = (in_powers_of(exact) if several.powers else exact).T
-        shape *= several.fields[0].size(modulus, self._radius.take(at))
-        return at, Profile(self.peak.take(at), shape, several.y_least.take(condition), several.powers)
-
-
-def _in_powers(fields: Sequence[StressField], series: Sequence[Array], axis: int) -> list[Array] | None:
-    """Return series in powers along an axis, or None if that loses more than `ROUNDING` of a field's tolerance."""
-    found = [in_powers_of(part) if axis == 1 else in_powers_of(part.T).T for part in series]
-    for field, part in zip(fields, found, strict=True):
-        lost = np.finfo(float).eps * np.abs(part).sum()
-        if lost > ROUNDING * field.tolerance * np.abs(field.table[0, 1]):
-            return None
-    return found
-
-
-def _peak_series(field: StressField) -> Array:
-    """Return the terms of the peak's series without which it would lose more than `ROUNDING` of the tolerance."""
-    series = field.table[:, 0]
-    left = np.abs(series)[::-1].cumsum()[::-1]
-    return series[: max(int((left > ROUNDING * field.tolerance * left[0]).sum()), 1)]
-
-
-def side_by_side(parts: Sequence[tuple[NDArray[np.intp], Profile]]) -> Profile:
-    """Return the profiles of several sets of conditions as one; together the sets are all conditions."""
-    batch, n = parts[0][1].peak.shape[0], sum(where.size for where, _ in parts)
-    peak, y_least = np.empty((batch, n)), np.empty(n)
-    if len(parts) == 1 and (np.diff(parts[0][0]) == 1).all():
-        return parts[0][1]
-    shape = np.zeros((max(len(part.shape) for _, part in parts), batch, n))
-    for where, part in parts:
-        peak[:, where], y_least[where] = part.peak, part.y_least
-        shape[: len(part.shape), :, where] = part.shape
-    return Profile(peak, shape, y_least)
 
 
 def _cut(table: Array, size: Array, tolerance: float) -> Array:

@@ -30,16 +30,15 @@ from softness_bayes.touch.field import (
     SHAPE_NODES,
     Fields,
     Profile,
-    SeveralFields,
     StressField,
-    side_by_side,
 )
-from softness_bayes.touch.field import profiles as profiles_of_one_finger
 from softness_bayes.touch.inversion import Inversion, values_to_coefficients
 from softness_bayes.touch.load_field import LoadField, profiles_of_loads
 from softness_bayes.touch.neuron.polynomials import chebyshev_values
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.receptors import kink_distances
+from softness_bayes.touch.several_fields import SeveralFields, side_by_side
+from softness_bayes.touch.several_fields import profiles as profiles_of_one_finger
 
 Array = NDArray[np.float64]
 
@@ -269,7 +268,7 @@ class FieldsOfLoads:
     Parameters
     ----------
     fields, columns
-        As `softness_bayes.touch.field.SeveralFields` takes them; all fields of one kind.
+        As `softness_bayes.touch.several_fields.SeveralFields` takes them; all fields of one kind.
 
     Attributes
     ----------
@@ -281,15 +280,12 @@ class FieldsOfLoads:
         self._fields, self._columns = fields, columns
         one = [field for field in fields if isinstance(field, StressField)]
         shared = any(isinstance(field, LoadField) for field in one)
-        self.several = SeveralFields(one, columns, powers=True) if one and not shared else None
+        self.several = SeveralFields(one, columns, fast=True) if one and not shared else None
 
-    def at(self, modulus: Array, radius: Array, finger: Fingertip, peak: Array | None = None) -> Fields:
-        """Return the fields at reduced moduli and contact radii.
-
-        Arguments as `profiles` takes them, and the stress on the axis [Pa] if it is known.
-        """
+    def at(self, modulus: Array, radius: Array, finger: Fingertip) -> Fields:
+        """Return the fields at reduced moduli and contact radii; arguments as `profiles` takes them."""
         if self.several is not None:
-            return self.several.at(modulus, radius, peak)
+            return self.several.at(modulus, radius)
         return profiles(self._fields, self._columns, modulus, radius, finger)
 
 
@@ -305,7 +301,7 @@ def profiles(
     Parameters
     ----------
     fields, columns
-        As for `softness_bayes.touch.field.profiles`; all fields of one kind.
+        As for `softness_bayes.touch.several_fields.profiles`; all fields of one kind.
     modulus, radius
         E_star [Pa] and contact radius [m], shape (batch, conditions).
     finger

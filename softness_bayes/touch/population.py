@@ -34,6 +34,9 @@ GAINS = 2
 WIDE = 0.02
 """Share of the peak stress below which the edge of a patch makes it wide: the pole of M at stress 0 is then close."""
 
+LEAST = 1e-300
+"""Least u - u_rheobase at which the gain is evaluated, which is infinite at 0."""
+
 _SEARCH, _SAME = 60, 1e-14  # maximum number of steps of a search in y, and its convergence tolerance
 
 
@@ -83,7 +86,7 @@ class Population:
         self._to_peak, self._to_saturation = to_peak(nodes, gains), to_saturation(nodes, gains, saturation)
         x, weight = gain_nodes(gains)
         # the gain at the top gives the one beyond saturation
-        self._gain_part = np.append(x, 1.0)
+        self._gain_part = np.append(x, 1.0)[:, None] ** 2
         # in Gauss's rule the ends have weight 0; they are kept for the count of responding receptors and for the term
         # beyond saturation
         self.gauss_part = np.concatenate([[0.0], x, [1.0]])
@@ -105,12 +108,12 @@ class Population:
         reach = onset.beta[:, None] * (fields.peak - onset.stress[:, None])
         # conditions without firing, often a third of all, are skipped
         lanes, profile = fields.among(reach > 0.0)
-        sums = ReceptorSums(*(np.zeros(reach.size) for _ in ReceptorSums._fields))
+        sums = ReceptorSums(*np.zeros((len(ReceptorSums._fields), *reach.shape)))
         if lanes.size:
             found = self._firing(profile, onset, lanes // reach.shape[1], reach.take(lanes), intervals)
             for whole, part in zip(sums, found, strict=True):
-                whole[lanes] = part
-        return ReceptorSums(*(whole.reshape(reach.shape) for whole in sums))
+                whole.put(lanes, part)
+        return sums
 
     def _firing(self, profile: Profile, onset: _Onset, vector: Index, reach: Array, intervals: bool) -> ReceptorSums:
         """Integrate the conditions in which receptors fire, flattened to one axis, with the index of each one's vector.
@@ -118,16 +121,17 @@ class Population:
         Arrays over nodes have the node axis first, so that NumPy's inner loops run over the conditions, which far
         outnumber the nodes.
         """
-        root, gain = self._steps(onset, vector, reach)
+        stress = onset.stress.take(vector)
+        root, gain = self._steps(onset, vector, stress, reach)
         extent = profile.squared_distance(self._y(profile, root))
         within = self.count(extent)
         sums = ReceptorSums(np.einsum("kn,kn->n", gain, within), within[0], np.zeros_like(reach))
         if intervals:
             top = np.sqrt(np.minimum(reach, self.saturation))
-            nodes = _Nodes(top * self.gauss_part[:, None], top * self.gauss_weight[:, None])
+            t = top * self.gauss_part[:, None]
+            nodes = _Nodes(t, 2.0 * t * top * self.gauss_weight[:, None])
             found = self._inner(profile, onset.take(vector), reach, nodes, within[0], True)
             sums = sums._replace(interval=found.interval)
-        stress = onset.stress.take(vector)
         wide = np.flatnonzero((extent[0] > self.count.kinks[0] ** 2) | (stress < WIDE * profile.peak))
         if wide.size:
             beyond = self._wide(profile.take(wide), onset.take(vector[wide]), reach[wide], intervals)
@@ -135,48 +139,37 @@ class Population:
                 whole[wide] = part
         return sums
 
-    def _steps(self, onset: _Onset, vector: Index, reach: Array) -> _Steps:
-        """Return the nodes of conditions from the onset to the peak, or to saturation and beyond.
+    def _steps(self, onset: _Onset, vector: Index, stress: Array, reach: Array) -> _Steps:
+        """Return the nodes of conditions from the onset, at some stress, to the peak, or to saturation and beyond.
 
-        Conditions whose peak is beyond saturation have the same nodes if they share a parameter vector.
+        Conditions whose peak is beyond saturation have the same nodes if they share a parameter vector. Beyond
+        saturation the gain falls like exp(-u), up to terms of exp(-2 u): its integral is added to the last node, which
+        moves to the mean position of both parts, so that the error is of second order.
         """
         limit, vectors = self.saturation, onset.stress.size
-        near, far = np.flatnonzero(reach <= limit), np.flatnonzero(reach > limit)
+        near = np.flatnonzero(reach <= limit)
         # nodes are made for each vector, then for each condition whose peak is below saturation
         column = vector.copy()
         column[near] = np.arange(vectors, vectors + near.size)
         of = onset.take(np.concatenate([np.arange(vectors), vector.take(near)]))
         extent = np.concatenate([np.full(vectors, limit), reach.take(near)])
-        gains, height, gain = self._gains(of, np.sqrt(extent)), *np.empty((2, self._to_peak.nodes.size, extent.size))
+        gains, (height, gain) = of.gain(extent * self._gain_part), np.empty((2, self._to_peak.nodes.size, extent.size))
         for rule, part in (self._to_saturation, slice(vectors)), (self._to_peak, slice(vectors, None)):
-            np.outer(rule.nodes, extent[part], out=height[:, part])
+            np.multiply(rule.nodes[:, None], extent[part], out=height[:, part])
             np.matmul(rule.weights, gains[:-1, part], out=gain[:, part])
+        gain *= extent
         gain[0] += of.rate_0
-        steps = _Steps(*(part.take(column, axis=1) for part in (self._root(of.stress + height / of.beta), gain)))
-        tail = gains[-1, :vectors] * (1.0 + onset.odds * np.exp(-limit)) / (2.0 * limit)
-        self._add_tail(steps, onset, tail, far, vector.take(far), reach.take(far) - limit)
-        return steps
-
-    def _gains(self, of: _Onset, top: Array) -> Array:
-        """Return d nu / d t times the extent of t, at the nodes of the gain and at the top."""
-        gains = of.gain(top * self._gain_part[:, None])
-        gains *= top
-        return gains
-
-    def _add_tail(self, steps: _Steps, onset: _Onset, tail: Array, far: Index, vector: Index, beyond: Array) -> None:
-        """Add the gain beyond saturation to the last nodes of the conditions that reach farther, in place.
-
-        Beyond saturation the gain in u falls like exp(-u), up to terms of exp(-2 u). `tail` is its total for each
-        vector, and `beyond` the extent of u that is left. The last node moves to the mean position of both parts, so
-        that the error is of second order.
-        """
-        left = np.exp(-beyond)
-        share, tail = 1.0 - left, tail.take(vector)
-        gain = steps.gain[-1].take(far) + tail * share
-        moved = tail * (share - beyond * left) / gain
-        height = self.saturation + np.minimum(np.maximum(moved, 0.0), 1.0)
-        steps.gain[-1, far] = gain
-        steps.root[-1, far] = self._root(onset.stress.take(vector) + height / onset.beta.take(vector))
+        root, gain = self._root(of.stress + height / of.beta).take(column, axis=1), gain.take(column, axis=1)
+        # the gain beyond saturation up to infinity, none where the peak is below it, and its part beyond the peak
+        tail = np.zeros(extent.size)
+        tail[:vectors] = gains[-1, :vectors] * (1.0 + onset.odds * np.exp(-limit))
+        tail, beyond = tail.take(column), reach - limit
+        lost = tail * np.exp(-beyond)
+        tail -= lost
+        gain[-1] += tail
+        moved = np.minimum(np.maximum((tail - lost * beyond) / gain[-1], 0.0), 1.0)
+        root[-1] = self._root(stress + (height[-1].take(column) + moved) / onset.beta.take(vector))
+        return _Steps(root, gain)
 
     def _root(self, stress: Array) -> Array:
         """Return stresses to the power `root`; the ratio to its value at the peak is y."""
@@ -199,7 +192,7 @@ class Population:
         t = nodes.t
         extent = profile.squared_distance(self._y(profile, self._root(onset.stress_at(t))))
         within = self.count(extent)
-        gain = nodes.weight * onset.gain(t)
+        gain = nodes.weight * onset.gain(t * t)
         saturated, rest = reach > self.saturation, np.zeros_like(reach)
         rest[saturated] = self.count.anywhere(extent[-1][saturated])
         at_top, at_peak = onset.rate(np.stack([t[-1], np.sqrt(reach)]))
@@ -232,10 +225,10 @@ class Population:
             # just outside a kink the count grows like a square root, which x² makes smooth
             part = self.gauss_part[:, None]
             t = near - (near - outer) * part**2
-            weight = (near - outer) * 2.0 * part * self.gauss_weight[:, None]
+            weight = 2.0 * t * (near - outer) * 2.0 * part * self.gauss_weight[:, None]
             extent = profile.squared_distance(self._y(profile, self._root(onset.stress_at(t))))
             within = self.count(np.clip(extent, kinks[k - 1] ** 2, kinks[k] ** 2), k)
-            gain = weight * onset.gain(t)
+            gain = weight * onset.gain(t * t)
             rate = rate + (gain * within).sum(axis=0)
             if intervals:
                 with np.errstate(divide="ignore", invalid="ignore"):
@@ -257,7 +250,7 @@ class Population:
         height = scale * np.sinh(w)
         t = np.clip(np.sqrt(height**2 + below), bottom, top)
         weight = (stop - start) * self.gauss_weight[:, None] * scale * np.cosh(w)
-        return _Nodes(t, weight * height / np.maximum(t, 1e-300))
+        return _Nodes(t, 2.0 * weight * height)
 
     def _t_at(self, profile: Profile, onset: _Onset, distance: Array) -> Array:
         """Return t at which the patch reaches some distances from the axis, shape (distances, n); 0 outside the patch.
@@ -304,7 +297,7 @@ class _Steps(NamedTuple):
 
 
 class _Nodes(NamedTuple):
-    """Nodes in t and their weights, with the two ends, which have weight 0; arrays of shape (nodes, n)."""
+    """Nodes in t and their weights in u, with the two ends, which have weight 0; arrays of shape (nodes, n)."""
 
     t: Array
     weight: Array
@@ -328,10 +321,8 @@ class _Onset(NamedTuple):
     """nu just above the rheobase [Hz]."""
     scale: Array
     """2 / s_max, which makes w = scale s - 1."""
-    level: Array
-    """Coefficients of P in nu = rate_0 + s P(w)."""
     slope: Array
-    """Coefficients of d nu / d s."""
+    """Coefficients of d nu / d s in powers of w."""
 
     @classmethod
     def of(cls, drive: Drive) -> _Onset:
@@ -342,12 +333,8 @@ class _Onset(NamedTuple):
         odds = np.where(fires, odds, 1.0)
         stress = np.where(fires, drive.sigma_0 - np.log(odds) / drive.beta, np.inf)
         excess = np.where(fires, drive.alpha - rheobase, 1.0)
-        level = np.ascontiguousarray(np.atleast_2d(curve.coefficients).T)
-        # dnu/ds = P + (w + 1) P'
-        slope = level.copy()
-        slope[:-1] += level[1:]
-        slope *= np.arange(1, len(slope) + 1)[:, None]
-        return cls(drive.beta, odds, stress, excess, rate_0, 2.0 / s_max, level, slope)
+        slope = np.ascontiguousarray(np.atleast_2d(curve.slopes).T)
+        return cls(drive.beta, odds, stress, excess, rate_0, 2.0 / s_max, slope)
 
     def take(self, vector: NDArray[np.intp]) -> _Onset:
         """Return the fields for these elements of the batch."""
@@ -357,32 +344,23 @@ class _Onset(NamedTuple):
         """Return the stress [Pa] at t of shape (..., *batch)."""
         return self.stress + t * t / self.beta
 
-    def gain(self, t: Array) -> Array:
-        """Return d nu / d t [Hz] at t of shape (..., *batch)."""
-        # s² = I - I_rheobase = excess (1 - exp(-t²)) / (1 + odds exp(-t²)), without cancellation at t -> 0
-        t = np.maximum(t, 1e-150)
-        change = -t * t
-        np.expm1(change, out=change)
+    def gain(self, u: Array) -> Array:
+        """Return d nu / d u [Hz] at u - u_rheobase of shape (..., *batch)."""
+        # s² = I - I_rheobase = excess (1 - exp(-u)) / (1 + odds exp(-u)), without cancellation at u -> 0
+        change = np.expm1(-np.maximum(u, LEAST))
         left = 1.0 + change
-        below = self.odds * left
-        below += 1.0
-        np.divide(1.0, below, out=below)
-        change *= -self.excess
-        change *= below
-        s = np.sqrt(change, out=change)
-        # ds/dt
-        speed = np.multiply(left, below, out=left)
-        speed *= below
-        speed *= t
-        speed *= self.excess * (1.0 + self.odds)
-        speed /= s
-        s *= self.scale
-        s -= 1.0
-        speed *= horner(self.slope, s)
-        return speed
+        level = -self.excess / (1.0 + self.odds * left)
+        s = np.sqrt(change * level)
+        speed = left * level * level / s
+        speed *= 0.5 * (1.0 + self.odds) / self.excess
+        return speed * horner(self.slope, self.scale * s - 1.0)
 
     def rate(self, t: Array) -> Array:
         """Return nu [Hz] at t of shape (..., *batch)."""
         lost = -np.expm1(-t * t)
         s = np.sqrt(self.excess * lost / (1.0 + self.odds * (1.0 - lost)))
-        return self.rate_0 + s * horner(self.level, self.scale * s - 1.0)
+        # nu = rate_0 + s P(w), and d nu / d s = P + (w + 1) P'
+        level = self.slope / np.arange(1, len(self.slope) + 1)[:, None]
+        for k in range(len(level) - 2, -1, -1):
+            level[k] -= level[k + 1]
+        return self.rate_0 + s * horner(level, self.scale * s - 1.0)

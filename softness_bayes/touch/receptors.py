@@ -153,10 +153,12 @@ class ReceptorCount:
 
     def __call__(self, squared_distance: Array, interval: int = 0) -> Array:
         """Return the count for squared distances [m²] that lie in the given interval between kinks."""
-        part = (squared_distance - self.start_squared[interval]) * (1.0 / self.span[interval] ** 2)
-        if not self.interval_is_even[interval]:
-            part = np.sqrt(np.maximum(part, 0.0))
-        count = horner(self.coefficients[interval], 2.0 * part - 1.0)
+        if self.interval_is_even[interval]:
+            place = squared_distance * (2.0 / self.span[interval] ** 2) - 1.0
+        else:
+            part = (squared_distance - self.start_squared[interval]) * (1.0 / self.span[interval] ** 2)
+            place = 2.0 * np.sqrt(np.maximum(part, 0.0)) - 1.0
+        count = horner(self.coefficients[interval], place)
         return count if interval else count * squared_distance
 
     def anywhere(self, squared_distance: Array) -> Array:

@@ -34,7 +34,7 @@ class Rule(NamedTuple):
     nodes: Array
     """Nodes at which M is evaluated, shape (nodes,); the first is 0."""
     weights: Array
-    """Weights of M at each node are these times the gains at `gain_nodes`, shape (nodes, gains)."""
+    """Weights of M at each node are these times the gains in u at the squared `gain_nodes`, shape (nodes, gains)."""
 
 
 @lru_cache(maxsize=64)
@@ -55,7 +55,7 @@ def to_peak(nodes: int, gains: int) -> Rule:
     fine, of_fine = gain_nodes(FINE)
     at = np.append(0.0, _zeros(nodes - 1, fine**2, of_fine * fine**2 * (1.0 - fine**2)))
     left = (1.0 - t**2) / (1.0 - at[:, None])
-    return Rule(at, _lagrange(at, t**2) * left * weight)
+    return Rule(at, _lagrange(at, t**2) * left * (2.0 * t * weight))
 
 
 def to_saturation(nodes: int, gains: int, extent: float) -> Rule:
@@ -66,7 +66,7 @@ def to_saturation(nodes: int, gains: int, extent: float) -> Rule:
     typical = of_fine * fine * (1.0 - lost) * lost ** (RISE - 1.0)
     inside = _zeros(nodes - 2, fine**2, typical * fine**2 * (1.0 - fine**2))
     at = np.concatenate([[0.0], inside, [1.0]])
-    return Rule(at, _lagrange(at, t**2) * weight)
+    return Rule(at, _lagrange(at, t**2) * (2.0 * t * weight))
 
 
 def _zeros(degree: int, points: Array, weight: Array) -> Array:

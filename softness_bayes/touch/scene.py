@@ -205,7 +205,8 @@ class Scene:
         if parts:
             return np.concatenate([part.total_rate(parameters, modulus) for part in parts], axis=-1)[..., place]
         shape, chunks = self._chunks(parameters, modulus)
-        return np.concatenate([self._total_rate(*chunk) for chunk in chunks]).reshape(*shape, self.n_conditions)
+        rates = [self._total_rate(*chunk) for chunk in chunks]
+        return (rates[0] if len(rates) == 1 else np.concatenate(rates)).reshape(*shape, self.n_conditions)
 
     def _total_rate(self, parameters: TouchParameters, modulus: Array | None) -> Array:
         """Return the total rates of one chunk; only the required parts of contact and fields are computed."""

@@ -79,16 +79,19 @@ class SkinSeries:
         self._coefficients = self._terms.in_powers_of(np.asarray(self._coefficients, float))
 
     @property
-    def products(self) -> int:
-        """Number of multiply-adds for each skin."""
-        return self._coefficients.size
+    def shape(self) -> tuple[int, int]:
+        """Numbers of terms and columns."""
+        terms, columns = self._coefficients.shape
+        return terms, columns
 
     def __call__(self, b: Array, m: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Return the values, shape (batch, columns), and which of the skins b and m (batch,) lie outside the box."""
         # m may be 0
         x = (np.log([b, np.maximum(m, 1e-300)]) - self._middle) / self._half
         outside = ~(np.abs(x) <= 1.0).all(axis=0)  # NaN is outside
-        return self._terms.monomials(np.minimum(np.maximum(x, -1.0), 1.0)) @ self._coefficients, outside
+        if outside.any():
+            x = np.minimum(np.maximum(x, -1.0), 1.0)
+        return self._terms.monomials(x) @ self._coefficients, outside
 
 
 class SkinStart:

@@ -109,11 +109,11 @@ def test_sizes_and_limit_are_counted():
         assert size.per_condition == pytest.approx(size.seconds / size.conditions)
     found = limit(of, QUICK._replace(repeats=1))
     # an exponential for each of 12 nodes of the gain and the last one of a vector, and of its conditions that do not
-    # saturate; one for each condition that fires, and two for each condition, whose contact comes from polynomials
+    # saturate; one for each condition that fires, and one for each condition, whose contact comes from polynomials
     firing = (of.model.scene.total_rate(first(of.draws.parameters, BATCH)) > 0).sum(axis=-1).mean()
     assert 0 < firing < 36
-    assert of.model.scene.mechanics.products
-    least = round(13 + firing) + 2 * 36
+    assert min(of.model.scene.mechanics.polynomials) > 0
+    least = round(13 + firing) + 36
     assert least < found.exponentials < least + 13 * firing
     assert found.over_bare == pytest.approx(found.seconds / found.bare_seconds)
     assert min(found.bare_seconds, found.flop_seconds, found.megabytes) > 0

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.stats import multivariate_normal
 
 from softness_bayes.checking.quantities import Layout
 from softness_bayes.likelihood import additive_fit
@@ -109,3 +110,27 @@ def test_nothing_is_of_the_size_of_conditions_by_conditions(made):
     for held in (form, fit):
         sizes = [value.size for value in vars(held).values() if isinstance(value, np.ndarray)]
         assert max(sizes) <= design.cells.size
+
+
+def alike() -> np.ndarray:
+    """Seven raters of three kinds, in no order, and two without ratings."""
+    kinds = np.random.default_rng(3).poisson(1.0, (3, 12)).astype(float)
+    return np.vstack([kinds, np.zeros((1, 12))])[[1, 3, 0, 1, 2, 0, 1, 3, 0]]
+
+
+@pytest.mark.parametrize("omega", [0.0, 0.3])
+def test_raters_of_like_rows_are_grouped_and_every_density_is_that_of_the_rows(omega, rng):
+    cells = alike()
+    design = design_of(cells, 5)
+    values = 3.0 + 0.8 * rng.standard_normal(design.n_rows)
+    effects = RandomEffects(design, values, 2.0, 1.5)
+    assert effects._alike.number.sum() == len(cells)
+    assert sorted(effects._alike.number) == [1, 2, 3, 3]
+    offset, tau, varsigma = rng.standard_normal((6, 12)), rng.uniform(0.1, 1.0, 6), rng.uniform(0.1, 1.0, 6)
+    found = effects.log_density(offset, EffectSpreads(tau, varsigma, np.full(6, omega)))
+    person, fabric = np.eye(len(cells))[design.participant], np.eye(5)[design.fabric[design.condition]]
+    for k in range(6):
+        covariance = 1.5**2 + tau[k] ** 2 * person @ person.T + omega**2 * fabric @ fabric.T
+        covariance += varsigma[k] ** 2 * np.eye(design.n_rows)
+        exact = multivariate_normal(2.0 + offset[k, design.condition], covariance).logpdf(values)
+        assert found[k] == pytest.approx(exact, rel=1e-10)

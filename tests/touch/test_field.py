@@ -7,10 +7,11 @@ import pytest
 
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.contact import Finger, Force, Indentation, Load
-from softness_bayes.touch.field import SeveralFields, StressField, profiles
+from softness_bayes.touch.field import StressField
 from softness_bayes.touch.inversion import Inversion
 from softness_bayes.touch.neuron.polynomials import clenshaw, monomials
 from softness_bayes.touch.readings import ALTERNATIVES, NAMED_READINGS, Readings
+from softness_bayes.touch.several_fields import OF_SIZE, SeveralFields, profiles
 from softness_bayes.touch.stress import ATTENUATED, HERTZ, stress
 
 FINGER = Finger()
@@ -170,6 +171,40 @@ def test_loads_side_by_side_are_the_loads_alone():
         np.testing.assert_allclose(distance, alone.squared_distance(y[:, where]), rtol=1e-13)
 
 
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-6])
+def test_series_of_q_itself_lose_little_of_the_tolerance_where_the_patch_is_small_too(tolerance, rng):
+    loads = Indentation(3e-3), Force(0.5)
+    fields = [StressField(load, FINGER, Readings(), RANGE, tolerance) for load in loads]
+    columns = [np.array([0]), np.array([1])]
+    whole, plain = (SeveralFields(fields, columns, fast=fast) for fast in (True, False))
+    assert whole.with_size
+    assert not plain.with_size
+    assert all(one.shape[1] >= of.shape[1] for one, of in zip(whole.series, plain.series, strict=True))
+    modulus = np.exp(rng.uniform(*np.log(RANGE), (300, 2)))
+    radius = np.stack([load.close(modulus[:, k], FINGER).radius for k, load in enumerate(loads)], axis=1)
+    found, exact = (several.at(modulus, radius).whole() for several in (whole, plain))
+    size = np.stack([field.size(modulus[:, k], radius[:, k]) for k, field in enumerate(fields)], axis=1)
+    assert size.max() > 5.0 * size.min()
+    y = np.broadcast_to(0.5 + 0.5 * np.linspace(0.0, 0.999, 20)[:, None, None], (20, 300, 2))
+    error = np.abs(found.squared_distance(y) - exact.squared_distance(y)) / (size * (1.0 / y - 1.0))
+    assert error.max() < OF_SIZE * tolerance
+    assert error.max() > 1e-4 * tolerance  # it is another series
+
+
+@pytest.mark.parametrize(("reach", "tolerance", "powers"), [((1e-6, 1e9), 1e-4, True), ((1e-9, 1e9), 1e-5, False)])
+def test_a_range_in_which_that_would_cost_more_keeps_the_size_apart(reach, tolerance, powers):
+    far = StressField(Force(1.0), FINGER, Readings(), reach, tolerance)
+    several = SeveralFields([far], [np.array([0])], fast=True)
+    assert not several.with_size
+    assert several.powers == powers
+    modulus = np.geomspace(10.0 * reach[0], 0.1 * reach[1], 50)[:, None]
+    radius = far.load.close(modulus, FINGER).radius
+    found = several.at(modulus, radius).whole()
+    exact = SeveralFields([far], [np.array([0])]).at(modulus, radius).whole()
+    y = np.broadcast_to(np.maximum(0.6, exact.y_least), (1, 50, 1))
+    np.testing.assert_allclose(found.squared_distance(y), exact.squared_distance(y), rtol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("tolerance", "of_y", "of_places"), [(1e-4, True, True), (1e-5, True, False), (1e-7, False, False)]
 )
@@ -178,7 +213,7 @@ def test_series_are_in_powers_as_far_as_that_loses_no_digits(tolerance, of_y, of
         StressField(load, FINGER, Readings(), RANGE, tolerance) for load in (Indentation(1e-3), Indentation(3e-3))
     ]
     columns = [np.array([0, 2]), np.array([1])]
-    inside, plain = (SeveralFields(fields, columns, powers=powers) for powers in (True, False))
+    inside, plain = (SeveralFields(fields, columns, fast=fast) for fast in (True, False))
     assert inside.powers == of_y
     assert (inside.polynomials is monomials) == of_places
     modulus = np.exp(rng.uniform(*np.log(RANGE), (200, 3)))

@@ -9,13 +9,13 @@ from numpy.testing import assert_allclose
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.contact import Finger, FingerBox, Fingertips, Force, Indentation
 from softness_bayes.touch.field import StressField
-from softness_bayes.touch.field import profiles as profiles_of_one_finger
 from softness_bayes.touch.finger_field import FingerField, profiles
 from softness_bayes.touch.pad import touch_profiles
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import ALTERNATIVES, Readings
 from softness_bayes.touch.reference import reference_response
 from softness_bayes.touch.scene import Discretisation, Scene
+from softness_bayes.touch.several_fields import profiles as profiles_of_one_finger
 from softness_bayes.touch.stress import ATTENUATED, Pressure, stress
 
 BOX = FingerBox((6.5e-3, 10e-3), (0.5e-3, 0.9e-3))

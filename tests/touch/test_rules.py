@@ -11,19 +11,19 @@ from softness_bayes.touch.rules import RISE, gain_nodes, to_peak, to_saturation
 EXTENT = 6.0
 
 
-def gain(t):
-    """A gain that is no polynomial, with the fall of a saturating rate."""
-    return np.exp(-(t**2)) * (1.0 + 0.5 * np.cos(2.0 * t))
+def gain(u):
+    """A gain in u = t² that is no polynomial in t, with the fall of a saturating rate and a root at the onset."""
+    t = np.sqrt(u)
+    return np.exp(-u) * (1.0 + 0.5 * np.cos(2.0 * t)) / (2.0 * t)
 
 
 def by_rule(rule, count, extent, gains):
     t, _ = gain_nodes(gains)
-    top = np.sqrt(extent)
-    return top * (rule.weights @ gain(top * t)) @ count(extent * rule.nodes)
+    return extent * (rule.weights @ gain(extent * t**2)) @ count(extent * rule.nodes)
 
 
 def exactly(count, extent):
-    return quad(lambda t: gain(t) * count(t**2), 0.0, np.sqrt(extent), epsabs=1e-13, epsrel=1e-13)[0]
+    return quad(lambda t: 2.0 * t * gain(t**2) * count(t**2), 0.0, np.sqrt(extent), epsabs=1e-13, epsrel=1e-13)[0]
 
 
 @pytest.mark.parametrize("nodes", [2, 3, 4, 7, 12, 40])
@@ -53,14 +53,13 @@ def test_polynomials_of_the_nodes_are_exact_whatever_the_gain(nodes, rng):
 def test_gauss_for_the_typical_gain(nodes):
     """Twice as many degrees are exact for the gain that the nodes were made for."""
 
-    def typical(t):
-        return 2.0 * RISE * t * np.exp(-(t**2)) * (-np.expm1(-(t**2))) ** (RISE - 1.0)
+    def typical(u):
+        return RISE * np.exp(-u) * (-np.expm1(-u)) ** (RISE - 1.0)
 
-    rule, (t, _) = to_saturation(nodes, 400, EXTENT), gain_nodes(400)
-    top = np.sqrt(EXTENT)
-    weights = top * rule.weights @ typical(top * t)
+    rule, (t, weight) = to_saturation(nodes, 400, EXTENT), gain_nodes(400)
+    weights = EXTENT * rule.weights @ typical(EXTENT * t**2)
     for degree in range(2 * nodes - 2):
-        wanted = top * (gain_nodes(400)[1] * typical(top * t)) @ t ** (2 * degree)
+        wanted = EXTENT * (2.0 * t * weight * typical(EXTENT * t**2)) @ t ** (2 * degree)
         assert weights @ rule.nodes**degree == pytest.approx(wanted, rel=1e-9)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -67,11 +67,20 @@ class RateCurve:
     max_current: float | FloatArray
     error: CurveError
 
-    @property
+    @cached_property
     def s_max(self) -> FloatArray:
         """sqrt(max_current - rheobase), shape (...); 1 where the membrane does not fire up to that current."""
         excess = self.max_current - self.rheobase
         return np.sqrt(np.where(excess > 0.0, excess, 1.0))
+
+    @cached_property
+    def slopes(self) -> FloatArray:
+        """Monomial coefficients of d rate / d s in w, shape (..., K)."""
+        slopes = self.coefficients.copy(order="K")
+        # with P = sum_k coefficients[k] w^k it is P + (w + 1) P'
+        slopes[..., :-1] += self.coefficients[..., 1:]
+        slopes *= np.arange(1, slopes.shape[-1] + 1)
+        return slopes
 
     def rate(self, current: ArrayLike) -> FloatArray:
         """Return firing rates [Hz] at currents [µA/cm²] of shape (..., n), whose leading axes are those of the batch.

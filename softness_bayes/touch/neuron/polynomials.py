@@ -100,23 +100,33 @@ class TotalDegree:
         every = itertools.product(range(self.degree + 1), repeat=self.variables)
         return np.array([e for e in every if sum(e) <= self.degree]).T
 
+    @cached_property
+    def _steps(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+        """For each further variable: where the products of the ones before it are found, and its degrees."""
+        steps, exponents = [], self.exponents
+        for k in range(self.variables - 1, 0, -1):
+            before, place = np.unique(exponents[:k], axis=1, return_inverse=True)
+            steps.append((place.reshape(-1), exponents[k]))
+            exponents = before
+        return steps[::-1]
+
     def basis(self, x: Array) -> Array:
         """Return the values of all products at points of shape (variables, n), shape (n, terms)."""
-        return products(chebyshev_values(x, self.degree + 1), self.exponents).T
+        return self._products(chebyshev_values(x, self.degree + 1)).T
 
     def monomials(self, x: Array) -> Array:
         """Return the values of the same products of powers."""
-        return products(monomials(x, self.degree + 1), self.exponents).T
+        return self._products(monomials(x, self.degree + 1)).T
+
+    def _products(self, values: Array) -> Array:
+        """Return all products, shape (terms, n), of polynomials of each variable, shape (degree + 1, variables, n)."""
+        product = values[:, 0]
+        for k, (place, exponent) in enumerate(self._steps, 1):
+            product = product.take(place, axis=0)
+            product *= values[:, k].take(exponent, axis=0)
+        return product
 
     def in_powers_of(self, coefficients: Array) -> Array:
         """Return coefficients, shape (terms, n), of the products of powers."""
         of_each = _to_powers(self.degree + 1)
         return np.asarray(np.prod([of_each[e][:, e] for e in self.exponents], axis=0).T @ coefficients)
-
-
-def products(values: Array, exponents: NDArray[np.intp]) -> Array:
-    """Return products, shape (terms, n), of polynomials of each variable, shape (orders, variables, n)."""
-    product = values[exponents[0], 0]
-    for k, exponent in enumerate(exponents[1:], 1):
-        product *= values[exponent, k]
-    return product

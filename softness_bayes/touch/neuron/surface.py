@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.neuron.firing import CurveError, RateCurve, exact_curve, exact_curves, shortening
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, Channels, Driven, Membrane, lanes, rows_of
-from softness_bayes.touch.neuron.polynomials import TotalDegree, monomials, products
+from softness_bayes.touch.neuron.polynomials import TotalDegree
 from softness_bayes.touch.neuron.surface_design import DESIGNS, NO_SURFACE, SurfaceInputs
 
 FloatArray = NDArray[np.float64]
@@ -38,40 +38,6 @@ FITTED = 3000
 
 _CHECKING = 1e-6  # tolerance for batches of exact curves: rates within 1e-5 of the peak, in a third of the time
 _AT_THE_EDGE = 1e-9  # relative to the box's half-width: allows for rounding at a prior's end
-
-
-class Summed:
-    """A polynomial of some total degree, evaluated from the products of all variables but the last.
-
-    Each power of the last variable is multiplied by a polynomial of a lower degree in the others.
-
-    Parameters
-    ----------
-    terms : TotalDegree
-        Products, of two variables at least.
-    coefficients : ndarray, shape (terms, columns)
-        One polynomial for each column.
-    """
-
-    def __init__(self, terms: TotalDegree, coefficients: FloatArray) -> None:
-        others = TotalDegree(terms.variables - 1, terms.degree).exponents
-        # in ascending degree, so that the products up to any degree come first
-        self._exponents, self._degree = others[:, np.argsort(others.sum(axis=0), kind="stable")], terms.degree
-        row = {tuple(exponent): k for k, exponent in enumerate(terms.exponents.T.tolist())}
-        coefficients = terms.in_powers_of(coefficients)  # at these degrees without loss, and quicker to evaluate
-        self._parts = []
-        for last in range(terms.degree + 1):
-            chosen = [row[*e, last] for e in self._exponents.T.tolist() if sum(e) + last <= terms.degree]
-            self._parts.append(np.ascontiguousarray(coefficients[chosen]))
-
-    def __call__(self, x: FloatArray) -> FloatArray:
-        """Return the values of the polynomials at points of shape (variables, n), shape (n, columns)."""
-        values = monomials(x, self._degree + 1)
-        product = products(values[:, :-1], self._exponents).T
-        total = product @ self._parts[0]
-        for last, part in zip(values[1:, -1], self._parts[1:], strict=True):
-            total += last[:, None] * (product[:, : len(part)] @ part)
-        return total
 
 
 @dataclass(frozen=True)
@@ -137,8 +103,14 @@ class FiringSurface:
         return TotalDegree(len(self.design.axes), self.degree)
 
     @cached_property
-    def _summed(self) -> Summed:
-        return Summed(self._terms, self.table)
+    def _of_powers(self) -> FloatArray:
+        """The table's polynomials in powers, shape (2 + nodes, terms): at these degrees no digit is lost by that."""
+        return np.ascontiguousarray(self._terms.in_powers_of(self.table).T)
+
+    def _values(self, place: FloatArray) -> FloatArray:
+        """Return the values of the table's polynomials at places of shape (axes, n), shape (n, 2 + nodes)."""
+        # in this order the values of a polynomial are next to each other in memory
+        return (self._of_powers @ self._terms.monomials(place).T).T
 
     @cached_property
     def _border_terms(self) -> TotalDegree:
@@ -161,10 +133,10 @@ class FiringSurface:
 
     @cached_property
     def _plane_below_border(self) -> tuple[float, FloatArray]:
-        """Intercept and slopes of a plane below the border's polynomial everywhere, from the bounds of T_k."""
+        """Intercept and slopes of a lower bound, linear in the place, of `before_corner`, from the bounds of T_k."""
         exponents = self._border_terms.exponents
         order = exponents.sum(axis=0)
-        slopes = exponents[:, order == 1] @ self.border[order == 1]
+        slopes = np.insert(exponents[:, order == 1] @ self.border[order == 1], 1, -1.0)
         return float(self.border[order == 0].sum() - np.abs(self.border[order > 1]).sum()), slopes
 
     def corner(self, place: FloatArray) -> NDArray[np.bool_]:
@@ -173,7 +145,7 @@ class FiringSurface:
         if self.design.border is not None:
             # the polynomial is evaluated only where the plane below it does not decide
             intercept, slopes = self._plane_below_border
-            near = np.flatnonzero(intercept + slopes @ place[[0, 2, 3]] - place[1] < self.design.border.margin)
+            near = np.flatnonzero(slopes @ place < self.design.border.margin - intercept)
             if near.size:
                 found[near] = self.before_corner(place[:, near]) < self.design.border.margin
         return found
@@ -223,7 +195,7 @@ class FiringSurface:
         """Return the curves of multipliers (4, n), of a batch shape of n elements."""
         place = self.design.place(flat)
         self._require_inside(flat, place)
-        values = self._summed(place)
+        values = self._values(place)
         for i in np.flatnonzero(self.corner(place)):
             own = _own_curve(Channels(*flat[:, i].tolist()), self.design.membrane, self.max_current, self.design.nodes)
             own = own.shortened(self.table.shape[1] - 2)
@@ -257,12 +229,12 @@ class FiringSurface:
         The lower polynomials are fitted to this surface by least squares, at points all over the box and, as many,
         around its centre. Two further terms in the root of the current for each degree make both errors similar.
         """
-        degree = min(max((terms - 2) // 2, 2), self.design.degree)
+        degree = min(max(terms // 2 - 2, 2), self.design.degree)
         lower = TotalDegree(len(self.design.axes), degree)
         rng, shape = np.random.default_rng(0), (len(self.design.axes), FITTED // 2)
         place = np.hstack([rng.uniform(-1.0, 1.0, shape), rng.normal(0.0, 0.3, shape).clip(-1.0, 1.0)])
         place = place[:, ~self.corner(place)]
-        table = np.linalg.lstsq(lower.basis(place), self._summed(place), rcond=None)[0]
+        table = np.linalg.lstsq(lower.basis(place), self._values(place), rcond=None)[0]
         shorter = table[:, 2:] @ shortening(self.design.nodes, terms)
         return replace(self, degree=degree, table=np.hstack([table[:, :2], shorter]))
 

@@ -86,7 +86,7 @@ class SurfaceInputs:
 
     @property
     def axes(self) -> list[int]:
-        """Multipliers that have an effect, as indices into ``Channels``: ``c_A`` has none without an A-current."""
+        """Multipliers that have an effect, as indices into ``Channels``; ``c_A`` has none without an A-current."""
         return [0, 1, 2, 3] if self.membrane.gating.a_current else [0, 1, 2]
 
     @property
@@ -97,7 +97,7 @@ class SurfaceInputs:
 
     def place(self, channels: FloatArray) -> FloatArray:
         """Return the coordinates in the box of multipliers (4, n), in units of its half-width, shape (axes, n)."""
-        return (np.asarray(channels)[self.axes] / self._centre - 1.0) / self.half_width
+        return (np.asarray(channels)[: len(self._centre)] / self._centre - 1.0) / self.half_width
 
     @cached_property
     def _centre(self) -> FloatArray:

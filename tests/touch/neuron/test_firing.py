@@ -39,6 +39,14 @@ def test_curve_is_as_exact_as_it_says(curve: RateCurve, rng: np.random.Generator
     assert (error / exact).max() < 2.0 * curve.error.relative < 1e-4
 
 
+def test_slopes_are_those_of_the_rate(curve: RateCurve) -> None:
+    s = np.linspace(0.1, 0.99 * float(curve.s_max), 40)
+    w, step = 2.0 * s / float(curve.s_max) - 1.0, 1e-5
+    upper, lower = (curve.rate(curve.rheobase + (s + sign * step) ** 2) for sign in (1.0, -1.0))
+    slope = np.polynomial.polynomial.polyval(w, curve.slopes)
+    np.testing.assert_allclose(slope, (upper - lower) / (2.0 * step), rtol=1e-7)
+
+
 def test_curve_keeps_the_fold(curve: RateCurve) -> None:
     excess = np.array([-1.0, -1e-9, 0.0, 1e-8, 1e-4, 1e-2])
     rate = curve.rate(curve.rheobase + excess)

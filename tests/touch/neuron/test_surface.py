@@ -25,7 +25,7 @@ from softness_bayes.touch.neuron.membrane import (
 from softness_bayes.touch.neuron.onset import Onset
 from softness_bayes.touch.neuron.polynomials import TotalDegree
 from softness_bayes.touch.neuron.rate import firing_rate
-from softness_bayes.touch.neuron.surface import ERRORS, TABLES, FiringSurface, Summed
+from softness_bayes.touch.neuron.surface import ERRORS, TABLES, FiringSurface
 from softness_bayes.touch.neuron.surface_design import DESIGNS
 from softness_bayes.touch.parameters import TouchParameters
 from support.onsets import CORNER, EXACT_ENOUGH
@@ -279,14 +279,6 @@ def test_a_rebuilt_table_is_the_shipped_one(surface: FiringSurface) -> None:
     channels = surface.design.channels_at(place[:, ~surface.corner(place)])
     current = np.full((channels.c_K.size, 1), 30.0)
     np.testing.assert_allclose(again.curve(channels).rate(current), surface.curve(channels).rate(current), atol=1e-6)
-
-
-def test_the_sum_without_products_is_that_of_all_products(rng):
-    for terms in (TotalDegree(2, 3), TotalDegree(4, 6)):
-        coefficients = rng.normal(size=(terms.exponents.shape[1], 5))
-        x = rng.uniform(-1, 1, (terms.variables, 40))
-        wanted = terms.basis(x) @ coefficients
-        np.testing.assert_allclose(Summed(terms, coefficients)(x), wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
 
 
 def test_shorter_surfaces_are_nearly_as_good_about_the_centre(surface: FiringSurface, rng: np.random.Generator) -> None:
