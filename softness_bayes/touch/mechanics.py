@@ -1,8 +1,8 @@
 """Contacts and stress fields of a scene's conditions; over the range of a prior, from polynomials.
 
-For given fabrics and loads, the reduced modulus and the stress on the axis depend on the skin alone, that is on ln b
-and ln m. Over the range of a prior, one polynomial each for the modulus's place in the tables of the stress fields and
-for the peak stress replaces the search for the skin's modulus, where its error is small enough.
+For given fabrics and loads, the reduced modulus and the stress on the axis depend on the skin alone, that is on b and
+m. Over the range of a prior, one polynomial each for the modulus's place in the tables of the stress fields and for the
+peak stress replaces the search for the skin's modulus, where its error is small enough.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from softness_bayes.touch.skin_start import SkinBox, SkinSeries
 
 Array = NDArray[np.float64]
 
-SKIN_SHARE = 0.03
+SKIN_SHARE = 0.1
 """Relative error allowed in the skin's modulus, or error in the place of E_star in a table and in ln of the peak
 stress, as a share of the stress fields' tolerance."""
 

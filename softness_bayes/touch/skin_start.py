@@ -1,8 +1,9 @@
 """Functions of the skin's parameters over a prior's range as polynomials (model.md 2).
 
-For given fabrics and loads, w of `log_stiffening`, and what follows from it, are smooth functions of ln b and ln m.
-Over the range of a prior, a polynomial for each condition approximates them so well that the search for the skin's
-modulus takes one step instead of three, or none where the error of the polynomial itself is small enough.
+For given fabrics and loads, w of `log_stiffening`, and what follows from it, are smooth functions of ln b and of the
+root of m, which needs fewer terms than ln m or m itself. Over the range of a prior, a polynomial for each condition
+approximates them so well that the search for the skin's modulus takes one step instead of three, or none where the
+error of the polynomial itself is small enough.
 """
 
 from __future__ import annotations
@@ -15,16 +16,21 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
+from softness_bayes.touch.inversion import values_to_coefficients
 from softness_bayes.touch.neuron.polynomials import TotalDegree
 from softness_bayes.touch.skin import ONE_STEP, log_stiffening, upper_bound
 
 Array = NDArray[np.float64]
 
-DEGREES = (6, 8, 10, 12, 14)
-"""Total degrees of the polynomials; the first that leaves one step is taken, or the last."""
+DEGREES = {18: (6, 8, 10, 12, 14), 28: (16, 18, 20, 22, 24)}
+"""Total degrees of the polynomials, the first sufficient of which is taken, for each number of nodes in each parameter
+to which they are fitted."""
 
 USEFUL = 0.1
 """Largest error of w from which the search takes fewer steps than from its own start."""
+
+
+_AT_THE_EDGE = 1e-9  # relative to the box's half-width: allows for rounding at a prior's end
 
 
 class SkinBox(NamedTuple):
@@ -37,7 +43,7 @@ class SkinBox(NamedTuple):
 
 
 class SkinSeries:
-    """Polynomials in ln b and ln m, one for each column, fitted to a function over a box.
+    """Polynomials in ln b and the root of m, one for each column, fitted to a function over a box.
 
     Parameters
     ----------
@@ -63,20 +69,22 @@ class SkinSeries:
         enough: float,
         scale: Callable[[Array], Array] = np.ones_like,
     ) -> None:
-        ends = np.log(box)
+        ends = self._coordinates(*np.array(box))
         self._middle, self._half = ends.mean(axis=1)[:, None], np.maximum(0.5 * np.diff(ends, axis=1), 1e-6)
-        grid = np.array(np.meshgrid(*2 * (chebyshev.chebpts2(DEGREES[-1] + 4),))).reshape(2, -1)
-        b, m = np.exp(self._middle + self._half * grid)[..., None]
-        exact = function(b, m)
-        for degree in DEGREES:
-            self._terms = TotalDegree(2, degree)
-            basis = self._terms.basis(grid)
-            self._coefficients = np.linalg.lstsq(basis, exact, rcond=None)[0]
-            self.error = float((np.abs(basis @ self._coefficients - exact) * scale(exact)).max())
-            if self.error <= enough:
-                break
-        # in powers, which take less time; at these degrees that loses less than 1e-9 of the largest value
-        self._coefficients = self._terms.in_powers_of(np.asarray(self._coefficients, float))
+        for nodes, degrees in DEGREES.items():
+            grid = np.array(np.meshgrid(*2 * (chebyshev.chebpts1(nodes),), indexing="ij")).reshape(2, -1)
+            of_b, of_m = self._middle + self._half * grid
+            exact = function(np.exp(of_b)[:, None], of_m[:, None] ** 2)
+            to_series = values_to_coefficients(nodes)
+            series = np.einsum("ij,kl,jlc->ikc", to_series, to_series, exact.reshape(nodes, nodes, -1), optimize=True)
+            for degree in degrees:
+                self._terms = TotalDegree(2, degree)
+                # in powers, which take less time; what that loses is in the error
+                self._coefficients = self._terms.in_powers_of(series[*self._terms.exponents])
+                found = self._terms.monomials(grid) @ self._coefficients
+                self.error = float((np.abs(found - exact) * scale(exact)).max())
+                if self.error <= enough:
+                    return
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -84,11 +92,16 @@ class SkinSeries:
         terms, columns = self._coefficients.shape
         return terms, columns
 
+    @staticmethod
+    def _coordinates(b: Array, m: Array) -> Array:
+        return np.array([np.log(b), np.sqrt(m)])
+
     def __call__(self, b: Array, m: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Return the values, shape (batch, columns), and which of the skins b and m (batch,) lie outside the box."""
-        # m may be 0
-        x = (np.log([b, np.maximum(m, 1e-300)]) - self._middle) / self._half
-        outside = ~(np.abs(x) <= 1.0).all(axis=0)  # NaN is outside
+        x = self._coordinates(b, m)
+        x -= self._middle
+        x /= self._half
+        outside = np.logical_not((np.abs(x) <= 1.0 + _AT_THE_EDGE).all(axis=0))  # NaN is outside
         if outside.any():
             x = np.minimum(np.maximum(x, -1.0), 1.0)
         return self._terms.monomials(x) @ self._coefficients, outside
