@@ -32,7 +32,7 @@ shrink together, because refining one of them alone gains nothing."""
 TOLERANCES = (1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7, 3e-8, 1e-8)
 """Tolerances of the stress fields, from cheap to accurate."""
 
-RATE_TERMS = (8, 10, 12, 14, 16, 18)
+RATE_TERMS = (8, 10, 12, 14, 16, 18, 20)
 """Numbers of terms of the rate curves, from cheap to accurate; all terms are left if none of these is sufficient."""
 
 COARSEST = Discretisation(*QUADRATURES[0], TOLERANCES[0], rate_terms=RATE_TERMS[0])

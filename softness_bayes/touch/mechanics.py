@@ -19,7 +19,7 @@ from softness_bayes.touch.skin_start import SkinBox, SkinSeries
 
 Array = NDArray[np.float64]
 
-SKIN_SHARE = 0.1
+SKIN_SHARE = 0.03
 """Relative error allowed in the skin's modulus, or error in the place of E_star in a table and in ln of the peak
 stress, as a share of the stress fields' tolerance."""
 

@@ -163,8 +163,7 @@ class FieldsAt:
             part[order:] = 0.0
             if not several.with_size:
                 part[:order] *= _sizes(field, place[start:stop])
-            if far:
-                outside = np.flatnonzero(beyond[start:stop])
+            if far and (outside := np.flatnonzero(beyond[start:stop])).size:
                 part[:order, outside] = _exact_shapes(field, place[start:stop].take(outside), order, several.powers).T
         return at, Profile(self.peak.take(at), shape, several.y_least.take(condition), several.powers)
 

@@ -22,7 +22,7 @@ from softness_bayes.touch.skin import ONE_STEP, log_stiffening, upper_bound
 
 Array = NDArray[np.float64]
 
-DEGREES = {18: (6, 8, 10, 12, 14), 28: (16, 18, 20, 22, 24)}
+DEGREES = {18: tuple(range(6, 15)), 28: (16, 18, 20, 22, 24)}
 """Total degrees of the polynomials, the first sufficient of which is taken, for each number of nodes in each parameter
 to which they are fitted."""
 
