@@ -193,8 +193,8 @@ def netcdf(tree: xarray.DataTree, ending: Callable[[memoryview], bytes] | None =
         Function of the content that returns bytes to append to it, which readers ignore.
     """
     content = io.BytesIO()
-    # xarray imports dask wherever it is installed, and needs it for arrays on other machines alone
-    with without("dask"), _opened(content, "w") as file:
+    # xarray imports these wherever they are installed, and needs them for arrays on other machines alone
+    with without("dask", "distributed"), _opened(content, "w") as file:
         tree.to_netcdf(file, engine="h5netcdf")
     if ending is not None:
         with content.getbuffer() as whole:

@@ -229,6 +229,15 @@ class FiringSurface:
         The lower polynomials are fitted to this surface by least squares, at points all over the box and, as many,
         around its centre. Two further terms in the root of the current for each degree make both errors similar.
         """
+        if terms not in self._shorter:
+            self._shorter[terms] = self._fitted(terms)
+        return self._shorter[terms]
+
+    @cached_property
+    def _shorter(self) -> dict[int, FiringSurface]:
+        return {}
+
+    def _fitted(self, terms: int) -> FiringSurface:
         degree = min(max(terms // 2 - 2, 2), self.design.degree)
         lower = TotalDegree(len(self.design.axes), degree)
         rng, shape = np.random.default_rng(0), (len(self.design.axes), FITTED // 2)
