@@ -20,7 +20,7 @@ from softness_bayes.touch.several_fields import SeveralFields
 Array = NDArray[np.float64]
 
 TOGETHER = 16
-"""Vectors whose bare operations are done in one call: enough for array speed, few enough for the cache."""
+"""Vectors whose bare operations are done in one call: enough for array speed, few enough for the fastest cache."""
 
 
 class Operations(NamedTuple):
@@ -48,8 +48,10 @@ class Limit(NamedTuple):
     seconds: float
     """Time of the scene for a vector."""
     bare_seconds: float
-    """Time of these operations alone in NumPy, in place, in blocks that fit the cache; that of matrix products at the
+    """Time of these operations alone in NumPy, in place, `TOGETHER` vectors in a call; that of matrix products at the
     rate of a large one."""
+    together_seconds: float
+    """The same with all vectors of a batch in one call each, so that the calls themselves take almost no time."""
     flop_seconds: float
     """Time of the multiply-adds alone at the rate of a matrix product."""
 
@@ -69,11 +71,12 @@ def limit(of: Subject, effort: Effort) -> Limit:
     exponentials, roots, divisions, orders = (
         sum(one.points * one[kind] for one in grids) for kind in range(1, len(Operations._fields))
     )
-    rng = np.random.default_rng(0)
-    blocks = [[rng.uniform(0.1, 0.9, TOGETHER * one.points) for one in grids] for _ in range(BATCH // TOGETHER)]
-    basis, matrix = rng.uniform(size=TOGETHER * bases), rng.uniform(size=(256, 256))
+    matrix = np.random.default_rng(1).uniform(size=(256, 256))
     product = quickest(lambda: matrix @ matrix, effort.repeats) / 256**3
-    bare = quickest(partial(_bare, blocks, grids, basis), effort.repeats) / BATCH
+    bare, together = (
+        quickest(partial(_bare, *_blocks(grids, bases, size)), effort.repeats) / BATCH + product * products
+        for size in (TOGETHER, BATCH)
+    )
     adds = orders + bases + products
     return Limit(
         exponentials,
@@ -82,7 +85,8 @@ def limit(of: Subject, effort: Effort) -> Limit:
         adds,
         8e-6 * (6 * orders + 3 * bases + 2 * (exponentials + roots + divisions)),
         quickest(partial(scene.total_rate, some), effort.repeats) / BATCH,
-        bare + product * products,
+        bare,
+        together,
         product * adds,
     )
 
@@ -123,8 +127,15 @@ def _operations(scene: Scene, some: TouchParameters) -> tuple[list[Operations], 
     return grids, bases, of_skin * columns + of_curves.size + round(firing * of_fields)
 
 
+def _blocks(grids: list[Operations], bases: int, size: int) -> tuple[list[list[Array]], list[Operations], Array]:
+    """Return the points of a batch in blocks of some vectors, and the values of the bases of a block."""
+    rng = np.random.default_rng(0)
+    blocks = [[rng.uniform(0.1, 0.9, size * one.points) for one in grids] for _ in range(BATCH // size)]
+    return blocks, grids, rng.uniform(size=size * bases)
+
+
 def _bare(blocks: list[list[Array]], grids: list[Operations], basis: Array) -> None:
-    """Run the operations of a batch in blocks that fit in the cache."""
+    """Run the operations of a batch, one block after the other."""
     values = np.empty_like(basis)
     for block in blocks:
         np.multiply(basis, basis, out=values)

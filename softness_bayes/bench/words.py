@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from softness_bayes.bench.limit import Limit
+from softness_bayes.bench.limit import TOGETHER, Limit
 from softness_bayes.bench.peers import PEER, Ratio
 from softness_bayes.bench.precision import LIKELIHOOD, Point
 from softness_bayes.bench.scaling import SamplerSpeed, Size
@@ -57,7 +57,8 @@ def summary(
         f"The forward model takes {1e6 * bare.seconds:.0f} µs for each vector. The {bare.exponentials} exponentials, "
         f"{bare.roots} roots, {bare.divisions} divisions and {bare.multiply_adds} multiply-adds that it cannot do "
         f"without take {1e6 * bare.bare_seconds:.1f} µs alone, in place and within the cache "
-        f"({bare.megabytes:.1f} MB of passes), a factor of {bare.over_bare:.1f}.",
+        f"({bare.megabytes:.1f} MB of passes), a factor of {bare.over_bare:.1f}. Of this, calls of NumPy take "
+        f"{1e6 * (bare.bare_seconds - bare.together_seconds):.1f} µs: {TOGETHER} vectors are done together.",
         f"{largest.size} conditions take {1e3 * largest.seconds:.1f} ms for each vector, "
         f"{1e9 * largest.per_condition:.0f} ns each.",
     ]

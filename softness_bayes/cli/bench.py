@@ -188,10 +188,14 @@ def _ratings(subject: Subject, effort: Effort) -> list[Integrated]:
 
 def _limit_sentence(bare: Limit) -> str:
     """Return the machine's limit in words."""
+    from softness_bayes.bench.limit import TOGETHER
+    from softness_bayes.bench.subject import BATCH
+
     return (
         f"machine's limit: {bare.exponentials} exponentials, {bare.roots} roots, {bare.divisions} divisions, "
         f"{bare.multiply_adds} multiply-adds, {bare.megabytes:.1f} MB of passes for each vector: "
-        f"{1e6 * bare.bare_seconds:.1f} µs bare in NumPy; the scene takes {1e6 * bare.seconds:.1f} µs, "
+        f"{1e6 * bare.bare_seconds:.1f} µs bare in NumPy, {TOGETHER} vectors in a call "
+        f"({1e6 * bare.together_seconds:.1f} µs with {BATCH}); the scene takes {1e6 * bare.seconds:.1f} µs, "
         f"{bare.over_bare:.2f} times that (a matrix product does the multiply-adds in {1e6 * bare.flop_seconds:.2f} µs)"
     )
 
