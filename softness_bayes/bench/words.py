@@ -8,6 +8,7 @@ from softness_bayes.bench.limit import TOGETHER, Limit
 from softness_bayes.bench.peers import PEER, Ratio
 from softness_bayes.bench.precision import LIKELIHOOD, Point
 from softness_bayes.bench.scaling import SamplerSpeed, Size
+from softness_bayes.bench.subject import BATCH
 
 
 def summary(
@@ -57,8 +58,8 @@ def summary(
         f"The forward model takes {1e6 * bare.seconds:.0f} µs for each vector. The {bare.exponentials} exponentials, "
         f"{bare.roots} roots, {bare.divisions} divisions and {bare.multiply_adds} multiply-adds that it cannot do "
         f"without take {1e6 * bare.bare_seconds:.1f} µs alone, in place and within the cache "
-        f"({bare.megabytes:.1f} MB of passes), a factor of {bare.over_bare:.1f}. Of this, calls of NumPy take "
-        f"{1e6 * (bare.bare_seconds - bare.together_seconds):.1f} µs: {TOGETHER} vectors are done together.",
+        f"({bare.megabytes:.1f} MB of passes), a factor of {bare.over_bare:.1f}. They are done for {TOGETHER} "
+        f"vectors in a call; for {BATCH} vectors in a call they take {1e6 * bare.together_seconds:.1f} µs.",
         f"{largest.size} conditions take {1e3 * largest.seconds:.1f} ms for each vector, "
         f"{1e9 * largest.per_condition:.0f} ns each.",
     ]

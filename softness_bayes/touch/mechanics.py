@@ -14,7 +14,7 @@ from softness_bayes.touch.contact import Finger, Fingertip
 from softness_bayes.touch.contacts import Contacts
 from softness_bayes.touch.field import Fields
 from softness_bayes.touch.finger_field import FieldsOfLoads
-from softness_bayes.touch.several_fields import FieldsAt
+from softness_bayes.touch.several_fields import FieldsAt, SeveralFields
 from softness_bayes.touch.skin_start import SkinBox, SkinSeries
 
 Array = NDArray[np.float64]
@@ -45,13 +45,13 @@ class Mechanics:
         self._contacts, self._fields, self._finger = contacts, fields, finger
         self._allowed = SKIN_SHARE * tolerance
         self._several, self._series = fields.several, None
-        if box is not None and fields.several is not None:
+        if box is not None and fields.several is not None and self._covered(box, fields.several):
             series = SkinSeries(box, self._at_points, self._allowed)
             self._series = series if series.error <= self._allowed else None
 
     @property
     def polynomials(self) -> tuple[int, int]:
-        """Number of terms of the polynomials, and of polynomials; 0 if there are none."""
+        """Numbers of terms and of polynomials, both 0 if there are none."""
         return (0, 0) if self._series is None else self._series.shape
 
     def fields(self, b: Array, m: Array, modulus: Array | None, finger: Fingertip) -> Fields:
@@ -64,6 +64,12 @@ class Mechanics:
             return FieldsAt(self._several, found[:, :conditions], np.exp(found[:, conditions:]))
         _, reduced = self._contacts.moduli(b, m, modulus, finger, self._allowed)
         return self._fields.at(reduced, self._contacts.radius(reduced, finger), finger)
+
+    def _covered(self, box: SkinBox, several: SeveralFields) -> bool:
+        """Return whether the tables cover all skins of a box; beyond a table every point is inverted, which is slow."""
+        # E_star rises with both b and m
+        _, reduced = self._contacts.moduli(np.array(box.b), np.array(box.m), None, self._finger)
+        return several.covers(reduced)
 
     def _solved(self, b: Array, m: Array) -> Array:
         """Return the places in the tables, then ln of the stress on the axis [Pa], shape (batch, 2 × conditions).

@@ -163,7 +163,7 @@ class Population:
         # the gain beyond saturation up to infinity, none where the peak is below it, and its part beyond the peak
         tail = np.zeros(extent.size)
         tail[:vectors] = gains[-1, :vectors] * (1.0 + onset.odds * np.exp(-limit))
-        tail, beyond = tail.take(column), reach - limit
+        tail, beyond = tail.take(column), np.maximum(reach - limit, 0.0)
         lost = tail * np.exp(-beyond)
         tail -= lost
         gain[-1] += tail
@@ -304,7 +304,7 @@ class _Nodes(NamedTuple):
 
 
 class _Onset(NamedTuple):
-    """Onset of firing, and the rate beyond it as a function of t (u = u_rheobase + t²).
+    """Onset of firing, and the rate beyond it, as a function of t or of t² = u - u_rheobase.
 
     Fields have the shape (batch,), or (1,) if all share one value; coefficients have one more axis, the first.
     """
@@ -344,10 +344,10 @@ class _Onset(NamedTuple):
         """Return the stress [Pa] at t of shape (..., *batch)."""
         return self.stress + t * t / self.beta
 
-    def gain(self, u: Array) -> Array:
-        """Return d nu / d u [Hz] at u - u_rheobase of shape (..., *batch)."""
-        # s² = I - I_rheobase = excess (1 - exp(-u)) / (1 + odds exp(-u)), without cancellation at u -> 0
-        change = np.expm1(-np.maximum(u, LEAST))
+    def gain(self, height: Array) -> Array:
+        """Return d nu / d u [Hz] at a height u - u_rheobase of shape (..., *batch)."""
+        # s² = I - I_rheobase = excess (1 - exp(-h)) / (1 + odds exp(-h)), without cancellation at h -> 0
+        change = np.expm1(-np.maximum(height, LEAST))
         left = 1.0 + change
         level = -self.excess / (1.0 + self.odds * left)
         s = np.sqrt(change * level)

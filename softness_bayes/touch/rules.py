@@ -1,12 +1,13 @@
 """Quadrature rules of the population integral, made for its integrands (model.md 8).
 
-The integrand is the gain dnu/dt of the rate, which a parameter vector determines, times the number M of receptors
-within a patch, which differs between conditions and costs most. In u = t² the number M is so smooth that a polynomial
+The integrand is the gain dnu/du of the rate, which a parameter vector determines, times the number M of receptors
+within a patch, which differs between conditions and costs most. In u the number M is so smooth that a polynomial
 through a few nodes replaces it. The gain needs more nodes, but it is evaluated less often:
 
-    ∫ M gain dt  ≈  sum_j M(u_j) ∫ L_j gain dt,    L_j the Lagrange polynomials of the nodes u_j
+    ∫ M gain du  ≈  sum_j M(u_j) ∫ L_j gain du,    L_j the Lagrange polynomials of the nodes u_j
 
-The integrals of L_j gain use Gauss's rule in t. With the nodes u_j the rule is Gauss's for a typical gain.
+The integrals of L_j gain use Gauss's rule in t = sqrt(u), in which the gain has no singularity. With the nodes u_j the
+rule is Gauss's for a typical gain.
 """
 
 from __future__ import annotations

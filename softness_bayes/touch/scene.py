@@ -62,7 +62,8 @@ class Scene:
         Radii and receptor depths that the stress fields cover, for parameter vectors with individual fingers;
         None if all use the scene's finger.
     skin_box
-        Expected range of the skin's parameters. Within it the contact is solved faster, with the same result.
+        Expected range of the skin's parameters. Within it, polynomials replace the contact's solution as far as
+        the tolerance of the stress fields allows, which is faster.
 
     Raises
     ------

@@ -26,7 +26,7 @@ OF_SIZE = 0.1
 """Share of a field's tolerance that may be lost when the series of Q / size is replaced by one of Q."""
 
 LONGER = 16
-"""Number of terms that may be added to a series for that."""
+"""Number of further terms in which it is looked for; it has to end two of them earlier."""
 
 _THE_END = 1.0 + 1e-12  # largest place in a table
 
@@ -99,6 +99,10 @@ class SeveralFields:
             raise NumericalError("stress field: a reduced modulus is not positive and finite")
         place = self._places(modulus)
         return FieldsAt(self, place, self._peak(place, modulus, radius))
+
+    def covers(self, modulus: Array) -> bool:
+        """Return whether the tables cover all of some E_star [Pa], shape (batch, conditions)."""
+        return bool((np.abs(self._places(modulus)) <= _THE_END).all())
 
     def _places(self, modulus: Array) -> Array:
         """Return the places of moduli [Pa] in the tables: ln(E_star + shift), scaled to [-1, 1] over their range."""
@@ -181,7 +185,7 @@ def _exact_shapes(field: StressField, place: Array, order: int, powers: bool) ->
 
 
 def _of_q(fields: Sequence[StressField], allowed: Array) -> _Series | None:
-    """Return series of Q; None if one needs more than `LONGER` further terms.
+    """Return series of Q; None if `LONGER` further terms are too few for one.
 
     Parameters
     ----------

@@ -26,6 +26,9 @@ DEGREES = {18: tuple(range(6, 15)), 28: (16, 18, 20, 22, 24)}
 """Total degrees of the polynomials, the first sufficient of which is taken, for each number of nodes in each parameter
 to which they are fitted."""
 
+FAR = 1e4
+"""Error, relative to the sufficient one, above which polynomials of higher degrees are not tried."""
+
 USEFUL = 0.1
 """Largest error of w from which the search takes fewer steps than from its own start."""
 
@@ -59,7 +62,7 @@ class SkinSeries:
     Attributes
     ----------
     error
-        Largest error within the box.
+        Largest error at the points to which they were fitted. It was up to 1.5 times that at the box's corners.
     """
 
     def __init__(
@@ -85,6 +88,8 @@ class SkinSeries:
                 self.error = float((np.abs(found - exact) * scale(exact)).max())
                 if self.error <= enough:
                     return
+            if self.error > FAR * enough:
+                return
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -94,7 +99,8 @@ class SkinSeries:
 
     @staticmethod
     def _coordinates(b: Array, m: Array) -> Array:
-        return np.array([np.log(b), np.sqrt(m)])
+        # a negative m, which is refused later, lies outside any box
+        return np.array([np.log(b), np.sqrt(np.maximum(m, 0.0))])
 
     def __call__(self, b: Array, m: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Return the values, shape (batch, columns), and which of the skins b and m (batch,) lie outside the box."""
@@ -120,8 +126,8 @@ class SkinStart:
     Attributes
     ----------
     error
-        Largest error of w within the box, multiplied by e^w where that is above 1: also a bound on the relative error
-        of the skin's modulus.
+        Largest error of w, as `SkinSeries` states it, multiplied by e^w where that is above 1: then it is also that of
+        the skin's modulus, relative to it.
     """
 
     def __init__(self, box: SkinBox, log_scale: Array, p: Array, log_k: Array) -> None:

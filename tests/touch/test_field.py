@@ -171,6 +171,26 @@ def test_loads_side_by_side_are_the_loads_alone():
         np.testing.assert_allclose(distance, alone.squared_distance(y[:, where]), rtol=1e-13)
 
 
+@pytest.mark.parametrize(("tolerance", "powers"), [(1e-3, True), (1e-7, False)])
+def test_beyond_the_table_the_fast_form_is_exact_too(tolerance, powers):
+    loads = Indentation(2e-3), Force(0.5)
+    fields = [StressField(load, FINGER, Readings(), (1e4, 1e6), tolerance) for load in loads]
+    columns = [np.array([0]), np.array([1])]
+    fast = SeveralFields(fields, columns, fast=True)
+    covering = SeveralFields([StressField(load, FINGER, Readings(), (1e4, 2e9), 1e-7) for load in loads], columns)
+    assert fast.powers == powers
+    modulus = np.repeat([[3e6], [3e7], [1e9]], 2, axis=1)
+    assert not fast.covers(modulus)
+    assert covering.covers(modulus)
+    radius = np.stack([load.close(modulus[:, k], FINGER).radius for k, load in enumerate(loads)], axis=1)
+    found, exact = (several.at(modulus, radius).whole() for several in (fast, covering))
+    np.testing.assert_allclose(found.peak, exact.peak, rtol=1e-5)
+    y = np.broadcast_to(np.linspace(0.6, 0.99, 20)[:, None, None], (20, 3, 2))
+    wanted = exact.squared_distance(y)
+    # both have as many orders as their tolerances leave
+    np.testing.assert_allclose(found.squared_distance(y), wanted, rtol=0, atol=10.0 * tolerance * wanted.max())
+
+
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-6])
 def test_series_of_q_itself_lose_little_of_the_tolerance_where_the_patch_is_small_too(tolerance, rng):
     loads = Indentation(3e-3), Force(0.5)

@@ -253,3 +253,11 @@ def test_no_leap_and_no_bend_where_conditions_begin_to_saturate(default_scene, p
     assert (slope < 0).all()
     # 1 Pa of 10 kPa: the slope changes by no more than a smooth function's does
     np.testing.assert_allclose(slope, slope.mean(), rtol=2e-3)
+
+
+def test_a_saturation_far_beyond_every_peak_leaves_nothing_out_and_nothing_overflows(default_scene, paper):
+    far = default_scene.coarser(Discretisation(12, 740.0, 1e-3))
+    usual = default_scene.coarser(Discretisation(12, 12.0, 1e-3))
+    found, exact = (scene.total_rate(paper(beta=[1e-5, 1e-4])) for scene in (far, usual))
+    assert exact.max() > 0
+    np.testing.assert_allclose(found, exact, atol=1e-3 * exact.max())

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from softness_bayes.errors import InputError
 from softness_bayes.model.scenes import skin_of_priors
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.touch.contact import Finger, Force, Indentation, log_compliance_ratio
+from softness_bayes.touch.field import StressField
 from softness_bayes.touch.mechanics import SKIN_SHARE
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Discretisation, Scene
@@ -171,3 +173,16 @@ def test_a_tolerance_that_the_polynomials_miss_is_met_by_the_search(smooth_firin
     b, m = within(wide, rng, 50)
     found, wanted = (scene.mechanics.fields(b, m, None, scene.finger).peak for scene in (fine, exact))
     np.testing.assert_allclose(found, wanted, rtol=2.0 * SKIN_SHARE * of.field_tolerance)
+
+
+def test_a_box_beyond_the_tables_has_no_polynomials_and_is_not_inverted_for_them(smooth_firing, monkeypatch):
+    beyond = SkinBox((1e5, 5e6), (1.0, 20.0))
+    scene = Scene(np.array([1e7, 1e8]), 0.3, (Force(1.0),), smooth_firing(), skin_box=beyond)
+    monkeypatch.setattr(StressField, "exact_rows", lambda *_: pytest.fail("inverted"))
+    assert scene.mechanics.polynomials == (0, 0)
+
+
+def test_a_negative_stiffening_is_refused_where_there_is_a_box(smooth_firing):
+    scene = scene_at(1e-3, LOADS["depth"], smooth_firing())
+    with pytest.raises(InputError, match="m"):
+        scene.total_rate(paper_like(np.array([1e5]), np.array([-1.0])))

@@ -15,6 +15,7 @@ import json
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from importlib import resources
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -236,6 +237,10 @@ class FiringSurface:
     @cached_property
     def _shorter(self) -> dict[int, FiringSurface]:
         return {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        # without the shorter surfaces, so that what is sent to other processes does not depend on those made before
+        return {name: value for name, value in self.__dict__.items() if name != "_shorter"}
 
     def _fitted(self, terms: int) -> FiringSurface:
         degree = min(max(terms // 2 - 2, 2), self.design.degree)
