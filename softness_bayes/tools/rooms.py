@@ -1,4 +1,4 @@
-"""Diagram of the package's folders ("rooms") and list of modules: ``python -m softness_bayes.tools.rooms``.
+"""Diagram of the package's folders ("rooms"): ``python -m softness_bayes.tools.rooms``.
 
 A room is a folder of the package or a module at its top level. The diagram has one row per floor: a room is one
 floor above the highest room that it imports. Lines implied by other lines are omitted.
@@ -15,8 +15,6 @@ import softness_bayes
 
 PACKAGE = Path(softness_bayes.__file__).parent
 FILE = PACKAGE / "docs" / "architecture.svg"
-MODULES = PACKAGE / "docs" / "modules.md"
-"""The page that lists all modules."""
 START = "__main__"
 """The module that starts the program, which is not a room."""
 BOX, GAP, ROW = 146, 16, 56
@@ -138,36 +136,10 @@ def drawing(imported: Imports) -> str:
     return "\n".join([*parts, "</svg>"]) + "\n"
 
 
-def listing() -> str:
-    """Return the page that describes each module by the first paragraph of its docstring."""
-    modules, rooms = _modules(), [name for floor in reversed(floors(imports())) for name in floor]
-    parts = [
-        "# Modules\n\nWhat each file holds, room by room from the bottom up, in the words of its own first line. "
-        "`python -m\nsoftness_bayes.tools.rooms` writes this page. "
-        "[Architecture](architecture.md) says which room may import which.\n"
-    ]
-    for room in rooms:
-        inside = sorted(name for name in modules if _room(name, modules) == room)
-        rows = [f"| [{_file(modules[name])}](../{_file(modules[name])}) | {_first(modules[name])} |" for name in inside]
-        parts.append("\n".join([f"## {room}\n", "| file | what it holds |", "|---|---|", *rows]) + "\n")
-    return "\n".join(parts)
-
-
-def _file(path: Path) -> str:
-    return path.relative_to(PACKAGE).as_posix()
-
-
-def _first(path: Path) -> str:
-    """Return the first paragraph of a module's docstring, on one line."""
-    said = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
-    return " ".join(said.partition("\n\n")[0].split()).replace("|", "\\|")
-
-
 def main() -> None:
-    """Write the drawing and the list of modules into the guide."""
-    for file, text in ((FILE, drawing(imports())), (MODULES, listing())):
-        file.write_text(text, encoding="utf-8")
-        print(f"{file}: written")
+    """Write the drawing into the guide."""
+    FILE.write_text(drawing(imports()), encoding="utf-8")
+    print(f"{FILE}: written")
 
 
 if __name__ == "__main__":

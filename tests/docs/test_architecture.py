@@ -12,8 +12,7 @@ from softness_bayes.likelihood.directions import FALLS
 from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.model.scenes import touch_parameters, usual_values
 from softness_bayes.parameters.priors import require_prior
-from softness_bayes.tools.rooms import FILE, PACKAGE, drawing, floors, imports, listing, needed
-from softness_bayes.tools.rooms import MODULES as LISTED
+from softness_bayes.tools.rooms import FILE, PACKAGE, drawing, floors, imports, needed
 from softness_bayes.touch import stress
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels
@@ -54,13 +53,6 @@ def test_the_list_goes_from_the_bottom_up(imported):
 
 def test_the_drawing_is_of_these_imports(imported):
     assert FILE.read_text(encoding="utf-8") == drawing(imported), "run python -m softness_bayes.tools.rooms"
-
-
-def test_the_list_of_modules_is_of_these_files():
-    page = LISTED.read_text(encoding="utf-8")
-    assert page == listing(), "run python -m softness_bayes.tools.rooms"
-    assert page.count("\n| [") == len(MODULES.keys() - {"__main__"})
-    assert not re.search(r"\) \|  \|$", page, re.M)  # no module without a word on it
 
 
 def test_a_drawing_of_four_rooms():
