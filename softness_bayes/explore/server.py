@@ -6,6 +6,7 @@ import errno
 import logging
 from collections.abc import Callable
 from socket import create_server, socket
+from typing import Any
 
 from bokeh.application import Application
 from bokeh.application.handlers.function import FunctionHandler
@@ -18,7 +19,9 @@ from bokeh.server.session import ServerSession
 from bokeh.server.tornado import BokehTornado
 from bokeh.server.views.ws import WSHandler
 from tornado.httpserver import HTTPServer
+from tornado.httputil import HTTPServerRequest
 from tornado.ioloop import IOLoop
+from tornado.web import ErrorHandler
 
 from softness_bayes.errors import InputError
 from softness_bayes.explore.page import Page
@@ -75,6 +78,7 @@ def page_server(subject: Subject, opened: socket) -> BaseServer:
     opened.setblocking(False)
     port = opened.getsockname()[1]
     tornado = _Tornado({"/": application}, extra_websocket_origins=[f"{ADDRESS}:{port}"])
+    tornado.port = port
     http = HTTPServer(tornado)
     http.add_socket(opened)
     server = BaseServer(IOLoop.current(), tornado, http)
@@ -83,11 +87,25 @@ def page_server(subject: Subject, opened: socket) -> BaseServer:
 
 
 class _Tornado(BokehTornado):
-    """Bokeh's application; its websockets send every small message immediately.
+    """Bokeh's application for the page's own address alone, with websockets that send small messages immediately.
+
+    A page of another site may let its own name point to the loopback address (DNS rebinding). The browser then takes
+    this server for that site, and names that site as host. So every request, those that open a websocket included, must
+    name the address and port as its host, and as its origin if it has one.
 
     Tornado turns Nagle's algorithm on again after each response, the one that opens a websocket included. A small
     message then waits until the browser has acknowledged the one before, which can take 40 ms.
     """
+
+    port: int
+    """The port that is served."""
+
+    def find_handler(self, request: HTTPServerRequest, **kwargs: Any) -> Any:
+        hosts = {f"{ADDRESS}:{self.port}"} | ({ADDRESS} if self.port == 80 else set())
+        origin = request.headers.get("Origin")
+        if request.headers.get("Host") in hosts and (origin is None or origin.removeprefix("http://") in hosts):
+            return super().find_handler(request, **kwargs)
+        return self.get_handler_delegate(request, ErrorHandler, {"status_code": 403})
 
     def new_connection(
         self,

@@ -17,7 +17,6 @@ from html import escape
 
 import numpy as np
 import pytest
-import websocket
 from bokeh.client import pull_session
 from bokeh.document import Document
 from bokeh.events import ButtonClick
@@ -42,14 +41,17 @@ def address(of_medians, served):
         yield urllib.parse.urlsplit(address)
 
 
-def knock(address, origin):
-    """Ask for the page's channel as a page of some origin does; return the answer's status."""
-    try:
-        channel = websocket.create_connection(f"ws://{address.netloc}/ws", origin=origin, timeout=20, subprotocols=[])
-    except websocket.WebSocketBadStatusException as refusal:
-        return refusal.status_code
-    channel.close()
-    return 101
+def status(address, target="/", host=None, origin=None, upgrade=False):
+    """Send a request as it stands, and return the status of the answer."""
+    lines = [f"GET {target} HTTP/1.1", "Connection: close"]
+    lines += [] if host is None else [f"Host: {host}"]
+    lines += [] if origin is None else [f"Origin: {origin}"]
+    if upgrade:
+        lines[1] = "Connection: Upgrade"
+        lines += ["Upgrade: websocket", "Sec-WebSocket-Version: 13", "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ=="]
+    with socket.create_connection((address.hostname, address.port), timeout=60) as channel:
+        channel.sendall("\r\n".join([*lines, "", ""]).encode())
+        return int(channel.recv(64).split()[1])
 
 
 def test_it_listens_on_the_loopback_address_alone():
@@ -57,16 +59,32 @@ def test_it_listens_on_the_loopback_address_alone():
         assert opened.getsockname()[0] == "127.0.0.1"
 
 
-def test_other_origins_are_refused(address):
-    assert knock(address, f"http://{address.netloc}") != 403
-    for origin in (
-        "http://evil.example",
-        f"http://evil.example:{address.port}",
-        f"http://127.0.0.1:{address.port + 1}",
-        "http://127.0.0.1",
-        "null",
-    ):
-        assert knock(address, origin) == 403
+def foreign_hosts(address):
+    """Return names under which a page of another site could reach the server."""
+    port = address.port
+    return ("evil.example", f"evil.example:{port}", f"localhost:{port}", f"127.0.0.1:{port + 1}", "127.0.0.1", None)
+
+
+def test_only_its_own_address_is_answered(address):
+    """Against a page of another site whose name points to the loopback address (DNS rebinding)."""
+    own = address.netloc
+    assert status(address, host=own) == 200
+    assert status(address, host=own, origin=f"http://{own}") == 200
+    assert status(address, "/ws", own, f"http://{own}", upgrade=True) == 101
+    for host in foreign_hosts(address):
+        for target in ("/", "/autoload.js", "/ws", "/static/js/bokeh.min.js", f"http://{own}/"):
+            assert status(address, target, host) in (400, 403), (host, target)
+        assert status(address, "/ws", host, f"http://{host}", upgrade=True) in (400, 403), host
+    for origin in (*(f"http://{host}" for host in foreign_hosts(address)), "null", f"https://{own}"):
+        assert status(address, "/", own, origin) == 403, origin
+        assert status(address, "/ws", own, origin, upgrade=True) == 403, origin
+
+
+def test_the_check_of_addresses_is_what_refuses(address, monkeypatch):
+    """Control: without it, another site's name gets the page, and its token."""
+    monkeypatch.delattr(server._Tornado, "find_handler")
+    assert status(address, host=f"evil.example:{address.port}") == 200
+    assert status(address, host=address.netloc, origin="http://evil.example") == 200
 
 
 def test_the_page_needs_no_network(address):
