@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.directions import RatingDirection, direction_named
+from softness_bayes.likelihood.directions import FREE, RatingDirection, direction_named
 from softness_bayes.likelihood.scales import MAGNITUDE, Scale, name_of_scale, scale_named
 from softness_bayes.parameters.fabric_moduli import UNKNOWN_MODULUS
 from softness_bayes.parameters.priors import Prior, parse_prior
@@ -80,6 +80,8 @@ class DirectionTaken:
     direction_asked: bool = True
     """True if the user chose it, rather than the data or the default."""
     direction_note: str = ""
+    direction_of_data: str = ""
+    """Name of the direction that the data show; empty if they do not decide."""
     firing_rises: float = 1.0
     """Share of prior draws for which firing increases with stiffness across the fabrics."""
     direction_rises: float = np.nan
@@ -87,6 +89,11 @@ class DirectionTaken:
 
     direction_rises_se: float = np.nan
     """Its Monte-Carlo standard error, from the ensembles."""
+
+    @property
+    def against_data(self) -> bool:
+        """True if the data clearly show the opposite direction."""
+        return self.direction is not FREE and self.direction_of_data not in ("", self.direction.name)
 
     @property
     def said(self) -> str:

@@ -8,24 +8,20 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.checking.grouped import groups_in, merge
+from softness_bayes.checking.layout import Additive, Layout, groups_in, layout_of, values_in
 from softness_bayes.checking.levelled import DOUBTFUL, fall_p_value
 from softness_bayes.checking.quantities import (
     DROP,
     PLACE,
     QUANTITIES,
     TURNS_OVER,
-    Additive,
     Columns,
-    Layout,
     Quantity,
     QuantityCheck,
     check_quantity,
 )
 from softness_bayes.checking.reproduction import FALL, alternative, turning_sentences
 from softness_bayes.checking.uniformity import uniformity_p_value
-from softness_bayes.likelihood.design import Design
-from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS
 from softness_bayes.provenance import Provenance
 
 if TYPE_CHECKING:
@@ -59,33 +55,6 @@ PIT_POINTS = np.arange(1, 100) / 100
 """Points at which the distribution function of LOO-PIT values is evaluated."""
 
 
-def layout_of(tree: xr.DataTree) -> Layout:
-    """Return participant and condition of every rating in a result; many loads are merged into groups."""
-    constant = tree["constant_data"].to_dataset()
-    fabric, load = constant["fabric_index"].values, constant["load_index"].values
-    modulus = _moduli(tree)
-    codes, condition = np.unique(load * modulus.size + fabric, return_inverse=True)
-    fabrics, loads = codes % modulus.size, codes // modulus.size
-    people = _values(tree, "log_likelihood_participant", "participant").size
-    design = Design(condition, constant["participant_index"].values, fabrics, people)
-    found = Provenance(tree.attrs)
-    layout = Layout(design, modulus[fabrics], loads, found.direction.sign, found.rating_model.rating_scale)
-    groups = groups_in(tree)
-    return merge(layout, groups.of)[0] if groups.merged else layout
-
-
-def _moduli(tree: xr.DataTree) -> Array:
-    """Return the modulus [Pa] of each fabric (fabrics,): of one that was sampled the median of its draws."""
-    constant = tree["constant_data"].to_dataset()
-    modulus = np.array(constant["effective_modulus_kpa"].values, float)
-    if "posterior" in tree.children and FABRIC_MODULUS in tree["posterior"]:
-        drawn = tree["posterior"].to_dataset()[FABRIC_MODULUS]
-        names = constant["fabric"].values.tolist()
-        places = [names.index(name) for name in drawn[drawn.dims[-1]].values.tolist()]
-        modulus[places] = np.median(drawn.values, axis=(0, 1))
-    return modulus * 1e3
-
-
 def check_table(tree: xr.DataTree) -> pd.DataFrame:
     """Return every test quantity of the data compared with its replicates.
 
@@ -109,8 +78,8 @@ def check_table(tree: xr.DataTree) -> pd.DataFrame:
     import pandas as pd
 
     layout = layout_of(tree)
-    observed = _values(tree, "observed_data", "rating")
-    prior = _values(tree, "prior_predictive", "rating")[0]
+    observed = values_in(tree, "observed_data", "rating")
+    prior = values_in(tree, "prior_predictive", "rating")[0]
     fit = layout.fit(observed)
     rows = []
     for law, replicates in (("prior", {False: prior, True: prior}), ("posterior", _posterior_replicates(tree))):
@@ -135,7 +104,7 @@ def check_table(tree: xr.DataTree) -> pd.DataFrame:
         rows.append(
             _row("posterior", name, "same", ALL, ALL, ALL, QuantityCheck(deviation, np.nan, np.nan, np.nan, p_value))
         )
-    pit = _values(tree, "constant_data", LOO_PIT)
+    pit = values_in(tree, "constant_data", LOO_PIT)
     p_value = uniformity_p_value(pit, PIT_POINTS)
     rows.append(_row("posterior", PIT, "same", ALL, ALL, ALL, QuantityCheck(pit.mean(), 0.5, np.nan, np.nan, p_value)))
     return pd.DataFrame(rows).set_index(["law", "quantity"])
@@ -183,7 +152,7 @@ def posterior_quantities(tree: xr.DataTree, quantities: Sequence[Quantity] = QUA
         The quantities to compare.
     """
     layout = layout_of(tree)
-    fit = layout.fit(_values(tree, "observed_data", "rating"))
+    fit = layout.fit(values_in(tree, "observed_data", "rating"))
     fits = {anew: layout.fit(ratings) for anew, ratings in _posterior_replicates(tree).items()}
     return [
         CheckedQuantity(
@@ -253,12 +222,7 @@ def unreproduced_sentence(names: Sequence[str]) -> str:
 def _posterior_replicates(tree: xr.DataTree) -> dict[bool, Array]:
     """Return the posterior replicates of ratings, (draws, rows), keyed by whether participants are new."""
     names = {False: "rating", True: NEW_PARTICIPANTS}
-    return {anew: _values(tree, "posterior_predictive", name)[0] for anew, name in names.items()}
-
-
-def _values(tree: xr.DataTree, group: str, name: str) -> NDArray[Any]:
-    """Return the values of one variable or coordinate."""
-    return np.asarray(tree[group].to_dataset()[name].values)
+    return {anew: values_in(tree, "posterior_predictive", name)[0] for anew, name in names.items()}
 
 
 def _two_sided(p_value: float) -> float:
@@ -284,7 +248,7 @@ def _row(
 def _labels(tree: xr.DataTree, layout: Layout, columns: Columns) -> list[tuple[str, str, str]]:
     """Return load, fabric and participant of every column of a quantity."""
     groups = {"fabric": "constant_data", "participant": "log_likelihood_participant"}
-    fabric, participant = (_values(tree, group, what).astype(str) for what, group in groups.items())
+    fabric, participant = (values_in(tree, group, what).astype(str) for what, group in groups.items())
     load = groups_in(tree).names
     match columns:
         case Columns.CONDITION:

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.checking.check_table import PROBABILITY, layout_of, posterior_quantities
+from softness_bayes.checking.check_table import PROBABILITY, posterior_quantities
+from softness_bayes.checking.layout import layout_of
 from softness_bayes.checking.quantities import QUANTITIES, Columns
 
 if TYPE_CHECKING:

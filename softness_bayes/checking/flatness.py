@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc, fdtri
 
-from softness_bayes.checking.quantities import ROUNDING, Additive, Layout
+from softness_bayes.checking.layout import ROUNDING, Additive, Layout
 
 FloatArray = NDArray[np.float64]
 

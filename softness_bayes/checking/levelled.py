@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from softness_bayes.checking.quantities import Additive, Layout, find_turn
+from softness_bayes.checking.layout import Additive, Layout
+from softness_bayes.checking.quantities import find_turn
 
 FloatArray = NDArray[np.float64]
 

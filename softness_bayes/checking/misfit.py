@@ -7,14 +7,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.checking.check_table import layout_of
-from softness_bayes.checking.direction import DirectionChoice, evidence_in
-from softness_bayes.checking.fabric_moduli import modulus_laws
 from softness_bayes.checking.flatness import Explained, explain
-from softness_bayes.checking.grouped import groups_in
-from softness_bayes.checking.quantities import Layout
-from softness_bayes.checking.trend import known_part
-from softness_bayes.provenance import Provenance
+from softness_bayes.checking.layout import Layout, groups_in, layout_of, values_in
+from softness_bayes.provenance import DirectionTaken, Provenance
 from softness_bayes.readable import chance, percent
 
 if TYPE_CHECKING:
@@ -35,8 +30,8 @@ MOSTLY_SILENT = 0.5
 class Fit(NamedTuple):
     """Agreement of a model with its ratings, with the criteria of a failed fit."""
 
-    choice: DirectionChoice
-    """The direction of the run, and the evidence of the data for it."""
+    direction: DirectionTaken
+    """The direction of the run, and that of the data."""
     loads: tuple[str, ...]
     explained: tuple[Explained, ...]
     """Share explained by the response under each load, then under all; empty if a result does not store it."""
@@ -64,7 +59,7 @@ class Fit(NamedTuple):
     @property
     def faults(self) -> list[str]:
         """Reasons for a failed fit, one sentence each, most important first; empty if it has not failed."""
-        found = [self.choice.sentence] if self.choice.against_data else []
+        found = [self.direction.direction_note] if self.direction.against_data else []
         if self.flat:
             silent = (
                 f" (in {percent(self.silent)} of the posterior no receptor fires in any condition)"
@@ -77,7 +72,7 @@ class Fit(NamedTuple):
     @property
     def silence_note(self) -> str:
         """The share of silence in the posterior and its meaning; empty for little silence, or a wrong direction."""
-        if self.silent_conditions <= MOSTLY_SILENT or self.choice.against_data:
+        if self.silent_conditions <= MOSTLY_SILENT or self.direction.against_data:
             return ""
         return (
             f"no receptor fires in {percent(self.silent_conditions)} of posterior draws and conditions; there the "
@@ -111,10 +106,8 @@ def fit_of(tree: xr.DataTree) -> Fit:
     tree
         The groups of a result.
     """
-    layout, taken, silence = layout_of(tree), Provenance(tree.attrs).direction, Provenance(tree.attrs).silence
-    ratings = _values(tree, "observed_data", "rating")
-    evidence = evidence_in(known_part(layout, _known(tree)), ratings, groups_in(tree).names, taken.firing_rises)
-    choice = DirectionChoice(taken.direction, taken.direction_asked, evidence)
+    layout, direction, silence = layout_of(tree), Provenance(tree.attrs).direction, Provenance(tree.attrs).silence
+    ratings, names = values_in(tree, "observed_data", "rating"), groups_in(tree).names
     silent = silence.posterior_silent_everywhere
     predicted = _predicted(tree, silent, layout)
     explained: tuple[Explained, ...] = ()
@@ -122,22 +115,14 @@ def fit_of(tree: xr.DataTree) -> Fit:
         explained = tuple(explain(layout, layout.fit(ratings), layout.scale.additive(predicted)))
     conditions = silence.posterior_silent_conditions
     return Fit(
-        choice,
-        evidence.loads,
+        direction,
+        tuple(names[k] for k in layout.loads),
         explained,
         silent,
         silent if conditions is None else conditions,
         "omega" in tree["posterior"].to_dataset(),
         layout.scale.unit,
     )
-
-
-def _known(tree: xr.DataTree) -> NDArray[np.bool_]:
-    """Return True for fabrics whose modulus was measured or bracketed, shape (fabrics,)."""
-    constant = tree["constant_data"].to_dataset()
-    laws = modulus_laws(constant)
-    unknown = [name for name, law in laws.items() if law == Provenance(tree.attrs).asked.unknown_modulus]
-    return ~np.isin(constant["fabric"].values.astype(str), unknown)
 
 
 def _predicted(tree: xr.DataTree, silent: float, layout: Layout) -> NDArray[np.float64] | None:
@@ -176,7 +161,3 @@ def _share(one: Explained) -> str:
         return "none"
     low, share, high = (chance(min(max(value, 0.0), 1.0)) for value in (one.low, one.share, one.high))
     return share if low == high else f"{share} (90 % interval {low} to {high})"
-
-
-def _values(tree: xr.DataTree, group: str, name: str) -> NDArray[np.float64]:
-    return np.asarray(tree[group].to_dataset()[name].values)

@@ -9,145 +9,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from softness_bayes.likelihood.additive_fit import AdditiveFit, by_participants
-from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.left_out import summing
-from softness_bayes.likelihood.pieces import pieces
-from softness_bayes.likelihood.scales import MAGNITUDE, Scale
+from softness_bayes.checking.layout import ROUNDING, Additive, Layout
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
 CLEAR = 2.0
 """Number of standard errors by which an interior maximum of mean ratings must exceed both ends."""
-
-ROUNDING = 1e-12
-"""Standard deviation of residuals [-] below which it is treated as zero: rounding errors of log ratings are smaller."""
-
-
-class Additive(NamedTuple):
-    """The additive fit log y = condition + participant + residual of one or many data sets."""
-
-    condition: FloatArray
-    """Mean log rating of each condition at the average participant, shape (..., conditions)."""
-    participant: FloatArray
-    """Deviation of each participant, shape (..., participants); NaN for those without ratings."""
-    smallest: FloatArray
-    """Smallest of the residuals, shape (...)."""
-    largest: FloatArray
-    """Largest of them, shape (...)."""
-    sd: FloatArray
-    """Standard deviation of the residuals, shape (...); NaN without degrees of freedom."""
-
-
-@dataclass(frozen=True)
-class Layout:
-    """The design of a data set: participant and condition of each rating, modulus and load of each condition.
-
-    Parameters
-    ----------
-    design
-        Participant and condition of every row; every condition must have a row.
-    modulus
-        E_fab of each condition [Pa], shape (conditions,).
-    load
-        Index of each condition's load, shape (conditions,).
-    sign
-        Whether ratings rise (+1) or fall (-1) with the response.
-    scale
-        Scale of the ratings, with its transformation to the additive scale.
-    """
-
-    design: Design
-    modulus: FloatArray
-    load: IndexArray
-    sign: float = 1.0
-    scale: Scale = MAGNITUDE
-
-    @property
-    def loads(self) -> IndexArray:
-        """Indices of the loads."""
-        return np.unique(self.load)
-
-    @cached_property
-    def _laplacian(self) -> FloatArray:
-        """Matrix of the normal equations of the conditions, with participants eliminated."""
-        cells, count = self.design.cells, np.maximum(self.design.cells.sum(axis=1), 1.0)
-        return np.diag(cells.sum(axis=0)) - cells.T @ (cells / count[:, None])
-
-    @cached_property
-    def _inverse(self) -> FloatArray:
-        """Pseudoinverse of `_laplacian`, with cubic cost in the number of conditions."""
-        return np.asarray(np.linalg.pinv(self._laplacian, hermitian=True))
-
-    @cached_property
-    def _by_participants(self) -> AdditiveFit | None:
-        """The same for many conditions, by solving for the participants; None if these are not fewer."""
-        return AdditiveFit(self.design.cells) if by_participants(self.design.cells) else None
-
-    def _solved(self, sums: FloatArray) -> FloatArray:
-        """Return the pseudoinverse of `_laplacian` times vectors, shape (..., conditions)."""
-        many = self._by_participants
-        return np.asarray(sums @ self._inverse) if many is None else many.product(sums)
-
-    @cached_property
-    def residual_freedom(self) -> int:
-        """Degrees of freedom that the additive fit leaves."""
-        present, many = int((self.design.cells.sum(axis=1) > 0).sum()), self._by_participants
-        if many is None:
-            rank = int(np.linalg.matrix_rank(self._laplacian, hermitian=True))
-        else:
-            rank = self.design.n_conditions - many.parts
-        return self.design.n_rows - rank - present
-
-    @property
-    def leverage(self) -> FloatArray:
-        """Weight of each row in its own fitted value, shape (rows,): a residual's variance is 1 less this."""
-        cells, count = self.design.cells, np.maximum(self.design.cells.sum(axis=1), 1.0)
-        shares, many = cells / count[:, None], self._by_participants
-        mixed, who, of = self._solved(shares), self.design.participant, self.design.condition
-        own = 1.0 / count + (mixed * shares).sum(axis=1)
-        diagonal = np.diag(self._inverse) if many is None else many.diagonal
-        return np.asarray(own[who] + diagonal[of] - 2.0 * mixed[who, of])
-
-    def fit(self, ratings: ArrayLike) -> Additive:
-        """Fit log ratings additively by participants and conditions.
-
-        Parameters
-        ----------
-        ratings
-            Shape (..., rows); positive if they have logarithms.
-        """
-        design, filed = self.design, np.asarray(ratings, float)
-        shape, filed = filed.shape[:-1], filed.reshape(-1, filed.shape[-1])
-        cells, count = design.cells, design.cells.sum(axis=1)
-        shares = cells / np.maximum(count, 1.0)[:, None]
-        present = count > 0
-        of_person = summing(design.participant, design.n_participants)
-        of_condition = summing(design.condition, design.n_conditions)
-        freedom = self.residual_freedom
-        fits = []
-        for k in pieces(len(filed), design.n_rows):
-            y = self.scale.additive(filed[k])
-            mean = (of_person @ y.T).T / np.maximum(count, 1.0)
-            within = y - mean[:, design.participant]
-            condition = self._solved((of_condition @ within.T).T)
-            participant = mean - condition @ shares.T
-            residual = y - condition[:, design.condition] - participant[:, design.participant]
-            level = participant[:, present].mean(axis=-1, keepdims=True)
-            participant = np.where(present, participant - level, np.nan)
-            # in complete orders and pairs, every participant has the same mean
-            rounding = ROUNDING * np.abs(y).max(axis=-1, keepdims=True)
-            participant = np.where(np.abs(participant) < rounding, 0.0, participant)
-            sd = np.sqrt((residual**2).sum(axis=-1) / freedom) if freedom > 0 else np.full(len(y), np.nan)
-            fits.append((condition + level, participant, residual.min(axis=-1), residual.max(axis=-1), sd))
-        return Additive(*(np.concatenate(v).reshape((*shape, *v[0].shape[1:])) for v in zip(*fits, strict=True)))
 
 
 class RatingsTurn(NamedTuple):

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.checking.grouped import groups_in
+from softness_bayes.checking.layout import Additive, Layout
 from softness_bayes.checking.levelled import DOUBTFUL, NEEDED, Power, Tables, departs, fall, power
-from softness_bayes.checking.quantities import DROP, PLACE, TURNS_OVER, Additive, Columns, Layout, Quantity
+from softness_bayes.checking.quantities import DROP, PLACE, TURNS_OVER, Columns, Quantity
 from softness_bayes.defaults import shown_of
 from softness_bayes.readable import number, percent
 
@@ -55,8 +55,6 @@ def alternative(tree: xr.DataTree, layout: Layout, replicates: Additive) -> Alte
         return None
     stored = tree[LEVELLED].to_dataset().isel(chain=0)
     names = [f"levelled_{name}" for name in LEVELLED_NAMES]
-    if stored[names[0]].shape[-1] != groups_in(tree).at.size:
-        return None  # a result of many loads, of the versions that judged each of them alone
     other = Tables(*(stored[name].values[:, layout.loads] for name in names))
     shortfall = np.zeros(layout.design.n_conditions)
     shortfall[layout.design.condition] = tree["constant_data"].to_dataset()[SHORTFALL].values

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from softness_bayes.checking.check_table import layout_of
-from softness_bayes.checking.grouped import groups_in
+from softness_bayes.checking.layout import groups_in, layout_of
 from softness_bayes.checking.misfit import predicted_ratings
 
 if TYPE_CHECKING:

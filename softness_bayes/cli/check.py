@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from softness_bayes.checking.direction import DirectionChoice
     from softness_bayes.data import Compression, Experiment, Ratings
     from softness_bayes.model.as_given import AsGiven
+    from softness_bayes.model.direction import DirectionChoice
     from softness_bayes.model.options import ModelOptions
     from softness_bayes.parameters.fabric_moduli import FabricModuli
 

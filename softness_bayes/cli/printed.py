@@ -77,8 +77,8 @@ def _print_ratings(result: Result, fit: Fit) -> None:
         fit.sentence,
         *([found.direction.said] if found.direction.said else []),
         *check_sentences(result.tables["predictive_checks"]),
-        *([] if fit.choice.against_data else residuals.sentences),
-        *([] if fit.choice.against_data else result.said_of_moduli()),
+        *([] if fit.direction.against_data else residuals.sentences),
+        *([] if fit.direction.against_data else result.said_of_moduli()),
         *([result.said_of_loads()] if result.load_cv.any() or result.shared_load_cv else []),
         *(said for said in (found.rating_model.rating_note, found.rating_model.rating_errors_note) if said),
     ):

@@ -8,11 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from softness_bayes.checking import direction
-from softness_bayes.checking.checks import FABRIC_SPREAD
-from softness_bayes.checking.grouped import averaged, merge
-from softness_bayes.checking.quantities import Layout
-from softness_bayes.checking.trend import known_part
+from softness_bayes.checking.layout import Layout, merge
 from softness_bayes.data import Compression, Experiment, Ratings
 from softness_bayes.errors import InputError
 from softness_bayes.kinds import require_kind
@@ -27,6 +23,7 @@ from softness_bayes.likelihood.ratings import SKIN, RatingParameters, RatingsLik
 from softness_bayes.likelihood.scales import MAGNITUDE, STANDARDISED
 from softness_bayes.likelihood.spreads import RaterSpreads, SpreadModel
 from softness_bayes.model.as_given import AsGiven, as_given
+from softness_bayes.model.direction import DRAWS, DirectionChoice, evidence_of
 from softness_bayes.model.fabric_moduli import fabric_moduli
 from softness_bayes.model.fingers import box_of_priors, require_one_source
 from softness_bayes.model.individual import answers_of, differing, family_of, fingers_of, grid_of, spreads_of
@@ -82,7 +79,7 @@ class ExperimentModel:
     options: ModelOptions
     posterior: Posterior
     scene: Scene
-    direction: direction.DirectionChoice
+    direction: DirectionChoice
     resolution: accuracy.ChosenResolution | None
     given: AsGiven
 
@@ -224,9 +221,7 @@ def build_skin(compression: Compression, options: ModelOptions) -> SkinModel:
     return SkinModel(compression, replace(options, discretisation=Discretisation()), posterior)
 
 
-def choose_direction(
-    experiment: Experiment, options: ModelOptions, given: AsGiven | None = None
-) -> direction.DirectionChoice:
+def choose_direction(experiment: Experiment, options: ModelOptions, given: AsGiven | None = None) -> DirectionChoice:
     """Return the requested direction, or the one inferred from the data, with the evidence of the data.
 
     The interpretation of the ratings may be `given` if it is already known.
@@ -243,18 +238,16 @@ def choose_direction(
     coarse = replace(sharing(COARSE, options.finest), rate_nodes=(options.discretisation or COARSE).rate_nodes)
     scene = _compiler(experiment, replace(options, noise=0.0), space)(coarse)
     layout = Layout(design_of(experiment), scene.modulus, conditions.load, scale=options.scale)
-    draws = space.touch(space.draw_prior(np.random.default_rng(0), direction.DRAWS))
+    draws = space.touch(space.draw_prior(np.random.default_rng(0), DRAWS))
     rate, groups = scene.total_rate(draws), groups_of(ratings.loads)
     if groups.merged:
         # a load that occurs with only one fabric does not order fabrics
-        single = layout
-        layout, place = merge(single, groups.of)
-        rate = averaged(single, place, rate)
-    part = known_part(layout, np.array([bool(basis) for basis in experiment.fabrics.basis]))
-    firing = direction.firing_rises(part, rate)
-    found = direction.evidence_in(part, given.said.values, groups.names, firing)
+        layout, share = merge(layout, groups.of)
+        rate = rate @ share
+    known = np.array([bool(basis) for basis in experiment.fabrics.basis])
+    evidence = evidence_of(layout, given.said.values, rate, known, groups.names)
     asked = options.direction is not None and "direction" not in options.decided
-    return direction.choose(options.direction, found)._replace(asked=asked)
+    return DirectionChoice(options.direction or evidence.direction or RISES, asked, evidence)
 
 
 def space_of(experiment: Experiment, options: ModelOptions, given: AsGiven | None = None) -> ParameterSpace:
@@ -303,7 +296,7 @@ def _model_of(options: ModelOptions, given: AsGiven, direction: RatingDirection 
         return replace(model, raters=given.raters) if given.raters else model
     if answers := answers_of(options.individual):
         assert options.errors is not None
-        plain = given.said.exact and FABRIC_SPREAD not in options.priors
+        plain = given.said.exact and "omega" not in options.priors
         return own_model(options.scale, answers, direction, options.errors, plain)
     if options.scale is not MAGNITUDE:
         what = differing(options.individual)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from softness_bayes.checking.grouped import merge
-from softness_bayes.checking.quantities import Layout
+from softness_bayes.checking.layout import Layout, merge
 from softness_bayes.data import Ratings
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import NORMAL, STUDENT, ErrorLaw

@@ -7,11 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.checking.direction import DirectionChoice
-from softness_bayes.checking.grouped import merge
 from softness_bayes.checking.inflection import curve_scene, response_curves
-from softness_bayes.checking.quantities import Layout
-from softness_bayes.checking.raters import raters_apart
+from softness_bayes.checking.layout import Layout, merge
 from softness_bayes.data import LOAD_COLUMNS, Compression, Experiment, Ratings
 from softness_bayes.data.oddities import oddities
 from softness_bayes.data.rounded_loads import with_few_loads
@@ -19,9 +16,11 @@ from softness_bayes.likelihood.scales import CATEGORIES, PAIRS, RANKS
 from softness_bayes.model.as_given import AsGiven
 from softness_bayes.model.build import COARSE, build, design_of, moduli_of
 from softness_bayes.model.design_information import Expected, foresee
+from softness_bayes.model.direction import DirectionChoice
 from softness_bayes.model.hypothetical import as_it_is, others
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.pressed import people_note
+from softness_bayes.model.trend import odd_raters
 from softness_bayes.touch.load_groups import groups_of
 
 Array = NDArray[np.float64]
@@ -44,15 +43,15 @@ def warnings(experiment: Experiment, options: ModelOptions, given: AsGiven) -> l
         design_of(experiment), moduli[ratings.conditions.fabric], ratings.conditions.load, scale=options.scale
     )
     groups = groups_of(ratings.loads)
-    apart = raters_apart(merge(layout, groups.of)[0] if groups.merged else layout, given.said.values)
+    odd = odd_raters(merge(layout, groups.of)[0] if groups.merged else layout, given.said.values)
     names = ratings.participants
     found = [
         f"looks wrong: {names[k]} rates against all others (rank correlation {r:+.2f} with their means): was "
         "the scale reversed?"
-        for k, r in apart.against.items()
+        for k, r in odd.against.items()
     ]
-    if apart.constant:
-        same = ", ".join(names[k] for k in apart.constant)
+    if odd.constant:
+        same = ", ".join(names[k] for k in odd.constant)
         found.append(f"looks wrong: all ratings of {same} are equal, so they contain no information about fabrics")
     found += [] if (people := people_note(experiment, options)) is None else [people]
     return [*found, *oddities(ratings, options.scale not in (CATEGORIES, RANKS, PAIRS))]

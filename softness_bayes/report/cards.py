@@ -111,10 +111,10 @@ def _agreement(finding: Agreement) -> tuple[str, list[str]]:
     fit = finding.fit
     details = [*map(sentence, [*fit.faults, fit.sentence, *([fit.silence_note] if fit.silence_note else [])])]
     if finding.outcome is Standing.BAD:
-        against = fit.choice.against_data
+        against = fit.direction.against_data
         return "No: wrong direction of the ratings" if against else "No: the prediction is flat", details
     answers = {Standing.GOOD: "Yes", Standing.DOUBTFUL: "In part", Standing.NEUTRAL: "Not judged"}
-    return answers[finding.outcome], [*details, sentence(fit.choice.sentence)]
+    return answers[finding.outcome], [*details, sentence(fit.direction.direction_note)]
 
 
 def _inputs(finding: InputErrors) -> str:

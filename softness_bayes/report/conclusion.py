@@ -130,13 +130,13 @@ def _facts(result: Result) -> Facts:
         wrong = ("growth of the plate's force with indentation",) if failed else ()
         return Facts(converged, steps, unreproduced=wrong, skin=_skin(result))
     fit, checks = fit_of(result.tree), result.tables["predictive_checks"]
-    other = next(one.name for one in (RISES, FALLS) if one is not fit.choice.direction)
+    other = next(one.name for one in (RISES, FALLS) if one is not fit.direction.direction)
     whole = fit.explained[-1] if fit.explained else None
     modulus = result.fabrics.effective_modulus
     return Facts(
         converged,
         steps,
-        other if fit.choice.against_data else None,
+        other if fit.direction.against_data else None,
         bool(fit.flat),
         fit.silent_conditions > MOSTLY_SILENT,
         whole is None or not whole.p_value >= DOUBTFUL,

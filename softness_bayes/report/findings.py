@@ -100,7 +100,7 @@ class Agreement(Finding):
     @property
     def outcome(self) -> Standing:
         """Bad if the model runs against the ratings or is flat; else by the share that the response explains."""
-        if self.fit.choice.against_data or self.fit.flat:
+        if self.fit.direction.against_data or self.fit.flat:
             return Standing.BAD
         whole = self.fit.explained[-1] if self.fit.explained else None
         if whole is None or not whole.p_value < DOUBTFUL:

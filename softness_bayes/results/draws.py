@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checking.exactness import resample
-from softness_bayes.checking.grouped import LOAD_GROUP
+from softness_bayes.checking.layout import LOAD_GROUP
 from softness_bayes.data import Experiment
 from softness_bayes.likelihood.directions import FREE
 from softness_bayes.likelihood.pieces import pieces

@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checking.check_table import NEW_PARTICIPANTS
-from softness_bayes.checking.grouped import merge
+from softness_bayes.checking.layout import Layout, merge
 from softness_bayes.checking.levelled import compare_levelled, levelled
-from softness_bayes.checking.quantities import Layout
 from softness_bayes.checking.reproduction import LEVELLED, LEVELLED_NAMES, SHORTFALL
 from softness_bayes.likelihood.pieces import part_of, pieces
 from softness_bayes.likelihood.ratings import RatingParameters

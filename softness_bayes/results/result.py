@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from softness_bayes import arviz_bridge
 from softness_bayes.checking.fabric_moduli import modulus_sentences
-from softness_bayes.checking.grouped import loads_in, shown_in
 from softness_bayes.checking.inflection import Curves, Inflection
+from softness_bayes.checking.layout import loads_in
 from softness_bayes.checking.modulus_errors import shift_sentences
 from softness_bayes.checking.rater_fingers import finger_sentences
 from softness_bayes.checking.turning_points import turning_table
@@ -205,14 +205,13 @@ class Result(Answers):
         self._require_ratings()
         stored = self.group("predictions")
         modulus, *others = curves_in(stored)
-        return Curves(modulus, *(values[:, shown_in(stored, self.load_groups)] for values in others))
+        return Curves(modulus, *(values for values in others))
 
     def typical_ratings(self) -> Array:
         """Return the rating of a typical participant along `curves`, shape (draws, loads, points)."""
         self._require_ratings()
         stored = self.group("predictions")
-        shown = shown_in(stored, self.load_groups)
-        return np.asarray(stored["typical_rating"].isel(chain=0).values[:, shown])
+        return np.asarray(stored["typical_rating"].isel(chain=0).values)
 
     def inflections(self) -> Inflection:
         """Return the turning points (maxima) of the response for each draw, under the loads of `curves`."""
@@ -224,8 +223,7 @@ class Result(Answers):
     def _turning(self, group: str) -> Inflection:
         """Return the turning points of a group, with fields of shape (chains, draws, shown loads)."""
         stored = self.group(group)
-        shown = shown_in(stored, self.load_groups)
-        return Inflection._make(values[..., shown] for values in turning_points_in(stored))
+        return turning_points_in(stored)
 
     @property
     def least_drop(self) -> float:

@@ -212,7 +212,13 @@ def sample_model(
     asked = {
         **requested(posterior, request),
         **attributes_of(
-            DirectionTaken(chosen.direction, chosen.asked, chosen.sentence, chosen.evidence.firing),
+            DirectionTaken(
+                chosen.direction,
+                chosen.asked,
+                chosen.sentence,
+                "" if chosen.evidence.direction is None else chosen.evidence.direction.name,
+                chosen.evidence.firing,
+            ),
             RatingSettings(
                 options.noise,
                 options.scale,

@@ -7,7 +7,8 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from softness_bayes.checking.check_table import ONE_SIDED, check_sentences, check_table, doubts, layout_of
+from softness_bayes.checking.check_table import ONE_SIDED, check_sentences, check_table, doubts
+from softness_bayes.checking.layout import layout_of
 from softness_bayes.checking.quantities import QUANTITIES
 from softness_bayes.checking.reproduction import FALL, LEVELLED, _fall, inflection_reproduced
 from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from softness_bayes.checking.layout import Additive
 from softness_bayes.checking.levelled import (
     DOUBTFUL,
     Tables,
@@ -16,7 +17,7 @@ from softness_bayes.checking.levelled import (
     levelled,
     power,
 )
-from softness_bayes.checking.quantities import Additive, find_turn
+from softness_bayes.checking.quantities import find_turn
 from support.made_ratings import COUNT, LAY, LOAD, MODULUS, SHALLOW, STEEP, ratings, tables
 
 

@@ -9,8 +9,8 @@ from numpy.testing import assert_allclose
 from scipy.stats import f
 
 from softness_bayes.checking.flatness import explain
+from softness_bayes.checking.layout import Layout
 from softness_bayes.checking.misfit import TYPICAL, fit_of
-from softness_bayes.checking.quantities import Layout
 from softness_bayes.cli.printed import print_result
 from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.report import page
@@ -183,14 +183,3 @@ def test_left_to_the_data_the_same_table_fits(upside_down, plain, capsys, tmp_pa
     out = capsys.readouterr().out
     assert "the fit failed" not in out
     assert found["verdict"] in out.splitlines()
-
-
-def test_a_result_by_the_former_name_is_read(upside_down):
-    for name, former in (("forced", "softness"), ("left to the data", "inverse")):
-        result = upside_down[name]
-        older = result.tree.copy()
-        older.attrs = {k: v for k, v in result.tree.attrs.items() if k not in ("direction_asked", "firing_rises")}
-        older.attrs["direction"] = former
-        again = replace(result, tree=older)
-        assert options_of(again).direction is {"softness": RISES, "inverse": FALLS}[former]
-        assert len(fit_of(older).faults) == len(fit_of(result.tree).faults)

@@ -8,12 +8,11 @@ from scipy.stats import kstest
 
 from softness_bayes import arviz_bridge
 from softness_bayes.checking.exponents import ExponentSpread, check_exponents
+from softness_bayes.checking.layout import Additive, Layout
 from softness_bayes.checking.loo_pit import loo_pit
 from softness_bayes.checking.quantities import (
     QUANTITIES,
-    Additive,
     Columns,
-    Layout,
     check_quantity,
     find_turn,
     joint_limits,

@@ -9,8 +9,8 @@ from scipy.stats import multivariate_normal
 
 from softness_bayes.checking.checks import check_fabrics
 from softness_bayes.checking.exponents import check_exponents
+from softness_bayes.checking.layout import Layout
 from softness_bayes.checking.loo_pit import loo_pit
-from softness_bayes.checking.quantities import Layout
 from softness_bayes.likelihood import pieces as room
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.group_conditionals import block_log_likelihood

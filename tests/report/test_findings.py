@@ -9,14 +9,13 @@ import pandas as pd
 import pytest
 
 from softness_bayes import report
-from softness_bayes.checking.direction import DirectionChoice, Evidence
 from softness_bayes.checking.exactness import compare_likelihoods
 from softness_bayes.checking.flatness import Explained
 from softness_bayes.checking.misfit import Fit
 from softness_bayes.checking.modulus_errors import MovedMost
 from softness_bayes.checking.reproduction import Reproduction
-from softness_bayes.checking.trend import Correlation, Trend
 from softness_bayes.likelihood.directions import FALLS, RISES
+from softness_bayes.provenance import DirectionTaken
 from softness_bayes.report.cards import DOUBTS, QUESTIONS, card
 from softness_bayes.report.findings import (
     Agreement,
@@ -34,16 +33,14 @@ from softness_bayes.report.findings import (
 )
 
 GOOD, DOUBTFUL, BAD, NEUTRAL = Standing
-CLEAR = Correlation(0.9, 0.8, 0.95)
 
 
 def fit(share=0.8, p_value=1e-6, against=False, **changed):
     """A fit whose response explains a share of the differences between fabrics."""
-    evidence = Evidence(Trend((CLEAR,), (6,), CLEAR, 1e-4, "fabrics"), ("2 mm",), 1.0)
     each = Explained(share, share - 0.1, share + 0.1, 0.5, p_value, 0.1, matters=True)
     values = {"explained": (each, each), "silent": 0.0, "silent_conditions": 0.0, "fabric_effects": False}
-    choice = DirectionChoice(FALLS if against else RISES, True, evidence)
-    return Fit(choice, ("2 mm",), **{**values, **changed}, scale="log rating")
+    direction = DirectionTaken(FALLS if against else RISES, True, "the reason", RISES.name)
+    return Fit(direction, ("2 mm",), **{**values, **changed}, scale="log rating")
 
 
 def exactness(sd):

@@ -6,8 +6,8 @@ import numpy as np
 
 from softness_bayes import arviz_bridge
 from softness_bayes.checking.check_table import NEW_PARTICIPANTS
+from softness_bayes.checking.layout import Layout
 from softness_bayes.checking.levelled import compare_levelled, levelled
-from softness_bayes.checking.quantities import Layout
 from softness_bayes.checking.reproduction import LEVELLED, SHORTFALL
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel, RatingParameters

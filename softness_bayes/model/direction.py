@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.checking.trend import Correlation, KnownPart, Trend, find_trend, mean_correlation
+from softness_bayes.checking.layout import Layout
+from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import FALLS, FREE, RISES, RatingDirection
+from softness_bayes.model.trend import Correlation, Trend, find_trend, mean_correlation
 from softness_bayes.readable import counted, percent
 
 WAY = {1: "rise", -1: "fall"}
@@ -67,22 +70,19 @@ class Evidence(NamedTuple):
         return f"firing {way} with stiffness over these fabrics in {percent(share)} of prior draws"
 
     @property
-    def reading(self) -> str:
-        """The direction that agrees with the table, in words."""
-        if self.direction is None:
-            return f"the table cannot decide between {RISES.name} and {FALLS.name}; {self.model}"
-        return f"these ratings agree with --direction {self.direction.name}, because {self.model}"
-
-    @property
     def lines(self) -> list[str]:
-        """One line for each load, then one for all of them and one for the reading."""
+        """One line for each load, then one for all of them and one for the direction that agrees with the table."""
         each = zip(self.loads, self.trend.loads, self.trend.fabrics, strict=True)
-        found = [
+        lines = [
             f"{load}: {_way(one)}, rank correlation of mean rating with E_fab {_numbers(one)}, {count} fabrics"
             for load, one, count in each
             if math.isfinite(one.value)
         ]
-        return [*found, self.sentence, self.reading]
+        if self.direction is None:
+            reading = f"the table cannot decide between {RISES.name} and {FALLS.name}; {self.model}"
+        else:
+            reading = f"these ratings agree with --direction {self.direction.name}, because {self.model}"
+        return [*lines, self.sentence, reading]
 
 
 class DirectionChoice(NamedTuple):
@@ -123,7 +123,49 @@ class DirectionChoice(NamedTuple):
         )
 
 
-def firing_rises(part: KnownPart, rate: NDArray[np.float64]) -> float:
+def evidence_of(
+    layout: Layout,
+    ratings: NDArray[np.float64],
+    rate: NDArray[np.float64],
+    known: NDArray[np.bool_],
+    loads: Sequence[str],
+) -> Evidence:
+    """Return the evidence of a table about the direction of its ratings.
+
+    Only fabrics with known moduli show a trend with stiffness. If fewer than two rated fabrics have one, the medians
+    of the priors take their place.
+
+    Parameters
+    ----------
+    layout
+        Design of the ratings.
+    ratings
+        Shape (rows,).
+    rate
+        Total rate [spikes/s] at some draws of the prior, shape (draws, conditions).
+    known
+        True for fabrics whose modulus was measured or bracketed, shape (fabrics,).
+    loads
+        Names of the loads.
+    """
+    design, rated = layout.design, np.unique(layout.design.fabric)
+    if known[rated].sum() < 2:
+        known = np.ones_like(known)
+    conditions = known[design.fabric]
+    rows, place = conditions[design.condition], np.cumsum(conditions) - 1
+    kept = Design(
+        place[design.condition[rows]], design.participant[rows], design.fabric[conditions], design.n_participants
+    )
+    part = replace(layout, design=kept, modulus=layout.modulus[conditions], load=layout.load[conditions])
+    return Evidence(
+        find_trend(part, ratings[rows]),
+        tuple(loads[k] for k in part.loads),
+        firing_rises(part, rate[:, conditions]),
+        int((~known[rated]).sum()),
+    )
+
+
+def firing_rises(layout: Layout, rate: NDArray[np.float64]) -> float:
     """Return the share of parameter vectors for which firing rises with stiffness across the fabrics.
 
     The response rises with E_fab up to its turning point and falls beyond it. Only vectors with varying responses are
@@ -132,37 +174,14 @@ def firing_rises(part: KnownPart, rate: NDArray[np.float64]) -> float:
 
     Parameters
     ----------
-    part
-        The fabrics with known moduli.
+    layout
+        Moduli and loads of the conditions.
     rate
-        Total rate [spikes/s] at some draws of the prior, of the whole table, shape (draws, conditions).
+        Total rate [spikes/s], shape (draws, conditions).
     """
-    found = mean_correlation(part.layout, np.atleast_2d(rate)[:, part.conditions])
+    found = mean_correlation(layout, rate)
     varies = found[np.isfinite(found)]
     return float((varies > 0).mean()) if varies.size >= FEWEST else 1.0
-
-
-def evidence_in(part: KnownPart, ratings: NDArray[np.float64], loads: Sequence[str], firing: float) -> Evidence:
-    """Return the evidence of ratings.
-
-    Parameters
-    ----------
-    part
-        The fabrics with known moduli.
-    ratings
-        Those of the whole table, shape (rows,).
-    loads
-        Names of all its loads.
-    firing
-        From `firing_rises`.
-    """
-    trend = find_trend(part.layout, ratings[part.rows])
-    return Evidence(trend, tuple(loads[k] for k in part.layout.loads), firing, part.left_out)
-
-
-def choose(asked: RatingDirection | None, evidence: Evidence) -> DirectionChoice:
-    """Return the requested direction, or that of the data, or the default if these do not decide."""
-    return DirectionChoice(asked or evidence.direction or RISES, asked is not None, evidence)
 
 
 def _way(found: Correlation) -> str:

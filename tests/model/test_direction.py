@@ -8,17 +8,15 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import page_trend_test, spearmanr
 
-from softness_bayes.checking import trend
-from softness_bayes.checking.quantities import Layout
-from softness_bayes.checking.trend import LEVEL, find_trend, mean_correlation
+from softness_bayes.checking.layout import Layout
 from softness_bayes.data import Experiment, Fabrics, Ratings
-from softness_bayes.likelihood import additive_fit
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.likelihood.error_laws import NORMAL
 from softness_bayes.likelihood.scales import STANDARDISED
 from softness_bayes.model.build import build, choose_direction
 from softness_bayes.model.options import ModelOptions
+from softness_bayes.model.trend import LEVEL, condition_means, find_trend, mean_correlation
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation
@@ -57,7 +55,7 @@ def test_correlations_of_a_whole_table_are_those_of_scipy(rng):
 
 
 @pytest.mark.parametrize("parts", [1, 2])
-def test_means_of_many_conditions_are_those_of_the_dense_solution(parts, rng, monkeypatch):
+def test_means_of_equal_weights_are_those_of_the_fit_and_of_others_the_means_at_its_levels(parts, rng):
     """Also of a table in two parts without a common participant."""
     person, condition = rng.integers(0, 10, 300), rng.integers(0, 60, 300)
     condition = np.where(person < 5, condition % 30, 30 + condition % 30) if parts == 2 else condition
@@ -65,19 +63,23 @@ def test_means_of_many_conditions_are_those_of_the_dense_solution(parts, rng, mo
     design = Design(condition, person, used % 6, 10)
     layout = Layout(design, np.geomspace(1e3, 1e6, used.size), used // 6)
     y, weights = rng.normal(size=300), np.vstack([np.ones(10), rng.exponential(size=(4, 10))])
-    dense = trend.condition_means(layout, y, weights)
-    monkeypatch.setattr(additive_fit, "MANY_CONDITIONS", 20)
-    assert_allclose(trend.condition_means(layout, y, weights), dense, atol=1e-4)
+    found, fit = condition_means(layout, np.exp(y), weights), layout.fit(np.exp(y))
+    assert_allclose(found[0], fit.condition, atol=1e-12)
+    own = y - fit.participant[person]
+    for w, means in zip(weights, found, strict=True):
+        expected = [np.average(own[condition == c], weights=w[person[condition == c]]) for c in range(used.size)]
+        assert_allclose(means, expected)
 
 
 @pytest.mark.parametrize("ratings", [[0.25, 101.75, 203.25, 304.75, 406.25], [0.3, 0.1, 0.7, 0.2, 0.9]])
 def test_means_where_nobody_rated_two_conditions_are_finite(ratings):
-    """A rater's only rating says nothing of conditions: all means are 0, not a singular matrix."""
+    """A rater's only rating says nothing of conditions: all means are equal, not a singular matrix."""
     layout = Layout(Design([0, 1, 2, 3, 4], [0, 1, 2, 3, 4], [0, 1, 2, 3, 4], 5), np.geomspace(1e3, 1e6, 5), [0] * 5)
     weights = np.vstack([np.ones(5), np.where(np.eye(5), 1e-9, 1.0)])
-    assert_allclose(trend.condition_means(layout, np.log(ratings), weights), 0.0, atol=1e-6)
+    found = condition_means(layout, np.array(ratings), weights)
+    assert_allclose(found, np.log(ratings).mean(), atol=1e-12)
     two = Layout(Design([0, 1, 2, 3, 4, 4], [0, 1, 2, 3, 3, 4], [0, 1, 2, 3, 4], 5), layout.modulus, layout.load)
-    found = trend.condition_means(two, np.log([*ratings, 8.0]), np.where(np.arange(5) == 3, 1e-9, 1.0)[None])
+    found = condition_means(two, np.array([*ratings, 8.0]), np.where(np.arange(5) == 3, 1e-9, 1.0)[None])
     assert np.isfinite(found).all()
 
 
