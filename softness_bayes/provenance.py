@@ -80,8 +80,6 @@ class DirectionTaken:
     direction_asked: bool = True
     """True if the user chose it, rather than the data or the default."""
     direction_note: str = ""
-    direction_of_data: str = ""
-    """Name of the direction that the data show; empty if they do not decide."""
     firing_rises: float = 1.0
     """Share of prior draws for which firing increases with stiffness across the fabrics."""
     direction_rises: float = np.nan
@@ -89,6 +87,9 @@ class DirectionTaken:
 
     direction_rises_se: float = np.nan
     """Its Monte-Carlo standard error, from the ensembles."""
+
+    direction_of_data: str = ""
+    """Name of the direction that the data show; empty if they do not decide."""
 
     @property
     def against_data(self) -> bool:

@@ -216,8 +216,8 @@ def sample_model(
                 chosen.direction,
                 chosen.asked,
                 chosen.sentence,
-                "" if chosen.evidence.direction is None else chosen.evidence.direction.name,
                 chosen.evidence.firing,
+                direction_of_data="" if chosen.evidence.direction is None else chosen.evidence.direction.name,
             ),
             RatingSettings(
                 options.noise,

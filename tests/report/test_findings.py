@@ -39,7 +39,7 @@ def fit(share=0.8, p_value=1e-6, against=False, **changed):
     """A fit whose response explains a share of the differences between fabrics."""
     each = Explained(share, share - 0.1, share + 0.1, 0.5, p_value, 0.1, matters=True)
     values = {"explained": (each, each), "silent": 0.0, "silent_conditions": 0.0, "fabric_effects": False}
-    direction = DirectionTaken(FALLS if against else RISES, True, "the reason", RISES.name)
+    direction = DirectionTaken(FALLS if against else RISES, True, "the reason", direction_of_data=RISES.name)
     return Fit(direction, ("2 mm",), **{**values, **changed}, scale="log rating")
 
 
