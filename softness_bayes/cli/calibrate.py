@@ -13,7 +13,7 @@ from softness_bayes.cli.design_lines import design_lines
 from softness_bayes.cli.interrupts import keeping
 from softness_bayes.cli.options.model import ModelChoice, model_choice
 from softness_bayes.cli.options.ratings import rating_scale
-from softness_bayes.cli.options.run import dask, seed
+from softness_bayes.cli.options.run import dask, seed, trust_code
 from softness_bayes.cli.options.tables import decimal, load_options
 from softness_bayes.cli.options.values import whole
 from softness_bayes.cli.running import executor_of, reading, warn_of_unconverged
@@ -95,6 +95,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="Directory to write to; a calibration there that was begun with the same options is continued.",
 )
+@trust_code
 def command(
     replicates: int,
     like: Path | None,
@@ -190,7 +191,7 @@ def command(
         )
 
 
-_WITH_LIKE = ("replicates", "like", "max_steps", "processes", "dask", "earlier", "so_far", "seed", "out")
+_WITH_LIKE = ("replicates", "like", "max_steps", "processes", "dask", "earlier", "so_far", "seed", "out", "trust_code")
 
 
 def _require_no_design() -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from softness_bayes.cli.options.run import dask
+from softness_bayes.cli.options.run import dask, trust_code
 from softness_bayes.cli.options.values import whole
 from softness_bayes.cli.running import executor_of, reading
 from softness_bayes.defaults import LEFT_OUT
@@ -43,6 +43,7 @@ COMPARE, COMPARISON = "compare", "compare.csv"
     help=f"Directory to write {COMPARISON} to.",
 )
 @click.option("--force", is_flag=True, help=f"Replace an existing {COMPARISON}.")
+@trust_code
 def command(
     directories: tuple[Path, ...], left_out: str, max_steps: int | None, dask: str | None, out: Path, force: bool
 ) -> None:

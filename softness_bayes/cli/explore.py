@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from softness_bayes.cli.options.model import ReadingChoice, finger, fix, prior, prior_set, readings
+from softness_bayes.cli.options.run import trust_code
 from softness_bayes.cli.options.tables import RequestedTouches, touches_or_example
 from softness_bayes.cli.options.values import FILE, whole
 from softness_bayes.cli.running import reading, warn_of_unconverged
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     help="Port on the loopback address of this machine; 0 for any free port.",
 )
 @click.option("--show", is_flag=True, help="Open the page in the browser.")
+@trust_code
 def command(
     directory: Path | None,
     touches: RequestedTouches,

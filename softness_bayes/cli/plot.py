@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from softness_bayes.cli.options.completion import figures
+from softness_bayes.cli.options.run import trust_code
 from softness_bayes.cli.progress import Figures
 from softness_bayes.cli.running import reading
 
@@ -43,6 +44,7 @@ _PATH = click.Path(path_type=Path)
     "figure.figsize is the width of the page: 'figure.figsize: 3.4, 3' for one column.",
 )
 @click.option("--out", type=_PATH, metavar="DIR", help="Directory to write to; by default DIR/figures.")
+@trust_code
 def command(
     directory: Path,
     names: tuple[str, ...],

@@ -17,7 +17,7 @@ from softness_bayes.cli.options.model import (
     readings,
     set_values,
 )
-from softness_bayes.cli.options.run import seed
+from softness_bayes.cli.options.run import seed, trust_code
 from softness_bayes.cli.options.tables import RequestedTouches, touches
 from softness_bayes.cli.options.values import whole
 from softness_bayes.cli.running import reading, warn_of_unconverged
@@ -69,6 +69,7 @@ REACHED = 16
     help="CSV file to write; by default the table is printed, to five digits.",
 )
 @click.option("--force", is_flag=True, help="Replace the file --out if 'predict' wrote it.")
+@trust_code
 def command(
     touches: RequestedTouches,
     values: dict[str, float],

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options.run import seed
+from softness_bayes.cli.options.run import seed, trust_code
 from softness_bayes.cli.options.tables import RequestedTouches, touches_of_run
 from softness_bayes.cli.options.values import FILE
 from softness_bayes.cli.running import reading, warn_of_unconverged
@@ -38,6 +38,7 @@ SHOWN = 20
 @seed
 @click.option("--out", type=FILE, metavar="OUT", help=f"Directory to write to; by default DIR/{FIGURE}.")
 @click.option("--force", is_flag=True, help="Replace the files that 'rank' wrote there.")
+@trust_code
 def command(
     directory: Path, touches: RequestedTouches, against: Path | None, seed: int, out: Path | None, force: bool
 ) -> None:

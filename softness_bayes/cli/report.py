@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from softness_bayes.cli.options.run import own_figures
+from softness_bayes.cli.options.run import own_figures, trust_code
 from softness_bayes.cli.progress import Figures
 from softness_bayes.cli.running import reading
 
@@ -31,6 +31,7 @@ REPORT = "report.html"
 @click.option("--title", default="", metavar="TEXT", help="Heading of the page, in place of 'Report of a run'.")
 @click.option("--author", default="", metavar="TEXT", help="Author of the page, shown below its heading.")
 @own_figures
+@trust_code
 def command(
     directory: Path, out: Path | None, nameless: bool, title: str, author: str, own_figures: tuple[str, ...]
 ) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options.run import max_time, no_figures, processes
+from softness_bayes.cli.options.run import max_time, no_figures, processes, trust_code, trusts_code
 from softness_bayes.cli.options.values import whole
 from softness_bayes.cli.running import Sampling, command_line, recorded_files
 from softness_bayes.cli.sample import require_drawn, run
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     "--compression", type=click.Path(path_type=Path), metavar="FILE", help="New path of the forces, if they were moved."
 )
 @no_figures
+@trust_code
 def command(
     directory: Path,
     more_steps: int | None,
@@ -62,6 +63,7 @@ def command(
     from softness_bayes.checkpoints.checkpoint import Checkpoint
     from softness_bayes.results.request import Request
     from softness_bayes.results.versions import versions
+    from softness_bayes.supplied import require_trusted
 
     checkpoint = Checkpoint.open(directory, salvage=True)
     status = checkpoint.status
@@ -73,6 +75,7 @@ def command(
             f"{directory}: the run was started in Python; continue it there, with sample(..., checkpoint=...) "
             f"inside 'with Checkpoint.open({str(directory)!r}) as checkpoint'"
         )
+    require_trusted(f"{directory}: its checkpoint", checkpoint.request, trusts_code())
     verdict = status.verdict if status.written and status.ended else None
     if verdict is not None and verdict.converged and more_steps is None and _is_whole(directory):
         click.echo(f"{directory}: {verdict.sentence()} Its results are complete; use --more-steps to continue it.")
@@ -113,7 +116,7 @@ def _is_whole(directory: Path) -> bool:
     from softness_bayes.results.result import Result
 
     try:
-        Result.load(directory)
+        Result.load(directory, trust_code=trusts_code())
     except InputError as error:
         click.echo(f"note: {error}; the results are written again", err=True)
         return False

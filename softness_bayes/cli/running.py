@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from softness_bayes.cli.options.run import trusts_code
 from softness_bayes.cli.options.tables import DataFiles
 from softness_bayes.errors import InputError
 from softness_bayes.files.command_line import portable
@@ -69,7 +70,7 @@ def executor_of(dask: str | None, shared: Path | None = None) -> Iterator[Execut
 
 @contextmanager
 def reading(*directories: Path) -> Iterator[list[Result]]:
-    """Read results for a command; missing data in them raise an input error.
+    """Read results for a command with the option `trust_code`; missing data in them raise an input error.
 
     Raises
     ------
@@ -78,7 +79,7 @@ def reading(*directories: Path) -> Iterator[list[Result]]:
     """
     from softness_bayes.results.result import Result
 
-    results = [Result.load(directory) for directory in directories]
+    results = [Result.load(directory, trust_code=trusts_code()) for directory in directories]
     for result in results:
         if not result.verified:
             click.echo(

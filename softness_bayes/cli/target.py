@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options.run import seed
+from softness_bayes.cli.options.run import seed, trust_code
 from softness_bayes.cli.options.tables import load_options
 from softness_bayes.cli.options.values import FILE
 from softness_bayes.cli.running import reading, warn_of_unconverged
@@ -55,6 +55,7 @@ _SOUGHT = (("thickness_mm", "thickness", "mm"), ("tensile_modulus_mpa", "tensile
     help="CSV file to write; by default the table is printed, to five digits.",
 )
 @click.option("--force", is_flag=True, help="Replace the file --out if 'target' wrote it.")
+@trust_code
 def command(
     directory: Path,
     rating: float,

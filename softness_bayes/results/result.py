@@ -359,7 +359,7 @@ class Result(Answers):
         write_outputs(Path(directory), contents, RUN)
 
     @classmethod
-    def load(cls, directory: str | Path, verify: bool = True) -> Result:
+    def load(cls, directory: str | Path, verify: bool = True, trust_code: bool = False) -> Result:
         """Read a result from its directory, or from its ``posterior.nc``, which also contains the tables.
 
         Parameters
@@ -369,12 +369,15 @@ class Result(Answers):
         verify
             Whether to reject a file that was changed since it was written. To accept a deliberate change, load it with
             False and `save` it.
+        trust_code
+            Whether to import modules that the result names, such as those of a custom reading or prior, and that this
+            program has not imported: importing a module runs it. They are not searched for in the working directory.
 
         Raises
         ------
         InputError
-            If there is no result, it cannot be read, it is damaged or lacks something, or its schema is newer than
-            this version knows.
+            If there is no result, it cannot be read, it is damaged or lacks something, its schema is newer than
+            this version knows, or it names code that is not trusted.
         """
         from softness_bayes.results.lookup import Named
 
@@ -383,7 +386,7 @@ class Result(Answers):
         path = path / POSTERIOR if path.is_dir() else path
         if not path.is_file():
             raise InputError(f"{path}: no such file; expected the {POSTERIOR} of a run")
-        tree, tables, verified = read(path, {SUMMARY_TABLE: "parameter", **TABLES}, verify)
+        tree, tables, verified = read(path, {SUMMARY_TABLE: "parameter", **TABLES}, verify, trust_code)
         summary = tables.pop(SUMMARY_TABLE)
         found = cls(tree, summary, Named(tables, "table", str(path)), verified, str(path))
         if noise := tree.attrs.get("noise"):

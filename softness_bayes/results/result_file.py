@@ -15,6 +15,7 @@ from softness_bayes.files.spreadsheet import table_of
 from softness_bayes.results.checksums import CHECKSUMS, Changes, changes, checksums
 from softness_bayes.results.seal import is_broken, seal_of
 from softness_bayes.sampler.serial import as_json
+from softness_bayes.supplied import require_trusted
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -50,7 +51,9 @@ def content_of(tree: xr.DataTree, tables: Mapping[str, pd.DataFrame]) -> bytes:
     return arviz_bridge.netcdf(whole, seal_of)
 
 
-def read(path: Path, index: Mapping[str, str | list[str]], verify: bool = True) -> FileContents:
+def read(
+    path: Path, index: Mapping[str, str | list[str]], verify: bool = True, trust_code: bool = False
+) -> FileContents:
     """Read a file into memory.
 
     Parameters
@@ -61,11 +64,14 @@ def read(path: Path, index: Mapping[str, str | list[str]], verify: bool = True) 
         For a file of the first layout, tables that may exist next to it as CSV, with the columns that identify a row.
     verify
         Whether to reject a file that was changed since it was written.
+    trust_code
+        As for `require_trusted`.
 
     Raises
     ------
     InputError
-        If it cannot be read, was changed, or is not the file of a result that this version knows.
+        If it cannot be read, was changed, is not the file of a result that this version knows, or names code that is
+        not trusted.
     """
     if verify:
         _require_whole(path)
@@ -73,7 +79,9 @@ def read(path: Path, index: Mapping[str, str | list[str]], verify: bool = True) 
         tree = arviz_bridge.read_netcdf(path)
     except Exception as error:  # HDF5 and the libraries above it have no common error class
         raise InputError(f"{path}: not a readable result ({error!s:.200})") from None
-    if _schema(path, tree) == 1:
+    schema = _schema(path, tree)
+    _require_trusted(path, tree, trust_code)
+    if schema == 1:
         return FileContents(tree, _old_tables(path, index), False)
     if verify:
         _require_unchanged(path, changes(tree))
@@ -118,6 +126,14 @@ def _schema(path: Path, tree: xr.DataTree) -> int:
             "the version of softness-bayes that wrote it, or a later one"
         )
     return int(schema)
+
+
+def _require_trusted(path: Path, tree: xr.DataTree, trust_code: bool) -> None:
+    """Check the names of code in the attributes and in variables of text, such as the laws of fabrics' moduli."""
+    groups = [node.to_dataset() for name, node in tree.children.items() if name != TABLES]
+    texts = [v.values.ravel() for group in groups for v in group.data_vars.values() if v.dtype.kind not in "biufc"]
+    attributes = {name: value for name, value in tree.attrs.items() if name != CHECKSUMS}
+    require_trusted(str(path), [attributes, *texts], trust_code)
 
 
 def _listed(parts: Sequence[str], most: int = 3) -> str:

@@ -64,6 +64,29 @@ own_figures = click.option(
 )
 """Passes `own_figures` to a command: names of figures."""
 
+_TRUST = "softness_bayes.trust_code"
+
+
+def _keep_trust(ctx: click.Context, param: click.Parameter, value: bool) -> None:
+    ctx.meta[_TRUST] = value
+
+
+trust_code = click.option(
+    "--trust-code",
+    is_flag=True,
+    expose_value=False,
+    callback=_keep_trust,
+    help="Run code that the files of the run name, such as a custom reading or prior MODULE:NAME, because you trust "
+    "whoever made them. It is searched for on Python's path (add folders by PYTHONPATH), not in the working directory.",
+)
+"""Lets a command read files that name code (`trusts_code`)."""
+
+
+def trusts_code() -> bool:
+    """Return whether the user of the present command trusts the code that its files name."""
+    return bool(click.get_current_context().meta.get(_TRUST, False))
+
+
 seed = click.option(
     "--seed",
     type=click.IntRange(min=0),
