@@ -239,7 +239,7 @@ def choose_direction(experiment: Experiment, options: ModelOptions, given: AsGiv
     scene = _compiler(experiment, replace(options, noise=0.0), space)(coarse)
     layout = Layout(design_of(experiment), scene.modulus, conditions.load, scale=options.scale)
     draws = space.touch(space.draw_prior(np.random.default_rng(0), DRAWS))
-    rate, groups = scene.total_rate(draws), groups_of(ratings.loads)
+    rate, groups = np.atleast_2d(scene.total_rate(draws)), groups_of(ratings.loads)  # one row if nothing is drawn
     if groups.merged:
         # a load that occurs with only one fabric does not order fabrics
         layout, share = merge(layout, groups.of)
