@@ -1,8 +1,8 @@
-"""The population in Brian2, where it is installed (extra ``peers``): all receptors in one group."""
+"""Every receptor in Brian2, where it is installed (extra ``peers``): all in one group."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +13,6 @@ from softness_bayes.touch.neuron.limit_cycle import SPIKE_VOLTAGE
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels
 
 Array = NDArray[np.float64]
-
-ABSENT = "Brian2 is not installed (or not beside this NumPy): pip install 'softness-bayes[peers]'"
 
 EQUATIONS = """
 dv/dt = (g_na*m**3*h*(55 - v) + g_k*n**4*(-72 - v) + g_l*(-17 - v) + g_a*a**3*b*(-75 - v) + I)/ms : 1
@@ -38,50 +36,30 @@ I : 1
 """Connor, Walter & McKown (1977); voltages in mV, currents in µA/cm², without units for speed."""
 
 
-def brian_peers(steps: tuple[float, ...] = (0.05, 0.02)) -> tuple[Peer, ...]:
-    """Return Brian2's fourth-order Runge-Kutta steps [ms] as peers; none where it cannot be imported."""
-    try:
-        import brian2  # noqa: F401
-    except Exception:  # the error type depends on the NumPy version
-        return ()
-    return tuple(Peer("Brian2, side by side", f"rk4, {step} ms", _integrating(step), True) for step in steps)
+def rates(step: float, current: Array, duration: float) -> Array:
+    """Return rates [Hz] over the second half of the spikes, with fourth-order Runge-Kutta steps [ms]."""
+    import brian2 as b2
 
-
-def _integrating(step: float) -> Callable[[Array, float], Array]:
-    def rates(current: Array, duration: float) -> Array:
-        import brian2 as b2
-
-        b2.start_scope()
-        c, membrane = PAPER_CHANNELS, CONNOR_STEVENS
-        conductances = {
-            "g_na": membrane.g_na * c.c_Na,
-            "g_k": membrane.g_k * c.c_K,
-            "g_l": membrane.g_l * c.c_L,
-            "g_a": membrane.g_a * c.c_A,
-        }
-        group = b2.NeuronGroup(
-            current.size,
-            EQUATIONS,
-            threshold=f"v > {SPIKE_VOLTAGE}",
-            refractory=f"v > {SPIKE_VOLTAGE}",
-            method="rk4",
-            dt=step * b2.ms,
-            namespace=conductances,
-        )
-        group.I = current
-        state = rest(Channels(*(np.atleast_1d(float(x)) for x in c)), membrane)[:, 0]
-        # the order of the gates: m, A, h, B, n
-        for name, value in zip(("v", "m", "a", "h", "b", "n"), state, strict=True):
-            setattr(group, name, value)
-        monitor = b2.SpikeMonitor(group)
-        b2.Network(group, monitor).run(duration * b2.ms)
-        trains = monitor.spike_trains()
-        return np.array([_steady(np.asarray(trains[k])) for k in range(current.size)])
-
-    return rates
+    b2.start_scope()
+    c, membrane, spikes = PAPER_CHANNELS, CONNOR_STEVENS, f"v > {SPIKE_VOLTAGE}"
+    named = {"g_na": membrane.g_na * c.c_Na, "g_k": membrane.g_k * c.c_K}
+    named |= {"g_l": membrane.g_l * c.c_L, "g_a": membrane.g_a * c.c_A}
+    how = {"threshold": spikes, "refractory": spikes, "method": "rk4", "dt": step * b2.ms, "namespace": named}
+    group = b2.NeuronGroup(current.size, EQUATIONS, **how)
+    group.I = current
+    state = rest(Channels(*(np.atleast_1d(x) for x in c)), membrane)[:, 0]
+    for name, value in zip(("v", "m", "a", "h", "b", "n"), state, strict=True):
+        setattr(group, name, value)
+    monitor = b2.SpikeMonitor(group)
+    b2.Network(group, monitor).run(duration * b2.ms)
+    trains = (np.asarray(train) for train in monitor.spike_trains().values())
+    return np.array([_steady(train) for train in trains])
 
 
 def _steady(times: Array) -> float:
     """Return the rate [Hz] over the second half of a spike train [s], whose times are multiples of the step."""
     half = times.size // 2
     return (times.size - 1 - half) / float(times[-1] - times[half]) if times.size > 2 else 0.0
+
+
+PEERS = tuple(Peer("Brian2", f"rk4, {step} ms", partial(rates, step), True) for step in (0.05, 0.02))

@@ -1,151 +1,123 @@
-"""Work-precision measurements of each stage and of the whole likelihood."""
+"""Speed against error of the likelihood: one point for each accuracy, with channels fixed and free.
+
+Times are for one core and a parameter vector of the benchmark's experiment; the shortest of several calls counts, the
+one least disturbed by other work. Errors are those of the forward model at draws of the prior, against exact firing
+rates and a much finer resolution.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
+import time
+from collections.abc import Callable, Iterator
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from softness_bayes.bench.subject import BATCH, Effort, Subject, quickest, subject
+from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.errors import InputError
-from softness_bayes.touch.accuracy import FIELD_SHARE, QUADRATURES, REFERENCE, TOLERANCES, Errors, choose, errors
-from softness_bayes.touch.firing_sample import FiringSample
-from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS
-from softness_bayes.touch.population import Drive
-from softness_bayes.touch.resolution import first
-from softness_bayes.touch.scene import Discretisation, Scene
+from softness_bayes.model.build import ExperimentModel, build
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.model.scenes import usual_values
+from softness_bayes.model.simulation import simulate_ratings
+from softness_bayes.touch.contact import Indentation
+from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
+from softness_bayes.touch.readings import MENDED
+from softness_bayes.touch.scene import Discretisation
 
-FIELD, POPULATION, RATES, LIKELIHOOD = "stress field", "population integral", "firing rates", "whole likelihood"
-
+FABRICS = Fabrics(tuple(f"F{k}" for k in range(1, 13)), effective_modulus=np.geomspace(1e3, 5e6, 12))
+LOADS = (Indentation(1e-3), Indentation(2e-3), Indentation(3e-3))
+PARTICIPANTS, BATCH = 30, 64
 ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
-"""Settings of the dial."""
+USUAL = 1e-3
+"""The accuracy of a run, unless another is asked for."""
 
-EXACT_VECTORS = 4
-"""Vectors whose rate curves are made exactly, to time that."""
+MEDIANS = usual_values(MENDED, given={"sigma_0": 7.0})
+"""Parameters in natural units of the simulated ratings, and of the peers' work."""
 
-DIAL = 1e-3
-"""The dial's usual setting."""
 
-EXACT = Errors(np.array(0.0), np.array(0.0))
-"""Error of fixed rate curves. The references share it, so that only the other errors are measured."""
+class Effort(NamedTuple):
+    """Amount of work of a benchmark."""
+
+    draws: int
+    """Prior draws at which errors are measured with fixed channels."""
+    exact: int
+    """The same with free channels, each of which needs exact firing rates of its own."""
+    repeats: int
+    """Number of calls, of which the fastest counts."""
+    finest: float
+    """Tolerance of the stress fields that errors are measured against."""
+    receptors: tuple[int, int]
+    """Receptors that peers integrate: side by side, and one after the other."""
+    duration: float
+    """Time that peers integrate [ms]."""
+
+
+FULL = Effort(1000, 100, 30, 1e-8, (400, 6), 600.0)
+QUICK = Effort(64, 3, 3, 1e-5, (20, 1), 400.0)
 
 
 class Point(NamedTuple):
-    """One setting of one stage, or of a peer."""
+    """Time and error of one way to compute the response."""
 
-    stage: str
+    way: str
+    """`CHANNELS` or the name of a peer."""
     setting: str
     seconds: float
     """For each parameter vector, 36 conditions."""
-    max_peak: float
+    error_peak: float
     """Largest error relative to the vector's peak response, over draws and conditions."""
-    median_peak: float
-    """Median, over the draws that fire, of their largest errors."""
-    max_log: float
-    """Likewise of log(N/N_ref + eps)."""
-    median_log: float
-    dial: float = np.nan
-    """The accuracy for which the dial chooses this setting."""
+    error_log: float
+    """Largest error of log(N/N_ref + eps); NaN for a peer."""
+    accuracy: float = np.nan
+    """The accuracy that was asked for; NaN for a peer."""
+
+
+CHANNELS = ("channels held", "channels free")
+
+
+def model_of(held: bool, **options: Any) -> ExperimentModel:
+    """Return the model of 1080 simulated ratings, with channel multipliers fixed or free."""
+    rng = np.random.default_rng(1)
+    made = simulate_ratings(rng, FABRICS, LOADS, MEDIANS, participants=PARTICIPANTS)
+    fix = PAPER_CHANNELS._asdict() if held else {}
+    return build(Experiment(made.ratings, FABRICS, ()), ModelOptions(fix=fix, **options))
 
 
 def work_precision(effort: Effort) -> Iterator[Point]:
-    """Measure every stage and the whole, one setting after another."""
-    best = Discretisation(*REFERENCE, field_tolerance=effort.finest, rate_nodes=28)
-    held, free = (subject(best, is_held, effort.draws) for is_held in (True, False))
-    yield from _fields(held, effort)
-    yield from _population(held, effort)
-    yield from _rates(free, effort)
-    yield from _whole(held, free, effort)
-
-
-def _point(stage: str, setting: str, seconds: float, found: Errors, dial: float = np.nan) -> Point:
-    fires = found.peak > 0
-    middle = [float(np.median(error[fires])) if fires.any() else 0.0 for error in found]
-    worst = found.worst()
-    return Point(stage, setting, seconds, float(worst.peak), middle[0], float(worst.log), middle[1], dial)
-
-
-def _errors(scene: Scene, better: Scene, of: Subject) -> Errors:
-    values = of.draws.parameters
-    return errors(scene.total_rate(values), better.total_rate(values), scene.n_receptors, of.draws.eps)
-
-
-def _profile_seconds(scene: Scene, of: Subject, repeats: int) -> float:
-    """Return the time of the stress fields alone for a vector, from E_star to the inverted field."""
-    contact = scene.contact(first(of.draws.parameters, BATCH))
-    return quickest(lambda: scene.stress_profile(contact), repeats) / BATCH
-
-
-def _fields(of: Subject, effort: Effort) -> Iterator[Point]:
-    best = of.model.scene
-    for tolerance in (t for t in TOLERANCES if t > effort.finest):
-        scene = best.coarser(replace(best.discretisation, field_tolerance=tolerance))
-        spent = _profile_seconds(scene, of, effort.repeats)
-        yield _point(FIELD, f"tolerance {tolerance:.0e}", spent, _errors(scene, best, of))
-
-
-def _population(of: Subject, effort: Effort) -> Iterator[Point]:
-    """Time the population integral, for known contacts and rate curves."""
-    best = of.model.scene
-    some = first(of.draws.parameters, BATCH)
-    usual = replace(best.discretisation, field_tolerance=max(TOLERANCES[4], effort.finest))
-    for nodes, saturation in QUADRATURES:
-        exactly = best.coarser(replace(best.discretisation, nodes=nodes, saturation=saturation))
-        scene = best.coarser(replace(usual, nodes=nodes, saturation=saturation))
-        fields = scene.mechanics.fields(some.b, some.m, None, scene.fingertip(some))
-        drive = Drive(some.alpha, some.beta, some.sigma_0, scene.rates.curves(some))
-        spent = quickest(partial(scene.population.sums, fields, drive), effort.repeats) / BATCH
-        yield _point(POPULATION, f"{nodes} nodes, to exp(-{saturation:g})", spent, _errors(exactly, best, of))
-
-
-def _exactly(of: Subject) -> tuple[Scene, Subject]:
-    """Return the scene with exact rate curves, and the subject with draws that use the channels of these curves."""
-    scene, sample = of.model.scene, FiringSample.load(CONNOR_STEVENS)
-    assert sample is not None, "curves are kept for the membrane of the usual readings"
-    values = sample.put_into(of.draws.parameters)
-    return scene.fired_by(sample), of._replace(draws=of.draws._replace(parameters=values))
-
-
-def _rates(of: Subject, effort: Effort) -> Iterator[Point]:
-    surface = of.model.scene
-    exactly, of = _exactly(of)
-    some, few = (first(of.draws.parameters, size) for size in (BATCH, EXACT_VECTORS))
-    spent = quickest(lambda: surface.firing.curves(some), effort.repeats) / BATCH
-    yield _point(RATES, "surface", spent, _errors(surface, exactly, of))
-    made = surface.fired_by(surface.firing.exact())
-    spent = quickest(lambda: made.firing.curves(few), 1) / EXACT_VECTORS
-    found = _errors(made, exactly, of._replace(draws=of.draws._replace(parameters=few)))
-    yield _point(RATES, "exact, 14 rates for each vector", spent, found)
-
-
-def _whole(held: Subject, free: Subject, effort: Effort) -> Iterator[Point]:
-    """Time the whole likelihood at each accuracy setting, with channels fixed and free."""
-    exactly, sampled = _exactly(free)
-    surface = free.draws.firing(free.model.scene)
-    models = (("held", held, held.model.scene, EXACT), ("free", sampled, exactly, surface))
-    for accuracy in (a for a in ACCURACIES if a >= 10.0 * held.model.scene.field_error):
-        for name, of, reference, rates in models:
-            best = of.model.scene
+    """Measure the likelihood at each accuracy that can be reached."""
+    for held in (True, False):
+        finest = Discretisation(40, 24.0, field_tolerance=effort.finest, rate_nodes=28)
+        reference = model_of(held, discretisation=finest)
+        space = reference.posterior.space
+        theta = space.draw_prior(np.random.default_rng(2), effort.draws if held else effort.exact)
+        points = space.draw_prior(np.random.default_rng(0), BATCH)
+        touch, eps = space.touch(theta), space.values(theta)["eps"]
+        exact = reference.scene.fired_by(reference.scene.firing.exact()).total_rate(touch)
+        peak = exact.max(axis=-1, keepdims=True)
+        for accuracy in (a for a in ACCURACIES if a >= 10.0 * effort.finest):
             try:
-                choice = choose(best, of.draws.parameters, accuracy, of.draws.eps, rates)
+                model = model_of(held, accuracy=accuracy)
             except InputError:
-                continue  # this accuracy cannot be reached: `sample` raises an error
-            scene = best.coarser(choice.discretisation)
-            model = replace(of.model.posterior, scene=scene)
-            spent = quickest(partial(model.log_likelihood, of.theta), effort.repeats) / BATCH
-            found = _errors(scene, reference, of)
-            yield _point(LIKELIHOOD, f"channels {name}, accuracy {accuracy:g}", spent, found, accuracy)
+                continue  # this accuracy cannot be reached: `sample` refuses it
+            rate = model.scene.total_rate(touch)
+            fires = peak[:, 0] > 0
+            log, better = (np.log(r / reference.scene.n_receptors + np.reshape(eps, (-1, 1))) for r in (rate, exact))
+            yield Point(
+                CHANNELS[not held],
+                f"accuracy {accuracy:g}",
+                quickest(partial(model.posterior.log_likelihood, points), effort.repeats) / BATCH,
+                float((np.abs(rate - exact)[fires] / peak[fires]).max(initial=0.0)),
+                float(np.abs(log - better).max()),
+                accuracy,
+            )
 
 
-def dialled(accuracy: float, effort: Effort, held: bool) -> Subject:
-    """Return the model at the resolution for an accuracy setting, with channels fixed or free."""
-    of = subject(
-        Discretisation(*REFERENCE, field_tolerance=max(FIELD_SHARE * accuracy, effort.finest)), held, effort.draws
-    )
-    best = of.model.scene
-    rates = EXACT if held else of.draws.firing(best)
-    choice = choose(best, of.draws.parameters, accuracy, of.draws.eps, rates)
-    return subject(choice.discretisation, held, effort.draws)
+def quickest(call: Callable[[], Any], repeats: int) -> float:
+    """Return the shortest processor time of repeated calls [s]; short calls are repeated for 50 ms each."""
+    taken: list[float] = []
+    while len(taken) < repeats or (repeats > 1 and sum(taken) < 0.05 * repeats):
+        begun = time.process_time()
+        call()
+        taken.append(time.process_time() - begun)
+    return min(taken)

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from softness_bayes.errors import InputError
 from softness_bayes.plotting.style import USUAL, Style
@@ -20,19 +19,19 @@ MARKERS = "s^vDP*X<>dph"
 
 
 def work_precision_figure(
-    series: Mapping[str, tuple[ArrayLike, ArrayLike]],
+    series: Mapping[str, Sequence[tuple[float, float]]],
     peers: Mapping[str, tuple[float, float]],
     dial: Sequence[tuple[float, float]] = (),
     machine: str = "",
     *,
     style: Style = USUAL,
 ) -> Figure:
-    """Draw time against error: a line for each stage, and a point for each peer.
+    """Draw time against error: a line for each series, and a point for each peer.
 
     Parameters
     ----------
     series
-        Name of each stage -> time per parameter vector [s] and largest error, each of shape (settings,).
+        Name of each series -> time per parameter vector [s] and largest error of each setting.
     peers
         Name of each peer -> time per parameter vector [s] and error.
     dial
@@ -66,7 +65,7 @@ def work_precision_figure(
             line.set_gid(f"peer/{name}")
         if dial:
             time, wrong = 1e6 * np.array(dial).T[0], np.array(dial).T[1]
-            (line,) = axes.plot(wrong, time, "o", ms=9, mfc="none", color="black", ls="none", label="the dial's 1e-3")
+            (line,) = axes.plot(wrong, time, "o", ms=9, mfc="none", color="black", ls="none", label="default accuracy")
             line.set_gid("dial")
         axes.set(xscale="log", yscale="log", xlabel="largest error, relative to the peak response")
         axes.set_ylabel("time per parameter vector [µs]")
@@ -76,11 +75,11 @@ def work_precision_figure(
     return figure
 
 
-def _draw_series(axes: Axes, series: Mapping[str, tuple[ArrayLike, ArrayLike]], style: Style) -> None:
-    """Draw a line for each stage, omitting settings without a positive error because the axis is logarithmic."""
+def _draw_series(axes: Axes, series: Mapping[str, Sequence[tuple[float, float]]], style: Style) -> None:
+    """Draw a line for each series, omitting settings without a positive error because the axis is logarithmic."""
     colours = [*style.ensembles]
-    for k, (name, (seconds, error)) in enumerate(series.items()):
-        time, wrong = 1e6 * np.asarray(seconds, float), np.asarray(error, float)
+    for k, (name, pairs) in enumerate(series.items()):
+        time, wrong = np.reshape(pairs, (-1, 2)).T * [[1e6], [1.0]]
         some = (time > 0) & (wrong > 0)
         (line,) = axes.plot(wrong[some], time[some], "o-", ms=2.5, color=colours[k % len(colours)], label=name)
         line.set_gid(f"series/{name}")

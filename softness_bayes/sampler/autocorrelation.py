@@ -2,8 +2,7 @@
 
 emcee subtracts the mean of each walker. The variance of these means is then missing from the autocorrelations, which
 are therefore underestimated: chains with fast and slow components that stop at a length of 50 estimated times have only
-42 true ones. The mean of all walkers varies much less, and the same chains have 50. `tools.benchmark_autocorrelation`
-compares both estimates on processes with known autocorrelation time.
+42 true ones. The mean of all walkers varies much less, and the same chains have 50.
 """
 
 from __future__ import annotations

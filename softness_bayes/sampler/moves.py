@@ -50,17 +50,6 @@ Moves = tuple[tuple[Proposal, float], ...]
 
 
 @dataclass(frozen=True)
-class Stretch:
-    """Stretch move of Goodman and Weare along the line to another walker, the default of emcee."""
-
-    def made(self) -> Move:
-        """Create emcee's move."""
-        from emcee.moves import StretchMove
-
-        return StretchMove()
-
-
-@dataclass(frozen=True)
 class DifferentialEvolution:
     """Steps of ``factor`` times the difference of two other walkers; by default 2.38 / √(2 dimension)."""
 
@@ -233,9 +222,6 @@ def fitted(moves: Moves, map: TriangularMap, modes: Sequence[Mode]) -> Moves:
 
 FIRST_MOVES: Moves = ((DifferentialEvolution(), 0.9), (DifferentialEvolution(1.0), 0.1))
 """Moves before the shape of the density is known."""
-
-STRETCH: Moves = ((Stretch(), 1.0),)
-"""Moves used for comparison in the benchmark."""
 
 MOVES: Moves = (
     (Student(), 0.6),

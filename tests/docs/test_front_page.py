@@ -12,7 +12,7 @@ import pytest
 
 import softness_bayes
 from softness_bayes.cli import main
-from softness_bayes.tools.doc_tables import DOCS
+from softness_bayes.tools.doc_tables import DOCS, filled
 from support.command_line import FIXED, QUICK
 from support.paths import DATA, ROOT
 
@@ -80,6 +80,18 @@ def test_the_gate_finds_both_commands():
 
 def test_every_page_of_the_guide_is_linked():
     assert set(re.findall(r"\(softness_bayes/docs/([a-z]+\.md)\)", README)) == {path.name for path in DOCS.glob("*.md")}
+
+
+@pytest.mark.parametrize("name", ["benchmarks.md", "calibration.md", "claims.md"])
+def test_a_page_has_the_stored_results(name, tmp_path):
+    text = (DOCS / name).read_text(encoding="utf-8")
+    assert filled(text) == text, "run python -m softness_bayes.tools.doc_tables"
+    marks = re.findall(r"<!-- /(.*) -->", text)
+    assert marks
+    for mark in marks:  # negative control: other results make another page
+        (tmp_path / mark).parent.mkdir(exist_ok=True)
+        (tmp_path / mark).write_text("another result", encoding="utf-8")
+    assert filled(text, tmp_path).count("another result") == len(marks)
 
 
 def test_the_commands_run_one_after_another(ended):

@@ -68,7 +68,7 @@ WRITERS = {
     "bench": (
         ["--quick"],
         False,
-        ["work_precision.csv", "scaling.csv", "bench.json", "summary.md", "work_precision.png", "work_precision.pdf"],
+        ["work_precision.csv", "summary.md", "work_precision.png", "work_precision.pdf"],
     ),
     "study": (
         ["TABLES", "--max-steps", "5"],

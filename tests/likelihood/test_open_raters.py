@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.special import log_ndtr, logsumexp
 
+from softness_bayes.data import Fabrics
 from softness_bayes.likelihood import box_integrals, intervals, walled_integrals
 from softness_bayes.likelihood.categories import CategoryModel
 from softness_bayes.likelihood.design import Design
@@ -15,7 +16,11 @@ from softness_bayes.likelihood.rater_integrals import RaterIntegrals
 from softness_bayes.likelihood.scale_starts import Starts
 from softness_bayes.likelihood.stated import Stated
 from softness_bayes.likelihood.walled_integrals import Resolution, WalledIntegrals, Walls
-from softness_bayes.tools.model_ranks import laboratory
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.model.scenes import usual_values
+from softness_bayes.runs.calibration_scene import CalibrationScene
+from softness_bayes.runs.replicate import simulate
+from softness_bayes.touch.readings import MENDED
 
 FABRICS, TAU = 12, 0.6
 RATE = np.geomspace(1.0, 40.0, FABRICS)[None]
@@ -127,8 +132,13 @@ def test_other_laws_are_those_on_evenly_spaced_points(law, most, kind):
 
 def test_search_from_far_beyond_a_wall(monkeypatch):
     """With heavy tails, the search for the modes began 40 000 error spreads off, and did not come back."""
-    posterior = laboratory("whole numbers, Student", 1)[0]
-    observed = posterior.observation
+    moduli, usual = np.geomspace(3e3, 6e5, 12), usual_values(MENDED)
+    scene = CalibrationScene(Fabrics(tuple("abcdefghijkl"), effective_modulus=moduli), participants=5)
+    held = {name: usual[name] for name in ("m", "alpha", "beta", "sigma_0", "c_Na", "c_K", "c_L", "c_A")}
+    posterior = scene.model(ModelOptions(fix=held, errors=STUDENT, resolution=1.0)).posterior
+    rng = np.random.default_rng((20261123, 1))
+    observed, _ = simulate(posterior.observation, posterior, posterior.space.draw_prior(rng, 1)[0], rng)
+    posterior = posterior.with_term(observed)
     assert observed._integrals.walled.size == 2
     theta = np.array([[124.4, 2.25, 1.84, 0.0726, 0.645, 95.9], [103.4, 2.93, 1.67, 0.0819, 1.58, 75.9]])
     given = posterior.response(theta), posterior.rating_parameters(theta)

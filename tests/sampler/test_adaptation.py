@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from scipy import stats
 
 from softness_bayes.sampler.adaptation import Mapped, TriangularMap, learn
-from softness_bayes.sampler.moves import MANY_DIMENSIONS, MOVES, Stretch, Student
+from softness_bayes.sampler.moves import MANY_DIMENSIONS, MOVES, DifferentialEvolution, Student
 from softness_bayes.sampler.sampling import Settings
 
 
@@ -209,7 +209,7 @@ def test_many_dimensions_have_proposals_and_walkers_of_their_own():
     settings = Settings()
     assert settings.moves_for(MANY_DIMENSIONS) is MOVES
     assert settings.moves_for(MANY_DIMENSIONS + 1)[0][0].freedom == 20.0
-    own = ((Stretch(), 1.0),)
+    own = ((DifferentialEvolution(), 1.0),)
     assert Settings(moves=own).moves_for(40) is own
     assert [settings.walkers_for(d) for d in (3, 14, 20, 26, 60)] == [20, 56, 80, 80, 122]
     assert "freedom=20" in settings.description(26)["moves"]

@@ -1,0 +1,71 @@
+"""Validity of the model for real cloth: ``python cloth.py FILE`` prints the guide's table.
+
+FILE is a table of bending rigidities of real fabrics, which is not part of this project (see docs/cloth.md).
+"""
+
+from __future__ import annotations
+
+import csv
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from softness_bayes.data import Fabrics
+from softness_bayes.model.reach import COARSE, SKINS, reach
+from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
+from softness_bayes.readable import percent
+from softness_bayes.touch.contact import Force, Indentation, Load
+from softness_bayes.touch.neuron.membrane import Channels
+from softness_bayes.touch.readings import MENDED
+
+NAME, RIGIDITY = "fabric_id", "bending_warp_N_m"
+"""Columns of the table: names, and bending rigidities across the warp [N m]."""
+
+LOADS: tuple[Load, ...] = (*map(Force, (0.1, 0.5, 1.0, 2.0)), *map(Indentation, (1e-3, 2e-3, 3e-3)))
+
+HEAD = ("skin", "load", "silent", "questionable", "meaningless", "within reach", "median indentation [mm]")
+
+
+def read_cloth(path: Path) -> Fabrics:
+    """Return the fabrics of the table by their bending rigidities."""
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    rigidity = np.array([float(row[RIGIDITY]) for row in rows])
+    return Fabrics(tuple(row[NAME] for row in rows), bending_rigidity=rigidity)
+
+
+def table_of(fabrics: Fabrics) -> list[tuple[str, ...]]:
+    """Return a row for each skin and load: shares of the fabrics in per cent, and the median indentation."""
+    found = []
+    for skin in SKINS:
+        values = usual_values(MENDED, skin)
+        parameters = touch_parameters(values)
+        # without channels the rates come from the shipped surface
+        named = {name: x for name, x in values.items() if name not in Channels._fields}
+        scene = scene_of(fabrics, LOADS, named, MENDED, discretisation=COARSE)
+        shares, depth = reach(scene, parameters), scene.contact(parameters).indentation.ravel() * 1e3
+        for k, load in enumerate(LOADS):
+            here = scene.load == k
+            percents = (percent(each[here].mean()) for each in shares)
+            found.append((skin, str(load), *percents, f"{np.median(depth[here]):.2g}"))
+    return found
+
+
+def lines_of(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return rows in the format of the guide's page."""
+    return [f"| {' | '.join(row)} |" for row in (HEAD, ["---"] * len(HEAD), *rows)]
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Print the table of a file, or a message if there is no file."""
+    path = Path(arguments[0]) if arguments else Path("cloth.csv")
+    if not path.is_file():
+        print(f"{path}: no such file; skipped, since the table of real cloth is not part of this project")
+        return
+    print(*lines_of(table_of(read_cloth(path))), sep="\n")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
