@@ -11,7 +11,7 @@ import warnings
 from types import FrameType
 from typing import NoReturn
 
-from softness_bayes.defaults import GARBAGE
+from softness_bayes.defaults import GARBAGE, SIGNALS
 
 THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 """Environment variables with the number of threads of NumPy's and SciPy's linear algebra, read at their import."""
@@ -58,7 +58,7 @@ def heed_signals() -> None:
 
     `softness_bayes.cli.interrupts` installs these handlers before the first command starts.
     """
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _end)
 

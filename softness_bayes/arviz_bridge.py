@@ -7,11 +7,9 @@ and xarray are imported inside the functions, because they take seconds and most
 
 from __future__ import annotations
 
-import contextlib
 import io
 import math
 import os
-import threading
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -297,20 +295,6 @@ def _arviz() -> Any:
         import arviz
 
     return arviz
-
-
-def prepare() -> None:
-    """Start to import ArviZ, and dask if it is installed, in the background: this takes a second or two."""
-    threading.Thread(target=_import).start()  # not a daemon, so that the process does not end during an import
-
-
-def _import() -> None:
-    """Import ArviZ and ignore errors: they are raised again where ArviZ is needed."""
-    with contextlib.suppress(Exception):
-        import xarray
-
-        _arviz()
-        xarray.Variable((), 0.0)  # the first variable imports dask
 
 
 def _next_line() -> bool:

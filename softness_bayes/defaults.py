@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Sequence
 
 ACCURACY = 1e-3
@@ -27,6 +28,13 @@ SEED = 0
 
 GARBAGE = (20_000, 20, 20)
 """Thresholds of garbage collection in the program and its workers, as for `gc.set_threshold`."""
+
+SIGNALS = tuple(
+    getattr(signal, name)
+    for name in ("SIGINT", "SIGTERM", "SIGHUP")
+    if hasattr(signal, name)  # Windows lacks the last
+)
+"""Signals that end a command: Ctrl-C, a request to end, and a closed terminal."""
 
 ANSWER_DRAWS = 400
 """Number of posterior draws used for predictions, rankings, targets and the page of sliders."""

@@ -6,7 +6,6 @@ whose fields are attributes; families of attributes such as ``reading_pressure``
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, fields
 from types import MappingProxyType
@@ -15,11 +14,11 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from softness_bayes.errors import InputError
+from softness_bayes.files.json_text import as_json, parse_json
 from softness_bayes.likelihood.directions import FREE, RatingDirection, direction_named
 from softness_bayes.likelihood.scales import MAGNITUDE, Scale, name_of_scale, scale_named
 from softness_bayes.parameters.fabric_moduli import UNKNOWN_MODULUS
 from softness_bayes.parameters.priors import Prior, parse_prior
-from softness_bayes.sampler.serial import as_json
 from softness_bayes.touch.readings import ALTERNATIVES, Readings
 
 Section = TypeVar("Section")
@@ -357,7 +356,7 @@ _CODECS: Mapping[str, _Codec] = MappingProxyType(
             lambda value: NOT_ASKED if value is None else float(value),
         ),
         "Mapping[str, Any]": _Codec(
-            lambda value: json.loads(str(value)), lambda value: as_json(value, "options of the run")
+            lambda value: parse_json(str(value)), lambda value: as_json(value, "options of the run")
         ),
         "RatingDirection": _Codec(lambda value: direction_named(str(value)), lambda value: value.name),
         "Scale": _Codec(lambda value: scale_named(str(value)), name_of_scale),

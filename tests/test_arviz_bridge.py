@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-import threading
 
 import numpy as np
 import pytest
@@ -115,23 +114,3 @@ def test_importing_the_bridge_imports_neither_arviz_nor_xarray():
     code = "import sys, softness_bayes.arviz_bridge; print({'arviz', 'xarray'} & set(sys.modules))"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=os.environ)
     assert out.stdout.strip() == "set()"
-
-
-def test_an_import_that_the_end_of_a_process_stops_is_quiet(monkeypatch):
-    """An error soon after the start printed a traceback of the thread that imports ArviZ below its message."""
-    tried = threading.Event()
-
-    def stopped():
-        tried.set()
-        raise RuntimeError("can't register atexit after shutdown")
-
-    told = []
-    monkeypatch.setattr(threading, "excepthook", told.append)
-    monkeypatch.setattr(arviz_bridge, "_arviz", stopped)
-    before = threading.enumerate()
-    arviz_bridge.prepare()
-    for thread in threading.enumerate():
-        if thread not in before:
-            thread.join()
-    assert tried.wait(5)
-    assert not told

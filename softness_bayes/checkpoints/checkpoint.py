@@ -24,6 +24,7 @@ from softness_bayes.checkpoints.status import Status, status_of
 from softness_bayes.checkpoints.vacancy import is_kept, remove_run, require_vacant
 from softness_bayes.checkpoints.words import differences, failure_table
 from softness_bayes.errors import InputError
+from softness_bayes.files.json_text import as_json
 from softness_bayes.files.lock import Lock, require_free
 from softness_bayes.files.outputs import require_outputs, write_outputs
 from softness_bayes.files.run_files import (
@@ -37,7 +38,7 @@ from softness_bayes.files.run_files import (
 )
 from softness_bayes.files.whole import write_whole
 from softness_bayes.sampler.schedule import Schedule
-from softness_bayes.sampler.serial import as_json, packed, piece_arrays, state_of, state_values, unpacked
+from softness_bayes.sampler.serial import packed, piece_arrays, state_of, state_values, unpacked
 from softness_bayes.sampler.starts import TargetDensity
 from softness_bayes.sampler.state import RunState
 

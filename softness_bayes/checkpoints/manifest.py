@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from softness_bayes.errors import InputError
+from softness_bayes.files.json_text import as_json, parse_json
 from softness_bayes.files.run_files import CHECKPOINT, MANIFEST
-from softness_bayes.sampler.serial import as_json, changed
+from softness_bayes.sampler.serial import changed
 
 FORMAT = 2
 """Version of the checkpoint's layout; other versions are rejected."""
@@ -47,7 +47,7 @@ def read_manifest(directory: Path, name: str = MANIFEST) -> dict[str, Any]:
     """
     path = directory / CHECKPOINT / name
     try:
-        manifest = json.loads(path.read_bytes())
+        manifest = parse_json(path.read_bytes())
     except FileNotFoundError:
         raise InputError(f"{directory}: no run to continue or to report on; expected {path}") from None
     except ValueError as error:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,8 +12,9 @@ from numpy.typing import NDArray
 
 from softness_bayes.checkpoints.manifest import read_manifest
 from softness_bayes.errors import InputError
+from softness_bayes.files.json_text import as_json, parse_json
 from softness_bayes.files.run_files import CHECKPOINT, MANIFEST, MANIFEST_COPY
-from softness_bayes.sampler.serial import as_json, state_arrays, state_values, unpacked
+from softness_bayes.sampler.serial import state_arrays, state_values, unpacked
 from softness_bayes.sampler.state import RunState
 
 MOST_EARLIER = 8
@@ -98,7 +98,7 @@ def last_whole(directory: Path) -> Whole:
 
 def _before(manifest: Mapping[str, Any], home: Path, one: EarlierState) -> dict[str, Any]:
     """Return the manifest as it was at an earlier state."""
-    found = json.loads(unpacked(home / one.arrays, manifest["digests"][one.arrays])[_VALUES].tobytes())
+    found = parse_json(unpacked(home / one.arrays, manifest["digests"][one.arrays])[_VALUES].tobytes())
     names = [name for name, _ in manifest["earlier"]]
     return {**manifest, **found, **one._asdict(), "earlier": manifest["earlier"][: names.index(one.arrays)]}
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 from collections.abc import Iterable
 from pathlib import Path
 
 from softness_bayes.errors import InputError
+from softness_bayes.files.json_text import parse_json
 from softness_bayes.files.outputs import Survey, remove, survey, told
 from softness_bayes.files.run_files import CHECKPOINT, LOCK, MANIFEST, MANIFEST_COPY, RUN
 from softness_bayes.files.whole import is_part
@@ -89,6 +89,6 @@ def _kept(home: Path) -> Survey:
 def _last_number(manifest: Path) -> int | None:
     """Return the number of states in a manifest; None if it is not the manifest of a run."""
     try:
-        return int(json.loads(manifest.read_bytes())["serial"])
-    except (OSError, ValueError, KeyError, TypeError):
+        return int(parse_json(manifest.read_bytes())["serial"])
+    except (OSError, ValueError, KeyError, TypeError, OverflowError):
         return None

@@ -1,8 +1,9 @@
-"""End of a command by Ctrl-C or SIGTERM, at any instant, without a traceback or orphaned processes.
+"""End of a command by a signal, at any instant, without a traceback or orphaned processes.
 
 The first signal raises `Interrupted` in the main thread, so that files are closed and states in memory are written.
 A library may catch the exception, or a computation may delay it; a thread therefore ends the process `GRACE` seconds
-later in any case. Files on the disk are whole at any instant, so that nothing depends on these seconds.
+later in any case. Files on the disk are whole at any instant, so that nothing depends on these seconds. The exit code
+is 128 plus the signal's number, as in shells.
 """
 
 from __future__ import annotations
@@ -19,11 +20,10 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, NoReturn
 
+from softness_bayes.defaults import SIGNALS
+
 GRACE = 0.75
 """Time [s] in which a command may end by itself."""
-
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
-"""Signals that end a command; its exit code is 128 plus the signal's number, as in shells: 130 and 143."""
 
 _kept: list[Callable[[], str]] = []
 

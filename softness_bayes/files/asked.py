@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from softness_bayes.errors import InputError
+from softness_bayes.files.json_text import parse_json
 from softness_bayes.files.whole import write_whole
 
 ASKED = "asked.json"
@@ -39,6 +40,6 @@ def read_asked(directory: Path) -> Asked:
     if not path.is_file():
         return Asked(0, 0.0)
     try:
-        return Asked(int(json.loads(path.read_text(encoding="utf-8"))["tasks"]), path.stat().st_mtime)
-    except (ValueError, TypeError, KeyError) as error:
+        return Asked(int(parse_json(path.read_text(encoding="utf-8"))["tasks"]), path.stat().st_mtime)
+    except (ValueError, TypeError, KeyError, OverflowError) as error:
         raise InputError(f"{path}: not the number of tasks ({error!r})") from None

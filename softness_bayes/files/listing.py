@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from softness_bayes.errors import InputError
+from softness_bayes.files.json_text import parse_json
 from softness_bayes.files.whole import write_whole
 
 LISTING = ".softness-bayes.json"
@@ -56,7 +57,7 @@ class Listing:
         if path.is_symlink():
             raise InputError(f"{path}: is a symbolic link, expected the list of what was written here")
         try:
-            values: Any = json.loads(path.read_bytes())
+            values: Any = parse_json(path.read_bytes())
             if values["format"] != FORMAT:
                 raise ValueError(f"format {values['format']}, expected {FORMAT}")
             files = {

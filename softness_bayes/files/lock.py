@@ -15,7 +15,7 @@ from filelock import lock_descriptor
 
 from softness_bayes.errors import InputError, LockedError
 
-_LOCKED = re.compile(rb"(?:[0-9]+\n)?")
+_LOCKED = re.compile(rb"(?:[0-9]+\n?)?")
 # neither through a symbolic link, nor waiting for a pipe's other end, nor changing the ends of lines; as far as a
 # system has these
 _PLAIN = sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))

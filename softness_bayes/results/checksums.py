@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.files.json_text import parse_json
+
 if TYPE_CHECKING:
     import xarray as xr
 
@@ -38,7 +40,7 @@ class Changes(NamedTuple):
 def changes(tree: xr.DataTree) -> Changes:
     """Compare a tree with its checksums."""
     try:
-        written = dict(json.loads(tree.attrs[CHECKSUMS]))
+        written = dict(parse_json(tree.attrs[CHECKSUMS]))
     except (KeyError, TypeError, ValueError):
         return Changes([], [f"attribute {CHECKSUMS!r}"])
     found = dict(_checksums(tree))

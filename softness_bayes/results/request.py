@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
@@ -126,5 +125,11 @@ class Request(NamedTuple):
 
     @classmethod
     def of(cls, result: Result) -> Self:
-        """Return the request of a finished run."""
-        return cls.from_record(json.loads(str(result.attributes["options"])))
+        """Return the request of a finished run.
+
+        Raises
+        ------
+        InputError
+            If its options cannot be read.
+        """
+        return cls.from_record(result.provenance.asked.options)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -11,10 +10,10 @@ import numpy as np
 
 from softness_bayes import arviz_bridge
 from softness_bayes.errors import InputError
+from softness_bayes.files.json_text import as_json, parse_json
 from softness_bayes.files.spreadsheet import table_of
 from softness_bayes.results.checksums import CHECKSUMS, Changes, changes, checksums
 from softness_bayes.results.seal import is_broken, seal_of
-from softness_bayes.sampler.serial import as_json
 from softness_bayes.supplied import require_trusted
 
 if TYPE_CHECKING:
@@ -153,7 +152,7 @@ def _tables(path: Path, tree: xr.DataTree) -> dict[str, pd.DataFrame]:
     tables = {}
     for name, text in tree[TABLES].data_vars.items():
         try:
-            found: dict[str, Any] = json.loads(str(text.values))
+            found: dict[str, Any] = parse_json(str(text.values))
             tables[str(name)] = pd.DataFrame(found["columns"]).set_index(found["index"])
         except (KeyError, TypeError, ValueError):
             raise InputError(f"{path}: {name!r} of group {TABLES!r} is not a table") from None

@@ -14,6 +14,7 @@ import numpy as np
 from softness_bayes.checking.ranks import DRAWS, Replicate
 from softness_bayes.errors import InputError
 from softness_bayes.files.asked import read_asked
+from softness_bayes.files.json_text import parse_json
 from softness_bayes.files.lock import is_held
 from softness_bayes.files.outputs import require_outputs
 from softness_bayes.files.whole import write_whole
@@ -105,7 +106,7 @@ def write_manifest(directory: Path, manifest: dict[str, Any]) -> None:
 
 def require_alike(directory: Path, manifest: dict[str, Any]) -> None:
     """Raise an error unless a directory is empty or contains a calibration with the same settings."""
-    manifest = json.loads(json.dumps(manifest))
+    manifest = parse_json(json.dumps(manifest))
     path = directory / MANIFEST
     if path.is_file():
         before = _settings(path)
@@ -152,7 +153,7 @@ def take(source: Path, directory: Path, manifest: dict[str, Any], redraw: Redraw
         If there is no calibration, or it is of another problem.
     """
     origin = _origin(source)
-    differ = _require_same_problem(origin, json.loads(json.dumps(manifest)))
+    differ = _require_same_problem(origin, parse_json(json.dumps(manifest)))
     folder = directory / REPLICATES
     valid = {index: one for index, one in origin.replicates.items() if one.valid}
     new = {index: one for index, one in valid.items() if not path_of(folder, index).exists()}
@@ -199,7 +200,7 @@ def earlier_of(directory: Path) -> tuple[StoredReplicates, ...]:
     if not path.is_file():
         return ()
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = parse_json(path.read_text(encoding="utf-8"))
         return tuple(StoredReplicates(tuple(map(int, one["replicates"])), dict(one["settings"])) for one in found)
     except (ValueError, TypeError, KeyError) as error:
         raise InputError(f"{path}: not the list of earlier replicates ({error!r})") from None
@@ -294,7 +295,7 @@ def _settings(path: Path) -> dict[str, Any]:
 
 def _json(path: Path, what: str) -> dict[str, Any]:
     try:
-        fields = json.loads(path.read_text(encoding="utf-8"))
+        fields = parse_json(path.read_text(encoding="utf-8"))
     except ValueError as error:
         raise InputError(f"{path}: not the file of a {what} ({error})") from None
     if not isinstance(fields, dict):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import pickle
 import secrets
 import socket
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from softness_bayes.errors import InputError, WorkersLostError
+from softness_bayes.files.json_text import parse_json
 from softness_bayes.files.outputs import require_directory
 from softness_bayes.files.whole import write_whole
 from softness_bayes.provenance import VERSION
@@ -195,7 +195,7 @@ def _address(scheduler: str) -> str:
     """Return the address of a scheduler, which may be the path of its file."""
     if "://" in scheduler:
         return scheduler
-    return str(json.loads(Path(scheduler).read_text(encoding="utf-8"))["address"])
+    return str(parse_json(Path(scheduler).read_text(encoding="utf-8"))["address"])
 
 
 def _knock(address: str) -> None:

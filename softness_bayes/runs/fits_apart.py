@@ -5,16 +5,16 @@ from __future__ import annotations
 import io
 import tempfile
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any, NamedTuple
 
 from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.checkpoints.status import read_status
 from softness_bayes.data import Compression, Experiment
-from softness_bayes.errors import SoftnessError
+from softness_bayes.errors import InputError, SoftnessError, quoted
 from softness_bayes.files.lock import Lock
 from softness_bayes.files.run_files import CHECKPOINT, LOCK, MANIFEST, MANIFEST_COPY, POSTERIOR
 from softness_bayes.files.whole import is_part, write_whole
@@ -198,16 +198,35 @@ def unpack(files: bytes, directory: Path) -> None:
         An archive of `packed`, or nothing.
     directory
         Directory of the run; files of its checkpoint that are not in the archive are removed.
+
+    Raises
+    ------
+    InputError
+        If a name in the archive is not that of a file below the directory; nothing is then written.
     """
     if not files:
         return
     home = directory / CHECKPOINT
-    home.mkdir(parents=True, exist_ok=True)
-    with Lock(home / LOCK), zipfile.ZipFile(io.BytesIO(files)) as archive:
+    with zipfile.ZipFile(io.BytesIO(files)) as archive:
         names = sorted(archive.namelist(), key=lambda name: (name in _LAST, name))
         for name in names:
-            (directory / name).parent.mkdir(parents=True, exist_ok=True)
-            write_whole(directory / name, archive.read(name))
-        for path in home.iterdir():
-            if path.is_file() and path.name != LOCK and f"{CHECKPOINT}/{path.name}" not in names:
-                path.unlink()
+            if not _is_below(name):
+                raise InputError(f"{directory}: a worker returned a file named {quoted(name)}, expected one below it")
+        home.mkdir(parents=True, exist_ok=True)
+        with Lock(home / LOCK):
+            _write_all(archive, names, directory)
+
+
+def _is_below(name: str) -> bool:
+    """Return whether a name in an archive stays below the directory of the archive, on any system."""
+    path, elsewhere = PurePosixPath(name), PureWindowsPath(name)
+    return bool(path.parts) and ".." not in elsewhere.parts and not (path.is_absolute() or elsewhere.anchor)
+
+
+def _write_all(archive: zipfile.ZipFile, names: Sequence[str], directory: Path) -> None:
+    for name in names:
+        (directory / name).parent.mkdir(parents=True, exist_ok=True)
+        write_whole(directory / name, archive.read(name))
+    for path in (directory / CHECKPOINT).iterdir():
+        if path.is_file() and path.name != LOCK and f"{CHECKPOINT}/{path.name}" not in names:
+            path.unlink()

@@ -232,7 +232,6 @@ def sample_model(
         ),
     }
     arviz_bridge.require_storable(asked, labels_of(experiment))
-    arviz_bridge.prepare()
     with one_thread(), nullcontext(workers) if workers is not None else run.settings.workers(posterior) as workers:
         state = walked(experiment, posterior, request, progress, checkpoint, workers)
         sampled, rng = sampled_of(state), rng_after(run)

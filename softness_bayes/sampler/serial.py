@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -24,31 +23,6 @@ from softness_bayes.sampler.state import EnsembleState, RunState
 Arrays = Mapping[str, NDArray[Any]]
 
 _MAP = "map"
-
-
-def as_json(values: Any, what: str, indent: int | None = None) -> str:
-    """Return values as JSON, with NumPy scalars converted to plain ones.
-
-    Parameters
-    ----------
-    values
-        Mappings, sequences, text and numbers.
-    what
-        Name of the values, for the message.
-    indent
-        As for `json.dumps`.
-
-    Raises
-    ------
-    InputError
-        If JSON cannot hold them; the message names the entry.
-    """
-    try:
-        return json.dumps(values, indent=indent, default=_plain)
-    except (TypeError, ValueError) as error:
-        entries = values.items() if isinstance(values, Mapping) else ()
-        said = next((f" {name!r}: {value!r:.80}" for name, value in entries if not _is_json(value)), "")
-        raise InputError(f"{what}:{said} cannot be stored ({error})") from None
 
 
 def packed(arrays: Arrays) -> bytes:
@@ -203,20 +177,6 @@ def _map_of(prefix: str, arrays: Arrays) -> TriangularMap:
 
 def _mode(k: int) -> str:
     return f"mode_{k}"
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.generic):
-        return value.item()
-    raise TypeError(f"{type(value).__name__} cannot be stored as JSON")
-
-
-def _is_json(value: Any) -> bool:
-    try:
-        json.dumps(value, default=_plain)
-    except (TypeError, ValueError):
-        return False
-    return True
 
 
 def _verdict_values(verdict: Verdict | None) -> dict[str, Any] | None:

@@ -22,7 +22,7 @@ from typing import Any, Protocol, Self, TypeVar, runtime_checkable
 
 from threadpoolctl import ThreadpoolController
 
-from softness_bayes.defaults import GARBAGE
+from softness_bayes.defaults import GARBAGE, SIGNALS
 from softness_bayes.errors import WorkersLostError
 from softness_bayes.sampler.server import PARENT
 
@@ -37,6 +37,8 @@ _LONGEST = 60
 RENEWALS = 1
 """Number of times that dead processes are replaced without progress before the computation is aborted."""
 
+
+_OF_A_TERMINAL = [number for number in SIGNALS if number != signal.SIGTERM]
 
 AHEAD = 4000
 """Largest number of tasks queued at an executor."""
@@ -68,13 +70,14 @@ def prepare(*modules: str) -> None:
 
 @contextmanager
 def _shielded() -> Iterator[None]:
-    """Start processes that ignore keyboard interrupts, which are handled by the waiting process."""
+    """Start processes that ignore the signals of a terminal, which are handled by the waiting process."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
-    resource_tracker.ensure_running()  # otherwise it would be started in between, and would let signals through
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _OF_A_TERMINAL)
     try:
+        resource_tracker.ensure_running()
+        signal.pthread_sigmask(signal.SIG_BLOCK, _OF_A_TERMINAL)  # again, because its start lets some of them through
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
@@ -320,8 +323,9 @@ def _settle(resident: Any) -> None:
     # as in the waiting process: without a handler, libraries print their warnings
     if not logging.getLogger().handlers:
         logging.getLogger().addHandler(logging.NullHandler())
-    # keyboard interrupts are handled by the process that waits for the results
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # the process that waits for the results handles what a terminal sends to all of its processes
+    for number in _OF_A_TERMINAL:
+        signal.signal(number, signal.SIG_IGN)
     # imported objects are never garbage; scanning them repeatedly takes a fifth of the time of a figure
     gc.freeze()
     gc.set_threshold(*GARBAGE)

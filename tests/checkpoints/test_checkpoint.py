@@ -316,6 +316,13 @@ def test_a_lock_is_held_once_and_asking_leaves_no_trace(tmp_path):
             assert is_held(path)
 
 
+@pytest.mark.parametrize("content", ["", "123\n", "123"])
+def test_a_lock_may_lack_its_last_line_break(tmp_path, content):
+    (tmp_path / "lock").write_text(content)
+    with Lock(tmp_path / "lock"):
+        pass
+
+
 # what is refused, and what is left
 
 

@@ -33,8 +33,17 @@ STEPS = 300  # one look, and a run has converged at two
 ASKED = [*FIXED, "--seed", "3", "--no-figures", "--accuracy", "0.01", "--max-steps", STEPS]
 
 
-def begin(directory, *more):
-    """Start a run in a process of its own, which keeps every state, and wait until it has kept some steps."""
+IMPORTS = (
+    "import atexit, sys, threading; elsewhere = []; "
+    "sys.addaudithook(lambda event, args: elsewhere.append(args[0]) if event == 'import' "
+    "and threading.current_thread() is not threading.main_thread() else None); "
+    "atexit.register(lambda: print('imported in threads:', elsewhere, file=sys.stderr)); "
+)
+"""What tells of the modules that a process imports outside of its main thread."""
+
+
+def begin(directory, *more, ready=lambda status: status.steps):
+    """Start a run in a process of its own, which keeps every state, and wait until its status is `ready`."""
     program = (
         # a shell that runs the tests in the background has interrupts ignored, by its children too
         "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
@@ -54,7 +63,7 @@ def begin(directory, *more):
         start_new_session=True,
     )
     while process.poll() is None:
-        if (directory / "out" / "checkpoint" / "manifest.json").exists() and read_status(directory / "out").steps:
+        if (directory / "out" / "checkpoint" / "manifest.json").exists() and ready(read_status(directory / "out")):
             return process
         time.sleep(0.02)
     raise AssertionError(process.communicate())
@@ -286,3 +295,46 @@ def test_an_interrupt_keeps_the_run_and_frees_it(tmp_path):
     assert not status.running
     assert status.steps
     assert not [path for path in Path(tmp_path / "out").iterdir() if path.name != "checkpoint"]
+
+
+@pytest.fixture(scope="module")
+def unwritten(tmp_path_factory, brief):
+    """A directory with the data and a run that was killed when its sampling had ended, before it had a result."""
+    directory = tmp_path_factory.mktemp("unwritten")
+    few_ratings(directory)
+    process = begin(directory, "--processes", "2", ready=lambda status: status.ended)
+    process.kill()
+    process.communicate()
+    status = read_status(directory / "out")
+    assert (status.ended, status.written) == (True, False)
+    return directory
+
+
+@pytest.mark.parametrize("times", [2, pytest.param(20, marks=pytest.mark.slow)])
+def test_a_run_killed_while_its_result_is_written_is_resumed_every_time(unwritten, tmp_path, times):
+    """ArviZ was imported in a thread, and often only in part when the main thread needed it."""
+    shutil.copy(unwritten / "ratings.csv", tmp_path)
+    program = (
+        f"{IMPORTS}sys.path.append({str(ROOT / 'tests')!r}); from support.report_runs import quickly; "
+        "made = quickly(); made.__enter__(); from softness_bayes.cli import main; main(prog_name='softness-bayes')"
+    )
+    for k in range(times):
+        out = tmp_path / f"out{k}"
+        shutil.copytree(unwritten / "out", out)
+        done = subprocess.run(
+            [sys.executable, "-c", program, "resume", str(out), "--processes", "2"],
+            capture_output=True,
+            text=True,
+            env=os.environ | {"PYTHONPATH": str(ROOT)},
+            check=False,
+        )
+        assert done.returncode == 3, done.stderr
+        assert "Traceback" not in done.stderr
+        assert "imported in threads: []" in done.stderr
+        assert read_status(out).written
+
+
+def test_an_import_in_a_thread_is_noticed():
+    program = f"{IMPORTS}one = threading.Thread(target=lambda: __import__('colorsys')); one.start(); one.join()"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert "imported in threads: ['colorsys']" in done.stderr

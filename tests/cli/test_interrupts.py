@@ -33,6 +33,7 @@ from support.report_runs import quickly
 PROGRAM = (
     # a shell that runs the tests in the background has interrupts ignored, by its children too
     "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    "signal.signal(signal.SIGHUP, signal.SIG_DFL)\n"
     "from softness_bayes.__main__ import heed_signals, run\n"
     "heed_signals()\n"
     "print('begun', flush=True)\n"
@@ -141,6 +142,16 @@ def test_an_interrupt_ends_a_run_quietly_at_its_start(tmp_path, delay):
 
 def test_sigterm_alike(tmp_path):
     sent(tmp_path, 0.6, signal.SIGTERM, whole=False)
+
+
+def test_a_closed_terminal_is_told_what_is_kept(tmp_path):
+    few_ratings(tmp_path)
+    process = began(tmp_path, "sample", "--data", "ratings.csv", "--out", "out", *SAMPLE)
+    while process.poll() is None and not (tmp_path / "out" / "checkpoint" / "manifest.json").exists():
+        time.sleep(0.02)
+    said = stopped(process, signal.SIGHUP)  # to the workers too, which must not count as lost
+    assert "the run is saved" in said
+    assert "'softness-bayes resume out' continues it" in said
 
 
 @pytest.mark.slow

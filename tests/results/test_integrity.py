@@ -323,6 +323,25 @@ def test_what_a_result_lacks_is_named(small):
     assert found.attributes.get("noise", 0.0) == 0.0
 
 
+def test_json_nested_deeply_is_refused(small, tmp_path):
+    """Every JSON text of a result: of its checksums, its options and its tables."""
+    deep = "[" * 20_000 + "]" * 20_000
+    found, path = Result.load(small), tmp_path / "posterior.nc"
+    found.tree.attrs["options"] = deep
+    with pytest.raises(InputError, match=r"attribute 'options' cannot be '.*nested too deeply"):
+        Request.of(found)
+    whole = arviz_bridge.read_netcdf(small / "posterior.nc")
+    for name, said in ((CHECKSUMS, CHECKSUMS), ("summary", "'summary' of group 'tables'")):
+        tree = whole.copy()
+        if name == CHECKSUMS:
+            tree.attrs = {**tree.attrs, CHECKSUMS: deep}
+        else:
+            tree[TABLES].dataset = tree[TABLES].to_dataset().assign({name: deep})
+        arviz_bridge.write_netcdf(tree, path)
+        with pytest.raises(InputError, match=said):
+            Result.load(path)
+
+
 def test_options_that_lack_something_are_refused(runs):
     found = Result.load(runs / "ratings")
     options = json.loads(found.attributes["options"])

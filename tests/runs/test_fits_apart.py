@@ -1,11 +1,14 @@
 """Studies and calibrations on workers that do not share the directory: the same draws, and nothing is lost."""
 
+import io
+import zipfile
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
 from softness_bayes.checkpoints.status import read_status
 from softness_bayes.data import Compression
+from softness_bayes.errors import InputError
 from softness_bayes.files.lock import Lock
 from softness_bayes.files.run_files import CHECKPOINT, LOCK, RUNS
 from softness_bayes.model.options import ModelOptions
@@ -56,6 +59,19 @@ def draws(directory):
 def there(tables, directory, **options):
     with Elsewhere(2) as executor:
         return study(tables, directory, OPTIONS, **{**LIMITED, **options}, executor=executor)
+
+
+@pytest.mark.parametrize(
+    "name", ["../out.csv", "checkpoint/../../out.csv", "/tmp/out.csv", "C:/out.csv", "..\\out.csv", "."]
+)
+def test_names_from_a_worker_that_leave_the_directory_of_its_run_are_refused(tmp_path, name):
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w") as archive:
+        archive.writestr("checkpoint/state-0000001.npz", b"state")
+        archive.writestr(name, b"outside")
+    with pytest.raises(InputError, match="a worker returned a file named"):
+        unpack(content.getvalue(), tmp_path / "runs" / "A")
+    assert not [*tmp_path.rglob("*")]
 
 
 def test_the_same_draws(tables, here, tmp_path):

@@ -14,6 +14,7 @@ from softness_bayes.arviz_bridge import require_storable
 from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.errors import InputError
 from softness_bayes.files.command_line import storable
+from softness_bayes.files.json_text import as_json
 from softness_bayes.model.build import build
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulated_forces import simulate_compression
@@ -24,7 +25,6 @@ from softness_bayes.runs import plate as skin
 from softness_bayes.runs import run
 from softness_bayes.runs.plate import sample_skin
 from softness_bayes.runs.run import requested, sample
-from softness_bayes.sampler.serial import as_json
 from softness_bayes.touch.readings import MENDED
 from support.command_line import call
 from support.paths import DATA

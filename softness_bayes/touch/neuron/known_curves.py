@@ -8,6 +8,7 @@ from importlib import resources
 
 import numpy as np
 
+from softness_bayes.files.json_text import parse_json
 from softness_bayes.touch.neuron.firing import CurveError, RateCurve, exact_curve
 from softness_bayes.touch.neuron.membrane import Channels, Membrane
 
@@ -55,5 +56,5 @@ def _kept() -> dict[str, RateCurve]:
             found["max_current"],
             CurveError(*found["error"]),
         )
-        for name, found in json.loads(text).items()
+        for name, found in parse_json(text).items()
     }

@@ -11,7 +11,6 @@ The tables are built and measured by ``python -m softness_bayes.tools.surface_bu
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from importlib import resources
@@ -21,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError, NumericalError
+from softness_bayes.files.json_text import parse_json
 from softness_bayes.touch.neuron.firing import CurveError, RateCurve, exact_curve, exact_curves, shortening
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, Channels, Driven, Membrane, lanes, rows_of
 from softness_bayes.touch.neuron.polynomials import TotalDegree
@@ -91,7 +91,7 @@ class FiringSurface:
                 f"{TABLES} was made from other inputs for {membrane.name}; "
                 "rebuild it with `python -m softness_bayes.tools.surface_build`"
             )
-        measured = json.loads((folder / ERRORS).read_text())[membrane.name]
+        measured = parse_json((folder / ERRORS).read_text())[membrane.name]
         return cls(design, table, border, CurveError(*(measured[name] for name in CurveError._fields)), design.degree)
 
     @property
