@@ -7,7 +7,6 @@ whatever reads a stored record passes it to `require_trusted` before it looks up
 from __future__ import annotations
 
 import importlib
-import json
 import os
 import re
 import sys
@@ -21,6 +20,7 @@ from types import MappingProxyType, ModuleType
 from typing import Any
 
 from softness_bayes.errors import InputError, quoted
+from softness_bayes.files.json_text import parse_json
 
 GROUP = "softness_bayes"
 """Prefix of groups of entry points, as in ``softness_bayes.pressure``."""
@@ -98,9 +98,9 @@ def _code_in(record: Any) -> Iterator[tuple[str, str]]:
         if isinstance(one, str):
             if one.startswith(("{", "[")):
                 try:
-                    left.append(json.loads(one))
-                except RecursionError:
-                    raise InputError(f"{quoted(one)}: is nested too deeply") from None
+                    left.append(parse_json(one))
+                except InputError:
+                    raise
                 except ValueError:  # no JSON, so nobody looks up names in it
                     continue
             # a prior has numbers after its name

@@ -17,8 +17,8 @@ from support.paths import ROOT
 
 LAYERS = (
     {"errors"},
-    {"defaults", "files", "imports", "kinds", "ranges", "readable", "supplied"},
-    {"arviz_bridge", "touch.neuron"},
+    {"defaults", "files", "imports", "kinds", "ranges", "readable"},
+    {"arviz_bridge", "supplied", "touch.neuron"},
     {"touch", "sampler"},
     {"data", "parameters"},
     {"likelihood"},

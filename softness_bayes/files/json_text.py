@@ -16,13 +16,15 @@ def parse_json(text: str | bytes) -> Any:
 
     Raises
     ------
+    InputError
+        If it is nested too deeply.
     ValueError
-        If it is not JSON in UTF-8, or is nested too deeply.
+        If it is not JSON in UTF-8. `InputError` is one as well.
     """
     try:
         return json.loads(text)
     except RecursionError:
-        raise ValueError("nested too deeply") from None
+        raise InputError("JSON that is nested too deeply") from None
 
 
 def as_json(values: Any, what: str, indent: int | None = None) -> str:
