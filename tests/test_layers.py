@@ -38,7 +38,6 @@ HOMES = {
     "bokeh": {
         "explore.charts",
         "explore.page",
-        "explore.relay",
         "explore.server",
         "report.charts",
     },

@@ -1,4 +1,4 @@
-"""Page of sliders and charts: each change calls `picture`, and the charts show the resulting arrays."""
+"""Page of sliders and charts: after each change the charts show what `picture` computes."""
 
 from __future__ import annotations
 
@@ -16,9 +16,7 @@ from bokeh.models.widgets import Button, Div, Select, Slider
 from softness_bayes.errors import SoftnessError
 from softness_bayes.explore.charts import MODULUS_WORDS, Charts
 from softness_bayes.explore.picture import Picture, picture
-from softness_bayes.explore.relay import Relay
-from softness_bayes.explore.span import DIGITS, STEPS, Span, rounded
-from softness_bayes.explore.subject import State, Subject
+from softness_bayes.explore.subject import DIGITS, Span, State, Subject, rounded
 from softness_bayes.parameters.fabric_moduli import KPA
 from softness_bayes.plotting.panels import title
 
@@ -66,9 +64,9 @@ class Page:
 
     def __init__(self, subject: Subject, document: Document) -> None:
         self.subject, self.state = subject, subject.start
+        self._document = document
         self._quiet = False  # true while one change of a widget sets others
-        self._waiting = False  # true if the state is not yet drawn
-        self._shown_already = False  # true once a browser has loaded the document; the relay then sends all changes
+        self._waiting = False  # true if the state will be drawn soon
         loads: list[Any] = [(str(k), title(load)) for k, load in enumerate(subject.loads)]
         names: list[Any] = [(str(k), name) for k, name in enumerate(subject.fabrics.names)]
         self.load = Select(title="load", options=loads, name="load", width=310)
@@ -79,12 +77,10 @@ class Page:
         self.reset = Button(label="reset", name="reset")
         self.said = Div(name="said", sizing_mode="stretch_width")
         self.charts = Charts(subject)
-        self.relay = Relay({**self.charts.models, "said": self.said}, self.said, self._on_free)
         self._move_to(subject.start)
         self._listen()
         document.title = TITLE
         document.add_root(self._layout())
-        self._shown_already = document.session_context is not None
 
     def _listen(self) -> None:
         for span in self.subject.spans:
@@ -92,11 +88,7 @@ class Page:
         self.sliders[MODULUS].on_change("value", lambda _attr, _old, new: self._on_modulus(self.modulus.value(new)))
         self.load.on_change("value", lambda _attr, _old, new: self._to(replace(self.state, load=int(new))))
         self.fabric.on_change("value", lambda _attr, _old, new: self._on_fabric(new))
-        self.reset.on_click(self._on_reset)
-
-    def _on_reset(self) -> None:
-        self.charts.forget()
-        self._move_to(self.subject.start)
+        self.reset.on_click(lambda: self._move_to(self.subject.start))
 
     def _on_parameter(self, span: Span) -> Any:
         def moved(_attr: str, _old: float, new: float) -> None:
@@ -131,34 +123,28 @@ class Page:
         self._to(state)
 
     def _to(self, state: State) -> None:
-        """Draw a state, or let it wait until the browser has taken the one before; then the latest state is drawn."""
+        """Draw a state; in a browser with the changes of the next 25 ms, so that a drag does not queue."""
         if self._quiet:
             return
-        self.state, self._waiting = state, self.relay.busy
-        if not self._waiting:
+        self.state = state
+        if self._document.session_context is None:
             self._show()
-
-    def _on_free(self) -> None:
-        if self._waiting:
-            self._waiting = False
-            self._show()
+        elif not self._waiting:
+            self._waiting = True
+            self._document.add_timeout_callback(self._show, 25)
 
     def _show(self) -> None:
         """Draw the state; if the model rejects it, show the message and keep the charts."""
+        self._waiting = False
         try:
-            self.draw(picture(self.subject, self.state))
+            found = picture(self.subject, self.state)
         except SoftnessError as error:
-            self.relay.set("said", "text", f"<p>{escape(f'This cannot be drawn: {error}')}</p>")
-        self.relay.send(self._shown_already)
-
-    # charts
-
-    def draw(self, found: Picture) -> None:
-        """Show a picture in the charts, the text, the table and the command."""
+            self.said.text = f"<p>{escape(f'This cannot be drawn: {error}')}</p>"
+            return
         load, rated = self.state.load, self.subject.rated
-        self.charts.draw(self.relay, load, found)
+        self.charts.draw(load, found)
         words = [*found.told, *([] if rated is None else [f"Posterior of the run: {rated.shown[load].told}"])]
-        self.relay.set("said", "text", _in_words(words, found))
+        self.said.text = _in_words(words, found)
 
     def _layout(self) -> Any:
         about = "the medians of the priors" if self.subject.rated is None else self.subject.rated.source
@@ -178,7 +164,7 @@ def _slider(span: Span) -> Slider:
     return Slider(
         start=start,
         end=end,
-        step=(end - start) / STEPS,
+        step=(end - start) / 500,
         value=span.place(span.start),
         title=f"{span.name}{unit}, {span.meaning}",
         format=CustomJSTickFormatter(code=POWER) if span.logarithmic else f"0[.]{'0' * (DIGITS - 1)}",

@@ -1,7 +1,10 @@
-"""Data shown for one setting of the sliders, computed independently of the page."""
+"""Data shown for one setting of the sliders, and the command that repeats them, computed independently of the page."""
 
 from __future__ import annotations
 
+import csv
+import io
+import shlex
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -9,23 +12,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checking.inflection import CurveShape, Inflection, find_inflection, response_curves
+from softness_bayes.data.loads import LOAD_COLUMNS
 from softness_bayes.defaults import ACCURACY
-from softness_bayes.explore.command import repeating
 from softness_bayes.explore.subject import State, Subject
+from softness_bayes.model.fingers import values_of
 from softness_bayes.model.prediction import quantities
 from softness_bayes.model.scenes import touch_parameters
+from softness_bayes.parameters.declared import SHAPE_PARAMETERS
 from softness_bayes.parameters.fabric_moduli import KPA
 from softness_bayes.plotting.panels import title
 from softness_bayes.readable import number, percent
 from softness_bayes.touch.contact import HERTZ_LIMIT
 from softness_bayes.touch.pad import touch_profiles
 from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.receptors import kink_distances
 
 Array = NDArray[np.float64]
-
-DISTANCES = 201
-"""Points from the contact's axis to the pad's farthest corner, closer together near the axis."""
 
 
 class Picture(NamedTuple):
@@ -81,7 +84,8 @@ def picture(subject: Subject, state: State) -> Picture:
         touched = np.concatenate([curves.total_rate[0], every], axis=1)
         both = subject.rated.typical(values, touched, state.fabric)
         rating, chosen["typical_rating"] = both[:, :-1], float(both[state.load, -1])
-    distance = kink_distances(subject.finger)[-1] * np.linspace(0.0, 1.0, DISTANCES) ** 1.5
+    # from the contact's axis to the pad's farthest corner, closer together near the axis
+    distance = kink_distances(subject.finger)[-1] * np.linspace(0.0, 1.0, 201) ** 1.5
     profiles = touch_profiles(touch, one, distance, moduli)
     away = np.hypot(*(subject.receptors - subject.finger.contact_centre).T)
     return Picture(
@@ -133,3 +137,41 @@ def _reach(subject: Subject, values: Mapping[str, float], chosen: Mapping[str, f
         if not low * (1 - 1e-6) <= chosen["e_fab_kpa"] <= high * (1 + 1e-6):
             said.append(f"This modulus is outside the rated range, {number(low)} to {number(high)} kPa.")
     return said
+
+
+def repeating(subject: Subject, state: State) -> str:
+    """Return the lines that reproduce the touch of a state: a table of its fabric, and the prediction for it."""
+    load = subject.loads[state.load]
+    column = next(entry.column.name for entry in LOAD_COLUMNS if isinstance(load, entry.kind))
+    words = ["softness-bayes", "predict", "--fabrics", "explored.csv"]
+    words += [f"--{column.replace('_', '-')}", str(load).partition(" ")[0]]
+    if subject.rated is not None:
+        # finger, readings, noise and the medians of parameters without a slider come from the run
+        words += ["--posterior", subject.rated.source, *_options("--set", state.values)]
+    else:
+        values, usual = subject.values(state), Readings().names
+        shape = {f"{name}_mm": values[name] for name in SHAPE_PARAMETERS if name in values}
+        touch = {n: values[n] for n in TouchParameters._fields if n in values and n not in SHAPE_PARAMETERS}
+        words += [*_options("--set", touch), *_options("--finger", values_of(subject.finger) | shape)]
+        changed = {place: name for place, name in subject.readings.names.items() if name != usual[place]}
+        words += [word for place, name in changed.items() for word in ("--reading", f"{place}={name}")]
+    return f"printf '%s\\n' {' '.join(map(shlex.quote, _table(subject, state)))} > explored.csv\n{shlex.join(words)}"
+
+
+def _options(option: str, values: Mapping[str, float]) -> list[str]:
+    """Return an option for each of some numbers by name."""
+    written = {name: repr(float(value)).removesuffix(".0") for name, value in values.items()}
+    return [word for name, value in written.items() for word in (option, f"{name}={value}")]
+
+
+def _table(subject: Subject, state: State) -> list[str]:
+    """Return the rows of a table with this fabric only."""
+    if state.fabric is None:
+        name, modulus, poisson = "explored", state.modulus_kpa, subject.poisson_ratio
+    else:
+        fabrics, k = subject.fabrics, state.fabric
+        name, modulus, poisson = fabrics.names[k], fabrics.effective_modulus[k] / KPA, fabrics.poisson_ratio[k]
+    # twelve digits reproduce the table's value and hide the rounding of the unit conversion
+    row, text = (name, f"{modulus:.12g}", f"{poisson:.12g}"), io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([("fabric", "effective_modulus_kpa", "poisson_ratio"), row])
+    return text.getvalue().splitlines()

@@ -1,4 +1,4 @@
-"""Model behind the page: the scene and its parameter ranges, compiled once and then evaluated for each redraw."""
+"""Model behind the page: ranges of the parameters, scenes that are compiled once, and the data of a run."""
 
 from __future__ import annotations
 
@@ -12,14 +12,17 @@ from numpy.typing import NDArray
 
 from softness_bayes.checking.inflection import LEAST_DROP, RANGE_FACTOR
 from softness_bayes.data import Fabrics
+from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.errors import InputError
-from softness_bayes.explore.rated import Rated
-from softness_bayes.explore.span import Span, span_of
 from softness_bayes.model.fingers import box_of_priors, require_one_source
+from softness_bayes.model.other_touches import deviations_of_fabrics
 from softness_bayes.model.scenes import firing_of
 from softness_bayes.parameters.choice import parameter_space
+from softness_bayes.parameters.declared import Parameter
 from softness_bayes.parameters.fabric_moduli import KPA
-from softness_bayes.parameters.priors import Prior
+from softness_bayes.parameters.priors import LogNormal, LogUniform, Prior
+from softness_bayes.report.curves import shown
+from softness_bayes.results.fitted import Fitted
 from softness_bayes.results.result import Result
 from softness_bayes.touch.contact import Finger, FingerBox, Indentation, Load
 from softness_bayes.touch.neuron.fixed_channels import Firing
@@ -30,14 +33,123 @@ from softness_bayes.touch.scene import Scene
 
 Array = NDArray[np.float64]
 
-POINTS = 161
-"""Moduli of a response curve, as many as a run stores."""
-
 EXAMPLE_LOADS: tuple[Load, ...] = (Indentation(1e-3), Indentation(2e-3), Indentation(3e-3))
-"""Loads of the example."""
+DIGITS = 5
+"""Significant digits of a value: what is shown is what is computed with."""
 
-RATED_PARAMETERS = ("gamma", "eps")
-"""Parameters behind the response that move the typical rating; those of its spread are kept where they are."""
+
+def rounded(value: float) -> float:
+    """Return a value to `DIGITS` significant digits."""
+    return float(f"{value:.{DIGITS}g}")
+
+
+@dataclass(frozen=True)
+class Span:
+    """Range of one parameter with a slider.
+
+    Parameters
+    ----------
+    name, meaning, unit
+        As in the parameter's declaration.
+    low, high, start
+        Ends and initial value [unit].
+    logarithmic
+        True for a logarithmic scale.
+    """
+
+    name: str
+    meaning: str
+    unit: str
+    low: float
+    high: float
+    start: float
+    logarithmic: bool
+
+    def place(self, value: float) -> float:
+        """Return the slider position of a value: log10 of it on a logarithmic scale, else the value itself."""
+        return float(np.log10(value)) if self.logarithmic else value
+
+    def value(self, place: float) -> float:
+        """Return the value at a slider position, the inverse of `place`."""
+        return rounded(10.0**place if self.logarithmic else place)
+
+
+def span_of(parameter: Parameter, start: float) -> Span:
+    """Return the central 98 % of a parameter's prior, extended to include its initial value."""
+    start, law = rounded(start), parameter.prior
+    low, high = (rounded(float(end)) for end in np.asarray(law.quantile([0.01, 0.99]), float))
+    low, high = min(low, start), max(min(high, parameter.largest), start)
+    while hasattr(law, "law"):  # of a truncated or sign-symmetric law
+        law = law.law
+    unit = "" if parameter.unit == "–" else parameter.unit
+    logarithmic = low > 0 and isinstance(law, (LogNormal, LogUniform))
+    return Span(parameter.name, parameter.meaning, unit, low, high, start, logarithmic)
+
+
+class Rated:
+    """The model of a finished run on ratings, made once.
+
+    Parameters
+    ----------
+    result
+        The run.
+
+    Raises
+    ------
+    InputError
+        If the run's files lack inputs that its model needs.
+    """
+
+    def __init__(self, result: Result) -> None:
+        fitted = Fitted(result, ANSWER_DRAWS)
+        # of many loads: those of groups of them, and the index of the middle load of each group
+        self.shown, self.load = shown(result)["e_fab"], result.load_groups.at.tolist()
+        self.source, self.scale, self.posterior = result.source, result.scale, fitted.posterior
+        self.medians = {name: float(np.median(values)) for name, values in fitted.named.items()}
+        if not isinstance(fitted.posterior.scene, Scene):
+            raise TypeError("expected the posterior of a compiled scene")
+        self.scene = fitted.posterior.scene
+        own = self.posterior.space.modulus(self._theta(self.medians))
+        self.moduli = result.fabrics.effective_modulus if own is None else own
+        self.span = float(self.moduli.min()) / KPA, float(self.moduli.max()) / KPA
+
+    def _theta(self, values: Mapping[str, float]) -> Array:
+        return np.array([values[name] for name in self.posterior.names])
+
+    def typical(self, values: Mapping[str, float], rate: Array, fabric: int | None = None) -> Array:
+        """Return the typical rater's rating for given responses [unit of the ratings' file].
+
+        It is the median over the level of the ratings given the data and these parameters, over the draws of `predict`
+        at these values, or 15 where each takes integrals over intervals. They are the same each time, so that curves
+        move smoothly; their number is odd, so that the median of categories is one.
+
+        Parameters
+        ----------
+        values
+            Every parameter by name, in natural units.
+        rate
+            Responses [spikes/s], shape (loads, k), one row for each load of `shown`.
+        fabric
+            Index of the rated fabric in the last column, or None. If the model has fabric deviations, that of this
+            fabric is added in the last column.
+        """
+        posterior, observed = self.posterior, self.posterior.observation
+        size = ANSWER_DRAWS if observed.ends is None else 15
+        theta = np.repeat(self._theta(values)[None], size, axis=0)
+        rated = np.repeat(posterior.response(theta[:1]), size, axis=0)
+        parameters = posterior.rating_parameters(theta)
+        effects = observed.draw_effects(np.random.default_rng(0), rated, parameters)
+        one = posterior.rating_parameters(theta[:1])  # the drive is the same for every draw
+        drive = observed.drive_at(rate.reshape(1, -1) / self.scene.n_receptors, rated[:1], one)
+        drive = np.broadcast_to(drive.reshape(1, *rate.shape), (size, *rate.shape))
+        own = None if fabric is None else deviations_of_fabrics(observed.single.named_effects(effects))
+        if own is not None:
+            drive = np.concatenate([drive[..., :-1], drive[..., -1:] + own[:, None, fabric, None]], axis=-1)
+        found = [
+            observed.typical(rated, parameters, effects, drive[:, k], np.flatnonzero(self.scene.load == load))
+            for k, load in enumerate(self.load)
+        ]
+        return np.asarray(np.median(np.stack(found, axis=1), axis=0))
 
 
 @dataclass(frozen=True)
@@ -119,8 +231,8 @@ class Subject:
 
     @cached_property
     def curves(self) -> Scene:
-        """The scene of the curves: `POINTS` moduli under every load."""
-        return self._scene(np.geomspace(*self.ends, POINTS), np.full(POINTS, self.poisson_ratio))
+        """The scene of the curves: as many moduli as a run stores, under every load."""
+        return self._scene(np.geomspace(*self.ends, 161), np.full(161, self.poisson_ratio))
 
     @cached_property
     def touches(self) -> Scene:
@@ -231,7 +343,8 @@ def of_run(result: Result) -> Subject:
         raise InputError(f"{result.source}: a run without ratings has no response to explore")
     rated = Rated(result)
     space, scene, medians = rated.posterior.space, rated.scene, rated.medians
-    moved = tuple(p for p in space.chain if p.name in (*TouchParameters._fields, *RATED_PARAMETERS))
+    # of the parameters behind the response, those of the spread of ratings are kept where they are
+    moved = tuple(p for p in space.chain if p.name in (*TouchParameters._fields, "gamma", "eps"))
     varied, seen = {p.name for p in moved}, result.fabrics
     fabrics = Fabrics(seen.names, effective_modulus=rated.moduli, poisson_ratio=seen.poisson_ratio)
     return Subject(

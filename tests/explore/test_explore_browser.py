@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import replace
 
 import numpy as np
@@ -19,8 +18,6 @@ pytestmark = pytest.mark.browser
 DRAWN = "typeof Bokeh !== 'undefined' && Bokeh.documents.length > 0 && Bokeh.documents[0].is_idle"
 MODEL = "Bokeh.documents[0].get_model_by_name({!r})"
 COLUMN = "Array.from(" + MODEL + ".data[{!r}])"
-MOVES = 60
-"""Moves of a slider that are timed."""
 TWO_FRAMES = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
 HANDLE = "Bokeh.index.find_one_by_id({0}.id).el.shadowRoot.querySelector('.noUi-handle')"
 
@@ -93,58 +90,6 @@ def test_a_moved_slider_moves_the_curve(window, of_ratings):
     # the number beside the slider is the one that is computed with
     title = f"Bokeh.index.find_one_by_id({MODEL.format('b')}.id).el.shadowRoot.querySelector('.bk-slider-value')"
     assert window.script(f"{title}.textContent") == f"{b:g}"
-
-
-@pytest.mark.slow
-def test_time_of_a_redraw_is_told(window, of_ratings):
-    """From the slider's event to the new data, through the server and back, and to the screen: see ``pytest -s``."""
-    span = next(one for one in of_ratings.spans if one.name == "sigma_0")
-    places = np.random.default_rng(0).uniform(span.place(span.low), span.place(span.high), MOVES).tolist()
-    window.events.clear()
-    taken = window.script(
-        f"(async () => {{ const source = {MODEL.format('curve')}, slider = {MODEL.format('sigma_0')}, taken = []; "
-        f"for (const place of {places}) {{ const begun = performance.now(); "
-        "const moved = new Promise(done => source.properties.data.change.connect(() => done())); "
-        "slider.value = place; await moved; const found = performance.now(); "
-        "await new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done))); "
-        "taken.push([found - begun, performance.now() - begun]); "
-        "await new Promise(done => setTimeout(done, 40 + 40 * Math.random())); } return taken; })()"
-    )
-    (data, screen), (_, longest) = np.quantile(taken, [0.5, 0.9], axis=0)
-    assert len(taken) == MOVES
-    # one message brings a whole redraw, in three frames, beside the answers to the slider's own: with one message for
-    # each change there are 34 frames
-    frames = sum(event["method"] == "Network.webSocketFrameReceived" for event in window.events)
-    assert frames <= 20 * len(taken)
-    print(
-        f"\nafter the slider's event: new data in {data:.0f} ms, drawn in {screen:.0f} ms (medians of {len(taken)} "
-        f"moves), 90 % within {longest:.0f} ms; load {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors"
-    )
-
-
-def test_only_the_moving_layer_is_repainted(window):
-    """A small move paints curves, and no axis, band or grid; a change of load paints these too."""
-    window.script(
-        "window.painted = {still: 0, moving: 0}; for (const model of Bokeh.documents[0]._all_models.values()) { "
-        "const view = model.type === 'Figure' && Bokeh.index.find_one_by_id(model.id); if (!view) continue; "
-        "for (const [name, kind] of [['_paint_primary', 'still'], ['_paint_overlays', 'moving']]) { "
-        "const paint = view[name].bind(view); view[name] = (...all) => { window.painted[kind]++; paint(...all) } } }"
-    )
-    for slider, source, key in (("gamma", "curve", "rating"), ("alpha", "firing receptors", "rate")):
-        drawn = COLUMN.format(source, key)
-        before = window.script(drawn)
-        window.script(f"{{ const one = {MODEL.format(slider)}; one.value += (one.end - one.start) / 1000 }}")
-        window.wait(f"JSON.stringify({drawn}) !== JSON.stringify({json.dumps(before)})")
-        window.script(TWO_FRAMES)
-        painted = window.script("window.painted")
-        assert painted["still"] == 0
-        assert painted["moving"] >= 1
-    window.script(f"{MODEL.format('load')}.value = '0'")
-    wait_for(window, "--indentation-mm 2")
-    window.script(TWO_FRAMES)
-    assert window.script("window.painted.still") >= 2
-    window.script(f"{MODEL.format('load')}.value = '1'")
-    wait_for(window, "--force-n 1.5")
 
 
 def test_a_fast_drag_does_not_queue(window, of_ratings):
