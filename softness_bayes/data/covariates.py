@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 from softness_bayes.data.columns import LABELS, NUMBERS
 from softness_bayes.data.names import listing
@@ -53,13 +53,16 @@ def covariates_in(table: Table, participants: Sequence[str]) -> tuple[dict[str, 
 
 
 def _named(found: Mapping[str, tuple[str, ...]], titles: Mapping[str, Sequence[str]]) -> dict[str, tuple[str, ...]]:
-    return {kept_name(title, titles): texts for title, texts in found.items()}
+    others = {title.casefold() for title in titles}
+    return {kept_name(title, others): texts for title, texts in found.items()}
 
 
-def kept_name(title: str, titles: Mapping[str, Sequence[str]]) -> str:
-    """Return the name under which a covariate is stored, changed only if a table of a run has a column of that name."""
+def kept_name(title: str, others: Collection[str]) -> str:
+    """Return the name under which a covariate is stored, changed only if a table of a run has a column of that name.
+
+    The titles of all `others` are in small letters.
+    """
     own = name = unescaped(title)
-    others = {other.casefold() for other in titles}
     while name.casefold() in OWN_COLUMNS or (name != own and name.casefold() in others):
         name += " (covariate)"
     return name
@@ -71,8 +74,9 @@ def _noted(table: Table, found: Mapping[str, tuple[str, ...]], varying: Sequence
     notes = [note for note in table.notes if note not in unused_note([*table.others])] + left
     if found:
         notes.append(f"copied to the results as covariates of participants (no model uses them): {listing([*found])}")
+    others = {title.casefold() for title in table.others}
     for title in found:
-        if (name := kept_name(title, table.others)) != unescaped(title):
+        if (name := kept_name(title, others)) != unescaped(title):
             notes.append(
                 f"covariate {quoted(title)} is renamed {quoted(name)}, because tables of the run have a column "
                 "of that name"

@@ -5,6 +5,8 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Container, Mapping, Sequence
+from functools import cache
+from itertools import islice
 from typing import NamedTuple
 
 from softness_bayes.data.columns import (
@@ -32,7 +34,7 @@ from softness_bayes.data.columns import (
     THICKNESS,
     Column,
 )
-from softness_bayes.data.names import listing
+from softness_bayes.data.names import MOST_GUESSED, listing
 from softness_bayes.data.synonyms import SYNONYMS, key
 from softness_bayes.data.units import LONGEST_TITLE, Spelt, Unit, is_unit, names_of, title_and_unit, unit_named
 from softness_bayes.errors import InputError, quoted
@@ -304,9 +306,10 @@ def _seek_cells(found: Header, titles: Sequence[str]) -> None:
         )
 
 
-def _keys(name: str) -> set[str]:
+@cache
+def _keys(name: str) -> frozenset[str]:
     """Return the keys of a column's standard name, with and without its unit, and of its synonyms."""
-    return {key(title) for title in (title_and_unit(name)[0], name, *SYNONYMS.get(name, ()))}
+    return frozenset(key(title) for title in (title_and_unit(name)[0], name, *SYNONYMS.get(name, ())))
 
 
 def _pass_over(found: Header, titles: Sequence[str], given: frozenset[str]) -> None:
@@ -321,14 +324,14 @@ def _pass_over(found: Header, titles: Sequence[str], given: frozenset[str]) -> N
                 )
 
 
-def _misspelt(names: set[str], parts: Mapping[int, tuple[str, Spelt | None]]) -> list[int]:
-    """Return the column with a title close to a name, if any; short names, which resemble many words, are skipped."""
-    stems = {key(stem): j for j, (stem, _) in parts.items() if len(stem) <= LONGEST_TITLE}
+def _misspelt(names: frozenset[str], parts: Mapping[int, tuple[str, Spelt | None]]) -> list[int]:
+    """Return the column, of the first ones, with a title close to a name, if any; short names resemble many words."""
+    stems = {key(stem): j for j, (stem, _) in islice(parts.items(), MOST_GUESSED) if len(stem) <= LONGEST_TITLE}
     close = (difflib.get_close_matches(name, stems, 1, 0.8) for name in sorted(names) if len(name) > 4)
     return list(dict.fromkeys(stems[stem] for found in close for stem in found))[:1]
 
 
-def _fits(name: str, stem: str, spelt: Spelt | None, *, title: str, names: set[str]) -> bool:
+def _fits(name: str, stem: str, spelt: Spelt | None, *, title: str, names: frozenset[str]) -> bool:
     """Return whether a title is a name of a column, with an allowed unit."""
     quantity = _quantity(name)
     if spelt is None and quantity in ("", "ratio"):

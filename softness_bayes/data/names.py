@@ -9,6 +9,9 @@ from collections.abc import Iterable, Sequence
 
 _LONGEST_GUESSED = 100
 
+MOST_GUESSED, MOST_ASKED = 500, 100
+"""Largest numbers of names among which, and for which, similar ones are sought in a table."""
+
 
 def natural(names: Iterable[str]) -> list[str]:
     """Return distinct names, sorted with numbers in numerical order: P2 before P10."""
@@ -25,15 +28,32 @@ def listing(names: Sequence[str], most: int = 8) -> str:
     return ", ".join(shown) + (f", … ({len(names)} in all)" if len(names) > most else "")
 
 
-def guess(name: str, known: Iterable[str]) -> str:
-    """Return ' (did you mean ...?)' if a known name is similar or looks identical, otherwise an empty text."""
-    known = list(known)
-    if alike := [other for other in known if _look(other) == _look(name)]:
-        return f" (which has {_shown(alike[0])} for {_shown(name)}: they differ in {_DIFFERENCE} only)"
-    if len(name) > _LONGEST_GUESSED:
-        return ""
-    near = difflib.get_close_matches(name, known, 1)
-    return f" (did you mean {near[0]!r}?)" if near else ""
+class Guesses:
+    """Suggestions for misspelt names: a known name that looks identical, or is similar.
+
+    Similar names are sought among the first `MOST_GUESSED` known ones, and for the first `MOST_ASKED` misspelt ones.
+
+    Parameters
+    ----------
+    known
+        The known names.
+    """
+
+    def __init__(self, known: Iterable[str]) -> None:
+        names = list(known)
+        self._looks = {_look(name): name for name in reversed(names)}
+        self._known = names[:MOST_GUESSED]
+        self._left = MOST_ASKED
+
+    def of(self, name: str) -> str:
+        """Return ' (did you mean ...?)' if there is such a name, otherwise an empty text."""
+        if alike := self._looks.get(_look(name)):
+            return f" (which has {_shown(alike)} for {_shown(name)}: they differ in {_DIFFERENCE} only)"
+        self._left -= 1
+        if len(name) > _LONGEST_GUESSED or self._left < 0:
+            return ""
+        near = difflib.get_close_matches(name, self._known, 1)
+        return f" (did you mean {near[0]!r}?)" if near else ""
 
 
 def alike_notes(kind: str, names: Iterable[str]) -> list[str]:

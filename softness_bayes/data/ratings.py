@@ -18,7 +18,7 @@ from softness_bayes.data.decimals import Marks
 from softness_bayes.data.fabrics import Fabrics, log_sd
 from softness_bayes.data.headers import LOADED, RATED
 from softness_bayes.data.loads import LOAD_COLUMNS, given_load, loads_in, rank
-from softness_bayes.data.names import alike_notes, guess, natural
+from softness_bayes.data.names import Guesses, alike_notes, natural
 from softness_bayes.data.pairs import unpaired
 from softness_bayes.data.plausible import missing_codes
 from softness_bayes.data.tables import (
@@ -342,8 +342,9 @@ def _fabrics_in(table: Table, fabrics: Fabrics | None) -> Sequence[str]:
     if fabrics is not None:
         known = set(fabrics.names)
         rows = Counter(name for name in labels if name not in known)
+        guesses = Guesses(fabrics.names)
         for name, count in rows.items():
-            problem = f"{quoted(name)} is not a fabric of {fabrics.source}{guess(name, fabrics.names)}"
+            problem = f"{quoted(name)} is not a fabric of {fabrics.source}{guesses.of(name)}"
             more = f", as in {count - 1} other rows" if count > 1 else ""
             table.fault(labels.index(name), "fabric", f"{problem}{more}")
     return labels

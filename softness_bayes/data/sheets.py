@@ -9,6 +9,12 @@ from dataclasses import dataclass, field
 from softness_bayes.data.second_headers import joined
 from softness_bayes.errors import InputError, quoted
 
+MOST_COLUMNS = 2**14
+"""Largest number of columns of a table, that of spreadsheet programs."""
+
+MOST_CELLS = 2**24
+"""Largest number of cells of a table, with the empty ones between others."""
+
 
 class SheetNumber(str):
     """A number that the file holds as one, not as text: its decimal mark is a point."""
@@ -63,12 +69,20 @@ def sheet_of(
     Raises
     ------
     InputError
-        If there is no row below the header, two columns have the same title, or a row is longer than the header.
+        If there is no row below the header, two columns have the same title, a row is longer than the header, or the
+        table is too large.
     """
     records: list[list[str]] = []
     rows: list[int] = []
     padded: Counter[tuple[int, str]] = Counter()
+    size = 0
     for record, line in lines:
+        size += max(len(record), len(records[0]) if records else 0)
+        if len(record) > MOST_COLUMNS or size > MOST_CELLS:
+            what = f"{len(record)} columns, expected at most {MOST_COLUMNS}"
+            if len(record) <= MOST_COLUMNS:
+                what = f"more than {MOST_CELLS} cells, with the empty ones up to the last column"
+            raise InputError(f"{place}: row {line}: {what}; is there a stray cell far from the table?")
         cells = [cell if isinstance(cell, SheetNumber) else cell.strip() for cell in record]
         padded.update((j, cell) for j, cell in enumerate(cells) if cell != record[j])
         if any(cells):

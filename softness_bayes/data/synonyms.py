@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections.abc import Mapping
+from functools import lru_cache
 
 SYNONYMS: Mapping[str, tuple[str, ...]] = {
     "participant": (
@@ -125,6 +126,7 @@ SYNONYMS: Mapping[str, tuple[str, ...]] = {
 name stands for one column only."""
 
 
+@lru_cache(2**16)
 def key(title: str) -> str:
     """Return what a title shares with those that differ in case, Unicode form, spaces and punctuation only."""
     text = unicodedata.normalize("NFKC", title).casefold()

@@ -14,7 +14,7 @@ from softness_bayes.data.columns import LABELS, NUMBERS, RATING, Column
 from softness_bayes.data.decimals import Cell, Marks, Reading, decimal_mark, mark_of, plain
 from softness_bayes.data.faults import Faults, TableError
 from softness_bayes.data.headers import Sought, understood
-from softness_bayes.data.names import guess, listing, natural
+from softness_bayes.data.names import Guesses, listing, natural
 from softness_bayes.data.sheets import Sheet, SheetNumber
 from softness_bayes.data.synonyms import WORDS_FOR_RATINGS, key
 from softness_bayes.data.units import Unit, unit_named
@@ -201,7 +201,8 @@ def read_table(
 def _numbered(titles: Sequence[str]) -> list[str]:
     """Return titles that differ in a number at their end alone."""
     stems = {title: match[1] for title in titles if (match := re.fullmatch(r"(.*?)[\s_.#-]*[0-9]{1,3}", title))}
-    return [title for title, stem in stems.items() if [*stems.values()].count(stem) > 1]
+    count = Counter(stems.values())
+    return [title for title, stem in stems.items() if count[stem] > 1]
 
 
 def _table(sheet: Sheet, sought: Sought, renames: Mapping[str, str], decimal: str | None) -> Table:
@@ -259,7 +260,7 @@ def check_renames(renames: Mapping[str, str], *tables: Table) -> None:
         if name not in (*LABELS, *NUMBERS):
             known = (*LABELS, *NUMBERS)
             raise InputError(
-                f"--column {name}={actual}: no column is called {name!r} here{guess(name, known)}; "
+                f"--column {name}={actual}: no column is called {name!r} here{Guesses(known).of(name)}; "
                 f"expected one of {', '.join(known)}"
             )
         if all(table.titles.get(name, "").casefold() != actual.casefold() for table in tables):

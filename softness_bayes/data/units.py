@@ -6,6 +6,7 @@ import re
 import unicodedata
 from collections.abc import Mapping
 from decimal import Decimal
+from functools import lru_cache
 from typing import NamedTuple
 
 
@@ -85,6 +86,7 @@ _ONLY_BRACKETED = frozenset({"in", "bar", "1", "-", "–"})
 """Units that may be words or numbers where they do not stand in brackets."""
 
 
+@lru_cache(2**16)
 def _spelling(text: str) -> str:
     """Return a unit in the one spelling that all of its ways of writing share."""
     text = unicodedata.normalize("NFKC", text).replace("\u03bc", "u").replace("^", "").strip()
@@ -121,6 +123,7 @@ def names_of(quantity: str) -> str:
     return ", ".join(texts[0] for texts in UNITS[quantity].values())
 
 
+@lru_cache(2**16)  # each title of a wide table is looked at for every column
 def title_and_unit(title: str) -> tuple[str, Spelt | None]:
     """Return a column's title without its unit, and the unit as written.
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from softness_bayes.data.columns import FORCE, INDENTATION, RATING, Column
 from softness_bayes.data.headers import Sought, understood
-from softness_bayes.data.names import guess, listing
+from softness_bayes.data.names import Guesses, listing
 from softness_bayes.data.sheets import Sheet, SheetNumber
 from softness_bayes.data.units import LONGEST_TITLE, unit_named
 from softness_bayes.errors import InputError, quoted
@@ -92,8 +92,9 @@ def _rated(sheet: Sheet, titles: Mapping[int, str], form: Form) -> list[_Rated]:
     if not form.wide and len(found) < 2:
         return []
     absent = set(known or ()) - {column.fabric for column in found}
+    guesses = Guesses(sorted(absent))
     for title, name in strange:
-        near = guess(name, sorted(absent))
+        near = guesses.of(name)
         if near or name != title:
             raise InputError(f"{sheet.titled}, column {quoted(title)}: {quoted(name)} is not a known fabric{near}")
     if not found:
@@ -118,7 +119,8 @@ def _fabric_and_load(title: str) -> tuple[str, tuple[Column, str] | None]:
 
 def _melted(sheet: Sheet, rated: Sequence[_Rated], titles: Sequence[str], loaded: bool) -> Sheet:
     """Return one row for each rating, in the order of the rows, then of the columns."""
-    kept = [j for j in range(len(sheet.header)) if j not in {column.j for column in rated}]
+    melted = {column.j for column in rated}
+    kept = [j for j in range(len(sheet.header)) if j not in melted]
     made = ("fabric", RATING.name, *((INDENTATION.name, FORCE.name) if loaded else ()))
 
     def cells(row: Sequence[str], column: _Rated) -> list[str]:

@@ -7,9 +7,12 @@ import io
 import os
 import re
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import zipfile
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime, time
 from decimal import Decimal
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -19,7 +22,7 @@ from softness_bayes.data.content import content_of
 from softness_bayes.data.delimited import text_sheet
 from softness_bayes.data.headers import Sought, understood
 from softness_bayes.data.names import listing
-from softness_bayes.data.sheets import Sheet, SheetNumber, sheet_of
+from softness_bayes.data.sheets import MOST_CELLS, Sheet, SheetNumber, sheet_of
 from softness_bayes.data.synonyms import key
 from softness_bayes.errors import InputError, quoted
 
@@ -38,6 +41,16 @@ _WORKBOOKS = (".xlsx", ".xlsm")
 _PARQUET = (".parquet", ".pq")
 _OTHERS = (".xls", ".xlsb", ".ods", ".numbers")
 _ZEROS = re.compile("0{2,}")
+
+UNPACKED = 2**26
+"""Largest size of an unpacked workbook [bytes]."""
+_ELEMENTS = {
+    "cells": (re.compile(rb"<(?:\w+:)?c[\s/>]"), 2**19),
+    "merged regions": (re.compile(rb"<(?:\w+:)?mergeCell[\s/>]"), 2**12),
+    "styles and other elements": (re.compile(rb"<(?:\w+:)?(?!(?:c|v|f|is|t|row|si)[\s/>])\w"), 2**18),
+    "document types": (re.compile(rb"<!(?:DOCTYPE|ENTITY)"), 0),
+}
+"""Elements of a workbook's XML that are counted before it is parsed, and the largest number of each."""
 
 
 def read_sheet(source: TableSource, sought: Sought, renames: Mapping[str, str]) -> Sheet:
@@ -108,35 +121,106 @@ def _workbook(path: Path, content: bytes) -> dict[str, Sheet]:
         raise InputError(f"{path}: workbooks are read with openpyxl, which is not installed: {INSTALL}") from None
     digest = hashlib.sha256(content).hexdigest()
     try:
+        _require_bounded(path, content)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # styles and validations that openpyxl does not know
-            book = openpyxl.load_workbook(io.BytesIO(content), data_only=True)
-            sheets = book.worksheets
-            cells = {one.title: [[_excel_text(cell) for cell in row] for row in one.iter_rows()] for one in sheets}
-            merged = {one.title: _filled(one, cells[one.title]) for one in sheets}
+            # without read_only, openpyxl makes every cell of merged regions, of links and up to the last cell
+            book = openpyxl.load_workbook(io.BytesIO(content), data_only=True, read_only=True)
+            read = {sheet.title: _cells(sheet) for sheet in book.worksheets}
+        filled = {
+            name: (rows, _fill_merged(f"{path}, sheet {name!r}", rows, merged))
+            for name, (rows, merged) in read.items()
+            if rows
+        }
+    except InputError:
+        raise
     except Exception as error:  # damaged archives and XML end in errors of many kinds
         raise InputError(f"{path}: not a workbook that can be read ({type(error).__name__})") from None
-    filled = {name: rows for name, rows in cells.items() if any(any(row) for row in rows)}
     return {
         name: sheet_of(
-            _numbered(rows, 1),
+            _numbered(rows),
             str(path) if len(filled) == 1 else f"{path}, sheet {name!r}",
             path.name if len(filled) == 1 else f"{path.name}, sheet {name!r}",
             digest,
-            notes=merged[name],
+            notes=notes,
         )
-        for name, rows in filled.items()
+        for name, (rows, notes) in filled.items()
     }
 
 
-def _filled(sheet: Any, cells: list[list[str]]) -> list[str]:
-    """Give every row of cells that are merged within a column their value; return a note if there are any."""
-    found = [one for one in sheet.merged_cells.ranges if one.min_col == one.max_col and one.min_row < one.max_row]
-    for one in found:
-        for row in cells[one.min_row : one.max_row]:
-            row[one.min_col - 1] = cells[one.min_row - 1][one.min_col - 1]
-    places = sorted(str(one) for one in found)
-    return [f"merged cells {listing(places)}: their value is used in each row"] if found else []
+def _numbered(rows: Mapping[int, Mapping[int, str]]) -> Iterator[tuple[list[str], int]]:
+    """Yield the cells of each row up to its last one, and its number."""
+    for number, cells in sorted(rows.items()):
+        yield [cells.get(j, "") for j in range(1, max(cells, default=0) + 1)], number
+
+
+def _require_bounded(path: Path, content: bytes) -> None:
+    """Raise an error for a workbook that would unpack to more than a table needs, before it is unpacked."""
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        members = archive.infolist()
+        # zipfile unpacks no more than the stated size of a member, but for other methods of compression
+        if unknown := [one for one in members if one.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)]:
+            raise InputError(f"{path}: not a workbook that can be read (compression method {unknown[0].compress_type})")
+        size = sum(one.file_size for one in members)
+        if size > UNPACKED:
+            raise InputError(
+                f"{path}: unpacks to {size >> 20} MB, expected at most {UNPACKED >> 20} MB; "
+                "save the table alone as .csv"
+            )
+        left = {what: most for what, (_, most) in _ELEMENTS.items()}
+        for one in members:
+            xml = archive.read(one).replace(b"\0", b"")  # so that UTF-16 is counted too
+            for what, (pattern, most) in _ELEMENTS.items():
+                left[what] -= sum(1 for _ in islice(pattern.finditer(xml), left[what] + 1))
+                if left[what] < 0:
+                    expected = f"more than {most} {what}" if most else f"{what}, which workbooks do not have"
+                    raise InputError(f"{path}: has {expected}; save the table alone as .csv")
+
+
+def _cells(sheet: Any) -> tuple[dict[int, dict[int, str]], list[Any]]:
+    """Return the texts of the cells that exist, by row and column from 1, and the merged regions of a sheet."""
+    from openpyxl.cell.read_only import ReadOnlyCell
+    from openpyxl.worksheet._reader import WorkSheetParser
+    from openpyxl.worksheet.cell_range import CellRange
+
+    book, rows = sheet.parent, {}
+    # the parser of openpyxl itself: iter_rows would fill the gaps between cells and not tell the merged regions
+    with sheet._get_source() as source:
+        parser = WorkSheetParser(
+            source,
+            sheet._shared_strings,
+            data_only=True,
+            epoch=book.epoch,
+            date_formats=book._date_formats,
+            timedelta_formats=book._timedelta_formats,
+        )
+        for row, cells in parser.parse():
+            texts = {cell["column"]: _excel_text(ReadOnlyCell(sheet, **cell)) for cell in cells}
+            if filled := {column: text for column, text in texts.items() if text}:
+                rows[row] = filled
+    merged = [] if parser.merged_cells is None else parser.merged_cells.mergeCell
+    return rows, [CellRange(one.ref) for one in merged]
+
+
+def _fill_merged(sheet: str, rows: dict[int, dict[int, str]], merged: Sequence[Any]) -> list[str]:
+    """Give the rows with data the value of the cells that are merged within a column; return a note if there are any.
+
+    Of cells that are merged otherwise only the first one has a value.
+    """
+    numbers, work = sorted(rows), 0
+    for one in merged:
+        value = rows.get(one.min_row, {}).get(one.min_col, "")
+        down = one.min_col == one.max_col and value
+        for number in numbers[bisect_left(numbers, one.min_row) : bisect_right(numbers, one.max_row)]:
+            row = rows[number]
+            if (work := work + len(row)) > MOST_CELLS:
+                raise InputError(f"{sheet}: merged regions overlap; separate them, or save the table alone as .csv")
+            for column in [j for j in row if one.min_col <= j <= one.max_col]:
+                del row[column]
+            if down or number == one.min_row:
+                row[one.min_col] = value
+    places = sorted(str(one) for one in merged if one.min_col == one.max_col and one.min_row < one.max_row)
+    return [f"merged cells {listing(places)}: their value is used in each row"] if places else []
 
 
 def _excel_text(cell: Any) -> str:
@@ -195,11 +279,7 @@ def _frame_sheet(frame: pd.DataFrame, place: str, label: str = "", digest: str =
     digest = (
         digest or hashlib.sha256(repr((header, [[str(cell) for cell in row] for row in body])).encode()).hexdigest()
     )
-    return sheet_of([(header, -1), *_numbered(body, 0)], place, label or place, digest)
-
-
-def _numbered(rows: Iterable[Sequence[str]], first: int) -> Iterator[tuple[Sequence[str], int]]:
-    return ((row, k) for k, row in enumerate(rows, first))
+    return sheet_of([(header, -1), *((row, k) for k, row in enumerate(body))], place, label or place, digest)
 
 
 def cell_text(value: Any) -> str:
