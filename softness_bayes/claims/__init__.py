@@ -1,15 +1,18 @@
-"""Verdicts on the paper's claims under each reading of its equations, with their probabilities."""
+"""Verdicts on the paper's claims under each reading of its equations, with their probabilities (model.md 11)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
+from dataclasses import dataclass
+from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from softness_bayes.claims.criteria import CLAIMS, Claim, ClaimVerdict
-from softness_bayes.claims.numbers import Bench, Numbers
+from softness_bayes.checking.inflection import LEAST_DROP
+from softness_bayes.claims.numbers import ERROR, Bench, Numbers
 from softness_bayes.data import Fabrics, Ratings
 from softness_bayes.errors import InputError
 from softness_bayes.kinds import require_mapping
@@ -17,7 +20,6 @@ from softness_bayes.model.scenes import firing_of
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.declared import SHAPE_PARAMETERS
 from softness_bayes.parameters.priors import Prior
-from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.ranges import PRIOR_DRAWS
 from softness_bayes.sampler.workers import Workers
 from softness_bayes.touch.contact import Force, Indentation, Load
@@ -25,19 +27,193 @@ from softness_bayes.touch.neuron.fixed_channels import Firing
 from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS, Membrane
 from softness_bayes.touch.readings import NAMED_READINGS, Readings
 
-__all__ = [
-    "CLAIMS",
-    "CLOTH",
-    "DRAWS",
-    "PRIORS",
-    "TOUCHES",
-    "Claim",
-    "ClaimFinding",
-    "ClaimVerdict",
-    "Numbers",
-    "Trial",
-    "evaluate_claims",
-]
+Array = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
+
+LEVEL = 0.01
+"""Change over the last decade of E_fab, as a share of the maximum, below which the response has levelled off."""
+TOUCHING_FORCE = 1.0
+"""Mean force of a finger that judges a material [N]."""
+APART = 1.1
+"""Ratio above which two places of the maximum count as different."""
+HARDLY = 0.1
+"""Change, as a share of the maximum, that counts as negligible."""
+
+
+class ClaimVerdict(StrEnum):
+    """Verdict of the model on a claim."""
+
+    HOLDS = "holds"
+    FAILS = "fails"
+    SILENT = "silent"
+    """No receptor fires under any load, so that the claim cannot be tested."""
+    UNTESTED = "not testable"
+    """The claim is about ratings, and none were given."""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A claim of the paper and its criterion; functions take `Numbers` of shape (draws, loads)."""
+
+    name: str
+    statement: str
+    criterion: str
+    speaks: Callable[[Numbers], Booleans]
+    """The draws and loads with a response to judge, shape (draws, loads)."""
+    holds: Callable[[Numbers, Booleans], Booleans]
+    """Test of the claim for each draw, from the loads that can be evaluated, shape (draws,)."""
+    tell: Callable[[Numbers], str]
+    """The numbers behind the verdict on one draw, load by load."""
+    of_ratings: bool = False
+
+    def verdicts(self, numbers: Numbers, rated: bool = False) -> list[ClaimVerdict]:
+        """Return the verdict on each draw; `rated` is true if there are ratings."""
+        if self.of_ratings and not rated:
+            return [ClaimVerdict.UNTESTED] * len(numbers.largest)
+        speaks = self.speaks(numbers)
+        told = np.where(self.holds(numbers, speaks), ClaimVerdict.HOLDS, ClaimVerdict.FAILS)
+        return [ClaimVerdict(name) for name in np.where(speaks.any(axis=-1), told, ClaimVerdict.SILENT).tolist()]
+
+
+def _known(name: str) -> Callable[[Numbers], Booleans]:
+    return lambda numbers: np.isfinite(getattr(numbers, name))
+
+
+def _clear(numbers: Numbers) -> Booleans:
+    # no receptor fires at the soft end, so that a maximum with this drop to the stiff end exceeds both ends by it
+    return np.asarray(numbers.interior & (numbers.drop >= LEAST_DROP))
+
+
+def _turns(numbers: Numbers, speaks: Booleans) -> Booleans:
+    return np.asarray((_clear(numbers) & (numbers.levelling < LEVEL)).any(axis=-1))
+
+
+def _turns_from_touching_force_on(numbers: Numbers, speaks: Booleans) -> Booleans:
+    heavy, clear = numbers.force >= TOUCHING_FORCE, _clear(numbers)
+    return np.asarray(((heavy == clear) | ~speaks).all(axis=-1) & clear.any(axis=-1))
+
+
+def _place_depends_on_load(numbers: Numbers, speaks: Booleans) -> Booleans:
+    clear = _clear(numbers)
+    different = clear.sum(axis=-1) > 1
+    for place in (numbers.modulus, numbers.ratio):
+        # missing positions (NaN) sort last, and their differences are NaN
+        gaps = np.diff(np.sort(np.where(clear, np.log(place), np.nan), axis=-1), axis=-1)
+        different &= ((gaps > np.log(APART)) | np.isnan(gaps)).all(axis=-1)
+    return np.asarray(different)
+
+
+def _every(test: Callable[[Numbers], Booleans]) -> Callable[[Numbers, Booleans], Booleans]:
+    """Return the criterion that a test passes under every load for which it can be evaluated."""
+    return lambda numbers, speaks: np.asarray((test(numbers) | ~speaks).all(axis=-1))
+
+
+def _grows(numbers: Numbers) -> Booleans:
+    return np.asarray((numbers.growth > 0) & (numbers.setback <= 3.0 * ERROR))
+
+
+def _listing(values: Array, style: str, unit: str = "", marks: Booleans | None = None) -> str:
+    """Return the values of the loads as text: – for a missing value, † after a marked one.
+
+    Without a style they have two significant digits, or all their integer digits if there are more.
+    """
+    texts = []
+    for value, mark in zip(values, np.zeros(values.shape, bool) if marks is None else marks, strict=True):
+        digits = 2 if abs(value) < 100 else len(f"{abs(value):.0f}")
+        plain = f"{value:{style}}" if style else np.format_float_positional(value, digits, fractional=False, trim="-")
+        texts.append(plain + "†" * bool(mark) if np.isfinite(value) else "–")
+    return ", ".join(texts) + unit
+
+
+def _wide(numbers: Numbers) -> Booleans:
+    # a contact radius of exactly half the finger's does not exceed it
+    return np.asarray(numbers.interior[0] & (numbers.radius[0] > 0.5 * (1 + 1e-9)))
+
+
+def _tell_drop(numbers: Numbers) -> str:
+    return "drop " + _listing(100 * numbers.drop[0], ".1f", " %", _wide(numbers))
+
+
+def _tell_force(numbers: Numbers) -> str:
+    return f"{_tell_drop(numbers)} at {_listing(numbers.force[0], '', ' N')}"
+
+
+def _tell_place(numbers: Numbers) -> str:
+    clear = _clear(numbers)[0]
+    if not clear.any():
+        return "no turning point"
+    modulus, ratio = (np.where(clear, place[0], np.nan) for place in (numbers.modulus, numbers.ratio))
+    return f"{_listing(1e-3 * modulus, '', ' kPa', _wide(numbers))}; ratio {_listing(ratio, '')}"
+
+
+def _tell_centre(numbers: Numbers) -> str:
+    best = _listing(1e3 * numbers.best_centre[0], ".0f", " mm")
+    return f"{_listing(100 * numbers.growth[0], '+.0f', ' %')}; most at {best}"
+
+
+CLAIMS = (
+    Claim(
+        "turn",
+        "The response rises with E_fab, falls again and levels off",
+        f"under at least one load an interior maximum, a drop of at least {100 * LEAST_DROP:g} % by 1 GPa, "
+        f"and a change below {100 * LEVEL:g} % over the last decade",
+        lambda numbers: numbers.largest > 0,
+        _turns,
+        _tell_drop,
+    ),
+    Claim(
+        "threshold",
+        "The turn is clear only beyond the mean touching force",
+        f"a drop of at least {100 * LEAST_DROP:g} % under every load with {TOUCHING_FORCE:g} N or more at the maximum, "
+        "and under no other",
+        lambda numbers: numbers.largest > 0,
+        _turns_from_touching_force_on,
+        _tell_force,
+    ),
+    Claim(
+        "place",
+        "Where the response turns depends on the load, in E_fab and in E_fab/E_skin",
+        f"at least two loads with a maximum and a drop of at least {100 * LEAST_DROP:g} % by 1 GPa, these maxima all "
+        f"more than {100 * (APART - 1):.0f} % apart on both axes",
+        lambda numbers: numbers.largest > 0,
+        _place_depends_on_load,
+        _tell_place,
+    ),
+    Claim(
+        "centre",
+        "The response grows as the centre of contact moves from distal to proximal",
+        "under every load the fabric set's mean response never falls from 0 to 30 mm",
+        _known("growth"),
+        _every(_grows),
+        _tell_centre,
+    ),
+    Claim(
+        "depth",
+        "Receptor depths from 0.5 to 0.9 mm hardly differ",
+        f"under every load at most {100 * HARDLY:g} % of the maximum between them, at any E_fab",
+        _known("depth_spread"),
+        _every(lambda numbers: numbers.depth_spread <= HARDLY),
+        lambda numbers: _listing(100 * numbers.depth_spread[0], ".0f", " %"),
+    ),
+    Claim(
+        "linear",
+        "Softness is linear in the response",
+        "under every load a slope between mean standardised rating and response that differs from 0 at the 5 % level",
+        _known("slope"),
+        _every(lambda numbers: numbers.slope >= numbers.slope_needed),
+        lambda numbers: "slope " + _listing(numbers.slope[0], "+.2f"),
+        of_ratings=True,
+    ),
+    Claim(
+        "correlation",
+        "Response and E_fab correlate negatively over the fabric set",
+        "a negative correlation under every load",
+        _known("correlation"),
+        _every(lambda numbers: numbers.correlation < 0),
+        lambda numbers: "r " + _listing(numbers.correlation[0], "+.2f"),
+    ),
+)
+"""Every claim, in the order of tables."""
 
 CLOTH = Fabrics(
     tuple(f"cloth {k}" for k in range(1, 13)), effective_modulus=np.geomspace(1.1e3, 110e3, 12), source="real cloth"
@@ -49,7 +225,6 @@ TOUCHES: Mapping[str, tuple[Load, ...]] = {
     "force": tuple(Force(newton) for newton in (0.5, 1.0, 2.0, 4.0)),
 }
 """The usual loads, by what is held."""
-
 
 PRIORS = ("default", "in-vivo")
 """The usual prior sets: of the paper's forces, and of real fingerpads."""
@@ -86,14 +261,14 @@ class Trial(NamedTuple):
     @property
     def findings(self) -> tuple[ClaimFinding, ...]:
         """The verdicts on all claims."""
-        return tuple(self._finding(claim) for claim in CLAIMS)
-
-    def _finding(self, claim: Claim) -> ClaimFinding:
-        (verdict,) = claim.verdicts(self.median, self.rated)
-        drawn = claim.verdicts(self.draws, self.rated) if self.draws is not None else []
-        tells = verdict in (ClaimVerdict.HOLDS, ClaimVerdict.FAILS)
-        shares = {kind: drawn.count(kind) / len(drawn) for kind in ClaimVerdict} if drawn else {}
-        return ClaimFinding(claim, verdict, claim.tell(self.median) if tells else "", shares)
+        found = []
+        for claim in CLAIMS:
+            (verdict,) = claim.verdicts(self.median, self.rated)
+            drawn = claim.verdicts(self.draws, self.rated) if self.draws is not None else []
+            shares = {kind: drawn.count(kind) / len(drawn) for kind in ClaimVerdict} if drawn else {}
+            decided = verdict in (ClaimVerdict.HOLDS, ClaimVerdict.FAILS)
+            found.append(ClaimFinding(claim, verdict, claim.tell(self.median) if decided else "", shares))
+        return tuple(found)
 
 
 def evaluate_claims(
@@ -147,10 +322,12 @@ def evaluate_claims(
     if not (readings and prior_sets and touches):
         raise InputError("claims: expected at least one set of readings, prior set and load")
     PRIOR_DRAWS.require("claims: number of draws", draws)
-    if freed := [name for name in PAPER_CHANNELS._fields if name in (priors or {})]:
-        raise InputError(f"{', '.join(freed)}: channel multipliers are fixed here; give a value instead of a prior")
-    if freed := [name for name in SHAPE_PARAMETERS if name in (priors or {})]:
-        raise InputError(f"{', '.join(freed)}: claims are tested on one finger of known shape; omit the prior")
+    for names, why in (
+        (PAPER_CHANNELS._fields, "channel multipliers are fixed here; give a value instead of a prior"),
+        (SHAPE_PARAMETERS, "claims are tested on one finger of known shape; omit the prior"),
+    ):
+        if freed := [name for name in names if name in (priors or {})]:
+            raise InputError(f"{', '.join(freed)}: {why}")
     held = {**PAPER_CHANNELS._asdict(), **(fix or {})}
     asked = TrialInputs(tuple(prior_sets), touches, fabrics, ratings, draws, seed, held, priors)
     # readings with the same membrane share its rates: the multipliers are the same under every prior set
@@ -158,7 +335,8 @@ def evaluate_claims(
     tasks = []
     for name, chosen in readings.items():
         if chosen.membrane not in firing:
-            firing[chosen.membrane] = firing_of(_spaces(asked, chosen)[prior_sets[0]].held, chosen.membrane)
+            space = parameter_space((), held, priors, prior_sets[0], chosen.skin_displacement)
+            firing[chosen.membrane] = firing_of(space.held, chosen.membrane)
         tasks.append((name, chosen, firing[chosen.membrane]))
     with Workers(asked, 1, executor) as workers:
         return tuple(trial for some in workers.map(_judge, tasks) for trial in some)
@@ -177,26 +355,17 @@ class TrialInputs(NamedTuple):
     priors: Mapping[str, Prior] | None
 
 
-def _spaces(asked: TrialInputs, readings: Readings) -> dict[str, ParameterSpace]:
-    """Return the parameter space of each prior set under the given readings."""
-    displacement = readings.skin_displacement
-    return {of: parameter_space((), asked.held, asked.priors, of, displacement) for of in asked.prior_sets}
-
-
 def _judge(asked: TrialInputs, name: str, readings: Readings, rates: Firing) -> list[Trial]:
-    """Return the trials under one set of readings."""
-    loads = asked.touches.items()
-    benches = {control: Bench(readings, some, asked.fabrics, rates, asked.ratings) for control, some in loads}
-    return list(_trials(name, _spaces(asked, readings), benches, asked.draws, asked.seed))
-
-
-def _trials(
-    readings: str, spaces: Mapping[str, ParameterSpace], benches: Mapping[str, Bench], draws: int, seed: int
-) -> Iterator[Trial]:
-    """Yield the trials under one set of readings, ordered by priors and then by kind of load."""
-    for prior_set, space in spaces.items():
-        drawn = space.draw_prior(np.random.default_rng(seed), draws)
+    """Return the trials under one set of readings, ordered by priors and then by kind of load."""
+    benches = {
+        control: Bench(readings, loads, asked.fabrics, rates, asked.ratings) for control, loads in asked.touches.items()
+    }
+    trials = []
+    for prior_set in asked.prior_sets:
+        space = parameter_space((), asked.held, asked.priors, prior_set, readings.skin_displacement)
+        drawn = space.draw_prior(np.random.default_rng(asked.seed), asked.draws)
         for control, bench in benches.items():
             median = bench.measure(space.touch(space.median[None]))
-            some = bench.measure(space.touch(drawn)) if draws else None
-            yield Trial(readings, prior_set, control, bench.loads, median, some, bench.rated)
+            some = bench.measure(space.touch(drawn)) if asked.draws else None
+            trials.append(Trial(name, prior_set, control, bench.loads, median, some, bench.rated))
+    return trials

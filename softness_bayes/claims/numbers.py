@@ -113,7 +113,9 @@ class Bench:
         """Return the numbers of a batch of parameter vectors, shape (draws,)."""
         values = TouchParameters(*np.broadcast_arrays(*map(np.atleast_1d, parameters)))
         if not (values.alpha > self.firing.curves(values).rheobase).any():
-            return _silent_numbers((values.alpha.size, len(self.loads)))
+            shape = (values.alpha.size, len(self.loads))
+            nothing = Numbers(*(np.full(shape, np.nan) for _ in Numbers._fields))
+            return nothing._replace(largest=np.zeros(shape), interior=np.zeros(shape, bool))
         curves = response_curves(self._grid, values)
         found = {**self._along_grid(curves), **self._over_fabrics(values)}
         return Numbers(**found, depth_spread=self._depth_spread(curves, values))
@@ -121,8 +123,7 @@ class Bench:
     @cached_property
     def _everything(self) -> Scene:
         """Grid and fabrics at the contact centre farthest from the pad's end; its fields cover all centres."""
-        finger = Finger()
-        finger = Finger(contact_centre=(0.0, finger.contact_centre[1]))
+        finger = Finger(contact_centre=(0.0, Finger().contact_centre[1]))
         moduli = np.concatenate([GRID, self.modulus])
         poisson = np.concatenate([np.full(GRID.size, USUAL_POISSON_RATIO), self.fabrics.poisson_ratio])
         return Scene(moduli, poisson, self.loads, self.firing, finger=finger, readings=self.readings)
@@ -228,26 +229,13 @@ def mean_standardised(ratings: Ratings, loads: tuple[Load, ...], fabrics: tuple[
     InputError
         If a rated fabric is not among `fabrics`.
     """
+    import pandas as pd
+
     if missing := [name for name in ratings.fabrics if name not in fabrics]:
         raise InputError(f"claims: rated fabrics that the fabric set lacks: {', '.join(missing)}")
-    rating, rater = np.asarray(ratings.rating, float), ratings.participant
-    count = np.bincount(rater)
-    centred = rating - (np.bincount(rater, rating) / count)[rater]
-    spread = np.sqrt(np.bincount(rater, centred**2) / count)
-    told = spread[rater] > 0
-    places = [loads.index(load) if load in loads else -1 for load in ratings.loads]
-    names = [fabrics.index(name) for name in ratings.fabrics]
-    load, fabric = np.array(places)[ratings.load], np.array(names)[ratings.fabric]
-    told &= load >= 0
-    cell = (load * len(fabrics) + fabric)[told]
-    size = len(loads) * len(fabrics)
-    total = np.bincount(cell, centred[told] / spread[rater][told], size)
-    number = np.bincount(cell, minlength=size)
-    mean = np.divide(total, number, out=np.full(size, np.nan), where=number > 0)
-    return mean.reshape(len(loads), len(fabrics))
-
-
-def _silent_numbers(shape: tuple[int, int]) -> Numbers:
-    """Return the numbers of a membrane that never fires."""
-    nothing = Numbers(*(np.full(shape, np.nan) for _ in Numbers._fields))
-    return nothing._replace(largest=np.zeros(shape), interior=np.zeros(shape, bool))
+    keys = {"load": np.array(ratings.loads, object)[ratings.load], "fabric": np.array(ratings.fabrics)[ratings.fabric]}
+    rows = pd.DataFrame({"rater": ratings.participant, "rating": np.asarray(ratings.rating, float), **keys})
+    of_rater = rows.groupby("rater")["rating"]
+    rows["score"] = (rows["rating"] - of_rater.transform("mean")) / of_rater.transform("std", ddof=0)
+    rows = rows[np.isfinite(rows["score"])]
+    return rows.pivot_table("score", "load", "fabric").reindex(index=[*loads], columns=[*fabrics]).to_numpy(float)

@@ -11,7 +11,6 @@ from softness_bayes.cli import main
 from softness_bayes.data import Experiment, Fabrics, Ratings, fabrics_csv, ratings_csv, read_experiment
 from softness_bayes.errors import InputError
 from softness_bayes.touch.contact import Force, Indentation
-from support.pages import table
 
 LOADS = Indentation(1e-3), Indentation(2.5e-3)
 MODULI = np.geomspace(2e4, 4e6, 6)
@@ -65,12 +64,6 @@ def test_json_holds_everything_that_was_understood(told):
     }
     assert every["model"]["direction"] == "rises-with-firing"
     assert every["source"] == str(directory / "ratings.csv")
-
-
-def test_the_page_names_every_key(told):
-    every = json.loads(told[0].stdout)
-    for first, found in (("key", every), ("key of `design`", every["design"])):
-        assert {row[first].strip("`") for row in table("files.md", "12", first)} == {*found}
 
 
 def test_design_says_what_ratings_will_tell(told):

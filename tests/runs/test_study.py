@@ -36,7 +36,6 @@ from softness_bayes.runs.table_fit import CONVERGED, REFUSED, UNCONVERGED, Table
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.skin import STRAIN
 from support.command_line import FIXED, call, few_ratings, refused
-from support.pages import plain, tables
 from support.report_runs import quickly
 
 TRUE = {"A": 60.0, "B": 90.0, "C": 150.0}
@@ -99,8 +98,6 @@ def test_the_population_is_that_of_a_joint_grid(done):
 def test_tables_figure_and_report(done):
     individual, population = (pd.read_csv(done.directory / name) for name in ("individual.csv", "population.csv"))
     assert individual["table"].tolist() == [*TABLES]
-    for name, found in (("tables", done.tables), ("individual", individual), ("population", population)):
-        assert [plain(row["column"]) for row in rows_of(f"`{name}.csv`")] == [*found.columns]
     widths = [np.log(individual[f"{kind}_high"] / individual[f"{kind}_low"]) for kind in ("separate", "shrunken")]
     assert (widths[1] < widths[0] + 0.05).all()
     row = population.iloc[0]
@@ -113,12 +110,6 @@ def test_tables_figure_and_report(done):
     drawn = {line.get_gid(): line for line in axes.lines}
     np.testing.assert_allclose(drawn["shrunken/b/middle"].get_xdata(), individual["shrunken"])
     np.testing.assert_allclose(drawn["population/b/middle"].get_xdata(), row["median"])
-
-
-def rows_of(start):
-    """Return the rows of the table of section 11 that some words lead."""
-    (found,) = [t.rows for t in tables("files.md") if t.section == "11" and t.lead.startswith(start)]
-    return found
 
 
 def test_a_finished_study_runs_nothing_again(done, monkeypatch):
