@@ -157,34 +157,49 @@ class NumericalErrors:
 
 
 @dataclass(frozen=True)
+class Finding:
+    """Finding of a check of residuals: how likely they are under the model, and how far they deviate.
+
+    Parameters
+    ----------
+    quantity
+        Name of the check in the table of predictive checks.
+    p_value
+        Probability that replicated ratings deviate at least as much; NaN if the check does not apply.
+    estimate
+        Standard deviation estimated from the excess over noise; NaN if it is not estimated.
+    noticed
+        Deviation that would be detected in most tables; NaN if it is not known.
+    modelled
+        Whether the model includes such deviations, so that the finding is about what remains.
+    advice
+        Options of the command line that would include them.
+    groups
+        Number of groups that are compared.
+    worst, worst_estimate, worst_errors
+        Name of the group that deviates most, its deviation, and the same in standard errors.
+    unit
+        Unit of the deviations.
+    """
+
+    quantity: str
+    p_value: float
+    estimate: float = np.nan
+    noticed: float = np.nan
+    modelled: bool = False
+    advice: tuple[str, ...] = ()
+    groups: int = 0
+    worst: str = ""
+    worst_estimate: float = np.nan
+    worst_errors: float = np.nan
+    unit: str = ""
+
+
+@dataclass(frozen=True)
 class ResidualChecks:
     """Checks of the residuals of fabrics, conditions and participants."""
 
-    fabric_check: str = ""
-    fabric_p_value: float = np.nan
-    fabric_deviation: float = np.nan
-    condition_p_value: float = np.nan
-    condition_deviation: float = np.nan
-    condition_noticed: float = np.nan
-    exponent_check: str = ""
-    exponent_p_value: float = np.nan
-    exponent_deviation: float = np.nan
-    modulus_check: str = ""
-    modulus_p_value: float = np.nan
-    finger_check: str = ""
-    finger_p_value: float = np.nan
-    noise_check: str = ""
-    noise_p_value: float = np.nan
-    noise_deviation: float = np.nan
-    spread_check: str = ""
-    """Empty without standard deviations of cells, or from an earlier version."""
-    spread_p_value: float = np.nan
-
-    @property
-    def sentences(self) -> tuple[str, ...]:
-        """Findings of the checks of raters and fabrics; earlier versions did not check fingers and noise."""
-        found = self.exponent_check, self.noise_check, self.fabric_check, self.finger_check, self.spread_check
-        return tuple(said for said in found if said)
+    findings: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -194,8 +209,7 @@ class Silence:
     prior_silent_everywhere: float = np.nan
     prior_silent_conditions: float = np.nan
     posterior_silent_everywhere: float = 0.0
-    posterior_silent_conditions: float | None = None
-    """None in results from earlier versions."""
+    posterior_silent_conditions: float = 0.0
     contact_beyond_half_radius: float = 0.0
     contact_beyond_radius: float = 0.0
 
@@ -206,7 +220,8 @@ class PlateData:
 
     digest_compression: str
     zero_forces: int
-    force_check: str
+    forces_per_finger: float
+    """Mean number of forces of each finger."""
     force_exponent: float
     force_exponent_low: float
     force_exponent_high: float
@@ -284,6 +299,11 @@ class Provenance:
         return self._section(ResidualChecks)
 
     @property
+    def findings(self) -> dict[str, Finding]:
+        """Findings of the checks of residuals, by quantity."""
+        return {one.quantity: one for one in self.residuals.findings}
+
+    @property
     def silence(self) -> Silence:
         """Shares of draws without firing."""
         return self._section(Silence)
@@ -345,6 +365,16 @@ class _Codec(NamedTuple):
     write: Callable[[Any], Any]
 
 
+def _known(finding: Finding) -> dict[str, Any]:
+    """Return the fields of a finding that have a value other than their default."""
+    found = {each.name: (getattr(finding, each.name), each.default) for each in fields(finding)}
+    return {name: value for name, (value, default) in found.items() if value not in (default, ()) and value == value}
+
+
+def _finding(known: Mapping[str, Any]) -> Finding:
+    return Finding(**{"p_value": np.nan, **known, "advice": tuple(known.get("advice", ()))})
+
+
 _CODECS: Mapping[str, _Codec] = MappingProxyType(
     {
         "str": _Codec(str, str),
@@ -357,6 +387,10 @@ _CODECS: Mapping[str, _Codec] = MappingProxyType(
         ),
         "Mapping[str, Any]": _Codec(
             lambda value: parse_json(str(value)), lambda value: as_json(value, "options of the run")
+        ),
+        "tuple[Finding, ...]": _Codec(
+            lambda value: tuple(_finding(one) for one in json.loads(str(value))),
+            lambda value: as_json([_known(one) for one in value], "findings of the run"),
         ),
         "RatingDirection": _Codec(lambda value: direction_named(str(value)), lambda value: value.name),
         "Scale": _Codec(lambda value: scale_named(str(value)), name_of_scale),

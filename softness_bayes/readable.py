@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 LEAST_PLAIN, MOST_PLAIN = 1e-4, 1e7
 """Ends of the numbers that are written without an exponent."""
@@ -113,3 +114,27 @@ def chance(probability: float) -> str:
     ['<1 %', '50 %', '>99 %']
     """
     return {0.0: "<1 %", 1.0: ">99 %"}.get(float(probability)) or percent(probability)
+
+
+def with_error(value: Any, error: Any, unit: str = "") -> str:
+    """Return a number with its standard error, which may be missing; a dash for no number.
+
+    Examples
+    --------
+    >>> with_error(12.345, 0.678, " kPa"), with_error(1.0, float("nan")), with_error(float("nan"), 1.0)
+    ('12.3 ± 0.7 kPa', '1', '–')
+    """
+    if not math.isfinite(value):
+        return "–"
+    return f"{number(value)}{f' ± {number(error, 1)}' if math.isfinite(error) else ''}{unit}"
+
+
+def sentence(text: str) -> str:
+    """Return a text with a capital and one period.
+
+    Examples
+    --------
+    >>> sentence("moduli: fine")
+    'Moduli: fine.'
+    """
+    return f"{text[:1].upper()}{text[1:].rstrip('.')}."

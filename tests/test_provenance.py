@@ -19,6 +19,7 @@ from softness_bayes.provenance import (
     Asked,
     DirectionTaken,
     Ending,
+    Finding,
     NumericalErrors,
     PlateData,
     Provenance,
@@ -40,27 +41,13 @@ SECTIONS = {
     "rating_data": RatingData("abc", "def", 4),
     "errors": NumericalErrors(1e-4, 1e-5, "Exact enough.", 0.01, 0.03, 0.99, 0.4, True, 0.02),
     "residuals": ResidualChecks(
-        "fabrics",
-        0.1,
-        0.2,
-        0.3,
-        0.4,
-        0.5,
-        "participants",
-        0.6,
-        0.7,
-        "moduli",
-        0.8,
-        "fingers",
-        0.9,
-        "noise",
-        0.15,
-        0.25,
-        "spreads",
-        0.35,
+        (
+            Finding("fabrics", 0.1, 0.2, 0.3, False, ("--prior a", "b"), 3, "felt", 0.4, 0.5, "log rating"),
+            Finding("noise", np.nan, modelled=True),
+        )
     ),
     "silence": Silence(0.1, 0.2, 0.3, 0.4, 0.5, 0.6),
-    "plate": PlateData("123", 2, "forces", 2.2, 2.0, 2.4, 0.5),
+    "plate": PlateData("123", 2, 4.0, 2.2, 2.0, 2.4, 0.5),
 }
 NONE = replace(SECTIONS["rating_model"], accuracy=None)
 LONG = replace(SECTIONS["asked"], seed=2**90)

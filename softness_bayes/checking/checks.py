@@ -1,203 +1,410 @@
-"""Predictive check of fabrics: deviations of their mean ratings from the fitted response."""
+"""Checks of a fitted model at draws of its posterior: deviations of residuals, leave-one-out ranks, plate forces.
+
+A check of residuals asks whether they deviate together within groups of ratings. With a regressor x_i of each rating,
+the discrepancy is
+
+    T = sum over groups of (sum_i x_i r_i)² / sum_i x_i²,
+
+over the ratings i of a group, with residuals r_i at a draw of all parameters and effects. Residuals of replicated
+ratings are independent N(0, varsigma²), so that T / varsigma² follows a chi-squared law with one degree of freedom for
+each group in which x varies: no replicate needs to be drawn. At a single draw the p-value is uniform under the model;
+its mean over draws varies less, which makes the checks conservative.
+
+All that checks need of an observation model is called here.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc, chdtri
+from scipy.sparse import csr_array
+from scipy.special import chdtrc, chdtri, polygamma
 
+from softness_bayes import arviz_bridge
 from softness_bayes.likelihood.contract import Effects, Likelihood, Parameters
-from softness_bayes.likelihood.left_out import summing
 from softness_bayes.likelihood.pieces import part_of, pieces
-from softness_bayes.likelihood.scales import MAGNITUDE
-from softness_bayes.readable import percent
+from softness_bayes.likelihood.plate import CompressionForces
+from softness_bayes.provenance import Finding
 
 Array = NDArray[np.float64]
+IndexArray = NDArray[np.intp]
 
-FABRIC_SPREAD = "omega"
-"""Name of the parameter of models with random effects of fabrics."""
+CONDITIONS, FABRICS, LOADS = (
+    "deviations of mean ratings",
+    "fabrics' own deviations",
+    "deviations between a fabric's loads",
+)
+EXPONENTS, NOISE, DEVIATIONS = "participants' own exponents", "participants' own noise", "standard deviations of cells"
+ALONG, FINGERS = "deviations along the response's slope", "raters' deviations along the skin's slope"
+"""Names of the checks in tables."""
 
-NEEDED = 0.05
-"""Predictive p-value below which deviations of fabrics are considered real."""
+MODULUS_STEP, SKIN_STEP = 0.05, 0.1
+"""Changes of a fabric's log modulus (a third of typical errors between laboratories), and of the skin's ln b, over
+which slopes of the response are computed."""
+
+FLAT = 1e-6
+"""Root mean square of a regressor in a group below which the group carries no information."""
 
 NOTICED = 0.8
 """Power for which the detectable deviation is reported."""
 
+LEVEL = 0.05
+"""Predictive p-value below which deviations are considered real."""
 
-class FabricCheck(NamedTuple):
-    """Comparison of the fabrics' mean ratings with the response.
-
-    A condition is a fabric under a load. The sum of squares between conditions is the sum of two parts: that
-    between fabrics, whose deviations are the same under every load, and that within fabrics, whose deviations
-    differ between loads.
-    """
-
-    p_value: float
-    """Probability that replicated ratings vary at least as much between fabrics as the observed ones."""
-    deviation: float
-    """Standard deviation between fabrics estimated from the excess, in the (log) rating."""
-    condition_p_value: float = 1.0
-    """As `p_value`, between conditions."""
-    condition_deviation: float = 0.0
-    """As `deviation`, between conditions."""
-    within_p_value: float = np.nan
-    """As `p_value`, between the loads of a fabric; NaN if each fabric has only one load."""
-    noticed: float = np.nan
-    """Approximate standard deviation between conditions that would be detected with power `NOTICED`."""
-    worst: int = 0
-    """Index of the condition with the largest deviation in standard errors."""
-    worst_residual: float = 0.0
-    """Its mean residual, in the (log) rating."""
-    worst_errors: float = 0.0
-    """Mean residual in standard errors."""
-    unit: str = MAGNITUDE.unit
-    """Unit of deviations, for sentences."""
-    remedy: bool = True
-    """True if a model with an effect per fabric is available; there is none for z-scores."""
-
-    def sentence(self, conditions: Sequence[str]) -> str:
-        """One line for the user; `conditions` names each condition."""
-        unit = self.unit
-        if min(self.p_value, self.condition_p_value) >= NEEDED:
-            return (
-                "fabrics: no mean rating deviates from the response by more than noise explains (p = "
-                f"{self.condition_p_value:.2g}, {len(conditions)} means; power: deviations of about "
-                f"{self.noticed:.1g} (sd) in the {unit} would be detected in {percent(NOTICED)} of such "
-                "tables)"
-            )
-        if self.condition_p_value >= NEEDED:
-            found = (
-                f"deviate from the response alike under every load, by about {self.deviation:.2g} (sd) in the {unit}"
-            )
-            return f"fabrics: {found}, more than noise explains (p = {self.p_value:.2g}); {self._remedy}"
-        side = "above" if self.worst_residual > 0 else "below"
-        return (
-            f"fabrics: mean ratings deviate from the response by about {self.condition_deviation:.2g} (sd) in the "
-            f"{unit}, more than noise explains (p = {self.condition_p_value:.2g}); most of all "
-            f"{conditions[self.worst]}, {abs(self.worst_residual):.2g} {side} it "
-            f"({abs(self.worst_errors):.1f} standard errors); {self._remedy}"
-        )
-
-    @property
-    def _remedy(self) -> str:
-        """Advice about deviations, which depends on whether they are the same under every load."""
-        if self.within_p_value < NEEDED:
-            return "they differ between the loads of a fabric, so the response may be wrong: try other readings"
-        alone = (
-            "" if np.isfinite(self.within_p_value) else " (with one load per fabric the response may be wrong instead)"
-        )
-        remedy = ": add --prior omega='halfnormal(0.5)'" if self.remedy else f", and {self.unit}s have none"
-        return f"without an effect per fabric the intervals are too narrow{remedy}{alone}"
+FEWEST = 3
+"""Smallest number of ratings of a rater whose scatter is checked."""
 
 
-def mean_residuals(
-    observation: Likelihood, mean_rate: Array, parameters: Parameters, effects: Effects
-) -> tuple[Array, Array]:
-    """Return the number of ratings of each condition, and their mean residual at every draw, 0 if there are none.
-
-    Parameters
-    ----------
-    observation, mean_rate, parameters, effects
-        As for `check_fabrics`.
-
-    Returns
-    -------
-    count : ndarray, shape (conditions,)
-    mean : ndarray, shape (draws, conditions)
-    """
-    design = observation.design
-    count = np.bincount(design.condition, minlength=design.n_conditions).astype(float)
-    member = summing(design.condition, count.size)
-    mean = np.empty((len(mean_rate), count.size))
-    for k in pieces(len(mean_rate), design.n_rows):
-        residual = observation.residual(mean_rate[k], part_of(parameters, k), part_of(effects, k))
-        mean[k] = (member @ residual.T).T / np.maximum(count, 1.0)
-    return count, mean
-
-
-def exceeded_along(along: Array, weight: Array, steep: NDArray[np.bool_], spread: Array) -> float:
-    """Return the probability, averaged over draws, that replicated ratings deviate at least as much along slopes.
-
-    The sum of along² / weight over steep groups, in units of spread², has a chi-squared law with a degree of freedom
-    for each.
-
-    Parameters
-    ----------
-    along, weight
-        Residuals projected on each group's slopes, and the sum of the squares of these, shape (draws, groups).
-    steep
-        Whether a group has a slope, likewise.
-    spread
-        Standard deviation of single residuals, shape (draws,).
-
-    Returns
-    -------
-    float
-        NaN if no group has a slope in any draw.
-    """
-    squares = np.divide(along**2, weight, out=np.zeros_like(weight), where=steep).sum(axis=1)
-    freedom = steep.sum(axis=1)
-    judged = freedom > 0
-    if not judged.any():
-        return np.nan
-    return float(chdtrc(freedom[judged], squares[judged] / spread[judged] ** 2).mean())
-
-
-def check_fabrics(observation: Likelihood, mean_rate: Array, parameters: Parameters, effects: Effects) -> FabricCheck:
-    """Compare the variation of residuals between fabrics, and between conditions, with that of replicates.
-
-    The discrepancy is T = sum_c n_c (mean residual of condition c)², given a draw of all parameters and
-    effects; likewise for fabrics. Residuals of replicated ratings are N(0, varsigma²), so their T / varsigma²
-    follows a chi-squared law with one degree of freedom for each condition or fabric: no replicate needs to be
-    drawn. At a single draw the p-value is uniform under the model; its mean over draws varies less, which makes the
-    check conservative.
+@dataclass(frozen=True)
+class Residuals:
+    """Residuals of ratings at draws of the posterior.
 
     Parameters
     ----------
     observation
         The ratings.
     mean_rate
-        N/N_ref [Hz], shape (draws, conditions).
+        N/N_ref [Hz], shape (draws, ...), as for `Likelihood.residual`.
     parameters, effects
         Draws of the rating model's parameters, shape (draws,), and of the effects given them.
     """
-    design, model = observation.design, observation.model
-    count, mean = mean_residuals(observation, mean_rate, parameters, effects)
-    rated = np.flatnonzero(count > 0)
-    count, mean = count[rated], mean[:, rated]
-    spread = np.broadcast_to(model.error_sd(parameters), mean.shape[:1])
-    fabrics, fabric = np.unique(design.fabric[rated], return_inverse=True)
-    size, sums = np.bincount(fabric, count).astype(float), (summing(fabric, fabrics.size) @ (count * mean).T).T
-    between, everywhere = (sums**2 / size).sum(axis=1), (count * mean**2).sum(axis=1)
-    within = rated.size - fabrics.size
-    errors = (np.sqrt(count) * mean / spread[:, None]).mean(axis=0)
+
+    observation: Likelihood
+    mean_rate: Array
+    parameters: Parameters
+    effects: Effects
+
+    @property
+    def sd(self) -> Array:
+        """Standard deviation of single residuals, shape (draws,)."""
+        return np.broadcast_to(self.observation.model.error_sd(self.parameters), len(self.mean_rate))
+
+    def sums(self, group: IndexArray, size: int, regressor: Array | None = None, power: int = 1) -> Array:
+        """Return sums of residuals over the ratings of each group, shape (draws, groups).
+
+        Parameters
+        ----------
+        group
+            Index of each rating's group, shape (rows,).
+        size
+            Number of groups.
+        regressor
+            Value that multiplies the residuals of each condition, shape (draws, conditions); by default 1.
+        power
+            Power of the residuals.
+        """
+        rows, condition = group.size, self.observation.design.condition
+        member = csr_array((np.ones(rows), (group, np.arange(rows))), shape=(size, rows))
+        found = np.empty((len(self.mean_rate), size))
+        for k in pieces(len(found), rows):
+            values = self.observation.residual(self.mean_rate[k], part_of(self.parameters, k), part_of(self.effects, k))
+            values = values**power if regressor is None else values * regressor[k][:, condition]
+            found[k] = (member @ values.T).T
+        return found
+
+    def project(
+        self, group: IndexArray, size: int, regressor: Array | None = None, centred: bool = False
+    ) -> Projection:
+        """Return the projections of the residuals on a regressor within groups of ratings.
+
+        Parameters
+        ----------
+        group, size, regressor
+            As for `sums`.
+        centred
+            Whether the regressor's mean over each group is subtracted.
+        """
+        design = self.observation.design
+        cells = csr_array((np.ones(design.n_rows), (group, design.condition)), shape=(size, design.n_conditions))
+        count, ones = cells.sum(axis=1), np.ones((1, design.n_conditions))
+        x = ones if regressor is None else regressor
+        weight, along = (cells @ (x**2).T).T, self.sums(group, size, regressor)
+        if centred:
+            mean = (cells @ x.T).T / np.maximum(count, 1.0)
+            weight, along = weight - count * mean**2, along - mean * self.sums(group, size)
+        weight = np.where(weight > FLAT**2 * count, weight, 0.0)
+        return Projection(along, np.broadcast_to(weight, along.shape), self.sd)
+
+
+@dataclass(frozen=True)
+class Projection:
+    """Projections of residuals on a regressor within groups.
+
+    Parameters
+    ----------
+    along, weight
+        Sums of x r and of x² over each group, shape (draws, groups); the weight of a group without a slope is 0.
+    sd
+        Standard deviation of single residuals, shape (draws,).
+    """
+
+    along: Array
+    weight: Array
+    sd: Array
+
+    @property
+    def squares(self) -> Array:
+        """The discrepancy T, shape (draws,)."""
+        squares = np.zeros_like(self.along)
+        np.divide(self.along**2, self.weight, out=squares, where=self.weight > 0)
+        return np.asarray(squares.sum(axis=1))
+
+    @property
+    def freedom(self) -> Array:
+        """Number of groups with a slope, shape (draws,)."""
+        return (self.weight > 0).sum(axis=1).astype(float)
+
+    @property
+    def p_value(self) -> float:
+        """Probability that replicated ratings deviate at least as much; NaN if no group has a slope in any draw."""
+        return _p_value(self.squares, self.freedom, self.sd)
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of the groups' coefficients of x, estimated from the excess of T over noise."""
+        judged = self.freedom > 0
+        if not judged.any():
+            return 0.0
+        excess = (self.squares - self.freedom * self.sd**2)[judged] / self.weight.sum(axis=1)[judged]
+        return float(np.sqrt(max(np.median(excess), 0.0)))
+
+
+def _p_value(squares: Array, freedom: Array, sd: Array) -> float:
+    """Return the probability of a larger sum of squares, averaged over the draws with degrees of freedom."""
+    judged = freedom > 0
+    return float(chdtrc(freedom[judged], (squares / sd**2)[judged]).mean()) if judged.any() else np.nan
+
+
+def check_fabrics(residuals: Residuals, names: Sequence[str]) -> tuple[Finding, Finding, Finding]:
+    """Compare the variation of residuals between conditions, fabrics, and the loads of a fabric, with noise.
+
+    A condition is a fabric under a load. The sum of squares between conditions is the sum of that between fabrics,
+    whose deviations are the same under every load, and that within fabrics, whose deviations differ between loads.
+
+    Parameters
+    ----------
+    residuals
+        Residuals at draws of the posterior.
+    names
+        Name of each condition.
+    """
+    design, model = residuals.observation.design, residuals.observation.model
+    each = residuals.project(design.condition, design.n_conditions)
+    fabrics = residuals.project(design.fabric[design.condition], design.n_fabrics)
+    rated = np.flatnonzero(each.weight[0] > 0)
+    count, along, sd = each.weight[0, rated], each.along[:, rated], residuals.sd
+    errors = (along / np.sqrt(count) / sd[:, None]).mean(axis=0)
     worst = int(np.abs(errors).argmax())
     # a deviation's variance, times n/varsigma², is added to the scale of the law
-    scale = chdtri(rated.size, NEEDED) / chdtri(rated.size, NOTICED)
-    return FabricCheck(
-        _p_value(between, spread, fabrics.size),
-        _deviation(between, spread, size),
-        _p_value(everywhere, spread, rated.size),
-        _deviation(everywhere, spread, count),
-        _p_value(np.maximum(everywhere - between, 0.0), spread, within) if within else np.nan,
-        float(np.median(spread) * np.sqrt((scale - 1.0) / count.mean())),
-        int(rated[worst]),
-        float(mean[:, worst].mean()),
-        float(errors[worst]),
-        model.scale.unit,
-        FABRIC_SPREAD in model.needs,
+    scale = chdtri(rated.size, LEVEL) / chdtri(rated.size, NOTICED)
+    advice = ("--prior omega='halfnormal(0.5)'",) if "omega" in model.needs else ()
+    within = each.freedom - fabrics.freedom
+    return (
+        Finding(
+            CONDITIONS,
+            each.p_value,
+            each.deviation,
+            noticed=float(np.median(sd) * np.sqrt((scale - 1.0) / count.mean())),
+            groups=rated.size,
+            worst=names[rated[worst]],
+            worst_estimate=float((along[:, worst] / count[worst]).mean()),
+            worst_errors=float(errors[worst]),
+            unit=model.scale.unit,
+            advice=advice,
+        ),
+        Finding(FABRICS, fabrics.p_value, fabrics.deviation, unit=model.scale.unit, advice=advice),
+        Finding(LOADS, _p_value(np.maximum(each.squares - fabrics.squares, 0.0), within, sd)),
     )
 
 
-def _p_value(squares: Array, spread: Array, freedom: int) -> float:
-    """Return the mean probability of a larger sum of squares, from sums at draws of the posterior."""
-    return float(chdtrc(freedom, squares / spread**2).mean())
+def check_exponents(residuals: Residuals, modelled: bool = False, available: bool = True) -> Finding:
+    """Compare the slopes of participants' residuals on the response with noise: differences of their exponents.
+
+    The regressor is the logarithm of the response (z-scores: the standardised response) about its mean over the
+    participant's ratings.
+
+    Parameters
+    ----------
+    residuals
+        Residuals at draws of the posterior.
+    modelled, available
+        Whether the model has individual exponents, and whether there is such a model.
+    """
+    observation = residuals.observation
+    x, design = observation.predictor(residuals.mean_rate, residuals.parameters), observation.design
+    found = residuals.project(design.participant, design.n_participants, x, centred=True)
+    advice = ("--individual gamma",) if available and not modelled else ()
+    return Finding(EXPONENTS, found.p_value, found.deviation, modelled=modelled, advice=advice)
 
 
-def _deviation(squares: Array, spread: Array, count: Array) -> float:
-    """Return the standard deviation between groups estimated from sums of squares in excess of noise."""
-    excess = (squares / count.size - spread**2) / count.mean()
-    return float(np.sqrt(max(np.median(excess), 0.0)))
+def check_moduli(residuals: Residuals, slope: Array, modelled: bool = False) -> Finding:
+    """Compare the residuals along the response's slope in each fabric's log modulus with noise.
+
+    If moduli are wrong, mean ratings deviate along that slope, by the same relative error under every load. The fit
+    absorbs most of the effect of wrong moduli, so that the check has little power.
+
+    Parameters
+    ----------
+    residuals
+        Residuals at draws of the posterior.
+    slope
+        Derivative of `Likelihood.drive` in each condition with respect to its fabric's log modulus, shape (draws,
+        conditions).
+    modelled
+        Whether the model includes errors of the moduli.
+    """
+    design = residuals.observation.design
+    found = residuals.project(design.fabric[design.condition], design.n_fabrics, slope)
+    advice = () if modelled else ("--modulus-cv 0.15",)
+    return Finding(ALONG, found.p_value, modelled=modelled, advice=advice)
+
+
+def check_fingers(residuals: Residuals, slope: Array, modelled: bool = False) -> Finding:
+    """Compare each rater's residuals along the response's slope in ln b with noise: differences between fingers.
+
+    The slope is not proportional to the response, so that neither the rater's scale nor an exponent can account for
+    such deviations.
+
+    Parameters
+    ----------
+    residuals
+        Residuals at draws of the posterior.
+    slope
+        Derivative of `Likelihood.drive` in each condition with respect to ln b, shape (draws, conditions).
+    modelled
+        Whether the model has individual fingers.
+    """
+    design = residuals.observation.design
+    found = residuals.project(design.participant, design.n_participants, slope, centred=True)
+    return Finding(FINGERS, found.p_value, modelled=modelled, advice=() if modelled else ("--individual b",))
+
+
+def check_noise(residuals: Residuals, modelled: bool = False, available: bool = True, robust: bool = False) -> Finding:
+    """Compare the scatter of raters' residuals with that expected for equal noise.
+
+    The discrepancy is Bartlett's, T = N ln(sum_p S_p / N) - sum_p n_p ln(S_p / n_p), with S_p the sum of squares of
+    rater p's n_p residuals. For replicated ratings S_p is chi-squared up to a common factor, which cancels; the law of
+    T is drawn once. Raters with fewer than `FEWEST` ratings are left out.
+
+    Parameters
+    ----------
+    residuals
+        Residuals at draws of the posterior.
+    modelled, available
+        Whether the model has individual noise, and whether there is such a model.
+    robust
+        Whether the errors already have heavy tails, or lapses.
+    """
+    design = residuals.observation.design
+    rows = design.cells.sum(axis=1)
+    judged = rows >= FEWEST
+    useful = {"--individual varsigma": available and not modelled, "--errors student": not (modelled or robust)}
+    advice = tuple(option for option, helps in useful.items() if helps)
+    if judged.sum() < 2:
+        return Finding(NOISE, np.nan, 0.0, modelled=modelled, advice=advice)
+    count = rows[judged]
+    squares = residuals.sums(design.participant, design.n_participants, power=2)[:, judged].clip(1e-300)
+    reference = np.random.default_rng(0).chisquare(count, (4000, count.size))
+    law = np.sort(_bartlett(reference, count))
+    above = law.size - np.searchsorted(law, _bartlett(squares, count) * (1.0 - 1e-12))
+    # half of the variance of log S, part of which is due to chance
+    log_noise = 0.5 * (np.log(squares / count) - np.log(squares.sum(axis=1) / count.sum())[:, None])
+    chance = 0.25 * polygamma(1, 0.5 * count).mean()
+    excess = float(np.median(log_noise.var(axis=1, ddof=1))) - float(chance)
+    p_value = float(((above + 1.0) / (law.size + 1.0)).mean())
+    return Finding(NOISE, p_value, float(np.sqrt(max(excess, 0.0))), modelled=modelled, advice=advice)
+
+
+def _bartlett(squares: Array, count: Array) -> Array:
+    whole = count.sum() * np.log(squares.sum(axis=-1) / count.sum())
+    return np.asarray(whole - (count * np.log(squares / count)).sum(axis=-1))
+
+
+def check_spreads(term: Likelihood, mean_rate: Array, parameters: Parameters, rng: np.random.Generator) -> Finding:
+    """Compare the normal scores of the cells' standard deviations with those of replicates.
+
+    The model has the same noise in every cell. If noise depends on the fabric or the load, or not all cells have the
+    stated number of raters, the standard deviations of the cells differ by more. The scores of replicates are standard
+    normal; the estimate is their root mean square, 1 under the model.
+
+    Parameters
+    ----------
+    term
+        The standard deviations, as `likelihood.spreads.RaterSpreads`.
+    mean_rate
+        As for `Likelihood.residual`, shape (draws, ...).
+    parameters
+        Draws of the parameters of the term's model, shape (draws,).
+    rng
+        Random generator for the panels' scatter.
+    """
+    effects = term.draw_effects(rng, mean_rate, parameters)
+    squares = term.residual(mean_rate, parameters, effects) ** 2
+    p_value = float(chdtrc(squares.shape[-1], squares.sum(axis=-1)).mean())
+    return Finding(DEVIATIONS, p_value, float(np.sqrt(squares.mean())))
+
+
+class LooPit(NamedTuple):
+    """LOO-PIT values and their reliability, arrays of shape (rows,)."""
+
+    value: Array
+    """Probability of a smaller rating; each is uniform under the model, but they are not independent."""
+    pareto_k: Array
+    """Pareto k of the importance weights; above 0.7 they are unreliable."""
+
+
+def loo_pit(observation: Likelihood, mean_rate: Array, parameters: Parameters, alone: Array | None = None) -> LooPit:
+    """Return the probability integral transform of each rating in its leave-one-out predictive distribution.
+
+    With the effects of participants and fabrics integrated out, p(y_i | y_-i, theta) is known in closed
+    form. It is averaged over theta with importance weights 1 / p(y_i | y_-i, theta), smoothed by a generalised Pareto
+    law, which turn draws given all ratings into draws given the others (Bürkner, Gabry and Vehtari, Computational
+    Statistics 36, 1243, 2021). For discrete ratings, the transform is randomised within the probability of the rating
+    by a fixed random number.
+
+    Parameters
+    ----------
+    observation
+        The ratings.
+    mean_rate, parameters
+        Draws, batch shape (draws,).
+    alone
+        Log density of each rating given all the others, if it is known.
+    """
+    if alone is None:
+        alone = observation.log_likelihood_loo(mean_rate, parameters)
+    below = observation.below_loo(mean_rate, parameters)
+    if (rows := observation.discrete).any():
+        share = np.random.default_rng(0).uniform(-0.5, 0.5, int(rows.sum()))
+        below[:, rows] += share * np.exp(alone[:, rows])
+    value, pareto_k = np.empty(alone.shape[1]), np.empty(alone.shape[1])
+    for k in pieces(alone.shape[1], len(alone)):
+        log_weights, pareto_k[k] = arviz_bridge.psis(-alone[:, k].T)
+        value[k] = (np.exp(log_weights) * below[:, k].T).sum(axis=1)
+    return LooPit(np.clip(value, 0.0, 1.0), pareto_k)
+
+
+class ExponentCheck(NamedTuple):
+    """Growth of plate forces with indentation, in the data and under the fitted skin."""
+
+    observed: float
+    """Exponent of force against indentation in the data."""
+    low: float
+    high: float
+    """Limits of 90 % of the replicates."""
+    p_value: float
+    """Two-sided predictive p-value."""
+    points: float
+    """Mean number of forces per finger."""
+
+
+def check_exponent(forces: CompressionForces, replicated: Array) -> ExponentCheck:
+    """Compare the exponent of force against indentation with that of replicated forces (draws, rows) [N]."""
+    observed, again = float(forces.exponent(forces.values)), forces.exponent(replicated)
+    low, high = np.quantile(again, [0.05, 0.95])
+    tail = min(float((again >= observed).mean()), float((again <= observed).mean()))
+    return ExponentCheck(observed, float(low), float(high), min(1.0, 2.0 * tail), forces.n_rows / forces.n_fingers)

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes import arviz_bridge
-from softness_bayes.readable import percent
 
 Array = NDArray[np.float64]
 
@@ -97,23 +96,6 @@ class Exactness:
     def exact_enough(self) -> bool:
         """True if the error of the approximation is known to be negligible."""
         return self.sd <= HARMLESS or (self.pareto_k <= LARGEST_K and float(np.abs(self.shift).max(initial=0.0)) <= 0.1)
-
-    def sentence(self) -> str:
-        """Describe the size of the difference and its effect on the posterior, in one line."""
-        if not self.checked:
-            return "Not checked: a first look (--quick) does not compare the fast model with the exact one."
-        most = ""
-        if self.shift.size:
-            moved = int(np.abs(self.shift).argmax())
-            most = f"; no mean moves by more than {np.abs(self.shift[moved]):.1g} sd ({self.names[moved]})"
-        error = f" ± {self.sd_error:.1g}" if np.isfinite(self.sd_error) else ""
-        tail = f", Pareto k {self.pareto_k:.2f}" if self.sd > HARMLESS else ""
-        verdict = "Exact enough" if self.exact_enough else "Not exact enough"
-        return (
-            f"{verdict}: compared with {self.rates} and a finer quadrature, the log-likelihood of "
-            f"{self.difference.size} draws differs by {self.sd:.1g} (sd{error}), {self.largest:.1g} at most; "
-            f"importance weights keep {percent(self.efficiency, 1)} of the effective sample size{tail}{most}."
-        )
 
 
 def compare_likelihoods(

@@ -1,32 +1,163 @@
-"""Identifiability of the parameters of a run: contraction, sensitivity and informed combinations, from its result."""
+"""Identifiability of the parameters of a run: contraction, sensitivity, and combinations that the data inform."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.arviz_bridge import SAMPLE_DIMS
-from softness_bayes.checking.combinations import find_products
-from softness_bayes.checking.sensitivity import (
-    DETERMINED,
-    INFORMED,
-    SENSITIVE,
-    contraction,
-    find_directions,
-    power_scaling_with_error,
-    prior_moments,
-)
+from softness_bayes.checking.sensitivity import DETERMINED, INFORMED, contraction, power_scaling, prior_moments
 from softness_bayes.parameters.declared import EVERY_PARAMETER
+from softness_bayes.parameters.priors import Prior
 from softness_bayes.parameters.signed import magnitude
 from softness_bayes.provenance import Provenance
+from softness_bayes.sampler.jackknife import jackknife
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
 Array = NDArray[np.float64]
+
+
+class Directions(NamedTuple):
+    """Principal directions of the posterior, best informed first, in logarithms of the parameters."""
+
+    contraction: Array
+    """1 - posterior variance / prior variance along each direction, shape (directions,)."""
+    vectors: Array
+    """Unit vectors, one row per direction, in units of each log parameter's prior sd."""
+    prior_sd: Array
+    """Prior standard deviation of each log parameter, shape (parameters,)."""
+
+
+class Product(NamedTuple):
+    """A product of powers of parameters, the first with exponent 1."""
+
+    exponents: Array
+    """Exponents as printed, shape (parameters,); 0 for parameters that are not in the product."""
+    order: tuple[int, ...]
+    """Parameters in the product, the one with exponent 1 first."""
+    factor: float
+    """Factor between the median and the 90 % limits."""
+    error: float
+    """Monte-Carlo standard error of the factor."""
+    prior_factor: float
+    """The same factor under the prior."""
+    width: float
+    """Width of the 90 % limits of the logarithm, relative to that under the prior."""
+
+    def written(self, names: Sequence[str]) -> str:
+        """Return the product as text, such as b · m^0.7."""
+        return " · ".join(
+            names[k] if self.exponents[k] == 1.0 else f"{names[k]}^{self.exponents[k]:g}" for k in self.order
+        )
+
+    def meaning(self, names: Sequence[str]) -> str:
+        """Describe how precisely the data determine the product."""
+        if self.width > INFORMED:
+            return f"not informed: {self.written(names)} (limits {100 * self.width:.0f} % as wide as under the prior)"
+        word = "determined" if self.width <= DETERMINED else "informed"
+        error = f" ± {self.error:.1g}" if np.isfinite(self.error) else ""
+        known = f"within a factor of {self.factor:.4g}{error} (prior: {self.prior_factor:.3g})"
+        return f"{word}: {self.written(names)} {known}"
+
+
+def find_directions(priors: Sequence[Prior], theta: Array) -> Directions:
+    """Return principal directions of the posterior in logarithms, scaled by the priors' standard deviations.
+
+    Under the prior every direction has variance 1. The posterior variance is much smaller along stiff directions and
+    almost unchanged along sloppy ones.
+
+    Parameters
+    ----------
+    priors
+        Prior of each parameter, which must be positive.
+    theta
+        Draws, shape (draws, parameters).
+    """
+    prior_sd = np.array([prior_moments(prior, np.log)[1] for prior in priors])
+    scaled = np.log(theta) / prior_sd
+    variance, vectors = np.linalg.eigh(np.atleast_2d(np.cov(scaled.T)))
+    vectors = vectors.T
+    leading = np.take_along_axis(vectors, np.abs(vectors).argmax(axis=1)[:, None], axis=1)
+    return Directions(1.0 - variance, vectors * np.sign(leading), prior_sd)
+
+
+def find_products(priors: Sequence[Prior], theta: Array, directions: Directions) -> list[Product | None]:
+    """Return the product that represents each direction; None if the posterior is nearly as wide as the prior.
+
+    Components below 0.3 of a direction's largest are left out. The exponents of the others are refitted to minimise the
+    posterior variance of the product, and rounded to two digits. If this repeats an earlier product (correlation under
+    the prior above 0.7), the original exponents of the direction are used.
+
+    Parameters
+    ----------
+    priors
+        Prior of each parameter.
+    theta
+        Draws, shape (draws, parameters), with the chains concatenated.
+    directions
+        Directions from `find_directions`.
+    """
+    logs, prior_sd = np.log(theta), directions.prior_sd
+    covariance = np.atleast_2d(np.cov(logs.T))
+    uniform = np.random.default_rng(0).uniform(size=(20_000, len(priors)))
+    prior_logs = np.log(np.stack([prior.quantile(uniform[:, k]) for k, prior in enumerate(priors)], axis=-1))
+    found: list[Product | None] = []
+    for share, vector in zip(directions.contraction, directions.vectors, strict=True):
+        if np.sqrt(max(1.0 - share, 0.0)) > INFORMED:
+            found.append(None)
+            continue
+        by_size = np.argsort(-np.abs(vector), kind="stable")
+        order = by_size[np.abs(vector[by_size]) >= 0.3 * np.abs(vector).max()]
+        exponents = _least_varying(covariance, order, prior_sd)
+        earlier = [one.exponents * prior_sd for one in found if one is not None]
+        scaled = exponents * prior_sd / np.linalg.norm(exponents * prior_sd)
+        if any(abs(scaled @ other) > 0.7 * np.linalg.norm(other) for other in earlier):
+            exponents = _rounded(vector / prior_sd, order)
+        named = tuple(k for k in order.tolist() if exponents[k])
+        half, error = _half_width(logs @ exponents)
+        prior_half, _ = _half_width(prior_logs @ exponents)
+        factor = float(np.exp(half))
+        found.append(Product(exponents, named, factor, factor * error, float(np.exp(prior_half)), half / prior_half))
+    return found
+
+
+def _least_varying(covariance: Array, order: NDArray[np.intp], prior_sd: Array) -> Array:
+    """Return the exponents of least variance: minus the regression of the first logarithm on the others.
+
+    Exponents below a tenth of the largest, in prior standard deviations, are dropped until none is.
+    """
+    first, rest = order[0], order[1:]
+    power = np.zeros(len(covariance))
+    power[first] = 1.0
+    if rest.size:
+        power[rest] = -np.linalg.lstsq(covariance[np.ix_(rest, rest)], covariance[rest, first])[0]
+    exponents = _rounded(power, order)
+    size = np.abs(exponents * prior_sd)
+    kept = np.array([k for k in order if k == first or size[k] >= 0.1 * size.max()])
+    return exponents if kept.size == order.size else _least_varying(covariance, kept, prior_sd)
+
+
+def _rounded(power: Array, order: NDArray[np.intp]) -> Array:
+    """Return the exponents rounded as they are printed."""
+    rounded = np.zeros(power.size)
+    for k in order:
+        rounded[k] = float(f"{power[k] / power[order[0]]:.2g}")
+    return rounded
+
+
+def _half_width(values: Array) -> tuple[float, float]:
+    """Return half the width of the 90 % limits of draws in order of the chains, and its standard error."""
+
+    def half_width(kept: NDArray[np.bool_]) -> float:
+        return 0.5 * float(np.subtract(*np.quantile(values[kept], (0.95, 0.05))))
+
+    return half_width(np.ones(values.size, dtype=bool)), float(jackknife(half_width, values.size))
 
 
 def information_table(tree: xr.DataTree) -> pd.DataFrame:
@@ -55,7 +186,6 @@ def information_table(tree: xr.DataTree) -> pd.DataFrame:
         if name not in posterior:
             continue
         draws, (mean, sd) = posterior[name], prior_moments(prior)
-        sampled = name in priors
         rows[name] = {
             "prior_mean": mean,
             "prior_sd": sd,
@@ -66,8 +196,8 @@ def information_table(tree: xr.DataTree) -> pd.DataFrame:
             "psens_likelihood_mcse": np.nan,
         }
         for kind, component in (("prior", log_prior), ("likelihood", log_likelihood)):
-            if sampled:
-                sensitivity, error = power_scaling_with_error(draws, component)
+            if name in priors:
+                sensitivity, error = power_scaling(draws, component)
                 rows[name] |= {f"psens_{kind}": sensitivity, f"psens_{kind}_mcse": error}
     return pd.DataFrame.from_dict(rows, orient="index").rename_axis("parameter")
 
@@ -108,96 +238,17 @@ def direction_table(tree: xr.DataTree) -> pd.DataFrame:
     ):
         table[column] = [None if one is None else of(one) for one in products]
     table["meaning"] = [
-        _open(told) if one is None else one.sentence(names)
+        _open(told) if one is None else one.meaning(names)
         for one, told in zip(products, found.contraction, strict=True)
     ]
     table.index = pd.RangeIndex(1, len(names) + 1, name="direction")
     return table
 
 
-def information_sentences(summary: pd.DataFrame) -> list[str]:
-    """Describe which parameters the data determine, partly inform or leave open, and which depend on the prior.
-
-    Parameters
-    ----------
-    summary
-        A table with the columns of `information_table`.
-    """
-    width = _width(summary["contraction"])
-    groups = {
-        "determined by the data (posterior sd at most 1/3 of the prior sd)": width <= DETERMINED,
-        f"partly informed by the data (posterior sd at most {INFORMED:g} of the prior sd)": (width > DETERMINED)
-        & (width <= INFORMED),
-        "weakly identified (posteriors nearly as wide as the priors)": width > INFORMED,
-    }
-    lines = [
-        f"{words}: {', '.join(f'{name} {width[name]:.2g}' for name in summary.index[there]) or 'none'}"
-        for words, there in groups.items()
-    ]
-    pull = summary["psens_prior"][width <= INFORMED]
-    error = 2.0 * summary["psens_prior_mcse"].reindex(pull.index).fillna(0.0) if _has_errors(summary) else 0.0 * pull
-    moved, unclear = pull > SENSITIVE + error, (pull - SENSITIVE).abs() <= error
-    if moved.any():
-        named = ", ".join(f"{name} ({pull[name]:.2g})" for name in pull.index[moved])
-        lines.append(
-            f"informed, but prior-sensitive (power-scaling sensitivity above {SENSITIVE} by two standard errors): "
-            f"{named}. Another prior would change these posteriors: justify these priors, or compare runs with other "
-            "priors (--prior). Weakly identified parameters follow their priors in any case"
-        )
-    if unclear.any():
-        named = ", ".join(f"{name} ({pull[name]:.3f} ± {error[name] / 2:.1g})" for name in pull.index[unclear])
-        lines.append(f"prior sensitivity unclear (within two standard errors of {SENSITIVE}): {named}")
-    return lines
-
-
-def direction_sentences(directions: pd.DataFrame) -> list[str]:
-    """Describe the combinations of parameters that the data determine, partly inform, or leave open.
-
-    Parameters
-    ----------
-    directions
-        Table from `direction_table`.
-    """
-    width = directions["width"].astype(float)
-    names = [*directions.columns[1 : directions.columns.get_loc("product")]]
-    lines = []
-    for words, there in {
-        "combinations determined by the data (90 % interval at most 1/3 as wide as under the prior)": (
-            width <= DETERMINED
-        ),
-        f"combinations partly informed by the data (at most {INFORMED:g} as wide)": (
-            (width > DETERMINED) & (width <= INFORMED)
-        ),
-    }.items():
-        if there.any():
-            lines.append(f"{words}:")
-            lines += [f"  {row['meaning'].partition(': ')[2]}" for _, row in directions[there].iterrows()]
-    open_ = directions[~(width <= INFORMED)]
-    if len(open_):
-        share = (open_[names] ** 2).sum().sort_values(ascending=False, kind="stable")
-        of = ", ".join(share.index[share >= 0.5])
-        lines.append(
-            f"weakly identified: {len(open_)} further combination{'s' * (len(open_) > 1)} of {of}, nearly as wide as "
-            "under the prior. Many values of these fit the data equally well. To learn more, measure one of them "
-            "directly; until then report results under several priors (--prior)"
-        )
-    return lines
-
-
 def _open(contraction: float) -> str:
-    width = float(_width(contraction))
+    width = float(np.sqrt(max(1.0 - contraction, 0.0)))
     beside = "as wide as" if abs(width - 1.0) < 0.05 else f"{100 * width:.0f} % as wide as"
     return f"not informed: {beside} under the prior"
-
-
-def _has_errors(summary: pd.DataFrame) -> bool:
-    """Return whether a summary has Monte-Carlo errors of sensitivities, which earlier versions did not store."""
-    return "psens_prior_mcse" in summary
-
-
-def _width(contraction: Any) -> Any:
-    """Posterior sd over prior sd."""
-    return np.sqrt(np.maximum(1.0 - contraction, 0.0))
 
 
 def _draws(tree: xr.DataTree, group: str) -> dict[str, Array]:

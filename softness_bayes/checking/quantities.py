@@ -146,33 +146,42 @@ class QuantityCheck(NamedTuple):
     """P(replicate > observed) + P(equal) / 2 among replicates with a value; NaN if the data or replicates have none."""
 
 
-def check_quantity(
-    quantity: Quantity, layout: Layout, data: Additive, replicates: Additive, probability: float = 0.9
+def check_values(
+    observed: FloatArray,
+    replicated: FloatArray,
+    centre: Callable[[FloatArray], np.floating] = np.median,
+    probability: float = 0.9,
 ) -> list[QuantityCheck]:
-    """Compare the values of a quantity with those of replicates, with one result per column.
+    """Compare values of the data with those of replicates, with one result per column.
 
     Parameters
     ----------
-    quantity, layout
-        The quantity, and the design of the ratings.
-    data, replicates
-        Fits of the ratings, and of replicated ones of batch shape (replicates,).
+    observed
+        Shape (columns,).
+    replicated
+        Shape (replicates, columns).
+    centre
+        Summary of the replicates of a column.
     probability
         Share of replicates with all columns within the limits.
     """
-    observed, replicated = quantity.of(layout, data), quantity.of(layout, replicates)
     low, high = joint_limits(replicated, probability)
-    findings = []
-    for k, value in enumerate(observed):
-        known = replicated[:, k][np.isfinite(replicated[:, k])]
-        p_value = float(np.mean(known > value) + 0.5 * np.mean(known == value)) if known.size else np.nan
-        centre = float(quantity.centre(known)) if known.size else np.nan
-        findings.append(
-            QuantityCheck(
-                float(value), centre, float(low[k]), float(high[k]), p_value if np.isfinite(value) else np.nan
-            )
-        )
-    return findings
+    found = []
+    for value, each, *limits in zip(observed, replicated.T, low, high, strict=True):
+        known = each[np.isfinite(each)]
+        middle = float(centre(known)) if known.size else np.nan
+        p_value = float(above(np.array([value]), known)[0])
+        found.append(QuantityCheck(float(value), middle, float(limits[0]), float(limits[1]), p_value))
+    return found
+
+
+def above(values: FloatArray, replicates: FloatArray) -> FloatArray:
+    """Return P(replicate > value) + P(equal) / 2 among replicates with a value; NaN if the value or all are missing."""
+    known = np.sort(replicates[np.isfinite(replicates)])
+    if known.size == 0:
+        return np.full(values.shape, np.nan)
+    below, up_to = (np.searchsorted(known, values, side) for side in ("left", "right"))
+    return np.where(np.isfinite(values), 1.0 - 0.5 * (below + up_to) / known.size, np.nan)
 
 
 def joint_limits(replicated: FloatArray, probability: float) -> tuple[FloatArray, FloatArray]:

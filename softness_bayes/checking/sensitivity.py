@@ -1,4 +1,4 @@
-"""Information in the data: posterior contraction, power-scaling sensitivity, and well or weakly informed directions.
+"""Information in the data: posterior contraction and power-scaling sensitivity.
 
 Power-scaling reweights the posterior as if prior or likelihood were raised to a power near one. The rate of
 change of a parameter's distribution shows its sensitivity to either (Kallioinen, Paananen, Bürkner and
@@ -9,7 +9,6 @@ per cent, so that they need no smoothing.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,21 +31,6 @@ In a normal model the data then carry at least 8 times, or 0.56 times, as much i
 POWERS = (0.99, 1.01)
 """Powers of prior and likelihood."""
 
-_SMALL = 0.05  # up to here five terms of the series of `_spread` are exact to rounding
-
-_REACH, _NODES = 8.0, 641  # standard normal deviates over which moments are summed
-
-
-class Directions(NamedTuple):
-    """Principal directions of the posterior, best informed first, in logarithms of the parameters."""
-
-    contraction: FloatArray
-    """1 - posterior variance / prior variance along each direction, shape (directions,)."""
-    vectors: FloatArray
-    """Unit vectors, one row per direction, in units of each log parameter's prior sd."""
-    prior_sd: FloatArray
-    """Prior standard deviation of each log parameter, shape (parameters,)."""
-
 
 def prior_moments(prior: Prior, of: Callable[[FloatArray], FloatArray] = np.asarray) -> tuple[float, float]:
     """Return mean and standard deviation of a function of a quantity under its prior.
@@ -61,7 +45,7 @@ def prior_moments(prior: Prior, of: Callable[[FloatArray], FloatArray] = np.asar
     of
         The function; by default x itself.
     """
-    deviate = np.linspace(-_REACH, _REACH, _NODES)
+    deviate = np.linspace(-8.0, 8.0, 641)
     weight = np.exp(-0.5 * deviate**2)
     weight /= weight.sum()
     values = of(prior.quantile(ndtr(deviate)))
@@ -74,30 +58,24 @@ def contraction(prior_sd: ArrayLike, sd: ArrayLike) -> FloatArray:
     return 1.0 - (np.asarray(sd, float) / np.asarray(prior_sd, float)) ** 2
 
 
-def power_scaling(draws: ArrayLike, log_component: ArrayLike) -> float:
+def power_scaling(draws: ArrayLike, log_component: ArrayLike) -> tuple[float, float]:
     """Return the sensitivity of a quantity's posterior to the power of one component, per doubling of the power.
 
-    It is the mean of `distance` / |log2 power| over a slightly larger and a slightly smaller power.
+    It is the mean of the larger distance of x and -x (`distances`) over |log2 power|, for a slightly larger and a
+    slightly smaller power.
 
     Parameters
     ----------
     draws
-        Posterior draws of the quantity, shape (draws,).
+        Posterior draws of the quantity in order of the chains, shape (draws,).
     log_component
         Joint log prior density, or joint log-likelihood, of the same draws, shape (draws,).
-    """
-    draws, log_component = np.asarray(draws, float), np.asarray(log_component, float)
-    order = np.argsort(draws)
-    return _rate(draws[order], log_component[order])
 
-
-def power_scaling_with_error(draws: ArrayLike, log_component: ArrayLike) -> tuple[float, float]:
-    """Return the sensitivity of `power_scaling`, and its Monte-Carlo standard error.
-
-    Parameters
-    ----------
-    draws, log_component
-        As there, in order of the chains; the error comes from leaving out groups of draws (`jackknife`).
+    Returns
+    -------
+    sensitivity : float
+    error : float
+        Its Monte-Carlo standard error, from leaving out groups of draws (`jackknife`).
     """
     draws, log_component = np.asarray(draws, float), np.asarray(log_component, float)
     order = np.argsort(draws)
@@ -116,31 +94,22 @@ def _rate(x: FloatArray, log_component: FloatArray, powers: Sequence[float] = PO
     rates = []
     for power in powers:
         weights = np.exp((power - 1.0) * centred)
-        farther = max(_distances(x, weights / weights.sum()))
-        rates.append(farther / abs(np.log2(power)))
+        rates.append(max(distances(x, weights / weights.sum())) / abs(np.log2(power)))
     return float(np.mean(rates))
 
 
-def distance(draws: FloatArray, weights: FloatArray) -> float:
-    """Return the cumulative Jensen-Shannon distance between draws and the same draws weighted, from 0 to 1.
+def distances(x: FloatArray, weights: FloatArray) -> tuple[float, float]:
+    """Return the cumulative Jensen-Shannon distances, from 0 to 1, of weighted draws of x and of -x from equal weights.
 
-    sqrt((D(P, M) + D(Q, M)) / ∫ (P + Q)), P and Q the distribution functions without and with weights,
-    M their mean, D(F, M) = ∫ F log2(F / M) dx + ∫ (M - F) dx / ln 2. It depends on the sign of x.
+    sqrt((D(P, M) + D(Q, M)) / ∫ (P + Q)), P and Q the distribution functions without and with weights, M their mean,
+    D(F, M) = ∫ F log2(F / M) dx + ∫ (M - F) dx / ln 2. Those of -x are 1 - P and 1 - Q. With u = (Q - P) / (Q + P),
+    both divergences together are ∫ M h(u) dx / ln 2, h(u) = (1 + u) ln(1 + u) + (1 - u) ln(1 - u); their terms without
+    a logarithm cancel.
 
     Parameters
     ----------
-    draws, weights
-        Shape (draws,); the weights sum to 1.
-    """
-    order = np.argsort(draws)
-    return _distances(draws[order], weights[order])[0]
-
-
-def _distances(x: FloatArray, weights: FloatArray) -> tuple[float, float]:
-    """Return the distances from draws in rising order, and of the same draws with the opposite sign.
-
-    The distribution functions of -x are 1 - P and 1 - Q. With u = (Q - P) / (Q + P), both divergences together are
-    ∫ M h(u) dx / ln 2, h(u) = (1 + u) ln(1 + u) + (1 - u) ln(1 - u); their terms without a logarithm cancel.
+    x, weights
+        Draws in rising order and their weights, which sum to 1, shape (draws,).
     """
     width = np.diff(x)
     plain = np.arange(1, x.size) / x.size
@@ -148,39 +117,9 @@ def _distances(x: FloatArray, weights: FloatArray) -> tuple[float, float]:
     half, middle = 0.5 * (weighted - plain), 0.5 * (weighted + plain)
 
     def distance_from(middle: FloatArray) -> float:
-        divergence, total = width @ (middle * _spread(half / middle)) / np.log(2.0), 2.0 * (width @ middle)
+        u = (half / middle).clip(-1.0, 1.0)  # beyond by rounding
+        divergence = width @ (middle * (xlog1py(1.0 + u, u) + xlog1py(1.0 - u, -u))) / np.log(2.0)
+        total = 2.0 * (width @ middle)
         return float(np.sqrt(max(divergence, 0.0) / total)) if total > 0 else 0.0
 
     return distance_from(middle), distance_from(1.0 - middle)
-
-
-def _spread(u: FloatArray) -> FloatArray:
-    """Return h(u) = (1 + u) ln(1 + u) + (1 - u) ln(1 - u), for u from -1 to 1."""
-    square = u * u
-    found = square * (1.0 + square * (1 / 6 + square * (1 / 15 + square * (1 / 28 + square * (1 / 45)))))
-    far = np.flatnonzero(square > _SMALL**2)
-    if far.size:
-        value = u[far].clip(-1.0, 1.0)  # beyond by rounding
-        found[far] = xlog1py(1.0 + value, value) + xlog1py(1.0 - value, -value)
-    return found
-
-
-def find_directions(priors: Sequence[Prior], theta: FloatArray) -> Directions:
-    """Return principal directions of the posterior in logarithms, scaled by the priors' standard deviations.
-
-    Under the prior every direction has variance 1. The posterior variance is much smaller along stiff directions and
-    almost unchanged along sloppy ones.
-
-    Parameters
-    ----------
-    priors
-        Prior of each parameter, which must be positive.
-    theta
-        Draws, shape (draws, parameters).
-    """
-    prior_sd = np.array([prior_moments(prior, np.log)[1] for prior in priors])
-    scaled = np.log(theta) / prior_sd
-    variance, vectors = np.linalg.eigh(np.atleast_2d(np.cov(scaled.T)))
-    vectors = vectors.T
-    leading = np.take_along_axis(vectors, np.abs(vectors).argmax(axis=1)[:, None], axis=1)
-    return Directions(1.0 - variance, vectors * np.sign(leading), prior_sd)

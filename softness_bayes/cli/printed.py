@@ -10,18 +10,19 @@ import click
 from softness_bayes.readable import number, percent
 
 if TYPE_CHECKING:
-    from softness_bayes.checking.misfit import Fit
+    from softness_bayes.checking.agreement import Fit
     from softness_bayes.results.result import Result
 
 
 def print_result(result: Result, out: Path, times: str = "") -> None:
     """Print summary, turning points, checks and verdict, the time taken, and the conclusion in three lines."""
-    from softness_bayes.checking.misfit import fit_of
+    from softness_bayes.checking.agreement import fit_of
+    from softness_bayes.checking.sentences import fit_faults, plate_sentence, silence_note
     from softness_bayes.report.conclusion import conclude, facts_of
 
     found, summary = result.provenance, result.summary()
     fit = fit_of(result.tree) if result.has_ratings else None
-    faults = [] if fit is None else [f"the fit failed: {fault}" for fault in fit.faults]
+    faults = [] if fit is None else [f"the fit failed: {fault}" for fault in fit_faults(fit)]
     for fault in faults:
         click.echo(fault)
     left_out = ("contraction", "psens_prior_mcse", "psens_likelihood_mcse")  # printed as text or only stored
@@ -32,13 +33,13 @@ def print_result(result: Result, out: Path, times: str = "") -> None:
     for sentence in result.learnt():
         click.echo(sentence)
     if result.has_compression:
-        click.echo(f"\n{found.plate.force_check}")
+        click.echo(f"\n{plate_sentence(found.plate)}")
     if fit is not None:
         _print_ratings(result, fit)
     click.echo(f"written to {out}; 'softness-bayes report {out}' makes a one-page report")
     click.echo(found.verdict)
-    if fit is not None and fit.silence_note:
-        click.echo(fit.silence_note)
+    if fit is not None and (note := silence_note(fit)):
+        click.echo(note)
     if times:
         click.echo(times)
     click.echo()
@@ -48,7 +49,7 @@ def print_result(result: Result, out: Path, times: str = "") -> None:
 
 def _turning(result: Result) -> str:
     """Return the table of turning points with their definition, prior probabilities and sampling errors."""
-    from softness_bayes.checking.turning_points import with_errors
+    from softness_bayes.checking.inflection import with_errors
 
     columns = ["p_interior", "prior_p_interior", "p_inside", "p_none", "p_silent"]
     columns += ["e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high"]
@@ -67,17 +68,17 @@ def _turning(result: Result) -> str:
 
 def _print_ratings(result: Result, fit: Fit) -> None:
     """Print the turning points and the checks of the ratings."""
-    from softness_bayes.checking.check_table import check_sentences
+    from softness_bayes.checking.sentences import check_sentences, fit_sentence, residual_sentences
     from softness_bayes.provenance import NOT_ASKED
 
     found = result.provenance
-    errors, residuals, silence, model = found.errors, found.residuals, found.silence, found.rating_model
+    errors, silence, model = found.errors, found.silence, found.rating_model
     click.echo(f"\n{_turning(result)}\n")
     for sentence in (
-        fit.sentence,
+        fit_sentence(fit),
         *([found.direction.said] if found.direction.said else []),
         *check_sentences(result.tables["predictive_checks"]),
-        *([] if fit.direction.against_data else residuals.sentences),
+        *([] if fit.direction.against_data else residual_sentences(found.findings)),
         *([] if fit.direction.against_data else result.said_of_moduli()),
         *([result.said_of_loads()] if result.load_cv.any() or result.shared_load_cv else []),
         *(said for said in (found.rating_model.rating_note, found.rating_model.rating_errors_note) if said),

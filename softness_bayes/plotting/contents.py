@@ -353,7 +353,7 @@ def _modulus_limits(result: Drawable) -> Array | None:
 
     None if no modulus is sampled.
     """
-    from softness_bayes.checking.fabric_moduli import MODULUS_LAW, UNCERTAIN, modulus_limits
+    from softness_bayes.checking.individual import MODULUS_LAW, UNCERTAIN, modulus_limits
 
     if MODULUS_LAW not in result.group("constant_data"):
         return None

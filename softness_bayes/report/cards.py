@@ -1,59 +1,63 @@
-"""Findings as text, each with a question, an answer and some sentences."""
+"""Cards of a report: each a question about the run, its answer, what that means for the conclusions, and details."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from types import MappingProxyType
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from enum import Enum
+from typing import TYPE_CHECKING, NamedTuple
 
-from softness_bayes.checking.check_table import unreproduced_sentence
-from softness_bayes.checking.identifiability import information_sentences
-from softness_bayes.checking.levelled import DOUBTFUL
+import numpy as np
+
+from softness_bayes.arviz_bridge import SAMPLE_DIMS
+from softness_bayes.checking.agreement import Fit, fit_of
+from softness_bayes.checking.check_table import doubts
+from softness_bayes.checking.checks import ALONG, LEVEL
+from softness_bayes.checking.exactness import Exactness, compare_likelihoods
+from softness_bayes.checking.modulus_errors import MovedMost, moved_most
+from softness_bayes.checking.sensitivity import INFORMED
+from softness_bayes.checking.sentences import (
+    fit_faults,
+    fit_sentence,
+    information_sentences,
+    plate_sentence,
+    residual_sentences,
+    silence_note,
+    turn_sentence,
+    unreproduced_sentence,
+)
+from softness_bayes.checking.turning_check import Reproduction, turns_reproduced
 from softness_bayes.defaults import in_words, shown_of
-from softness_bayes.readable import number
-from softness_bayes.report.findings import (
-    Agreement,
-    Convergence,
-    Doubt,
-    FastModel,
-    Finding,
-    Information,
-    InputErrors,
-    NeedsRatings,
-    OtherChecks,
-    PlateForces,
-    Standing,
-    TurningPoints,
-)
-from softness_bayes.report.words import sentence, with_error
+from softness_bayes.files.run_files import MODULUS_ERRORS
+from softness_bayes.provenance import NumericalErrors, PlateData
+from softness_bayes.readable import number, sentence, with_error
+from softness_bayes.results.result import Result
 
-QUESTIONS: Mapping[type[Finding], str] = MappingProxyType(
-    {
-        Convergence: "Has the sampler converged?",
-        Agreement: "Does the model follow the ratings?",
-        FastModel: "Is the fast model accurate enough?",
-        TurningPoints: "Does the model reproduce the turning point (maximum), where the ratings can show it?",
-        OtherChecks: "Does it pass all other predictive checks?",
-        InputErrors: "Would errors of the fabrics' moduli change the conclusions?",
-        Information: "Which parameters did the data inform?",
-        PlateForces: "Does the skin model reproduce the forces of the plate?",
-    }
-)
-"""Questions answered by each kind of finding."""
+if TYPE_CHECKING:
+    import pandas as pd
 
-DOUBTS: Mapping[Doubt, str] = MappingProxyType(
-    {
-        Doubt.NOT_CONVERGED: "The chains have not converged: this is for inspection only.",
-        Doubt.MODEL_FAILED: "The model does not follow these ratings: see the first finding.",
-    }
-)
-"""Sentences on reservations about otherwise favourable findings."""
+MATTERS = 0.5
+"""Shift of a posterior mean, in posterior standard deviations, from which errors of 10 % of the moduli matter: 90 %
+intervals that are off by as much hold the truth in 86 %."""
 
-REPRODUCED: Mapping[bool | None, str] = MappingProxyType(
-    {True: "reproduced", False: "not reproduced", None: "not shown by the ratings"}
-)
+MOSTLY = 0.5
+"""Share of the differences between fabrics from which the response is said to explain them."""
 
-NO_RATINGS = "Only compression data were fitted: the run has no receptors, responses or ratings."
+NOT_CONVERGED = "The chains have not converged: this is for inspection only."
+MODEL_FAILED = "The model does not follow these ratings: see the first finding."
+"""Reasons why an otherwise favourable finding is unreliable."""
+
+FAST_MODEL = "Is the fast model accurate enough?"
+TURNING = "Does the model reproduce the turning point (maximum), where the ratings can show it?"
+
+
+class Standing(Enum):
+    """Consequence of a finding for the conclusions; the value is its style."""
+
+    GOOD = "good"
+    DOUBTFUL = "doubtful"
+    BAD = "bad"
+    NEUTRAL = "neutral"
+    """For information, or because the data cannot tell."""
 
 
 class Card(NamedTuple):
@@ -62,97 +66,189 @@ class Card(NamedTuple):
     question: str
     answer: str
     standing: Standing
-    details: Sequence[str]
+    details: Sequence[str] = ()
+
+    def doubted(self, why: str) -> Card:
+        """Return the card of a run that is in doubt for some reason: none of its findings is good."""
+        if self.standing is not Standing.GOOD:
+            return self
+        return self._replace(standing=Standing.DOUBTFUL, details=[*self.details, why])
 
 
-def cards(findings: Iterable[Finding]) -> list[Card]:
-    """Return findings as text."""
-    return [card(finding) for finding in findings]
+def cards(result: Result) -> list[Card]:
+    """Return the cards of a run, most decisive first; none is good without convergence or after a failed fit."""
+    provenance = result.provenance
+    convergence = convergence_card(provenance.ending.converged, provenance.ending.verdict)
+    held = provenance.held_eps
+    rest = _rating_cards(result) if result.has_ratings else [_without_ratings(FAST_MODEL), _without_ratings(TURNING)]
+    rest.append(information_card(result.summary(), [held] if held else []))
+    if result.has_compression:
+        rest.append(plate_card(provenance.plate))
+    follows = [agreement_card(fit_of(result.tree))] if result.has_ratings else []
+    if not provenance.ending.converged:
+        rest, follows = ([card.doubted(NOT_CONVERGED) for card in some] for some in (rest, follows))
+    if follows and follows[0].standing is Standing.BAD:
+        return [*follows, *(card.doubted(MODEL_FAILED) for card in (convergence, *rest))]
+    return [convergence, *rest[:1], *follows, *rest[1:]] if follows else [convergence, *rest]
 
 
-def card(finding: Finding) -> Card:
-    """Return one finding as text."""
-    asked = finding.of if isinstance(finding, NeedsRatings) else type(finding)
-    answer, details = _told(finding)
-    doubt = [DOUBTS[finding.doubt]] if finding.doubt is not None and finding.shaken else []
-    return Card(QUESTIONS[asked], answer, finding.standing, [*details, *doubt])
-
-
-def _told(finding: Finding) -> tuple[str, list[str]]:
-    """Return the answer and its supporting sentences."""
-    good = finding.outcome is Standing.GOOD
-    match finding:
-        case Convergence():
-            return "Converged" if good else "Not converged", [finding.verdict]
-        case Agreement():
-            return _agreement(finding)
-        case FastModel():
-            answer = "Exact enough" if good else "Not exact enough"
-            return answer if finding.exactness.checked else "Not checked", _errors(finding)
-        case TurningPoints():
-            return _turning(finding)
-        case OtherChecks():
-            told = [unreproduced_sentence(finding.unreproduced), *finding.remarks]
-            return "No other discrepancy" if good else "Not everything", [*map(sentence, told)]
-        case InputErrors():
-            return _inputs(finding), [*map(sentence, finding.remarks)]
-        case Information():
-            told = [*information_sentences(finding.summary), *finding.remarks]
-            return f"{finding.informed} of {len(finding.summary)}", [*map(sentence, told)]
-        case PlateForces():
-            known = {Standing.GOOD: "Yes", Standing.BAD: "No"}
-            return known.get(finding.outcome, "Not judged"), [sentence(finding.sentence)]
-        case NeedsRatings():
-            return "Does not apply", [NO_RATINGS]
-    raise TypeError(f"no words for {type(finding).__name__}")
-
-
-def _agreement(finding: Agreement) -> tuple[str, list[str]]:
-    fit = finding.fit
-    details = [*map(sentence, [*fit.faults, fit.sentence, *([fit.silence_note] if fit.silence_note else [])])]
-    if finding.outcome is Standing.BAD:
-        against = fit.direction.against_data
-        return "No: wrong direction of the ratings" if against else "No: the prediction is flat", details
-    answers = {Standing.GOOD: "Yes", Standing.DOUBTFUL: "In part", Standing.NEUTRAL: "Not judged"}
-    return answers[finding.outcome], [*details, sentence(fit.direction.direction_note)]
-
-
-def _inputs(finding: InputErrors) -> str:
-    if finding.p_value < DOUBTFUL:
-        return "The ratings show errors"
-    if finding.sensitive:
-        return "Yes: the moduli are treated as exact"
-    return "Hardly" if finding.assumed else "No: errors are included in the model"
-
-
-def _errors(finding: FastModel) -> list[str]:
-    numbers = (
-        f"Largest error of the quadrature: {number(finding.numerical_error, 2)} of the peak response; of the "
-        f"firing rates: {number(finding.firing_error, 2)}, if every receptor had the largest error."
-    )
-    weighted = "Summary and predictions use draws weighted by the exact likelihood."
-    return [finding.sentence, numbers, *([weighted] if finding.reweighted else [])]
-
-
-def _turning(finding: TurningPoints) -> tuple[str, list[str]]:
-    yes, no, unknown = (in_words(finding.loads(answer)) for answer in (True, False, None))
-    if no:
-        answer = f"Not under {no}"
-    elif yes:
-        answer = f"Under {yes}" if unknown else "Under every load"
-    else:
-        answer = "Not shown by the ratings"
-    if unknown and (yes or no):
-        answer += f"; not shown by the ratings under {unknown}"
-    details = [
-        f"{one.load}: {REPRODUCED[one.reproduced]}; {one.seen}. From all loads together, under the model: the "
-        f"response turns over with probability {_likely(finding.table.loc[one.load], 'p_interior')} (prior: "
-        f"{_likely(finding.table.loc[one.load], 'prior_p_interior')})."
-        for one in (finding.judged[k] for k in shown_of(len(finding.judged)))
+def _rating_cards(result: Result) -> list[Card]:
+    provenance, checks = result.provenance, result.tables["predictive_checks"]
+    return [
+        fast_model_card(exactness_of(result), provenance.errors),
+        turning_card(turns_reproduced(checks), result.inflection()),
+        checks_card(doubts(checks), residual_sentences(provenance.findings)),
+        input_card(input_errors_of(result)),
     ]
-    return answer, details
 
 
-def _likely(row: Any, name: str) -> str:
-    """Return a probability in per cent with its Monte Carlo error."""
-    return with_error(100 * row[name], 100 * row[f"{name}_mcse"], "\u00a0%")
+def convergence_card(converged: bool, verdict: str) -> Card:
+    """Return the card on the convergence of the sampler."""
+    answer, standing = ("Converged", Standing.GOOD) if converged else ("Not converged", Standing.BAD)
+    return Card("Has the sampler converged?", answer, standing, [verdict])
+
+
+def agreement_card(fit: Fit) -> Card:
+    """Return the card on the agreement of the model with the ratings, without which no other finding counts."""
+    details = [*fit_faults(fit), fit_sentence(fit), *([note] if (note := silence_note(fit)) else [])]
+    whole = fit.explained[-1]
+    if fit.direction.against_data:
+        answer, standing = "No: wrong direction of the ratings", Standing.BAD
+    elif fit.flat:
+        answer, standing = "No: the prediction is flat", Standing.BAD
+    else:
+        details.append(fit.direction.direction_note)
+        if not whole.p_value < LEVEL:
+            answer, standing = "Not judged", Standing.NEUTRAL
+        else:
+            answer, standing = ("Yes", Standing.GOOD) if whole.share >= MOSTLY else ("In part", Standing.DOUBTFUL)
+    return Card("Does the model follow the ratings?", answer, standing, [*map(sentence, details)])
+
+
+def fast_model_card(exactness: Exactness, errors: NumericalErrors) -> Card:
+    """Return the card on the effect of the fast forward model on the posterior."""
+    if not exactness.checked:
+        answer, standing = "Not checked", Standing.NEUTRAL
+    else:
+        known = {True: ("Exact enough", Standing.GOOD), False: ("Not exact enough", Standing.BAD)}
+        answer, standing = known[exactness.exact_enough]
+    details = [
+        errors.exactness,
+        f"Largest error of the quadrature: {number(errors.numerical_error, 2)} of the peak response; of the "
+        f"firing rates: {number(errors.firing_error, 2)}, if every receptor had the largest error.",
+    ]
+    if errors.exact_reweight:
+        details.append("Summary and predictions use draws weighted by the exact likelihood.")
+    return Card(FAST_MODEL, answer, standing, details)
+
+
+def turning_card(judged: Sequence[Reproduction], table: pd.DataFrame) -> Card:
+    """Return the card on the turning point under each load; `table` as `Result.inflection` returns it."""
+    loads = {
+        answer: in_words([one.load for one in judged if one.reproduced is answer]) for answer in (True, False, None)
+    }
+    if loads[False]:
+        answer, standing = f"Not under {loads[False]}", Standing.BAD
+    elif loads[True]:
+        answer, standing = f"Under {loads[True]}" if loads[None] else "Under every load", Standing.GOOD
+    else:
+        answer, standing = "Not shown by the ratings", Standing.NEUTRAL
+    if loads[None] and (loads[True] or loads[False]):
+        answer += f"; not shown by the ratings under {loads[None]}"
+    words = {True: "reproduced", False: "not reproduced", None: "not shown by the ratings"}
+    details = []
+    for one in (judged[k] for k in shown_of(len(judged))):
+        row = 100.0 * table.loc[one.load]
+        names = ("p_interior", "prior_p_interior")
+        likely, before = (with_error(row[name], row[f"{name}_mcse"], "\u00a0%") for name in names)
+        details.append(
+            f"{one.load}: {words[one.reproduced]}; {turn_sentence(one)}. From all loads together, under the model: the "
+            f"response turns over with probability {likely} (prior: {before})."
+        )
+    return Card(TURNING, answer, standing, details)
+
+
+def checks_card(unreproduced: Sequence[str], remarks: Sequence[str]) -> Card:
+    """Return the card on all other test quantities, with sentences of the checks of residuals."""
+    answer, standing = "No other discrepancy", Standing.GOOD
+    if unreproduced:
+        answer, standing = "Not everything", Standing.DOUBTFUL
+    details = [*map(sentence, [unreproduced_sentence(unreproduced), *remarks])]
+    return Card("Does it pass all other predictive checks?", answer, standing, details)
+
+
+class InputErrors(NamedTuple):
+    """Dependence of the conclusions on errors of the fabrics' moduli, and whether loads were taken as exact."""
+
+    assumed: bool
+    """True if moduli were taken as exact without having been declared exact."""
+    p_value: float
+    """p-value of the check whether mean ratings deviate in the way that wrong moduli would cause."""
+    largest: MovedMost | None
+    """The quantity that errors of the moduli would shift most; None if no shift exceeds its Monte-Carlo error."""
+    remarks: tuple[str, ...]
+    """The run's own sentences about errors of moduli and loads."""
+
+    @property
+    def sensitive(self) -> bool:
+        """True if moduli were assumed to be exact and usual errors would change conclusions."""
+        return self.assumed and self.largest is not None and self.largest.shift >= MATTERS
+
+
+def input_errors_of(result: Result) -> InputErrors:
+    """Return what errors of the moduli would do to the conclusions of a run on ratings."""
+    table = result.tables.get(MODULUS_ERRORS)
+    return InputErrors(
+        result.moduli_assumed,
+        result.provenance.findings[ALONG].p_value,
+        None if table is None else moved_most(table),
+        (*result.said_of_moduli(), result.said_of_loads()),
+    )
+
+
+def input_card(errors: InputErrors) -> Card:
+    """Return the card on errors of the moduli."""
+    if errors.p_value < LEVEL:
+        answer, standing = "The ratings show errors", Standing.DOUBTFUL
+    elif errors.sensitive:
+        answer, standing = "Yes: the moduli are treated as exact", Standing.DOUBTFUL
+    else:
+        answer = "Hardly" if errors.assumed else "No: errors are included in the model"
+        standing = Standing.GOOD
+    question = "Would errors of the fabrics' moduli change the conclusions?"
+    return Card(question, answer, standing, [*map(sentence, errors.remarks)])
+
+
+def information_card(summary: pd.DataFrame, remarks: Sequence[str] = ()) -> Card:
+    """Return the card on the parameters that the data informed."""
+    informed = int((summary["contraction"] >= 1.0 - INFORMED**2).sum())
+    details = [*map(sentence, [*information_sentences(summary), *remarks])]
+    question = "Which parameters did the data inform?"
+    return Card(question, f"{informed} of {len(summary)}", Standing.NEUTRAL, details)
+
+
+def plate_card(plate: PlateData) -> Card:
+    """Return the card on the growth of plate forces with indentation."""
+    if not np.isfinite(plate.force_exponent):
+        answer, standing = "Not judged", Standing.NEUTRAL
+    else:
+        answer, standing = ("Yes", Standing.GOOD) if plate.force_p_value >= LEVEL else ("No", Standing.BAD)
+    question = "Does the skin model reproduce the forces of the plate?"
+    return Card(question, answer, standing, [sentence(plate_sentence(plate))])
+
+
+def _without_ratings(question: str) -> Card:
+    """Return the card of a question that a run without ratings does not answer."""
+    said = "Only compression data were fitted: the run has no receptors, responses or ratings."
+    return Card(question, "Does not apply", Standing.NEUTRAL, [said])
+
+
+def exactness_of(result: Result) -> Exactness:
+    """Return the comparison with exact firing rates, from the differences that the result keeps."""
+    stats, draws = result.group("sample_stats"), result.group("posterior")
+    difference = stats["exact_difference"].values
+    compared = np.isfinite(difference)
+    sampled = result.group("log_prior").items()
+    names = tuple(str(name) for name, density in sampled if density.dims == SAMPLE_DIMS)
+    theta = np.stack([draws[name].values[compared] for name in names], axis=-1)
+    return compare_likelihoods(names, theta, np.zeros(int(compared.sum())), difference[compared])

@@ -6,18 +6,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from softness_bayes.checking.agreement import HighestRated, fit_of, highest_rated
 from softness_bayes.checking.check_table import doubts
-from softness_bayes.checking.levelled import DOUBTFUL
-from softness_bayes.checking.misfit import MOSTLY_SILENT, fit_of
 from softness_bayes.checking.modulus_errors import LINEAR, MovedMost
-from softness_bayes.checking.reproduction import inflection_reproduced
 from softness_bayes.checking.sensitivity import INFORMED
-from softness_bayes.checking.softest import Softest, softest_fabrics
+from softness_bayes.checking.turning_check import DOUBTFUL, turns_reproduced
 from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.parameters.declared import PARAMETERS
-from softness_bayes.readable import chance, number
-from softness_bayes.report.findings import exactness_of, input_errors_of
-from softness_bayes.report.words import with_error
+from softness_bayes.readable import chance, number, with_error
+from softness_bayes.report.cards import exactness_of, input_errors_of
 from softness_bayes.results.result import Result
 
 LIKELY = 0.9
@@ -74,7 +71,7 @@ class Facts(NamedTuple):
     """Parameters of a run without ratings; empty for one with ratings."""
     fabrics: tuple[float, float] = (np.nan, np.nan)
     """Range of E_fab of the rated fabrics [kPa]."""
-    softest: tuple[Softest, ...] = ()
+    softest: tuple[HighestRated, ...] = ()
     """The fabric under each load that is most probably the softest."""
     moved: MovedMost | None = None
     """Largest shift due to errors of moduli assumed to be exact, if relevant."""
@@ -131,21 +128,21 @@ def _facts(result: Result) -> Facts:
         return Facts(converged, steps, unreproduced=wrong, skin=_skin(result))
     fit, checks = fit_of(result.tree), result.tables["predictive_checks"]
     other = next(one.name for one in (RISES, FALLS) if one is not fit.direction.direction)
-    whole = fit.explained[-1] if fit.explained else None
+    inputs = input_errors_of(result)
     modulus = result.fabrics.effective_modulus
     return Facts(
         converged,
         steps,
         other if fit.direction.against_data else None,
         bool(fit.flat),
-        fit.silent_conditions > MOSTLY_SILENT,
-        whole is None or not whole.p_value >= DOUBTFUL,
+        fit.mostly_silent,
+        not fit.explained[-1].p_value >= DOUBTFUL,
         exactness_of(result).exact_enough,
         tuple(doubts(checks)),
         _turns(result),
         fabrics=(float(modulus.min()) / 1e3, float(modulus.max()) / 1e3),
-        softest=softest_fabrics(result.tree),
-        moved=inputs.largest if (inputs := input_errors_of(result)) is not None and inputs.sensitive else None,
+        softest=highest_rated(result.tree),
+        moved=inputs.largest if inputs.sensitive else None,
     )
 
 
@@ -217,7 +214,7 @@ def _found(facts: Facts) -> str:
     return f"{'; '.join([*_softness(facts.softest), *turns])}."
 
 
-def _softness(softest: tuple[Softest, ...]) -> list[str]:
+def _softness(softest: tuple[HighestRated, ...]) -> list[str]:
     """Return a clause on the softest fabric under each load, if it is known of any."""
     clear, unclear = ([one for one in softest if one.clear is is_clear] for is_clear in (True, False))
     told = []
@@ -230,7 +227,7 @@ def _softness(softest: tuple[Softest, ...]) -> list[str]:
     return told
 
 
-def _chance(one: Softest) -> str:
+def _chance(one: HighestRated) -> str:
     return with_error(100 * one.probability, 100 * one.error, " %") if one.error else chance(one.probability)
 
 
@@ -319,7 +316,7 @@ def _decided(turn: Turn) -> bool:
 
 def _turns(result: Result) -> tuple[Turn, ...]:
     table = result.inflection()
-    reproduced = {str(one.load): one.reproduced for one in inflection_reproduced(result.tables["predictive_checks"])}
+    reproduced = {str(one.load): one.reproduced for one in turns_reproduced(result.tables["predictive_checks"])}
     columns = ("p_interior", "e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high")
     return tuple(
         Turn(load, probability, low, middle, high, reproduced.get(load))

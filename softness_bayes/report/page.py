@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Callable, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -13,28 +14,25 @@ from typing import Any, NamedTuple
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from softness_bayes.checking.check_table import check_table
-from softness_bayes.checking.fabric_ratings import fabric_rating_table
+from softness_bayes.checking.agreement import fabric_rating_table, fit_of
+from softness_bayes.checking.check_table import check_table, doubts
 from softness_bayes.checking.identifiability import direction_table
-from softness_bayes.checking.misfit import fit_of
+from softness_bayes.checking.sentences import fit_faults, unreproduced_sentence
 from softness_bayes.defaults import MOST_SHOWN, in_words
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import require_outputs, write_outputs
 from softness_bayes.files.run_files import FABRIC_RATINGS
 from softness_bayes.files.spreadsheet import csv_of
+from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.plotting.figures import announced, figure_named, figures_of, file_of, require_figures
 from softness_bayes.plotting.panels import TINTS
 from softness_bayes.plotting.style import METADATA, USUAL
-from softness_bayes.readable import counted
+from softness_bayes.readable import chance, counted, number, sentence
 from softness_bayes.report import tables
-from softness_bayes.report.alternatives import alternative_text
-from softness_bayes.report.cards import cards
-from softness_bayes.report.charts import TURN_TINT, charts
+from softness_bayes.report.cards import Standing, cards
+from softness_bayes.report.charts import AXES, TURN_TINT, Shown, charts, shown
 from softness_bayes.report.conclusion import conclude, facts_of
-from softness_bayes.report.curves import AXES, Shown, shown
-from softness_bayes.report.findings import Standing, findings
 from softness_bayes.report.repeat import repetition
-from softness_bayes.report.words import unbroken
 from softness_bayes.results.result import Result
 
 RESOLUTION = 150
@@ -166,10 +164,10 @@ def report_page(
         subject=subject(result),
         converged=result.provenance.ending.converged,
         quick=result.provenance.ending.quick,
-        faults=fit_of(result.tree).faults if result.has_ratings else [],
+        faults=fit_faults(fit_of(result.tree)) if result.has_ratings else [],
         verdict=result.provenance.ending.verdict,
         conclusion=conclude(facts_of(result)),
-        findings=cards(findings(result)),
+        findings=cards(result),
         words={
             Standing.GOOD: "good",
             Standing.DOUBTFUL: "with doubt",
@@ -272,3 +270,41 @@ def _json(one: Shown) -> dict[str, Any]:
 
     found: dict[str, Any] = plain(one._asdict())
     return found
+
+
+def unbroken(value: Any) -> Any:
+    """Return a text with a space before each per-cent sign that no line breaks at, and other values as they are."""
+    return re.sub(r"(?<=\d) (?=%)", "\u00a0", value) if type(value) is str else value
+
+
+def alternative_text(result: Result, name: str, caption: str) -> str:
+    """Return the caption of a figure and a description of its content.
+
+    Parameters
+    ----------
+    result
+        The run.
+    name
+        Name of the figure; custom figures have only the caption.
+    caption
+        Caption of the figure.
+    """
+    return " ".join([caption, *_content(result, name)])
+
+
+def _content(result: Result, name: str) -> Iterator[str]:
+    """Yield sentences on what a figure shows of this run."""
+    if name in ("response", "response_ratio", "inflection"):
+        for load, row in result.inflection().iterrows():
+            place = f", at {number(row['e_fab_kpa'])} kPa" if np.isfinite(row["e_fab_kpa"]) else ""
+            yield f"{load}: turning point with probability {chance(row['p_interior'])}{place}."
+    elif name in ("rating", "rating_ratio") and FABRIC_RATINGS in result.tables:
+        for load, rows in result.tables[FABRIC_RATINGS].groupby(level="load", sort=False):
+            rated = rows["rated"].droplevel("load").dropna()
+            ends = [f"{number(rated.iloc[k])} ({rated.index[k]})" for k in (int(rated.argmin()), int(rated.argmax()))]
+            yield f"{load}: mean ratings from {' to '.join(ends)}."
+    elif name == "predictive_checks":
+        yield sentence(unreproduced_sentence(doubts(result.tables["predictive_checks"])))
+    elif name in ("corner", "corner_all", "prior", "trace", "rank"):
+        known = [parameter for parameter in EVERY_PARAMETER if parameter in result.group("posterior")]
+        yield f"Sampled parameters: {', '.join(known)}."

@@ -11,15 +11,19 @@ import pandas as pd
 
 from softness_bayes.checking.check_table import ALL
 from softness_bayes.checking.quantities import DROP, PLACE
-from softness_bayes.checking.reproduction import FALL
+from softness_bayes.checking.turning_check import FALL
 from softness_bayes.files.run_files import FABRIC_RATINGS
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.priors import Prior, in_short
 from softness_bayes.provenance import NumericalErrors, Silence
-from softness_bayes.readable import counted, number
-from softness_bayes.report.words import share, with_error
+from softness_bayes.readable import counted, number, percent, with_error
 from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
+
+
+def share(value: Any) -> str:
+    """Return a share in per cent, the sign behind a space that no line breaks at; a dash where there is none."""
+    return percent(float(value)).replace(" ", "\u00a0")
 
 
 class PageTable(NamedTuple):

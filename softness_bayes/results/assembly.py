@@ -10,17 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes import arviz_bridge
-from softness_bayes.checking.checks import check_fabrics
+from softness_bayes.checking.checks import (
+    MODULUS_STEP,
+    SKIN_STEP,
+    Residuals,
+    check_exponent,
+    check_exponents,
+    check_fabrics,
+    check_fingers,
+    check_moduli,
+    check_noise,
+    check_spreads,
+    loo_pit,
+)
 from softness_bayes.checking.exactness import Exactness
-from softness_bayes.checking.exponents import check_exponents
-from softness_bayes.checking.finger_check import STEP as SKIN_STEP
-from softness_bayes.checking.finger_check import check_fingers
-from softness_bayes.checking.force_exponent import check_exponent
 from softness_bayes.checking.inflection import LEAST_DROP, curve_scene
-from softness_bayes.checking.loo_pit import loo_pit
-from softness_bayes.checking.modulus_errors import STEP, check_moduli
-from softness_bayes.checking.noise_check import check_noise
-from softness_bayes.checking.spread_check import SpreadCheck, check_spreads
+from softness_bayes.checking.sentences import exactness_sentence
 from softness_bayes.data import Experiment
 from softness_bayes.likelihood.error_laws import LAPSES, STUDENT
 from softness_bayes.likelihood.models import OF_OWN_ANSWERS
@@ -31,12 +36,11 @@ from softness_bayes.model.other_moduli import drive_slope
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.parameters.space import ParameterSpace
-from softness_bayes.provenance import PRIOR, NumericalErrors, ResidualChecks, Silence, attributes_of, family_of
+from softness_bayes.provenance import PRIOR, Finding, NumericalErrors, ResidualChecks, Silence, attributes_of, family_of
 from softness_bayes.results.constants import constant_group, coordinates
 from softness_bayes.results.draws import (
     REWEIGHT_DRAWS,
     RatedDraws,
-    Subset,
     draws_of,
     draws_per_walker,
 )
@@ -60,8 +64,6 @@ Array = NDArray[np.float64]
 
 ERROR_DRAWS = 32
 """Posterior draws at which the scene is compared with a finer one."""
-
-_SCATTER_SEED = 0  # seed of the panels' scatter in the check of cells' standard deviations
 
 
 class Assembled(NamedTuple):
@@ -220,60 +222,42 @@ def _with_picks(tree: xr.DataTree, draws: RatedDraws) -> xr.DataTree:
     return tree
 
 
-def _spreads(draws: RatedDraws, few: Subset) -> SpreadCheck | None:
-    """Return the check of the cells' standard deviations; None without any."""
+def _findings(draws: RatedDraws) -> tuple[Finding, ...]:
+    """Return the findings of the checks of residuals."""
+    few, model = draws.subset(draws.replicates), draws.model
+    residuals = Residuals(draws.ratings, few.mean_rate, few.parameters, few.effects)
+    by_modulus = drive_slope(draws.posterior, few.theta, few.mean_rate, few.parameters, MODULUS_STEP)
+    by_skin = skin_slope(draws.posterior, few.theta, few.parameters, SKIN_STEP)
+    effects, available = model.named_effects(few.effects), model.scale in OF_OWN_ANSWERS
+    modelled = {name for name, effect in EFFECT_OF_ANSWER.items() if effect in effects}
+    found = [
+        *check_fabrics(residuals, _condition_names(draws.experiment)),
+        check_exponents(residuals, "gamma" in modelled, available),
+        check_noise(residuals, "varsigma" in modelled, available, model.error in (STUDENT, LAPSES)),
+        check_moduli(residuals, by_modulus, draws.posterior.space.moduli is not None),
+        check_fingers(residuals, by_skin, draws.posterior.fingers is not None),
+    ]
     term = draws.posterior.term(SPREADS)
-    if term is None:
-        return None
-    parameters = draws.posterior.parameters_of(term, few.theta)
-    return check_spreads(term, few.mean_rate, parameters, np.random.default_rng(_SCATTER_SEED))
+    if term is not None:
+        parameters = draws.posterior.parameters_of(term, few.theta)
+        found.append(check_spreads(term, few.mean_rate, parameters, np.random.default_rng(0)))
+    return tuple(found)
 
 
 def _checks(draws: RatedDraws, error: float, exactness: Exactness) -> dict[str, Any]:
     """Return the provenance of numerical errors, of the checks of residuals and of silence."""
-    few = draws.subset(draws.replicates)
-    check = check_fabrics(draws.ratings, few.mean_rate, few.parameters, few.effects)
-    exponents = check_exponents(draws.ratings, few.mean_rate, few.parameters, few.effects)
-    slope = drive_slope(draws.posterior, few.theta, few.mean_rate, few.parameters, STEP)
-    moduli = check_moduli(draws.ratings, few.mean_rate, slope, few.parameters, few.effects)
-    skin = skin_slope(draws.posterior, few.theta, few.parameters, SKIN_STEP)
-    fingers = check_fingers(draws.ratings, few.mean_rate, skin, few.parameters, few.effects)
-    noise = check_noise(draws.ratings, few.mean_rate, few.parameters, few.effects)
-    differing = [name for name, effect in EFFECT_OF_ANSWER.items() if effect in draws.model.named_effects(few.effects)]
-    may_differ = draws.model.scale in OF_OWN_ANSWERS
-    spreads = _spreads(draws, few)
-    residuals = ResidualChecks(
-        fabric_check=check.sentence(_condition_names(draws.experiment)),
-        fabric_p_value=check.p_value,
-        fabric_deviation=check.deviation,
-        condition_p_value=check.condition_p_value,
-        condition_deviation=check.condition_deviation,
-        condition_noticed=check.noticed,
-        exponent_check=exponents.sentence("gamma" in differing, may_differ),
-        exponent_p_value=exponents.p_value,
-        exponent_deviation=exponents.deviation,
-        modulus_check=moduli.sentence(draws.posterior.space.moduli is None),
-        modulus_p_value=moduli.p_value,
-        finger_check=fingers.sentence(draws.posterior.fingers is not None),
-        finger_p_value=fingers.p_value,
-        noise_check=noise.sentence("varsigma" in differing, may_differ, draws.model.error in (STUDENT, LAPSES)),
-        noise_p_value=noise.p_value,
-        noise_deviation=noise.deviation,
-        spread_check="" if spreads is None else spreads.sentence,
-        spread_p_value=np.nan if spreads is None else spreads.p_value,
-    )
     errors = NumericalErrors(
         numerical_error=error,
         inflection_least_drop=max(LEAST_DROP, 3.0 * error),
         firing_error=_firing_error(draws),
-        exactness=exactness.sentence(),
+        exactness=exactness_sentence(exactness),
         exactness_sd=exactness.sd,
         exactness_largest=exactness.largest,
         exactness_efficiency=exactness.efficiency,
         exactness_pareto_k=exactness.pareto_k,
         exact_reweight=draws.log_weight is not None,
     )
-    return attributes_of(errors, residuals, _silence(draws))
+    return attributes_of(errors, ResidualChecks(_findings(draws)), _silence(draws))
 
 
 def _condition_names(experiment: Experiment) -> list[str]:

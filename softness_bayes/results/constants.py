@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from softness_bayes import arviz_bridge
 from softness_bayes.checking.check_table import LOO_PIT, PARETO_K
-from softness_bayes.checking.fabric_moduli import MODULUS_LAW, UNCERTAIN
+from softness_bayes.checking.checks import LooPit
+from softness_bayes.checking.individual import MODULUS_LAW, UNCERTAIN
 from softness_bayes.checking.layout import LOAD_GROUP
-from softness_bayes.checking.loo_pit import LooPit
 from softness_bayes.data.columns import EFFECTIVE_MODULUS, GEOMETRIC_SD, LOAD_CV, POISSON_RATIO, RESOLUTION
 from softness_bayes.data.loads import LOAD_COLUMNS
 from softness_bayes.parameters.declared import EVERY_PARAMETER

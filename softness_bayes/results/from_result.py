@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from softness_bayes.checking.fabric_moduli import modulus_laws
+from softness_bayes.checking.individual import modulus_laws
 from softness_bayes.data import Compression, Experiment, Fabrics, Ratings
 from softness_bayes.data.aggregated import AggregatedCells
 from softness_bayes.data.columns import GEOMETRIC_SD, LOAD_CV, RESOLUTION

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes import arviz_bridge
-from softness_bayes.checking.fabric_moduli import UNCERTAIN
+from softness_bayes.checking.individual import UNCERTAIN
 from softness_bayes.checking.inflection import Inflection
 from softness_bayes.model.posterior import Density
 from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS

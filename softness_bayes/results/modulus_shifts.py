@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softness_bayes.checking.modulus_errors import STEP, directions, posterior_shift, scores, shift_table
+from softness_bayes.checking.checks import MODULUS_STEP
+from softness_bayes.checking.modulus_errors import directions, posterior_shift, scores, shift_table
 from softness_bayes.model.other_moduli import rates_of_other_moduli
 from softness_bayes.results.draws import RatedDraws
 from softness_bayes.results.groups import Variable, evenly
@@ -46,7 +47,7 @@ def modulus_shifts(draws: RatedDraws, inflection: Mapping[str, Variable]) -> pd.
     index = evenly(points.shape, int(draws.share * SHIFT_DRAWS))
     theta = points[index]
     signs, share = directions(exact.astype(np.intp), design.n_fabrics)
-    rates = rates_of_other_moduli(draws.posterior, theta, STEP)
+    rates = rates_of_other_moduli(draws.posterior, theta, MODULUS_STEP)
     score = scores(draws.ratings, rates, draws.posterior.rating_parameters(theta), signs)
     quantities = {name: np.log(np.abs(theta[:, space.names.index(name)])) for name in SHIFTED if name in space.names}
     modulus = inflection["inflection_e_fab_kpa"].values[index]

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.checking.force_exponent import ExponentCheck
+from softness_bayes.checking.checks import ExponentCheck
 from softness_bayes.data.columns import FORCE, INDENTATION
 from softness_bayes.data.compression import Compression
 from softness_bayes.likelihood.contract import NO_RESPONSE
@@ -120,7 +120,7 @@ def plate_attributes(compression: Compression, check: ExponentCheck) -> dict[str
         PlateData(
             digest_compression=compression.digest,
             zero_forces=compression.n_zero,
-            force_check=check.sentence,
+            forces_per_finger=check.points,
             force_exponent=check.observed,
             force_exponent_low=check.low,
             force_exponent_high=check.high,

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.checking.agreement import TYPICAL
 from softness_bayes.checking.inflection import find_inflection, response_curves, turning_points
-from softness_bayes.checking.misfit import TYPICAL
 from softness_bayes.results.draws import REWEIGHT_DRAWS, RatedDraws
 from softness_bayes.results.groups import Groups, Variable, merged, named, turning_variables
 from softness_bayes.results.pictures import membrane_illustration, touch_illustration

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.checking.fabric_moduli import UNCERTAIN
+from softness_bayes.checking.individual import UNCERTAIN
 from softness_bayes.checking.inflection import Curves, Inflection
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.checking.check_table import NEW_PARTICIPANTS
 from softness_bayes.checking.layout import Layout, merge
-from softness_bayes.checking.levelled import compare_levelled, levelled
-from softness_bayes.checking.reproduction import LEVELLED, LEVELLED_NAMES, SHORTFALL
+from softness_bayes.checking.turning_check import EXCESS, PLATEAU, TurnQuantities, plateau, plateau_quantities
 from softness_bayes.likelihood.pieces import part_of, pieces
 from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.results.draws import RatedDraws, Subset
@@ -40,7 +39,7 @@ class Replicates(NamedTuple):
     """Ratings of the same participants."""
     anew: Array
     """Ratings of new participants."""
-    levelled: Array
+    plateau: Array
     """Ratings as in `again`, with the same noise, for a response that stays at its peak beyond the turning point."""
     prior: Array
     """Ratings of new participants, for prior draws."""
@@ -70,7 +69,7 @@ def draw_replicates(rng: np.random.Generator, draws: RatedDraws, workers: Worker
     again = _rated(rng, draws, drive, few.mean_rate, few.parameters, few.effects)
     strangers = ratings.with_new_participants(rng, few.parameters, few.effects)
     anew = _rated(rng, draws, drive, few.mean_rate, few.parameters, strangers)
-    level = _levelled_rated(twin, draws, few)
+    level = _plateau_rated(twin, draws, few)
     prior = _prior_rated(rng, draws)
     plate = _plate(rng, draws, few)
     receptors = draw_receptors(rng, draws.scene.finger, draws.scene.readings.receptor_density)
@@ -96,7 +95,7 @@ def predictive_groups(draws: RatedDraws, drawn: Replicates, alone: Array) -> Gro
         "log_likelihood_loo": {"rating": Variable(alone[None], ROWS)},
         # not named like the rating, which has a different axis
         "log_likelihood_participant": {"ratings_of_participant": Variable(whole[None], ("participant",))},
-        **_levelled_groups(draws, drawn),
+        **_plateau_groups(draws, drawn),
     }
 
 
@@ -108,17 +107,17 @@ def prior_groups(draws: RatedDraws, drawn: Replicates) -> Groups:
     }
 
 
-def _levelled_groups(draws: RatedDraws, drawn: Replicates) -> Groups:
+def _plateau_groups(draws: RatedDraws, drawn: Replicates) -> Groups:
     """Return test quantities of ratings, and of ratings for a response that levels off at its peak."""
     groups = draws.load_groups
     layout = merge(_layout(draws), groups.of)[0]
-    found, shortfall = compare_levelled(layout, drawn.again, drawn.levelled)
-    shown = np.full((len(LEVELLED_NAMES), len(drawn.again), groups.at.size), np.nan)
+    found, excess = plateau_quantities(layout, drawn.again, drawn.plateau)
+    shown = np.full((len(found), len(drawn.again), groups.at.size), np.nan)
     shown[..., layout.loads] = found
-    tables = zip(LEVELLED_NAMES, shown, strict=True)
+    tables = zip(TurnQuantities._fields, shown, strict=True)
     return {
-        LEVELLED: {f"levelled_{name}": Variable(values[None], (draws.load_axis,)) for name, values in tables},
-        "constant_data": {SHORTFALL: Variable(shortfall[layout.design.condition], ROWS)},
+        PLATEAU: {f"levelled_{name}": Variable(values[None], (draws.load_axis,)) for name, values in tables},
+        "constant_data": {EXCESS: Variable(excess[layout.design.condition], ROWS)},
     }
 
 
@@ -149,16 +148,16 @@ def _rated(
     return made
 
 
-def _levelled_rated(rng: np.random.Generator, draws: RatedDraws, few: Subset) -> Array:
+def _plateau_rated(rng: np.random.Generator, draws: RatedDraws, few: Subset) -> Array:
     width, layout = draws.scene.n_conditions, _layout(draws)
     # with many loads, single loads have too few fabrics, so levelling is applied to groups of loads
     layout = replace(layout, load=draws.load_groups.of[layout.load])
     if draws.posterior.fingers is None:
-        level = levelled(layout, few.mean_rate[..., :width])
+        level = plateau(layout, few.mean_rate[..., :width])
     else:
         # the response of each finger levels off at its peak
         fingers = few.mean_rate.reshape(len(few.mean_rate), -1, width)
-        level = levelled(layout, fingers).reshape(few.mean_rate.shape)
+        level = plateau(layout, fingers).reshape(few.mean_rate.shape)
     drive = draws.ratings.drive_at(level, few.mean_rate, few.parameters)
     return _rated(rng, draws, drive, few.mean_rate, few.parameters, few.effects)
 

@@ -11,12 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes import arviz_bridge
-from softness_bayes.checking.fabric_moduli import modulus_sentences
-from softness_bayes.checking.inflection import Curves, Inflection
+from softness_bayes.checking.inflection import Curves, Inflection, turning_table
 from softness_bayes.checking.layout import loads_in
-from softness_bayes.checking.modulus_errors import shift_sentences
-from softness_bayes.checking.rater_fingers import finger_sentences
-from softness_bayes.checking.turning_points import turning_table
 from softness_bayes.data.columns import LOAD_CV
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import write_outputs
@@ -167,9 +163,14 @@ class Result(Answers):
 
     def learnt(self) -> tuple[str, ...]:
         """Return sentences on what the data determine and what they do not: parameters, then combinations."""
-        from softness_bayes.checking.identifiability import direction_sentences, information_sentences
+        from softness_bayes.checking.sentences import (
+            direction_sentences,
+            information_sentences,
+            modulus_sentences,
+            rater_sentences,
+        )
 
-        kinds = {MODULI: modulus_sentences, FINGERS: finger_sentences, ANSWERS: finger_sentences}
+        kinds = {MODULI: modulus_sentences, FINGERS: rater_sentences, ANSWERS: rater_sentences}
         latent = (line for name, say in kinds.items() if name in self.tables for line in say(self.tables[name]))
         return (*information_sentences(self.table), *direction_sentences(self.tables["directions"]), *latent)
 
@@ -181,7 +182,7 @@ class Result(Answers):
         InputError
             If the run had no ratings.
         """
-        from softness_bayes.checking.check_table import check_sentences
+        from softness_bayes.checking.sentences import check_sentences
 
         self._require_ratings()
         return tuple(check_sentences(self.tables["predictive_checks"]))
@@ -269,9 +270,11 @@ class Result(Answers):
 
     def said_of_moduli(self) -> tuple[str, ...]:
         """Return sentences on the evidence for errors in the moduli, and on their effect on the conclusions."""
-        check = self.provenance.residuals.modulus_check
+        from softness_bayes.checking.checks import ALONG
+        from softness_bayes.checking.sentences import modulus_sentence, shift_sentences
+
         shifts = shift_sentences(self.tables[MODULUS_ERRORS]) if MODULUS_ERRORS in self.tables else []
-        return (*([check] if check else []), *shifts)
+        return (modulus_sentence(self.provenance.findings[ALONG]), *shifts)
 
     @property
     def load_cv(self) -> NDArray[np.float64]:
@@ -327,9 +330,10 @@ class Result(Answers):
 
     def _repr_html_(self) -> str:
         """Return verdict, turning points and summary as HTML for a notebook."""
-        from softness_bayes.checking.misfit import fit_of
+        from softness_bayes.checking.agreement import fit_of
+        from softness_bayes.checking.sentences import fit_faults
 
-        faults = [f"the fit failed: {fault}" for fault in fit_of(self.tree).faults] if self.has_ratings else []
+        faults = [f"the fit failed: {fault}" for fault in fit_faults(fit_of(self.tree))] if self.has_ratings else []
         said = [*faults, self.provenance.verdict]
         columns = ["p_interior", "prior_p_interior", "p_none", "p_silent"]
         columns += ["e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high"]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes import arviz_bridge
-from softness_bayes.checking.force_exponent import check_exponent
+from softness_bayes.checking.checks import check_exponent
 from softness_bayes.checking.identifiability import direction_table, information_table
 from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.data.compression import Compression

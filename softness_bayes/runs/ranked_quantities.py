@@ -11,7 +11,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.checking.checks import FABRIC_SPREAD
 from softness_bayes.checking.inflection import CurveShape, curve_scene, find_inflection, response_curves
 from softness_bayes.likelihood.contract import Effects
 from softness_bayes.model.posterior import Posterior
@@ -63,7 +62,7 @@ def quantities(posterior: Posterior, theta: FloatArray, effects: Effects) -> dic
     if PARTICIPANT in drawn and posterior.space.held.get("tau") != 0.0:
         participants, _ = drawn[PARTICIPANT]
         found |= {PARTICIPANT: participants[:, 0], PARTICIPANTS: participants.std(axis=-1)}
-    if FABRIC in drawn and FABRIC_SPREAD in posterior.names:
+    if FABRIC in drawn and "omega" in posterior.names:
         fabrics, _ = drawn[FABRIC]
         found |= {FABRIC: fabrics[:, 0], FABRICS: fabrics.std(axis=-1)}
     if isinstance(posterior.scene, Scene):

@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from softness_bayes import arviz_bridge
+from softness_bayes.checking.agreement import fabric_rating_table
 from softness_bayes.checking.check_table import check_table
-from softness_bayes.checking.fabric_moduli import modulus_table
-from softness_bayes.checking.fabric_ratings import fabric_rating_table
 from softness_bayes.checking.identifiability import direction_table, information_table
-from softness_bayes.checking.rater_fingers import answer_table, finger_table
+from softness_bayes.checking.individual import answer_table, finger_table, modulus_table
 from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.checkpoints.identity import identity, require_density
 from softness_bayes.data import Compression, Experiment

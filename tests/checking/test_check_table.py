@@ -7,11 +7,14 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from softness_bayes.checking.check_table import ONE_SIDED, check_sentences, check_table, doubts
+from softness_bayes.checking.check_table import ONE_SIDED, check_table, doubts
+from softness_bayes.checking.checks import EXPONENTS
 from softness_bayes.checking.layout import layout_of
-from softness_bayes.checking.quantities import QUANTITIES
-from softness_bayes.checking.reproduction import FALL, LEVELLED, _fall, inflection_reproduced
+from softness_bayes.checking.quantities import PLACE, QUANTITIES, TURNS_OVER
+from softness_bayes.checking.sentences import check_sentences, turn_sentence
+from softness_bayes.checking.turning_check import FALL, PLATEAU, Reproduction, turns_reproduced
 from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS
+from softness_bayes.provenance import Finding, ResidualChecks, attributes_of
 from support.made_ratings import LAY, MODULUS, SHALLOW, STEEP, tree
 
 FLAT = np.tile([0.2, 0.5, 1.0, 2.0, 3.0, 4.0], 2)
@@ -84,7 +87,7 @@ def test_a_model_that_is_wrong_about_the_turn_is_told_so(rng, seen, assumed):
 
 
 def test_without_power_nothing_is_said_to_be_reproduced(rng):
-    """A response that cannot turn, one that hardly does, and a result that does not tell the power."""
+    """A response that cannot turn, and one that hardly does."""
     for rates, words in ((FLAT, "does not fall within the range of the fabrics"), (SHALLOW, "% of simulated tables")):
         table = check_table(tree(rng, rates, rates))
         _, *loads, _ = check_sentences(table)
@@ -92,13 +95,7 @@ def test_without_power_nothing_is_said_to_be_reproduced(rng):
             ": not shown by the ratings; the ratings show no clear turning point" in load and words in load
             for load in loads
         )
-        assert [one.reproduced for one in inflection_reproduced(table)] == [None, None]
-    former = tree(rng)
-    del former[LEVELLED]
-    _, *loads, _ = check_sentences(check_table(former))
-    assert all("not shown by the ratings" in load and "is not known" in load for load in loads)
-    table = check_table(tree(rng)).drop(columns=["power", "power_mcse"])  # of a file that an earlier version wrote
-    assert [one.reproduced for one in inflection_reproduced(table)] == [None, None]
+        assert [one.reproduced for one in turns_reproduced(table)] == [None, None]
 
 
 def test_of_many_loads_some_fail_by_chance(rng):
@@ -112,7 +109,7 @@ def test_of_many_loads_some_fail_by_chance(rng):
 
 def test_deviations_are_named(rng):
     groups = tree(rng)
-    groups.attrs["exponent_p_value"] = 0.001
+    groups.attrs |= attributes_of(ResidualChecks((Finding(EXPONENTS, 0.001, 0.5),)))
     groups["constant_data"]["loo_pit"][:] = 0.5
     *_, others = check_sentences(check_table(groups))
     assert "participants' own exponents" in others
@@ -123,7 +120,9 @@ def test_deviations_are_named(rng):
 def test_two_fabrics_are_not_judged(rng):
     few = dataclasses.replace(LAY, load=np.arange(12) // 2)
     groups = tree(rng)
-    del groups[LEVELLED]  # of other loads
+    stored = groups[PLATEAU].to_dataset()
+    nothing = {name: (("chain", "draw", "load"), np.full((1, stored.draw.size, 6), np.nan)) for name in stored}
+    groups[PLATEAU] = xr.DataTree(xr.Dataset(nothing))
     groups["constant_data"]["load_index"][:] = few.load[LAY.design.condition]
     groups["constant_data"]["fabric_index"][:] = LAY.design.condition % 2
     groups["constant_data"] = (
@@ -159,4 +158,7 @@ def test_small_deviations_are_no_fault(name):
     ],
 )
 def test_a_fall_is_a_multiple_of_the_predicted_one_only_where_that_means_something(observed, low, high, said):
-    assert said in _fall(pd.Series({"observed": observed, "low": low, "high": high}))
+    turns = pd.Series({"observed": 0.0, "replicated": 0.1, "power": 0.9, "power_mcse": 0.01})
+    beyond = pd.Series({"observed": observed, "replicated": 1.0, "low": low, "high": high})
+    one = Reproduction("1 mm", True, {TURNS_OVER: turns, PLACE: beyond, FALL: beyond})
+    assert said in turn_sentence(one)

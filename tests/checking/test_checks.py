@@ -1,4 +1,4 @@
-"""The check for deviations between fabrics: uniform under its model, and not under any other."""
+"""Checks of residuals: p-values uniform under the model, by the definition, with power against what each looks for."""
 
 import itertools
 
@@ -6,16 +6,44 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, kstest
 
-from softness_bayes.checking.checks import NEEDED, NOTICED, FabricCheck, check_fabrics
+from softness_bayes import arviz_bridge
+from softness_bayes.checking.checks import (
+    ALONG,
+    CONDITIONS,
+    DEVIATIONS,
+    EXPONENTS,
+    FABRICS,
+    FINGERS,
+    LEVEL,
+    LOADS,
+    NOISE,
+    NOTICED,
+    Residuals,
+    check_exponents,
+    check_fabrics,
+    check_fingers,
+    check_moduli,
+    check_noise,
+    check_spreads,
+    loo_pit,
+)
+from softness_bayes.checking.sentences import modulus_sentence, residual_sentences
+from softness_bayes.checking.uniformity import uniformity_p_value
+from softness_bayes.likelihood.contract import NO_RESPONSE
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.magnitude import LogRatings, RatingParameters
+from softness_bayes.likelihood.directions import RISES
+from softness_bayes.likelihood.magnitude import LogRatings, RatingModel, RatingParameters
+from softness_bayes.likelihood.own_answers import OwnAnswersModel
 from softness_bayes.likelihood.random_effects import Effects
+from softness_bayes.likelihood.spreads import RaterSpreads, SpreadModel
+from softness_bayes.provenance import Finding
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import CLASSICAL, MENDED
 from softness_bayes.touch.scene import Scene
-from support.made_ratings import MODEL, PLAIN, RATE, design
+from support.made_ratings import MODEL, PLAIN, RATE, design, ratings
 
 DEVIATING = PLAIN._replace(omega=0.2)
+NAMES = [f"{fabric} under {load} mm" for load in (1, 2) for fabric in "abcdef"]
 
 
 def simulate(rng, truth, layout):
@@ -24,30 +52,39 @@ def simulate(rng, truth, layout):
     return LogRatings(MODEL.draw_ratings(rng, layout, MODEL.drive(layout, RATE, truth), truth, effects), layout, MODEL)
 
 
-def check(rng, observation, assumed, draws=1):
-    """Check a data set at draws of the effects given the parameters that are assumed."""
-    rate = np.broadcast_to(RATE, (draws, RATE.size))
+def shifted(rng, layout, shift):
+    """Ratings of the plain model, those of each condition moved by its shift in the log."""
+    return LogRatings(simulate(rng, PLAIN, layout).values * np.exp(shift[layout.condition]), layout, MODEL)
+
+
+def residuals(rng, observation, assumed, draws=1, rate=RATE):
+    """Residuals of a data set at draws of the effects given the parameters that are assumed."""
+    rate = np.broadcast_to(rate, (draws, rate.size))
     parameters = RatingParameters(*(np.full(draws, value) for value in assumed))
-    return check_fabrics(observation, rate, parameters, observation.draw_effects(rng, rate, parameters))
+    return Residuals(observation, rate, parameters, observation.draw_effects(rng, rate, parameters))
 
 
-def p_values(rng, truth, assumed, sets=150, of="p_value"):
-    """One p-value for each of many data sets; of a single draw each, which the theory makes uniform."""
-    layout = design()
-    return np.array([getattr(check(rng, simulate(rng, truth, layout), assumed), of) for _ in range(sets)])
+def check(rng, observation, assumed, draws=1):
+    """Findings of the fabrics of a data set, by quantity."""
+    return {one.quantity: one for one in check_fabrics(residuals(rng, observation, assumed, draws), NAMES)}
 
 
 def off_uniform(values):
     return kstest(values, "uniform").pvalue
 
 
-P_VALUES = ("p_value", "condition_p_value", "within_p_value")
+# fabrics and conditions
 
 
-@pytest.mark.parametrize("of", P_VALUES)
+def p_values(rng, truth, assumed, sets=150):
+    """P-values of many data sets, each at a single draw, which the theory makes uniform."""
+    found = [check(rng, simulate(rng, truth, design()), assumed) for _ in range(sets)]
+    return {name: np.array([one[name].p_value for one in found]) for name in (CONDITIONS, FABRICS, LOADS)}
+
+
 @pytest.mark.parametrize("truth", [PLAIN, DEVIATING], ids=["plain", "with an effect per fabric"])
-def test_p_is_uniform_under_the_model(rng, truth, of):
-    assert off_uniform(p_values(rng, truth, truth, of=of)) > 1e-3
+def test_p_is_uniform_under_the_model(rng, truth):
+    assert all(off_uniform(values) > 1e-3 for values in p_values(rng, truth, truth).values())
 
 
 @pytest.mark.parametrize(
@@ -61,70 +98,84 @@ def test_p_is_uniform_under_the_model(rng, truth, of):
     ids=["fabrics deviate", "noise too small", "noise too large", "another exponent"],
 )
 def test_p_is_not_uniform_under_another_model(rng, truth, assumed):
-    for of in ("p_value", "condition_p_value"):
-        assert off_uniform(p_values(rng, truth, assumed, of=of)) < 1e-6
+    found = p_values(rng, truth, assumed)
+    assert off_uniform(found[FABRICS]) < 1e-6
+    assert off_uniform(found[CONDITIONS]) < 1e-6
 
 
 def test_real_deviations_are_found_and_measured(rng):
     layout, shifts = design(30), 0.2 * np.array([1, -1, 1, -1, 1, -1])
     quiet = simulate(rng, PLAIN, layout)
     loud = LogRatings(quiet.values * np.exp(shifts[layout.fabric[layout.condition]]), layout, MODEL)
-    assert check(rng, quiet, PLAIN, 400).p_value > NEEDED
-    assert check(rng, quiet, PLAIN, 400).deviation < 0.06
-    found = check(rng, loud, PLAIN, 400)
+    found = check(rng, quiet, PLAIN, 400)[FABRICS]
+    assert found.p_value > LEVEL
+    assert found.estimate < 0.06
+    found = check(rng, loud, PLAIN, 400)[FABRICS]
     assert found.p_value < 1e-4
-    assert found.deviation == pytest.approx(0.2, abs=0.05)
+    assert found.estimate == pytest.approx(0.2, abs=0.05)
     # with the effects in the model nothing is left to explain
-    left = check(rng, loud, DEVIATING, 400)
-    assert left.p_value > NEEDED
-    assert left.deviation < 0.06
+    found = check(rng, loud, DEVIATING, 400)[FABRICS]
+    assert found.p_value > LEVEL
+    assert found.estimate < 0.06
 
 
 def test_p_is_what_the_definition_says(rng):
     """Written out row by row, for an unbalanced design in which a fabric has no rating."""
-    rows, fabric = 40, np.array([0, 1, 3, 3])
+    rows, fabric, draws = 40, np.array([0, 1, 3, 3]), 5
     layout = Design(rng.integers(4, size=rows), rng.integers(3, size=rows), fabric, 3)
-    ratings = rng.lognormal(3, 1, rows)
-    rate, draws = rng.gamma(2, 1, (5, 4)), 5
+    values, rate = rng.lognormal(3, 1, rows), rng.gamma(2, 1, (draws, 4))
     parameters = RatingParameters(*rng.uniform(0.5, 1.5, (5, draws)))
     effects = Effects(rng.normal(3, 1, draws), rng.normal(size=(draws, 3)), rng.normal(size=(draws, 4)))
-    expected, excess, conditions, within, errors, mean = [], [], [], [], [], np.zeros((draws, 4))
+    slope = rng.normal(size=(draws, 4))
+    expected = {name: [] for name in (FABRICS, CONDITIONS, LOADS, ALONG, EXPONENTS, FINGERS)}
+    excess, errors, mean = [], [], np.zeros((draws, 4))
     for d in range(draws):
         gamma, varsigma, eps = (float(getattr(parameters, n)[d]) for n in ("gamma", "varsigma", "eps"))
         x = np.log(rate[d] + eps)
         centre = np.mean([x[c] for c in layout.condition])
-        residual: dict = {}
-        for i in range(rows):
-            c, p = layout.condition[i], layout.participant[i]
-            known = effects.mu[d] + gamma * (x[c] - centre) + effects.participant[d, p]
-            residual.setdefault((fabric[c], c), []).append(np.log(ratings[i]) - known - effects.fabric[d, fabric[c]])
-        every = sum(len(r) * np.mean(r) ** 2 for r in residual.values())
-        conditions.append(chi2.sf(every / varsigma**2, 4))
-        mean[d] = [np.mean(residual[fabric[c], c]) for c in range(4)]
-        errors.append([np.sqrt(len(residual[fabric[c], c])) * mean[d, c] / varsigma for c in range(4)])
-        residual = {f: [x for (of, _), r in residual.items() for x in r if of == f] for f in (0, 1, 3)}
-        between = sum(len(r) * np.mean(r) ** 2 for r in residual.values())
-        expected.append(chi2.sf(between / varsigma**2, len(residual)))
-        within.append(chi2.sf((every - between) / varsigma**2, 1))
-        excess.append((between / len(residual) - varsigma**2) / (rows / len(residual)))
-    found = check_fabrics(LogRatings(ratings, layout, MODEL), rate, parameters, effects)
-    assert found.p_value == pytest.approx(np.mean(expected), rel=1e-9)
-    assert found.deviation == pytest.approx(np.sqrt(max(np.median(excess), 0)), rel=1e-9)
-    assert found.condition_p_value == pytest.approx(np.mean(conditions), rel=1e-9)
-    assert found.within_p_value == pytest.approx(np.mean(within), rel=1e-9)
-    assert found.worst == np.abs(np.mean(errors, axis=0)).argmax()
-    assert found.worst_residual == pytest.approx(mean[:, found.worst].mean(), rel=1e-9)
-    assert found.worst_errors == pytest.approx(np.mean(errors, axis=0)[found.worst], rel=1e-9)
+        r = np.array(
+            [
+                np.log(values[i]) - effects.mu[d] - gamma * (x[c] - centre) - effects.participant[d, p]
+                - effects.fabric[d, fabric[c]]
+                for i, (c, p) in enumerate(zip(layout.condition, layout.participant, strict=True))
+            ]
+        )  # fmt: skip
 
+        def squares(group, along, centred=False, r=r):
+            """Sum over groups of the squared projections of the residuals, and the number of groups."""
+            found = []
+            for g in np.unique(group):
+                here = group == g
+                a = along[layout.condition[here]]
+                a = a - a.mean() if centred else a
+                found.append((a @ r[here]) ** 2 / (a @ a))
+            return sum(found), len(found)
 
-# deviations of a fabric that differ between loads
-
-NAMES = [f"{fabric} under {load} mm" for load in (1, 2) for fabric in "abcdef"]
-
-
-def shifted(rng, layout, shift):
-    """Ratings of the plain model, those of each condition moved by its shift in the log."""
-    return LogRatings(simulate(rng, PLAIN, layout).values * np.exp(shift[layout.condition]), layout, MODEL)
+        of_row, ones = fabric[layout.condition], np.ones(4)
+        every, between = squares(layout.condition, ones), squares(of_row, ones)
+        tests = {
+            CONDITIONS: every,
+            FABRICS: between,
+            LOADS: (every[0] - between[0], 1),
+            ALONG: squares(of_row, slope[d]),
+            FINGERS: squares(layout.participant, slope[d], centred=True),
+            EXPONENTS: squares(layout.participant, x, centred=True),
+        }
+        for name, (value, freedom) in tests.items():
+            expected[name].append(chi2.sf(value / varsigma**2, freedom))
+        excess.append((between[0] / 3 - varsigma**2) / (rows / 3))
+        mean[d] = [r[layout.condition == c].mean() for c in range(4)]
+        errors.append(np.sqrt(np.bincount(layout.condition)) * mean[d] / varsigma)
+    held = Residuals(LogRatings(values, layout, MODEL), rate, parameters, effects)
+    every = [*check_fabrics(held, "abcd"), check_moduli(held, slope), check_fingers(held, slope), check_exponents(held)]
+    found = {one.quantity: one for one in every}
+    for name, values in expected.items():
+        assert found[name].p_value == pytest.approx(np.mean(values), rel=1e-8), name
+    assert found[FABRICS].estimate == pytest.approx(np.sqrt(max(np.median(excess), 0)), rel=1e-9)
+    worst = int(np.abs(np.mean(errors, axis=0)).argmax())
+    assert found[CONDITIONS].worst == "abcd"[worst]
+    assert found[CONDITIONS].worst_estimate == pytest.approx(mean[:, worst].mean(), rel=1e-9)
+    assert found[CONDITIONS].worst_errors == pytest.approx(np.mean(errors, axis=0)[worst], rel=1e-9)
 
 
 def test_deviations_that_cancel_over_loads_are_found_and_named(rng):
@@ -132,35 +183,37 @@ def test_deviations_that_cancel_over_loads_are_found_and_named(rng):
     shift[6:] *= -1
     shift[9] -= 0.6
     found = check(rng, shifted(rng, layout, shift), PLAIN, 100)
-    assert found.condition_p_value < 1e-6
-    assert found.condition_deviation == pytest.approx(shift.std(), rel=0.25)
-    assert (found.worst, found.worst_residual) == (9, pytest.approx(shift[9], abs=0.15))
-    sentence = found.sentence(NAMES)
-    assert "most of all d under 2 mm" in sentence
-    assert "below it" in sentence
-    assert "try other readings" in sentence
-    assert "omega" not in sentence
+    conditions = found[CONDITIONS]
+    assert conditions.p_value < 1e-6
+    assert conditions.estimate == pytest.approx(shift.std(), rel=0.25)
+    assert (conditions.worst, conditions.worst_estimate) == (NAMES[9], pytest.approx(shift[9], abs=0.15))
+    (said,) = residual_sentences(found)
+    assert "most of all d under 2 mm" in said
+    assert "below it" in said
+    assert "try other readings" in said
+    assert "omega" not in said
     # between fabrics alone they cancel but for the one that was moved further
     shift[9] += 0.6
     found = [check(rng, shifted(rng, layout, shift), PLAIN, 100) for _ in range(20)]
-    assert np.mean([one.p_value < NEEDED for one in found]) < 0.3
-    assert np.mean([one.condition_p_value < NEEDED for one in found]) == 1
+    assert np.mean([one[FABRICS].p_value < LEVEL for one in found]) < 0.3
+    assert np.mean([one[CONDITIONS].p_value < LEVEL for one in found]) == 1
 
 
 def test_false_alarms_are_rare(rng):
     """The mean of p over draws errs towards silence; either of the two checks may raise an alarm."""
     layout = design()
-    said = [check(rng, simulate(rng, PLAIN, layout), PLAIN, 40).sentence(NAMES) for _ in range(120)]
+    said = [residual_sentences(check(rng, simulate(rng, PLAIN, layout), PLAIN, 40))[0] for _ in range(120)]
     assert np.mean(["no mean rating deviates" not in sentence for sentence in said]) <= 0.1
 
 
 def test_what_is_said_to_be_noticed_is_noticed(rng):
     layout = design()
-    size = check(rng, simulate(rng, PLAIN, layout), PLAIN).noticed
+    size = check(rng, simulate(rng, PLAIN, layout), PLAIN)[CONDITIONS].noticed
 
     def share(factor):
         shifts = factor * size * rng.standard_normal((100, 12))
-        return np.mean([check(rng, shifted(rng, layout, s), PLAIN, 20).condition_p_value < NEEDED for s in shifts])
+        found = [check(rng, shifted(rng, layout, s), PLAIN, 20)[CONDITIONS].p_value for s in shifts]
+        return np.mean(np.array(found) < LEVEL)
 
     assert share(1.0) == pytest.approx(NOTICED, abs=0.12)
     assert share(0.3) < 0.3  # negative control: smaller ones are not
@@ -170,32 +223,260 @@ def test_a_wrong_reading_of_the_pressure_is_found_by_its_conditions(rng, smooth_
     """Ratings under a pressure that turns over, fitted with one that cannot, and the other way round."""
     modulus, loads = np.geomspace(3e3, 2e6, 10), (Indentation(1e-3), Indentation(2e-3), Indentation(3e-3))
     scenes = {kind: Scene(modulus, 0.3, loads, smooth_firing(), readings=kind) for kind in (MENDED, CLASSICAL)}
-    conditions = 30
+    conditions, people = 30, 20
     layout = Design(
-        np.tile(np.arange(conditions), 20), np.repeat(np.arange(20), conditions), np.tile(np.arange(10), 3), 20
+        np.tile(np.arange(conditions), people),
+        np.repeat(np.arange(people), conditions),
+        np.tile(np.arange(10), 3),
+        people,
     )
     touched = paper()
     some = type(touched)(*(np.asarray(v) * np.exp(0.4 * rng.standard_normal(400)) for v in touched[:5]), *touched[5:])
     for made, fitted in itertools.product(scenes, scenes):
         rate = scenes[made].total_rate(touched) / scenes[made].n_receptors
-        effects = MODEL.draw_effects(rng, PLAIN, (), 20, 10)
+        effects = MODEL.draw_effects(rng, PLAIN, (), people, 10)
         drive = MODEL.drive(layout, rate, PLAIN)
         observation = LogRatings(MODEL.draw_ratings(rng, layout, drive, PLAIN, effects), layout, MODEL)
         rates = scenes[fitted].total_rate(some) / scenes[fitted].n_receptors
         best = rates[observation.log_likelihood(rates, PLAIN).argmax()] if made is not fitted else rate
-        draws = np.broadcast_to(best, (100, conditions))
-        parameters = RatingParameters(*(np.full(100, value) for value in PLAIN))
-        found = check_fabrics(observation, draws, parameters, observation.draw_effects(rng, draws, parameters))
-        assert (found.condition_p_value < 1e-4) == (made is not fitted), (made, fitted)
+        found, *_ = check_fabrics(residuals(rng, observation, PLAIN, 100, np.ravel(best)), ["any"] * conditions)
+        assert (found.p_value < 1e-4) == (made is not fitted), (made, fitted)
 
 
-def test_the_sentence_says_what_to_do():
-    needed = FabricCheck(0.001, 0.21, within_p_value=0.4)
-    assert "alike under every load, by about 0.21" in needed.sentence(NAMES)
-    assert "--prior omega='halfnormal(0.5)'" in needed.sentence(NAMES)
-    assert "one load per fabric" not in needed.sentence(NAMES)
-    assert "one load per fabric" in FabricCheck(0.001, 0.21).sentence(NAMES)
-    assert "z-scores have none" in FabricCheck(0.001, 0.21, unit="z-score", remedy=False).sentence(NAMES)
-    fine = FabricCheck(0.4, 0.0, 0.93, 0.0, 0.9, 0.07).sentence(NAMES)
-    assert "--prior" not in fine
-    assert "p = 0.93, 12 means; power: deviations of about 0.07 (sd)" in fine
+# exponents and noise of raters
+
+RATERS, TOUCHES = 15, 16
+WHO = Design(
+    np.tile(np.arange(TOUCHES), RATERS), np.repeat(np.arange(RATERS), TOUCHES), np.arange(TOUCHES) // 2, RATERS
+)
+
+
+def shares(tau_gamma, tau_varsigma, differ=(), tables=60):
+    """Shares of tables in which differing noise, and differing exponents, are found."""
+    found = []
+    for seed in range(tables):
+        rng = np.random.default_rng(seed)
+        p = RatingParameters(
+            *(np.full(1, v) for v in (1.0, 0.5, 0.3, 0.0, 0.1)), tau_gamma=tau_gamma, tau_varsigma=tau_varsigma
+        )
+        rate = np.exp(rng.normal(1.0, 0.8, (1, TOUCHES)))
+        truth = OwnAnswersModel(RISES, differ=("gamma", "varsigma"))
+        effects = truth.draw_effects(rng, p, (1,), RATERS, WHO.n_fabrics)
+        y = truth.draw_ratings(rng, WHO, truth.drive(WHO, rate, p), p, effects)[0]
+        fitted = OwnAnswersModel(RISES, differ=differ).observe(y, WHO) if differ else LogRatings(y, WHO, RatingModel())
+        held = Residuals(fitted, rate, p, fitted.draw_effects(rng, rate, p))
+        found.append([one(held).p_value < LEVEL for one in (check_noise, check_exponents)])
+    return np.mean(found, axis=0)
+
+
+def test_each_check_sees_its_own_kind():
+    """Power at a spread of 0.4, and alarms where raters are alike: 5 % with parameters known."""
+    noise, exponents = shares(0.0, 0.4)
+    assert noise > 0.9
+    assert noise - exponents > 0.3  # noise of one's own makes steep slopes by chance, which the other check may see
+    assert shares(0.3, 0.0)[1] > 0.9
+    assert (shares(0.0, 0.0) <= 0.15).all()
+
+
+def test_a_model_of_it_silences_the_check():
+    assert (shares(0.3, 0.4, ("gamma", "varsigma"), 40) <= 0.15).all()
+
+
+@pytest.mark.slow
+def test_power_over_many_tables():
+    """400 tables: 5 % of alarms with raters alike; half of the tables show a spread of about 0.2."""
+    assert (np.abs(shares(0.0, 0.0, tables=400) - 0.05) < 0.035).all()
+    assert 0.4 < shares(0.0, 0.2, tables=400)[0] < 0.95
+    assert shares(0.0, 0.4, tables=400)[0] > 0.97
+
+
+def test_deviation_of_noise_is_its_spread():
+    rng = np.random.default_rng(1)
+    sizes = np.exp(0.5 * rng.standard_normal(60))
+    who = Design(np.tile(np.arange(30), 60), np.repeat(np.arange(60), 30), np.arange(30), 60)
+    y = np.exp(3.0 + 0.2 * sizes[who.participant] * rng.standard_normal(1800))
+    found = check_noise(residuals(rng, LogRatings(y, who, RatingModel()), (1.0, 0.1, 0.2, 0.0, 0.1), 1, np.ones(30)))
+    assert abs(found.estimate - np.log(sizes).std()) < 0.1
+    assert found.p_value < 1e-3
+
+
+def test_exponents_are_uniform_under_the_model_and_found_when_real(rng):
+    def found(draws=1, **made):
+        return check_exponents(
+            residuals(rng, LogRatings(ratings(rng, design(30), **made), design(30), MODEL), PLAIN, draws)
+        )
+
+    assert off_uniform([found().p_value for _ in range(150)]) > 1e-3
+    real = found(300, own=0.3)
+    assert real.p_value < 1e-3
+    assert real.estimate == pytest.approx(0.3 * PLAIN.gamma, rel=0.4)
+
+
+def test_what_cannot_be_compared_is_not(rng):
+    """A silent response has no slopes, and raters of few ratings no scatter."""
+    held = residuals(rng, LogRatings(ratings(rng, design()), design(), MODEL), PLAIN, 3, np.zeros(12))
+    few = Design([0, 1, 2, 0], [0, 0, 0, 1], [0, 1, 2], 2)
+    noise = check_noise(residuals(rng, LogRatings([1.0, 2.0, 3.0, 4.0], few, RatingModel()), PLAIN, 1, np.ones(3)))
+    found = [check_exponents(held), noise, check_fingers(held, np.zeros((3, 12)))]
+    assert all(np.isnan(one.p_value) for one in found)
+    said = residual_sentences({one.quantity: one for one in found})
+    assert [words.partition(":")[0] for words in said] == ["participants", "noise", "fingers"]
+    assert "cannot be compared" in said[0]
+    assert "fewer than two" in said[1]
+    assert "do not inform" in said[2]
+    assert "do not show" in modulus_sentence(check_moduli(held, np.zeros((3, 12))))
+
+
+# moduli
+
+FABRIC_COUNT, PEOPLE = 8, 20
+MEASURED = Design(
+    np.tile(np.arange(FABRIC_COUNT * 3), PEOPLE),
+    np.repeat(np.arange(PEOPLE), FABRIC_COUNT * 3),
+    np.repeat(np.arange(FABRIC_COUNT), 3),
+    PEOPLE,
+)
+TRUTH = RatingParameters(gamma=1.0, tau=0.3, varsigma=0.3)
+
+
+def with_wrong_moduli(rng, off=0.0):
+    """Residuals of a response with slope 0.5 in the log modulus, and the slopes."""
+    model, rate = RatingModel(), np.exp(rng.normal(0.0, 0.7, MEASURED.n_conditions)) * 20.0
+    drive = model.drive(MEASURED, rate, TRUTH) + 0.5 * off * rng.standard_normal(FABRIC_COUNT)[MEASURED.fabric]
+    effects = model.draw_effects(rng, TRUTH, (), PEOPLE, FABRIC_COUNT, {"mu": 3.0})
+    observation = model.observe(model.draw_ratings(rng, MEASURED, drive, TRUTH, effects), MEASURED)
+    return residuals(rng, observation, TRUTH, 100, rate), np.full((100, MEASURED.n_conditions), 0.5)
+
+
+def test_the_check_of_moduli_is_silent_without_errors_and_sees_large_ones(rng):
+    found = {off: np.array([check_moduli(*with_wrong_moduli(rng, off)).p_value for _ in range(60)]) for off in (0, 0.4)}
+    assert (found[0] < LEVEL).mean() < 0.12  # conservative, with 60 tables
+    assert (found[0.4] < LEVEL).mean() > 0.9
+
+
+def test_a_fit_that_takes_errors_up_is_said_to_see_less(rng):
+    """Draws of a model in which every condition is free leave little of the errors in the residuals."""
+    held, slopes = with_wrong_moduli(rng, 0.4)
+    own = held.sums(MEASURED.condition, MEASURED.n_conditions) / PEOPLE
+    noise = TRUTH.varsigma / np.sqrt(PEOPLE) * rng.standard_normal(own.shape)
+    free = Residuals(held.observation, held.mean_rate * np.exp(own + noise), held.parameters, held.effects)
+    assert check_moduli(held, slopes).p_value < 1e-3 < check_moduli(free, slopes).p_value
+
+
+# standard deviations of cells
+
+CELLS, PANEL, DRAWS = 20, 12, 40
+
+
+def spreads(rng, noise=0.3, raters=PANEL):
+    """Standard deviations of the log ratings of one panel in every cell, from the ratings themselves."""
+    log = 0.5 * rng.standard_normal((raters, 1)) + noise * rng.standard_normal((raters, CELLS))
+    return log.std(axis=0, ddof=1)
+
+
+def spread_finding(rng, values):
+    term = RaterSpreads(values, Design(np.arange(CELLS), np.zeros(CELLS, int), np.arange(CELLS), 1), SpreadModel(PANEL))
+    drawn = RatingParameters(*(np.broadcast_to(float(v), DRAWS) for v in RatingParameters(0.8, 0.5, 0.3)))
+    return check_spreads(term, np.broadcast_to(NO_RESPONSE, (DRAWS, 0)), drawn, rng)
+
+
+def test_spreads_are_uniform_under_the_model():
+    """At the true parameters, the panel's scatter being drawn given its deviations."""
+    rng = np.random.default_rng(3)
+    assert off_uniform([spread_finding(rng, spreads(rng)).p_value for _ in range(120)]) > 0.01
+
+
+@pytest.mark.parametrize("kind", ["noise grows from cell to cell", "half of the cells have fewer raters"])
+def test_cells_that_differ_are_noticed(kind):
+    rng = np.random.default_rng(4)
+    few = np.arange(CELLS) % 2 == 0
+
+    def made():
+        if kind.startswith("noise"):
+            return spreads(rng, np.geomspace(0.1, 0.9, CELLS))
+        return np.where(few, spreads(rng, raters=3), spreads(rng))
+
+    found = [spread_finding(rng, made()) for _ in range(20)]
+    assert np.mean([one.p_value < 0.01 for one in found]) > 0.9
+    assert np.mean([one.estimate for one in found]) > 1.3
+
+
+# sentences
+
+FABRIC = Finding(FABRICS, 0.001, 0.21, unit="log rating", advice=("--prior omega='halfnormal(0.5)'",))
+ALIKE = Finding(CONDITIONS, 0.93, 0.0, noticed=0.07, groups=12, unit="log rating")
+NONE = "p = 0.93, 12 means; power: deviations of about 0.07 (sd)"
+BOTH = ("--individual varsigma", "--errors student")
+CASES = [
+    ([FABRIC, ALIKE, Finding(LOADS, 0.4)], ["alike under every load, by about 0.21", "--prior omega="], ["one load"]),
+    ([FABRIC, ALIKE, Finding(LOADS, np.nan)], ["one load per fabric"], []),
+    ([Finding(FABRICS, 0.4), ALIKE, Finding(LOADS, 0.9)], [NONE], ["--prior"]),
+    ([Finding(EXPONENTS, 0.5)], ["no evidence that their exponents differ (p = 0.5)"], []),
+    (
+        [Finding(EXPONENTS, 0.001, 0.3, advice=("--individual gamma",))],
+        ["by about 0.3", "--individual gamma"],
+        [],
+    ),
+    ([Finding(EXPONENTS, 0.001, 0.3, modelled=True)], ["more than the model allows"], ["--individual"]),
+    ([Finding(NOISE, 0.5)], ["no evidence that raters' noise differs (p = 0.5)"], []),
+    ([Finding(NOISE, 0.001, 0.42, advice=BOTH)], ["by about 0.42", *BOTH], []),
+    ([Finding(NOISE, 0.001, 0.42)], ["the same noise for all"], ["--errors", "--individual"]),
+    ([Finding(NOISE, 0.001, 0.42, modelled=True)], ["beyond what the model allows"], []),
+    ([Finding(FINGERS, 0.5, modelled=True)], ["differs more than the model allows (p = 0.5)"], []),
+    ([Finding(FINGERS, 0.001, advice=("--individual b",))], ["--individual b samples by how much"], []),
+    ([Finding(DEVIATIONS, 0.4, 1.0)], ["differ no more than the model allows (p = 0.4)"], []),
+    ([Finding(DEVIATIONS, 0.001, 1.6)], ["spread 1.6 times as much", "noise may depend on the fabric"], []),
+]
+
+
+@pytest.mark.parametrize(("findings", "said", "unsaid"), CASES)
+def test_sentences_follow_from_the_values(findings, said, unsaid):
+    (sentence,) = residual_sentences({one.quantity: one for one in findings})
+    assert all(words in sentence for words in said)
+    assert not any(words in sentence for words in unsaid)
+
+
+@pytest.mark.parametrize(
+    ("p_value", "modelled", "said"),
+    [
+        (0.4, False, "show no errors (p = 0.4). This check has little power"),
+        (0.4, True, "no errors beyond those given"),
+        (1e-3, False, "--modulus-cv"),
+        (1e-3, True, "larger than stated"),
+    ],
+)
+def test_the_sentence_on_moduli(p_value, modelled, said):
+    advice = () if modelled else ("--modulus-cv 0.15",)
+    assert said in modulus_sentence(Finding(ALONG, p_value, modelled=modelled, advice=advice))
+
+
+# ranks of left-out ratings
+
+
+def test_loo_pit_is_uniform_under_the_model_only(rng):
+    who, points = design(25), np.arange(1, 50) / 50
+
+    def pit(**made):
+        observation = LogRatings(ratings(rng, who, **made), who, MODEL)
+        draws = type(PLAIN)(*(np.full(100, value) for value in PLAIN))
+        return loo_pit(observation, np.broadcast_to(RATE, (100, 12)), draws)
+
+    # ratings left out in turn balance each other: the test for independent values errs towards silence
+    right = [uniformity_p_value(pit().value, points) for _ in range(30)]
+    assert np.mean(np.array(right) < 0.05) <= 0.05
+    assert off_uniform([pit().value[0] for _ in range(150)]) > 1e-3  # each of them is exactly uniform
+    assert uniformity_p_value(pit(truth=PLAIN._replace(varsigma=0.5)).value, points) < 1e-3
+    assert uniformity_p_value(pit(truth=PLAIN._replace(varsigma=0.15)).value, points) < 1e-3
+
+
+def test_loo_weights_leave_the_rating_out(rng):
+    """One unknown, y_i ~ N(theta, 1): weighted draws must follow the posterior of the other ratings."""
+    y = np.array([0.0, 0.5, 2.5])
+    draws = rng.normal(y.mean(), 3**-0.5, 40_000)
+    log_weights, pareto_k = arviz_bridge.psis(0.5 * (y[:, None] - draws) ** 2)
+    np.testing.assert_allclose(np.exp(log_weights).sum(axis=1), 1)
+    others = [np.delete(y, i).mean() for i in range(3)]
+    np.testing.assert_allclose(np.exp(log_weights) @ draws, others, atol=0.05)
+    assert pareto_k.shape == (3,)
+    # negative control: without weights the rating itself pulls
+    assert abs(draws.mean() - others[2]) > 0.5

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from softness_bayes.checking.exactness import HARMLESS, compare_likelihoods, resample
+from softness_bayes.checking.sentences import exactness_sentence
 from softness_bayes.results.summary import reweighted, summarise
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.neuron import firing
@@ -30,7 +31,7 @@ def test_weights_move_the_mean_to_that_of_the_exact_law() -> None:
     assert found.efficiency == pytest.approx(np.exp(-(0.3**2)), rel=0.03)
     assert found.pareto_k < 0.5
     assert not found.exact_enough
-    assert found.sentence().startswith("Not exact enough")
+    assert exactness_sentence(found).startswith("Not exact enough")
 
 
 def test_tiny_differences_with_heavy_tails_are_harmless() -> None:
@@ -42,7 +43,7 @@ def test_tiny_differences_with_heavy_tails_are_harmless() -> None:
     assert found.pareto_k > 0.6 or found.sd < HARMLESS
     assert found.exact_enough
     assert found.efficiency == pytest.approx(1.0, abs=1e-4)
-    assert "Pareto" not in found.sentence()
+    assert "Pareto" not in exactness_sentence(found)
 
 
 def test_an_offset_and_equal_likelihoods_change_nothing() -> None:
@@ -111,4 +112,4 @@ def test_differences_of_a_fake_posterior_with_itself_vanish() -> None:
     posterior = fake_posterior()
     theta = posterior.natural(posterior.draw_start(np.random.default_rng(4), 50))
     value = posterior.log_likelihood(theta)
-    assert compare_likelihoods(posterior.names, theta, value, value).sentence().startswith("Exact enough")
+    assert exactness_sentence(compare_likelihoods(posterior.names, theta, value, value)).startswith("Exact enough")

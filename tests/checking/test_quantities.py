@@ -6,26 +6,20 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from softness_bayes import arviz_bridge
-from softness_bayes.checking.exponents import ExponentSpread, check_exponents
 from softness_bayes.checking.layout import Additive, Layout
-from softness_bayes.checking.loo_pit import loo_pit
 from softness_bayes.checking.quantities import (
     QUANTITIES,
     Columns,
-    check_quantity,
+    check_values,
     find_turn,
     joint_limits,
 )
-from softness_bayes.checking.uniformity import uniformity_p_value
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.magnitude import LogRatings
 from softness_bayes.likelihood.scales import STANDARDISED
 from support.made_ratings import (
     FABRICS,
     LOAD,
     LOADS,
-    MODEL,
     MODULUS,
     PLAIN,
     RATE,
@@ -39,13 +33,18 @@ from support.made_ratings import (
 BY_NAME = {quantity.name: quantity for quantity in QUANTITIES}
 
 
+def checked(quantity, lay, data, again):
+    """The values of a quantity of some ratings compared with those of replicates."""
+    return check_values(*(quantity.of(lay, lay.fit(ratings)) for ratings in (data, again)), quantity.centre)
+
+
 def p_values(rng, name, column, sets, assumed_rate=RATE, assumed=PLAIN, **made):
     quantity, lay = BY_NAME[name], layout()
     found = []
     for _ in range(sets):
         filed = ratings(rng, lay.design, **made)
         again = replicates(rng, lay, filed, assumed_rate, assumed, quantity.new_participants)
-        found.append(check_quantity(quantity, lay, lay.fit(filed), lay.fit(again))[column].p_value)
+        found.append(checked(quantity, lay, filed, again)[column].p_value)
     found = np.array(found)
     return found[np.isfinite(found)]
 
@@ -121,6 +120,21 @@ def test_the_additive_fit_is_least_squares(rng):
     np.testing.assert_allclose(Layout(who, MODULUS, LOAD).leverage, np.diag(projection), atol=1e-10)
 
 
+def test_the_fit_of_many_conditions_in_two_parts_is_least_squares(rng):
+    """Two groups of participants without a common condition: each part has a level of its own."""
+    person, condition = rng.integers(0, 10, 2000), rng.integers(0, 200, 2000)
+    used, condition = np.unique(np.where(person < 5, condition, 200 + condition), return_inverse=True)
+    who = Design(condition, person, np.arange(used.size), 11)  # the last participant has no ratings
+    lay, y = Layout(who, np.geomspace(1e3, 1e6, used.size), np.zeros(used.size, int)), rng.normal(size=2000)
+    columns = np.column_stack([np.eye(used.size)[condition], np.eye(10)[person]])
+    fitted = columns @ np.linalg.lstsq(columns, y, rcond=None)[0]
+    fit = lay.fit(np.exp(y))
+    np.testing.assert_allclose(fit.condition[condition] + fit.participant[person], fitted, atol=1e-9)
+    assert lay.residual_freedom == 2000 - np.linalg.matrix_rank(columns) == 2000 - used.size - 8
+    assert np.isnan(fit.participant[10])
+    assert lay.leverage.sum() == pytest.approx(used.size + 8)
+
+
 def test_participants_and_gaps_do_not_move_the_conditions(rng):
     """A participant with a large modulus who rated half the table only."""
     who = design(4)
@@ -181,7 +195,7 @@ def test_one_rater_of_each_once_has_no_spread_to_judge_by():
         values = quantity.of(lay, fit)
         known = quantity.name in ("mean log rating", "participant log mean")
         assert np.isfinite(values).all() == known, quantity.name
-        assert np.isfinite(check_quantity(quantity, lay, lay.fit(np.arange(1.0, 7.0)), fit)[0].p_value) == known
+        assert np.isfinite(check_values(quantity.of(lay, lay.fit(np.arange(1.0, 7.0))), values)[0].p_value) == known
 
 
 def test_joint_limits_hold_whole_curves(rng):
@@ -193,78 +207,16 @@ def test_joint_limits_hold_whole_curves(rng):
     assert ((curves[2000:] >= alone[0]) & (curves[2000:] <= alone[1])).all(axis=1).mean() < 0.7
 
 
-# discrepancies
-
-
-def exponent_check(rng, draws=1, **made):
-    who = design(30)
-    filed = ratings(rng, who, **made)
-    observation = LogRatings(filed, who, MODEL)
-    rate = np.broadcast_to(RATE, (draws, RATE.size))
-    assumed = type(PLAIN)(*(np.full(draws, value) for value in PLAIN))
-    return check_exponents(observation, rate, assumed, observation.draw_effects(rng, rate, assumed))
-
-
-def test_exponents_are_uniform_under_the_model_and_found_when_real(rng):
-    assert kstest([exponent_check(rng).p_value for _ in range(150)], "uniform").pvalue > 1e-3
-    real = exponent_check(rng, draws=300, own=0.3)
-    assert real.p_value < 1e-3
-    assert real.deviation == pytest.approx(0.3 * PLAIN.gamma, rel=0.4)
-    assert "exponents differ" in real.sentence()
-    assert "no evidence" in ExponentSpread(0.5, 0.0).sentence()
-
-
-def test_silence_says_nothing_about_exponents(rng):
-    who = design()
-    observation = LogRatings(ratings(rng, who), who, MODEL)
-    silent = np.zeros((3, 12))
-    assumed = type(PLAIN)(*(np.full(3, value) for value in PLAIN))
-    found = check_exponents(observation, silent, assumed, observation.draw_effects(rng, silent, assumed))
-    assert np.isnan(found.p_value)
-    assert "cannot be compared" in found.sentence()
-
-
 @pytest.mark.parametrize("rating", [20.0, 1e-300, 0.1])
 def test_identical_ratings_have_no_residuals_to_judge(rng, rating):
     lay = layout()
     again = replicates(rng, lay, ratings(rng, lay.design))
-    fits = lay.fit(np.full(lay.design.n_rows, rating)), lay.fit(again)
-    found = {name: check_quantity(quantity, lay, *fits)[0] for name, quantity in BY_NAME.items()}
+    same = np.full(lay.design.n_rows, rating)
+    found = {name: checked(quantity, lay, same, again)[0] for name, quantity in BY_NAME.items()}
     assert found["residual spread"].p_value == 1.0
     for name in ("largest residual / sd", "smallest residual / sd", "turns over", "drop beyond inflection"):
         assert np.isnan(found[name].observed), name
         assert np.isnan(found[name].p_value), name
-
-
-def test_loo_pit_is_uniform_under_the_model_only(rng):
-    who, points = design(25), np.arange(1, 50) / 50
-
-    def pit(**made):
-        observation = LogRatings(ratings(rng, who, **made), who, MODEL)
-        draws = type(PLAIN)(*(np.full(100, value) for value in PLAIN))
-        return loo_pit(observation, np.broadcast_to(RATE, (100, 12)), draws)
-
-    # ratings left out in turn balance each other: the test for independent values errs towards silence
-    right = [uniformity_p_value(pit().value, points) for _ in range(30)]
-    assert np.mean(np.array(right) < 0.05) <= 0.05
-    first = [pit().value[0] for _ in range(150)]
-    assert kstest(first, "uniform").pvalue > 1e-3  # each of them is exactly uniform
-    assert uniformity_p_value(pit(truth=PLAIN._replace(varsigma=0.5)).value, points) < 1e-3
-    assert uniformity_p_value(pit(truth=PLAIN._replace(varsigma=0.15)).value, points) < 1e-3
-
-
-def test_loo_weights_leave_the_rating_out(rng):
-    """One unknown, y_i ~ N(theta, 1): weighted draws must follow the posterior of the other ratings."""
-    y = np.array([0.0, 0.5, 2.5])
-    draws = rng.normal(y.mean(), 3**-0.5, 40_000)
-    log_ratio = 0.5 * (y[:, None] - draws) ** 2
-    log_weights, pareto_k = arviz_bridge.psis(log_ratio)
-    np.testing.assert_allclose(np.exp(log_weights).sum(axis=1), 1)
-    others = [np.delete(y, i).mean() for i in range(3)]
-    np.testing.assert_allclose(np.exp(log_weights) @ draws, others, atol=0.05)
-    assert pareto_k.shape == (3,)
-    # negative control: without weights the rating itself pulls
-    assert abs(draws.mean() - others[2]) > 0.5
 
 
 def test_complete_orders_have_no_spread_of_participants():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from softness_bayes.explore.picture import picture
-from softness_bayes.report.curves import shown
+from softness_bayes.report.charts import shown
 from support.browser import browser, find_browser
 from support.report_runs import EVIL
 

@@ -18,7 +18,7 @@ from softness_bayes.model.other_touches import OtherTouches
 from softness_bayes.model.scenes import firing_of, touch_parameters, usual_values
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.parameters.priors import HalfNormal, LogNormal, Normal, Uniform
-from softness_bayes.report.curves import shown
+from softness_bayes.report.charts import shown
 from softness_bayes.results.fitted import Fitted
 from softness_bayes.results.result import Result
 from softness_bayes.touch.contact import Indentation

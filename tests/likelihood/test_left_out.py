@@ -7,10 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 
-from softness_bayes.checking.checks import check_fabrics
-from softness_bayes.checking.exponents import check_exponents
+from softness_bayes.checking.checks import Residuals, check_exponents, check_fabrics, loo_pit
 from softness_bayes.checking.layout import Layout
-from softness_bayes.checking.loo_pit import loo_pit
 from softness_bayes.likelihood import pieces as room
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.group_conditionals import block_log_likelihood
@@ -111,14 +109,14 @@ def test_a_little_room_gives_the_same_numbers(rng, monkeypatch, omega):
     def everything():
         observed = LogRatings(np.exp(3 + noise), design)
         effects = observed.draw_effects(np.random.default_rng(5), rate, points)
+        held = Residuals(observed, rate, points, effects)
         return [
             *effects,
             observed.log_likelihood_loo(rate, points),
             observed.below_loo(rate, points),
             observed.log_likelihood_participants(rate, points),
             *layout.fit(replicates),
-            *check_exponents(observed, rate, points, effects),
-            check_fabrics(observed, rate, points, effects).p_value,
+            *(one.p_value for one in (check_exponents(held), *check_fabrics(held, ["any"] * design.n_conditions))),
             *loo_pit(observed, rate, points),
         ]
 
@@ -140,7 +138,7 @@ def test_room_grows_with_the_ratings_and_not_with_their_square(rng):
     tracemalloc.start()
     try:
         layout.fit(np.exp(rng.standard_normal((draws, design.n_rows))))
-        check_exponents(observed, rate, points, effects)
+        check_exponents(Residuals(observed, rate, points, effects))
         observed.log_likelihood_participants(rate, points)
         observed.log_likelihood_loo(rate, points)
         _, most = tracemalloc.get_traced_memory()

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import kstest, multivariate_normal
 
-from softness_bayes.checking.force_exponent import check_exponent
+from softness_bayes.checking.checks import check_exponent
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import NO_RESPONSE
 from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
@@ -141,7 +141,7 @@ def test_the_exponent_is_that_of_a_power_law():
     assert 2.1 < observed.exponent(plate_force(depth, 8e3, 3.8)) < 2.3
     single = CompressionForces([1e-3, 1e-3], [0.1, 0.2], [0, 1], 2)
     assert np.isnan(single.exponent(single.values))
-    assert "cannot be checked" in check_exponent(single, np.ones((3, 2))).sentence
+    assert np.isnan(check_exponent(single, np.ones((3, 2))).observed)
 
 
 def test_the_check_accepts_its_model_and_refuses_another(rng):
@@ -154,14 +154,12 @@ def test_the_check_accepts_its_model_and_refuses_another(rng):
 
     found = [check(balanced(rng, TYPICAL)) for _ in range(20)]
     assert sum(one.p_value < 0.05 for one in found) <= 4
-    assert "steeper than Hertz's 1.5" in found[0].sentence
-    assert "with 4 forces per finger this check has little power" in found[0].sentence
+    assert found[0].observed > 1.5
+    assert found[0].points == 4
     right = balanced(rng, TYPICAL)
     # no noise that TYPICAL allows for explains saturation at every depth
     wrong = CompressionForces(right.indentation, 0.2 * (right.indentation / 1e-3) ** 0.3, right.finger, 6)
     assert check(wrong).p_value < 0.05
-    many = check(balanced(rng, TYPICAL, fingers=2, depths=np.geomspace(3e-4, 3e-3, 12)))
-    assert "weak" not in many.sentence
 
 
 def test_effects_and_forces_are_calibrated(rng):

@@ -9,8 +9,10 @@ from click.testing import CliRunner
 from numpy.testing import assert_allclose
 
 from softness_bayes.arviz_bridge import to_tree
+from softness_bayes.checking.agreement import TYPICAL
 from softness_bayes.checking.check_table import check_table, posterior_quantities
 from softness_bayes.checking.quantities import Columns
+from softness_bayes.checking.turning_check import EXCESS, PLATEAU, TurnQuantities
 from softness_bayes.checking.uniformity import simultaneous_band
 from softness_bayes.cli import main
 from softness_bayes.errors import InputError
@@ -52,9 +54,11 @@ def whole_run() -> Result:
             },
             "prior_predictive": {"rating": np.exp(rng.standard_normal((1, 50, RATINGS)))},
             "log_likelihood_participant": {"ratings_of_participant": np.zeros((1, 60, 4))},
-            "constant_data": {"loo_pit": rng.uniform(size=RATINGS)},
+            "constant_data": {"loo_pit": rng.uniform(size=RATINGS), EXCESS: np.zeros(RATINGS)},
+            PLATEAU: {f"levelled_{name}": np.full((1, 60, LOADS), np.nan) for name in TurnQuantities._fields},
             "predictions": {
                 "firing_rate_hz": rate[None],
+                TYPICAL: np.exp(rng.standard_normal((1, 20, FABRICS * LOADS))),
                 "rheobase_ua_cm2": rng.normal(18, 0.3, (1, 20)),
                 "largest_current_ua_cm2": rng.normal(21, 0.5, (1, 20)),
             },
@@ -67,9 +71,11 @@ def whole_run() -> Result:
             **dict.fromkeys(["pad_mm", "contact_centre_mm"], ("side",)),
             "spike_time_ms": ("train", "spike"),
             "train_current_ua_cm2": ("train",),
-            **dict.fromkeys(["rating", "rating_of_new_participants", "loo_pit"], ("rating_row",)),
+            **dict.fromkeys(["rating", "rating_of_new_participants", "loo_pit", EXCESS], ("rating_row",)),
             "ratings_of_participant": ("participant",),
+            **{f"levelled_{name}": ("load",) for name in TurnQuantities._fields},
             "firing_rate_hz": ("current_ua_cm2",),
+            TYPICAL: ("condition",),
         },
         {
             "quantile": quantiles,
@@ -85,7 +91,6 @@ def whole_run() -> Result:
         dataset = child.to_dataset()
         tree[name] = tree[name].to_dataset().merge(dataset) if name in tree.children else dataset
     found = {"direction": "softness", "rating_scale": "magnitude", "schema_version": 1, "verdict": "Converged <fine>."}
-    found |= {f"{what}_{key}": 0.5 for what in ("fabric", "exponent") for key in ("deviation", "p_value")}
     tree.attrs.update(found)
     summary = pd.DataFrame({"mean": [1.23456, 2.0]}, index=pd.Index(["b", "gamma"], name="parameter"))
     return Result(tree, summary, {"predictive_checks": check_table(tree)})

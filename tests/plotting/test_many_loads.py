@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from softness_bayes.checking.layout import LOAD_GROUP
 from softness_bayes.defaults import MOST_SHOWN, in_words, shown_of
 from softness_bayes.plotting import FIGURES, USUAL, contents
 from softness_bayes.results import result
@@ -69,7 +70,10 @@ def merged(monkeypatch):
     both = LoadGroups(np.array([0, 0]), np.array([1]), (LoadGroup(Force(0.5), "a to b N"),))
     for module in (contents, result):
         monkeypatch.setattr(module, "groups_of", lambda loads: both)
-    return finished_run()
+    made = finished_run()
+    stored = made.tree["predictions"].to_dataset()
+    made.tree["predictions"].dataset = stored.isel(load=[1]).drop_vars("load").rename_dims(load=LOAD_GROUP)
+    return made
 
 
 @pytest.mark.parametrize("name", ["response", "response_ratio", "rating", "rating_ratio", "inflection"])

@@ -18,7 +18,8 @@ import xarray as xr
 from matplotlib.text import Text
 from numpy.testing import assert_allclose
 
-from softness_bayes.checking.reproduction import inflection_reproduced
+from softness_bayes.checking.sentences import exactness_sentence
+from softness_bayes.checking.turning_check import turns_reproduced
 from softness_bayes.cli import main, sample
 from softness_bayes.cli.options.tables import DataFiles
 from softness_bayes.errors import InputError
@@ -26,17 +27,14 @@ from softness_bayes.files.spreadsheet import table_of
 from softness_bayes.likelihood.directions import INVERSE
 from softness_bayes.parameters.priors import LogNormal
 from softness_bayes.plotting.figures import figures_of
-from softness_bayes.readable import chance
+from softness_bayes.readable import chance, number
 from softness_bayes.report import page
-from softness_bayes.report.alternatives import alternative_text
 from softness_bayes.report.anonymity import anonymous, renamed
-from softness_bayes.report.cards import cards
-from softness_bayes.report.curves import shown
-from softness_bayes.report.findings import Standing, exactness_of, findings
-from softness_bayes.report.page import report_page, write_report
+from softness_bayes.report.cards import Standing, cards, exactness_of
+from softness_bayes.report.charts import shown
+from softness_bayes.report.page import alternative_text, report_page, write_report
 from softness_bayes.report.repeat import repetition
 from softness_bayes.report.tables import MOST_FABRICS
-from softness_bayes.report.words import number
 from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
 from softness_bayes.touch.readings import CLASSICAL
@@ -198,13 +196,13 @@ def test_every_finding_follows_the_numbers(made):
     result = converged(made("ratings"))
 
     def standing(changed, question):
-        return next(f for f in cards(findings(changed)) if question in f.question)
+        return next(f for f in cards(changed) if question in f.question)
 
-    found = [*findings(result)]
+    found = cards(result)
     assert [f.standing for f in found[:2]] == [Standing.GOOD, Standing.GOOD]
     # exactness is computed again from the draws that were compared
     again = exactness_of(result)
-    assert again.sentence() == result.attributes["exactness"]
+    assert exactness_sentence(again) == result.attributes["exactness"]
     stats = result.group("sample_stats")
     tree = result.tree.copy()
     far = stats["exact_difference"] * 1e5
@@ -233,7 +231,7 @@ def test_every_finding_follows_the_numbers(made):
     ):
         changed, finding = card(powers, p_value)
         assert (finding.answer, finding.standing) == (answer, kind)
-        assert inflection_reproduced(changed)[0].reproduced is first
+        assert turns_reproduced(changed)[0].reproduced is first
         assert "turns over with probability" in finding.details[0]
         assert "(prior: " in finding.details[0]
     # what was learnt is a matter of widths alone

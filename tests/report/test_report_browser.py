@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from softness_bayes.report import page
-from softness_bayes.report.curves import shown
-from softness_bayes.report.page import write_report
-from softness_bayes.report.words import unbroken
+from softness_bayes.report.charts import shown
+from softness_bayes.report.page import unbroken, write_report
 from support.browser import browser, find_browser
 from support.report_runs import EVIL
 

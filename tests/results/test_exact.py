@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from softness_bayes.checking.exactness import HARMLESS
+from softness_bayes.checking.sentences import exactness_sentence
 from softness_bayes.results import exact
 from softness_bayes.results.exact import EXACT_DRAWS, FIRST_DRAWS, begin_comparison, exactness_stats
 from softness_bayes.results.groups import evenly
@@ -80,4 +81,4 @@ def test_the_error_of_the_spread_is_that_of_repetitions(rng):
         spreads.append((found.sd, found.sd_error))
     sd, error = np.array(spreads).T
     assert error.mean() == pytest.approx(sd.std(), rel=0.15)
-    assert f"(sd ± {error[-1]:.1g})" in found.sentence()
+    assert f"(sd ± {error[-1]:.1g})" in exactness_sentence(found)

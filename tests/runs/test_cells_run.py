@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from softness_bayes.checking.checks import DEVIATIONS
+from softness_bayes.checking.sentences import residual_sentences
 from softness_bayes.data import Experiment, read_experiment, write_ratings
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import AGGREGATED
@@ -50,12 +52,12 @@ def test_standard_deviations_tell_of_both_spreads(run):
 def test_they_are_checked(run):
     """The right model is not accused; the p-value stands in the table of checks and on the page."""
     result = Result.load(run)
-    found = result.provenance.residuals
-    assert found.spread_check.startswith("spreads: the cells' standard deviations differ no more than the model allows")
-    assert found.spread_check in found.sentences
+    findings = result.provenance.findings
+    said = residual_sentences(findings)[-1]
+    assert said.startswith("spreads: the cells' standard deviations differ no more than the model allows")
     table = result.tables["predictive_checks"]
     row = table.loc[("posterior", "standard deviations of cells"), "p_value"]
-    assert float(np.ravel(row)[0]) == found.spread_p_value > 0.05
+    assert float(np.ravel(row)[0]) == findings[DEVIATIONS].p_value > 0.05
 
 
 def test_without_them_the_spread_of_scales_is_held():

@@ -8,7 +8,8 @@ from numpy.testing import assert_allclose
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from softness_bayes.checking.rater_fingers import POPULATION
+from softness_bayes.checking.checks import FINGERS
+from softness_bayes.checking.individual import POPULATION
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import STANDARDISED
 from softness_bayes.model import individual
@@ -65,7 +66,7 @@ def test_a_result_holds_the_raters_fingers(result):
         for line in result.learnt()
     )
     assert [*table["pressed"]] == [False, False, False, True, False, True]
-    assert result.provenance.residuals.finger_check.startswith("fingers:")
+    assert np.isfinite(result.provenance.findings[FINGERS].p_value)
 
 
 def test_its_model_comes_back_from_the_file(result, tmp_path):

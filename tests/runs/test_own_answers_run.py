@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from softness_bayes.checking.rater_fingers import POPULATION
+from softness_bayes.checking.checks import NOISE
+from softness_bayes.checking.individual import POPULATION
+from softness_bayes.checking.sentences import residual_sentences
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.directions import FREE
 from softness_bayes.likelihood.error_laws import STUDENT
@@ -48,11 +50,12 @@ def test_a_result_holds_the_raters_exponents_and_noise(result):
 
 
 def test_its_checks_and_its_error_are_said(result):
-    checks = result.provenance.residuals
-    assert "more than the model allows" in checks.exponent_check
-    assert "more than the model allows" in checks.noise_check
+    findings = result.provenance.findings
+    exponents, noise, *_ = residual_sentences(findings)
+    assert "more than the model allows" in exponents
+    assert "more than the model allows" in noise
     table = result.tables["predictive_checks"]
-    assert_allclose(table.loc[("posterior", "participants' own noise"), "p_value"], checks.noise_p_value)
+    assert_allclose(table.loc[("posterior", "participants' own noise"), "p_value"], findings[NOISE].p_value)
     # the nodes' error is part of the exactness check
     assert result.provenance.errors.exactness_sd < 0.05
     assert "--individual gamma,varsigma" in report_page(result)

@@ -10,6 +10,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import kstest, multivariate_normal
 
+from softness_bayes.checking.sentences import plate_sentence
 from softness_bayes.data import Compression, Experiment, Fabrics, read_experiment, write_compression
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import NO_RESPONSE
@@ -170,8 +171,9 @@ def test_groups_of_a_run_on_forces_alone(result, shipped):
     found = result.attributes
     assert (found["digest_compression"], found["zero_forces"]) == (shipped.digest, 0)
     assert found["prior_b"] == "lognormal(30,1)"
-    assert "steeper than Hertz's 1.5" in found["force_check"]
-    assert "little power" in found["force_check"]
+    said = plate_sentence(result.provenance.plate)
+    assert "steeper than Hertz's 1.5" in said
+    assert "little power" in said
 
 
 def test_what_needs_ratings_says_so(result):
@@ -290,7 +292,7 @@ def test_a_joint_run_holds_both(joint, tmp_path):
     assert {"rating", "plate_force_n"} <= {*found.group("posterior_predictive").data_vars}
     assert figures_of(found)[-1] == "compression"
     assert "response" in figures_of(found)
-    assert "force_check" in found.attributes
+    assert "force_exponent" in found.attributes
     found.save(tmp_path)
     assert Result.load(tmp_path).loads == (Indentation(2e-3),)
 

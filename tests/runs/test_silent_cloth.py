@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from softness_bayes.checking.misfit import fit_of
+from softness_bayes.checking.agreement import fit_of
+from softness_bayes.checking.sentences import silence_note
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
@@ -11,7 +12,6 @@ from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.readable import percent
 from softness_bayes.report.cards import cards
-from softness_bayes.report.findings import findings
 from softness_bayes.runs.run import sample
 from softness_bayes.sampler.starts import find_optimum
 from softness_bayes.touch.contact import Indentation
@@ -70,14 +70,12 @@ def test_a_run_says_how_silent_its_posterior_is(silent, report_run):
         result = report_run("ratings")
     fit = fit_of(result.tree)
     share = result.attributes["posterior_silent_conditions"]
-    assert bool(fit.silence_note) is silent is (share > 0.5)
+    note = silence_note(fit)
+    assert bool(note) is silent is (share > 0.5)
     said = [
-        detail
-        for finding in cards(findings(result))
-        for detail in finding.details
-        if "posterior draws and conditions" in detail
+        detail for finding in cards(result) for detail in finding.details if "posterior draws and conditions" in detail
     ]
     assert len(said) == silent
     if silent:
-        assert fit.silence_note.startswith(f"no receptor fires in {percent(share)} of posterior draws")
-        assert "only the prior" in fit.silence_note
+        assert note.startswith(f"no receptor fires in {percent(share)} of posterior draws")
+        assert "only the prior" in note

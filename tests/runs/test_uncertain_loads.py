@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from softness_bayes.checking.checks import ALONG, FABRICS
 from softness_bayes.data import Experiment, Ratings, ratings_csv
 from softness_bayes.likelihood import uncertain_loads
 from softness_bayes.model.build import build
-from softness_bayes.report.findings import input_errors_of
+from softness_bayes.report.cards import input_errors_of
 from softness_bayes.report.page import report_page
 from softness_bayes.results.from_result import experiment_of, options_of
 from softness_bayes.results.result import Result
@@ -58,8 +59,8 @@ def test_replicates_are_spread_as_the_model_says(result):
     """Replicated ratings given the draws' effects scatter by more than varsigma where the response has a slope."""
     assert np.isfinite(result.group("posterior_predictive")["rating"].values).all()
     assert np.isfinite(result.group("log_likelihood_loo")["rating"].values).all()
-    assert np.isfinite(result.provenance.residuals.fabric_p_value)
-    assert np.isfinite(result.provenance.residuals.modulus_p_value)
+    assert np.isfinite(result.provenance.findings[FABRICS].p_value)
+    assert np.isfinite(result.provenance.findings[ALONG].p_value)
 
 
 def test_it_says_whether_loads_were_taken_as_exact(result, report_run):
@@ -129,7 +130,7 @@ def test_an_error_that_a_load_shares_goes_through_a_run(few_pictures, tmp_path):
     )
     assert "--shared-load-cv 0.05" in report_page(result)
     assert np.isfinite(result.group("log_likelihood_loo")["rating"].values).all()
-    assert np.isfinite(result.provenance.residuals.modulus_p_value)
+    assert np.isfinite(result.provenance.findings[ALONG].p_value)
     result.save(tmp_path / "run")
     assert options_of(Result.load(tmp_path / "run")).shared_load_cv == 0.05
 

@@ -5,8 +5,7 @@ import pandas as pd
 import pytest
 
 from oracles.autoregressive import autoregressive
-from softness_bayes.checking.inflection import CurveShape, Inflection
-from softness_bayes.checking.turning_points import turning_table, with_errors
+from softness_bayes.checking.inflection import CurveShape, Inflection, turning_table, with_errors
 from softness_bayes.sampler.precision import effective_size, quantile, share
 
 ENSEMBLES, STEPS, WALKERS = 2, 60, 20

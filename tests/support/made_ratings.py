@@ -5,13 +5,14 @@ import copy
 import numpy as np
 
 from softness_bayes import arviz_bridge
+from softness_bayes.checking import checks
 from softness_bayes.checking.check_table import NEW_PARTICIPANTS
 from softness_bayes.checking.layout import Layout
-from softness_bayes.checking.levelled import compare_levelled, levelled
-from softness_bayes.checking.reproduction import LEVELLED, SHORTFALL
+from softness_bayes.checking.turning_check import EXCESS, PLATEAU, plateau, plateau_quantities
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel, RatingParameters
 from softness_bayes.likelihood.random_effects import Effects
+from softness_bayes.provenance import Finding, ResidualChecks, attributes_of
 
 MODEL = RatingModel()
 FABRICS, LOADS = 6, 2
@@ -71,7 +72,7 @@ def tables(rng, lay, filed, assumed, count=COUNT):
     who = lay.design
     effects = LogRatings(filed, who, MODEL).draw_effects(rng, assumed, PLAIN)
     effects = Effects(*(np.broadcast_to(e, (count, *e.shape)) for e in effects))
-    twin, level = copy.deepcopy(rng), levelled(lay, assumed)
+    twin, level = copy.deepcopy(rng), plateau(lay, assumed)
     return tuple(
         MODEL.draw_ratings(noise, who, np.broadcast_to(drive, (count, drive.size)), PLAIN, effects)
         for noise, drive in (
@@ -81,22 +82,24 @@ def tables(rng, lay, filed, assumed, count=COUNT):
     )
 
 
+CHECKED = (checks.CONDITIONS, checks.FABRICS, checks.LOADS, checks.EXPONENTS, checks.ALONG)
+"""Checks of residuals in `tree`, all passed."""
 LEVELLED_NAMES = [f"levelled_{name}" for name in ("turns_over", "e_fab_kpa", "drop", "fall")]
-BY_ROW = ("rating", NEW_PARTICIPANTS, "participant_index", "fabric_index", "load_index", "loo_pit", SHORTFALL)
+BY_ROW = ("rating", NEW_PARTICIPANTS, "participant_index", "fabric_index", "load_index", "loo_pit", EXCESS)
 
 
 def tree(rng, seen=STEEP, assumed=STEEP, direction="softness"):
     """The groups of a result whose model assumes some rates, with data made at others."""
     filed = ratings(rng, LAY.design, seen)
     same, other = tables(rng, LAY, filed, assumed, REPLICATES)
-    shown, shortfall = compare_levelled(LAY, same, other)
+    shown, excess = plateau_quantities(LAY, same, other)
     new = replicates(rng, LAY, filed, assumed, new=True)
     who = LAY.design
     return arviz_bridge.to_tree(
         {
             "log_likelihood_participant": {"ratings_of_participant": np.zeros((1, 1, 15))},
             "posterior_predictive": {"rating": same[None], NEW_PARTICIPANTS: new[None]},
-            LEVELLED: {name: values[None] for name, values in zip(LEVELLED_NAMES, shown, strict=True)},
+            PLATEAU: {name: values[None] for name, values in zip(LEVELLED_NAMES, shown, strict=True)},
             "prior_predictive": {"rating": np.exp(rng.normal(3, 3, (1, 50, who.n_rows)))},
             "observed_data": {"rating": filed},
             "constant_data": {
@@ -107,7 +110,7 @@ def tree(rng, seen=STEEP, assumed=STEEP, direction="softness"):
                 "fabric_index": who.fabric[who.condition],
                 "load_index": LAY.load[who.condition],
                 "loo_pit": rng.random(who.n_rows),
-                SHORTFALL: shortfall[who.condition],
+                EXCESS: excess[who.condition],
             },
         },
         dims={
@@ -122,6 +125,6 @@ def tree(rng, seen=STEEP, assumed=STEEP, direction="softness"):
         attrs={
             "direction": direction,
             "rating_scale": "magnitude",
-            **{f"{what}_{k}": 0.5 for what in ("condition", "fabric", "exponent") for k in ("p_value", "deviation")},
+            **attributes_of(ResidualChecks(tuple(Finding(name, 0.5, 0.5) for name in CHECKED))),
         },
     )

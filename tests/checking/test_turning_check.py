@@ -7,17 +7,17 @@ import pytest
 from scipy.stats import norm
 
 from softness_bayes.checking.layout import Additive
-from softness_bayes.checking.levelled import (
+from softness_bayes.checking.quantities import find_turn
+from softness_bayes.checking.turning_check import (
     DOUBTFUL,
-    Tables,
-    compare_levelled,
+    TurnQuantities,
     departs,
     fall,
     fall_p_value,
-    levelled,
+    plateau,
+    plateau_quantities,
     power,
 )
-from softness_bayes.checking.quantities import find_turn
 from support.made_ratings import COUNT, LAY, LOAD, MODULUS, SHALLOW, STEEP, ratings, tables
 
 
@@ -25,26 +25,26 @@ def test_a_levelled_response_stays_at_its_peak(rng):
     response = rng.random((4, 12))
     order = rng.permutation(12)  # in whatever order the conditions come
     lay = dataclasses.replace(LAY, modulus=MODULUS[order], load=LOAD[order])
-    found = levelled(lay, response)
+    found = plateau(lay, response)
     for d, c in np.ndindex(4, 12):
         softer = (lay.load == lay.load[c]) & (lay.modulus <= lay.modulus[c])
         assert found[d, c] == response[d, softer].max()
-    np.testing.assert_array_equal(levelled(lay, found), found)
+    np.testing.assert_array_equal(plateau(lay, found), found)
 
 
 def test_fall_is_a_slope_of_least_squares(rng):
-    condition, expected, shortfall = rng.normal(size=(3, 12)), rng.normal(size=12), rng.random(12)
-    found = fall(LAY, condition, expected, shortfall)
+    condition, expected, excess = rng.normal(size=(3, 12)), rng.normal(size=12), rng.random(12)
+    found = fall(LAY, condition, expected, excess)
     weight = LAY.design.cells.sum(axis=0)
     for k, d in np.ndindex(2, 3):
         here = k == LOAD
-        columns = np.column_stack([np.ones(6), -shortfall[here]]) * np.sqrt(weight[here])[:, None]
-        flat = expected[here] + shortfall[here]
+        columns = np.column_stack([np.ones(6), -excess[here]]) * np.sqrt(weight[here])[:, None]
+        flat = expected[here] + excess[here]
         (_, slope), *_ = np.linalg.lstsq(columns, (condition[d, here] - flat) * np.sqrt(weight[here]), rcond=None)
         assert found[d, k] == pytest.approx(slope)
-    np.testing.assert_allclose(fall(LAY, expected + 3.0, expected, shortfall), 1)
-    np.testing.assert_allclose(fall(LAY, expected + shortfall, expected, shortfall), 0, atol=1e-12)
-    assert np.isnan(fall(LAY, condition, expected, np.where(LOAD == 0, 0.0, shortfall))[:, 0]).all()
+    np.testing.assert_allclose(fall(LAY, expected + 3.0, expected, excess), 1)
+    np.testing.assert_allclose(fall(LAY, expected + excess, expected, excess), 0, atol=1e-12)
+    assert np.isnan(fall(LAY, condition, expected, np.where(LOAD == 0, 0.0, excess))[:, 0]).all()
 
 
 def test_departure_shares_its_level():
@@ -73,16 +73,16 @@ def test_power_is_the_share_of_new_tables_that_fail(rng, rates):
     """Tables of a response that levels off, made anew and judged one by one, each p-value by counting."""
     filed = ratings(rng, LAY.design, rates)
     same, other = tables(rng, LAY, filed, rates)
-    alternative, shortfall = compare_levelled(LAY, same, other)
+    alternative, excess = plateau_quantities(LAY, same, other)
     expected = LAY.fit(same).condition.mean(axis=0)
-    replicates = Tables.of(LAY, LAY.fit(same), expected, shortfall)
+    replicates = TurnQuantities.of(LAY, LAY.fit(same), expected, excess)
     found = power(alternative, replicates)
     anew = tables(rng, LAY, filed, rates, 200)[1]
     failed = np.zeros((200, 2), bool)
     for t, table in enumerate(anew):
         fit = LAY.fit(table)
         values = Additive(*(np.asarray(x) for x in fit))
-        shown = [*find_turn(LAY, values), fall(LAY, fit.condition, expected, shortfall)]
+        shown = [*find_turn(LAY, values), fall(LAY, fit.condition, expected, excess)]
         for k in range(2):
             p_values = []
             for value, many in list(zip(shown, replicates, strict=True))[:3]:
@@ -106,9 +106,9 @@ def test_the_error_of_the_power_is_its_spread_over_replicates(rng):
     filed, found = ratings(rng, LAY.design, rates), []
     for _ in range(25):
         same, other = tables(rng, LAY, filed, rates, 200)
-        alternative, shortfall = compare_levelled(LAY, same, other)
+        alternative, excess = plateau_quantities(LAY, same, other)
         fit = LAY.fit(same)
-        found += power(alternative, Tables.of(LAY, fit, fit.condition.mean(axis=0), shortfall))[:1]
+        found += power(alternative, TurnQuantities.of(LAY, fit, fit.condition.mean(axis=0), excess))[:1]
     values, errors = np.transpose(found)
     assert 0.1 < values.mean() < 0.9
     assert np.sqrt(np.mean(errors**2)) == pytest.approx(values.std(), rel=0.5)
@@ -119,9 +119,9 @@ def test_the_model_itself_hardly_fails_its_check(rng):
     for rates in (STEEP, np.tile(np.geomspace(0.2, 4.0, 6), 2)):
         filed = ratings(rng, LAY.design, rates)
         same, other = tables(rng, LAY, filed, rates)
-        _, shortfall = compare_levelled(LAY, same, other)
+        _, excess = plateau_quantities(LAY, same, other)
         fit = LAY.fit(same)
-        own = Tables.of(LAY, fit, fit.condition.mean(axis=0), shortfall)
+        own = TurnQuantities.of(LAY, fit, fit.condition.mean(axis=0), excess)
         assert all(one.value < 0.09 for one in power(own, own))
         if rates is not STEEP:
             np.testing.assert_array_equal(same, other)
@@ -129,5 +129,5 @@ def test_the_model_itself_hardly_fails_its_check(rng):
 
 
 def test_too_few_fabrics_have_no_power():
-    nothing = Tables(*np.full((4, 20, 2), np.nan))
+    nothing = TurnQuantities(*np.full((4, 20, 2), np.nan))
     assert all(np.isnan(one.value) for one in power(nothing, nothing))

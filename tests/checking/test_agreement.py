@@ -8,14 +8,14 @@ import xarray as xr
 from numpy.testing import assert_allclose
 from scipy.stats import f
 
-from softness_bayes.checking.flatness import explain
+from softness_bayes.checking.agreement import TYPICAL, HighestRated, explain, fabric_rating_table, fit_of, highest_rated
+from softness_bayes.checking.check_table import check_table
 from softness_bayes.checking.layout import Layout
-from softness_bayes.checking.misfit import TYPICAL, fit_of
+from softness_bayes.checking.sentences import fit_faults, fit_sentence
 from softness_bayes.cli.printed import print_result
 from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.report import page
-from softness_bayes.report.cards import cards
-from softness_bayes.report.findings import Standing, findings
+from softness_bayes.report.cards import Standing, cards
 from softness_bayes.results.from_result import options_of
 from softness_bayes.runs.run import sample
 from support import report_runs
@@ -107,25 +107,15 @@ def with_typical(groups, log_rating):
 
 def test_a_right_model_is_not_accused(rng):
     fit = fit_of(with_typical(tree(rng), PLAIN.gamma * LOG_RATE))
-    assert fit.faults == []
+    assert fit_faults(fit) == []
     assert fit.explained[-1].share == pytest.approx(1.0, abs=0.05)
-    assert fit.sentence.startswith("the response explains ")
+    assert fit_sentence(fit).startswith("the response explains ")
 
 
 def test_a_flat_model_is(rng):
-    (fault,) = fit_of(with_typical(tree(rng), np.zeros(12))).faults
+    (fault,) = fit_faults(fit_of(with_typical(tree(rng), np.zeros(12))))
     assert fault.startswith("the prediction is flat although the ratings differ: at 1 mm it explains")
     assert "; at 2 mm it explains" in fault
-
-
-def test_what_earlier_versions_left_is_judged_by_its_silence(rng):
-    groups = tree(rng)
-    groups["posterior"] = groups["prior_predictive"]
-    assert fit_of(groups).faults == []
-    assert "cannot be assessed" in fit_of(groups).sentence
-    groups.attrs["posterior_silent_everywhere"] = 1.0
-    (fault,) = fit_of(groups).faults
-    assert "(in 100 % of the posterior no receptor fires in any condition)" in fault
 
 
 # runs on ratings turned upside down: 400 / rating
@@ -150,7 +140,7 @@ def plain(monkeypatch):
 
 def test_a_readout_against_its_data_says_so_first_and_is_never_green(upside_down, plain, capsys, tmp_path):
     result = upside_down["forced"]
-    found = cards(findings(result))
+    found = cards(result)
     assert found[0].standing is Standing.BAD
     assert found[0].answer == "No: wrong direction of the ratings"
     assert (
@@ -174,12 +164,71 @@ def test_left_to_the_data_the_same_table_fits(upside_down, plain, capsys, tmp_pa
     assert found["direction_note"].startswith("--direction falls-with-firing was chosen from the data")
     assert (options_of(result).direction, "direction" in options_of(result).decided) == (FALLS, True)
     fit = fit_of(result.tree)
-    assert fit.faults == []
+    assert fit_faults(fit) == []
     assert fit.explained[-1].share > 0.8
-    follows = next(finding for finding in cards(findings(result)) if "follow" in finding.question)
+    follows = next(finding for finding in cards(result) if "follow" in finding.question)
     assert (follows.answer, follows.standing) == ("Yes", Standing.GOOD)
     assert "has failed" not in page.report_page(result)
     print_result(result, tmp_path)
     out = capsys.readouterr().out
     assert "the fit failed" not in out
     assert found["verdict"] in out.splitlines()
+
+
+# rated and predicted
+
+
+@pytest.fixture(scope="module")
+def result(report_run):
+    return report_run("ratings")
+
+
+def test_the_table_agrees_with_the_ratings_and_with_the_checks(result):
+    table = fabric_rating_table(result.tree)
+    constant, rating = result.group("constant_data"), result.group("observed_data")["rating"].values
+    fabrics, loads = constant["fabric"].values, constant["load"].values
+    checks = check_table(result.tree).xs("posterior", level="law").loc["mean log rating"].set_index(["load", "fabric"])
+    for (load, fabric), row in table.iterrows():
+        here = (loads[constant["load_index"].values] == load) & (fabrics[constant["fabric_index"].values] == fabric)
+        assert row["ratings"] == here.sum()
+        assert row["rated"] == pytest.approx(np.exp(np.log(rating[here]).mean()))  # nothing is missing
+        assert np.log(row["predicted"]) == pytest.approx(checks.loc[(load, fabric), "replicated"])
+        assert row["predicted_low"] < row["predicted"] < row["predicted_high"]
+    again = result.tables["fabric_ratings"]
+    assert_allclose(again, table)
+
+
+def test_a_fabric_that_is_rated_otherwise_stands_out_and_no_other_does(result):
+    tree, constant = result.tree.copy(), result.group("constant_data")
+    replicates = tree["posterior_predictive"].to_dataset()["rating"].values[0]
+    typical = np.exp(np.log(replicates).mean(axis=0))  # ratings as the model predicts them
+    one = (constant["load_index"].values == 0) & (constant["fabric_index"].values == 1)
+
+    def differences(ratings):
+        tree["observed_data"].dataset = tree["observed_data"].to_dataset().assign(rating=("rating_row", ratings))
+        return fabric_rating_table(tree)["difference_sd"]
+
+    assert differences(typical).abs().max() < 0.2
+    found = differences(np.where(one, typical * 4.0, typical))
+    label = (str(constant["load"].values[0]), str(constant["fabric"].values[1]))
+    assert found[label] > 3.0
+    assert found.drop(label).abs().max() < 1.0
+
+
+def test_the_most_probable_highest_and_ties_share(result):
+    stored = result.tree["predictions"].to_dataset()
+    shape = stored[TYPICAL].shape
+    # by fabric, then load; four fabrics, two loads: the third is highest under the first load, all tie under the second
+    ratings = np.zeros(shape)
+    ratings[..., 4] = np.where(np.arange(shape[1]) % 10 > 0, 2.0, -1.0)
+    tree = result.tree.copy()
+    tree["predictions"].dataset = stored.assign({TYPICAL: (stored[TYPICAL].dims, ratings)})
+    fabrics = result.group("constant_data")["fabric"].values
+    first, second = highest_rated(tree)
+    share = 1.0 - np.mean(np.arange(shape[1]) % 10 == 0)
+    assert first[:3] == ("2 mm", str(fabrics[2]), pytest.approx(share))
+    assert first.error == pytest.approx(np.sqrt(share * (1 - share) / shape[1]))
+    assert first.clear
+    assert second.probability == pytest.approx(0.25)
+    assert not second.clear
+    assert not HighestRated("1 mm", "lawn", 0.52, 0.02, 3).clear

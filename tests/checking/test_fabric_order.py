@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import rankdata, spearmanr
 
-from softness_bayes.checking.places import MEASURES, agreement, jackknife, pairs, places, ties
+from softness_bayes.checking.fabric_order import MEASURES, agreement, jackknife, pairs, places, ties
 from softness_bayes.errors import InputError
 
 

@@ -1,0 +1,470 @@
+"""Findings of checks in words: the only sentences about a run's checks, for terminal, report and notebook."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from softness_bayes.checking.agreement import Explained, Fit
+from softness_bayes.checking.check_table import doubts
+from softness_bayes.checking.checks import (
+    CONDITIONS,
+    DEVIATIONS,
+    EXPONENTS,
+    FABRICS,
+    FINGERS,
+    LEVEL,
+    LOADS,
+    NOISE,
+    NOTICED,
+)
+from softness_bayes.checking.exactness import HARMLESS, Exactness
+from softness_bayes.checking.individual import FAR, POPULATION
+from softness_bayes.checking.modulus_errors import ERRORS, LINEAR, clear_shifts, shift_column
+from softness_bayes.checking.quantities import PLACE, TURNS_OVER
+from softness_bayes.checking.sensitivity import DETERMINED, INFORMED, SENSITIVE
+from softness_bayes.checking.turning_check import DOUBTFUL, FALL, LARGEST_RATIO, NEEDED, Reproduction, turns_reproduced
+from softness_bayes.defaults import shown_of
+from softness_bayes.parameters.declared import PARAMETERS
+from softness_bayes.readable import chance, number, percent
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from softness_bayes.provenance import Finding, PlateData
+
+FEW_FORCES = 10
+"""Number of forces per finger below which the check of their exponent is called weak."""
+
+HERTZ_EXPONENT = 1.5
+"""Exponent of force against indentation for skin that does not stiffen."""
+
+
+# checks of residuals
+
+
+def residual_sentences(findings: dict[str, Finding]) -> tuple[str, ...]:
+    """Describe what the residuals of raters and fabrics show, one line for each check that was made.
+
+    Parameters
+    ----------
+    findings
+        Findings by quantity.
+    """
+    said = {EXPONENTS: _exponents, NOISE: _noise, FINGERS: _fingers, DEVIATIONS: _spreads}
+    lines = {name: say(findings[name]) for name, say in said.items() if name in findings}
+    if CONDITIONS in findings:
+        lines[CONDITIONS] = _fabrics(findings[CONDITIONS], findings[FABRICS], findings[LOADS])
+    order = (EXPONENTS, NOISE, CONDITIONS, FINGERS, DEVIATIONS)
+    return tuple(lines[name] for name in order if name in lines)
+
+
+def modulus_sentence(one: Finding) -> str:
+    """Describe whether mean ratings deviate as if moduli were wrong."""
+    if not np.isfinite(one.p_value):
+        return "moduli: where no receptor fires, the ratings do not show errors of the moduli"
+    beyond = " beyond those given" if one.modelled else ""
+    if one.p_value >= LEVEL:
+        return (
+            f"moduli: the ratings show no errors{beyond} (p = {one.p_value:.2g}). This check has little "
+            "power, because the fit absorbs most effects of wrong moduli"
+        )
+    remedy = "they may be larger than stated, or the response may be wrong"
+    if one.advice:
+        remedy = f"give the errors of your measurement ({one.advice[0]}, or a column effective_modulus_cv)"
+    return (
+        f"moduli: mean ratings deviate along the response as if moduli were wrong{beyond} (p = "
+        f"{one.p_value:.2g}); {remedy}"
+    )
+
+
+def _fabrics(conditions: Finding, fabrics: Finding, loads: Finding) -> str:
+    unit = conditions.unit
+    if min(conditions.p_value, fabrics.p_value) >= LEVEL:
+        return (
+            "fabrics: no mean rating deviates from the response by more than noise explains (p = "
+            f"{conditions.p_value:.2g}, {conditions.groups} means; power: deviations of about "
+            f"{conditions.noticed:.1g} (sd) in the {unit} would be detected in {percent(NOTICED)} of such tables)"
+        )
+    if loads.p_value < LEVEL:
+        remedy = "they differ between the loads of a fabric, so the response may be wrong: try other readings"
+    else:
+        add = f": add {fabrics.advice[0]}" if fabrics.advice else f", and {unit}s have none"
+        alone = "" if np.isfinite(loads.p_value) else " (with one load per fabric the response may be wrong instead)"
+        remedy = f"without an effect per fabric the intervals are too narrow{add}{alone}"
+    if conditions.p_value >= LEVEL:
+        return (
+            f"fabrics: deviate from the response alike under every load, by about {fabrics.estimate:.2g} (sd) in the "
+            f"{unit}, more than noise explains (p = {fabrics.p_value:.2g}); {remedy}"
+        )
+    side = "above" if conditions.worst_estimate > 0 else "below"
+    return (
+        f"fabrics: mean ratings deviate from the response by about {conditions.estimate:.2g} (sd) in the "
+        f"{unit}, more than noise explains (p = {conditions.p_value:.2g}); most of all {conditions.worst}, "
+        f"{abs(conditions.worst_estimate):.2g} {side} it ({abs(conditions.worst_errors):.1f} standard errors); {remedy}"
+    )
+
+
+def _exponents(one: Finding) -> str:
+    if np.isnan(one.p_value):
+        return "participants: exponents cannot be compared, because the response varies for no participant"
+    if one.p_value >= LEVEL:
+        return f"participants: no evidence that their exponents differ{_more(one)} (p = {one.p_value:.2g})"
+    advice = f": {one.advice[0]} gives each a separate exponent" if one.advice else ""
+    return (
+        f"participants: their exponents differ by about {one.estimate:.2g} (standard deviation), more "
+        f"than {'the model allows' if one.modelled else 'noise explains'} (p = {one.p_value:.2g})"
+        + ("" if one.modelled else f"; the model assumes one exponent for all{advice}")
+    )
+
+
+def _noise(one: Finding) -> str:
+    if np.isnan(one.p_value):
+        return "noise: the raters' scatter cannot be compared, because fewer than two gave three ratings or more"
+    if one.p_value >= LEVEL:
+        return f"noise: no evidence that raters' noise differs{_more(one)} (p = {one.p_value:.2g})"
+    size = f"by about {one.estimate:.2g} (sd of its log; p = {one.p_value:.2g})"
+    if one.modelled:
+        return f"noise: raters' noise differs {size} beyond what the model allows: look for single outliers"
+    own = [option for option in one.advice if option.startswith("--individual")]
+    advice = f"{own[0]} gives each a separate noise level" if own else "this model has the same noise for all"
+    others = [option for option in one.advice if option not in own]
+    return (
+        f"noise: some raters scatter more than others, {size}, but the model treats their ratings as "
+        f"equally reliable: {advice}{f'. Single outliers look the same ({others[0]})' if others else ''}"
+    )
+
+
+def _fingers(one: Finding) -> str:
+    if np.isnan(one.p_value):
+        return (
+            "fingers: no rater's response depends on the skin, so the ratings do not inform differences between fingers"
+        )
+    if one.p_value >= LEVEL:
+        return f"fingers: the ratings do not show that the raters' skin differs{_more(one)} (p = {one.p_value:.2g})"
+    if one.modelled:
+        return (
+            "fingers: raters deviate as if their skin also differed in other parameters (p = "
+            f"{one.p_value:.2g}); add more of b, m and sigma_0 to --individual"
+        )
+    return (
+        f"fingers: raters deviate as if their skin differed (p = {one.p_value:.2g}); {one.advice[0]} samples by how "
+        "much"
+    )
+
+
+def _spreads(one: Finding) -> str:
+    if one.p_value >= LEVEL:
+        return f"spreads: the cells' standard deviations differ no more than the model allows (p = {one.p_value:.2g})"
+    return (
+        f"spreads: the cells' standard deviations differ more than the model allows (their scores spread "
+        f"{one.estimate:.2g} times as much, p = {one.p_value:.2g}): noise may depend on the fabric or the load, or "
+        "n may differ between cells"
+    )
+
+
+def _more(one: Finding) -> str:
+    return " more than the model allows" if one.modelled else ""
+
+
+# predictive checks
+
+
+def check_sentences(table: pd.DataFrame) -> list[str]:
+    """Describe whether the model reproduces the turning point under each load, and which other quantities it does not.
+
+    Parameters
+    ----------
+    table
+        From `check_table`.
+    """
+    words = {True: "yes", False: "no", None: "not shown by the ratings"}
+    head = (
+        "does the model reproduce the turning point (maximum)? The answer is yes only if the check has the "
+        f"power to reject a response that levels off at its peak in at least {percent(NEEDED)} of simulated "
+        "tables"
+    )
+    found = turns_reproduced(table)
+    shown = shown_of(len(found))
+    lines = [f"{found[k].load}: {words[found[k].reproduced]}; {turn_sentence(found[k])}" for k in shown]
+    if len(shown) < len(found):
+        counts = ", ".join(f"{word} {sum(one.reproduced is answer for one in found)}" for answer, word in words.items())
+        by_chance = f"for a correct model, at most about {DOUBTFUL * len(found):.1g} would be no by chance"
+        lines.insert(0, f"of {len(found)} loads: {counts} ({by_chance}); {len(shown)} of them:")
+    return [head, *lines, unreproduced_sentence(doubts(table))]
+
+
+def unreproduced_sentence(names: Sequence[str]) -> str:
+    """Describe quantities, other than the turning point, that the model does not reproduce; names from `doubts`."""
+    if not names:
+        return "predictive checks: the model reproduces all other test quantities"
+    return f"predictive checks: the model does not reproduce {', '.join(names)} (see predictive_checks.csv)"
+
+
+def turn_sentence(one: Reproduction) -> str:
+    """Describe the turn in the ratings, in tables that the model simulates, and the power of the check."""
+    row, place, beyond = one.checks[TURNS_OVER], one.checks[PLACE], one.checks[FALL]
+    if np.isnan(row["observed"]):
+        return "too few fabrics or ratings"
+    share = percent(row["replicated"])
+    if row["observed"]:
+        where = f", at {number(place['low'])} to {number(place['high'])} kPa" if np.isfinite(place["low"]) else ""
+        said = f"the ratings turn over at {number(place['observed'])} kPa (so do {share} of simulated tables{where})"
+    else:
+        said = f"the ratings show no clear turning point ({share} of simulated tables show one)"
+    if np.isfinite(beyond["observed"]):
+        said += f"; {_fall(beyond)}"
+    if np.isnan(beyond["replicated"]):
+        return f"{said}; the model's response does not fall within the range of the fabrics"
+    power = f"{100 * row['power']:.3g} ± {100 * row['power_mcse']:.1g}%"
+    return f"{said}; a response that levels off would fail in {power} of simulated tables"
+
+
+def _fall(beyond: pd.Series) -> str:
+    """Describe the fall of the ratings beyond the peak of the response, in units of the predicted one."""
+    low, high, ratio = beyond["low"], beyond["high"], beyond["observed"]
+    if max(abs(low), abs(high)) > LARGEST_RATIO:
+        return "the fall that is predicted beyond the peak is too small to compare with noise"
+    way = "fall" if ratio >= 0 else "rise"
+    return (
+        f"beyond the peak they {way} by {abs(ratio):.2g} times the predicted fall "
+        f"(simulated tables: {low:.2g} to {high:.2g})"
+    )
+
+
+# agreement with the ratings
+
+
+def fit_faults(fit: Fit) -> list[str]:
+    """Describe why a fit has failed, most important reason first; empty if it has not."""
+    said = [fit.direction.direction_note] if fit.direction.against_data else []
+    if flat := [f"{where} {_flat(one)}" for where, one in fit.flat]:
+        silent = ""
+        if fit.silent > 0.5:
+            silent = f" (in {percent(fit.silent)} of the posterior no receptor fires in any condition)"
+        said.append(f"the prediction is flat although the ratings differ{silent}: {'; '.join(flat)}")
+    return said
+
+
+def fit_sentence(fit: Fit) -> str:
+    """Describe the share of the differences between ratings that the response explains."""
+    whole = fit.explained[-1]
+    if not np.isfinite(whole.p_value):
+        return "the fit to the ratings cannot be assessed: these data do not show how large the noise is"
+    seen = f"a standard deviation of {whole.visible:.2g} between fabrics would have been detected"
+    if not np.isfinite(whole.share) or not whole.p_value < LEVEL:
+        return f"ratings do not differ between fabrics by more than noise explains (p = {whole.p_value:.2g}; {seen})"
+    return (
+        f"the response explains {_share(whole)} of the differences between fabrics under the same load "
+        f"(standard deviation {whole.spread:.2g} in the {fit.unit}; {seen})"
+    )
+
+
+def silence_note(fit: Fit) -> str:
+    """Describe the share of silence in the posterior and its meaning; empty for little silence or a wrong direction."""
+    if not fit.mostly_silent or fit.direction.against_data:
+        return ""
+    return (
+        f"no receptor fires in {percent(fit.silent_conditions)} of posterior draws and conditions; there the "
+        "model predicts one rating for all fabrics, and only the prior and the absence of firing constrain skin "
+        "and receptors. Check the units of moduli and loads, and whether the priors suit these fingers "
+        "(--priors in-vivo)"
+    )
+
+
+def _flat(one: Explained) -> str:
+    return (
+        f"it explains {_share(one)} of the differences between fabrics, whose mean ratings differ by a "
+        f"standard deviation of {one.spread:.2g} (p = {one.p_value:.1g} under noise alone)"
+    )
+
+
+def _share(one: Explained) -> str:
+    if one.high < 0:
+        return "none"
+    low, share, high = (chance(min(max(value, 0.0), 1.0)) for value in (one.low, one.share, one.high))
+    return share if low == high else f"{share} (90 % interval {low} to {high})"
+
+
+# the fast model, and plate forces
+
+
+def exactness_sentence(exactness: Exactness) -> str:
+    """Describe the difference between fast and exact log-likelihood and its effect on the posterior."""
+    if not exactness.checked:
+        return "Not checked: a first look (--quick) does not compare the fast model with the exact one."
+    most = ""
+    if exactness.shift.size:
+        moved = int(np.abs(exactness.shift).argmax())
+        most = f"; no mean moves by more than {np.abs(exactness.shift[moved]):.1g} sd ({exactness.names[moved]})"
+    error = f" ± {exactness.sd_error:.1g}" if np.isfinite(exactness.sd_error) else ""
+    tail = f", Pareto k {exactness.pareto_k:.2f}" if exactness.sd > HARMLESS else ""
+    verdict = "Exact enough" if exactness.exact_enough else "Not exact enough"
+    return (
+        f"{verdict}: compared with {exactness.rates} and a finer quadrature, the log-likelihood of "
+        f"{exactness.difference.size} draws differs by {exactness.sd:.1g} (sd{error}), {exactness.largest:.1g} at "
+        f"most; importance weights keep {percent(exactness.efficiency, 1)} of the effective sample size{tail}{most}."
+    )
+
+
+def plate_sentence(plate: PlateData) -> str:
+    """Describe the growth of plate forces with indentation beside that of the fitted skin."""
+    if not np.isfinite(plate.force_exponent):
+        return "compression: no finger was pressed to two indentations, so the growth of force cannot be checked"
+    steeper = "steeper than" if plate.force_exponent > HERTZ_EXPONENT else "no steeper than"
+    weak = ""
+    if plate.forces_per_finger < FEW_FORCES:
+        weak = f"; with {plate.forces_per_finger:.2g} forces per finger this check has little power"
+    return (
+        f"compression: force grows as indentation to the power {plate.force_exponent:.2f} ({steeper} Hertz's "
+        f"{HERTZ_EXPONENT}); replicated: {plate.force_exponent_low:.2f} to {plate.force_exponent_high:.2f} (90 %), "
+        f"p = {plate.force_p_value:.2g}{weak}"
+    )
+
+
+# what was learnt
+
+
+def information_sentences(summary: pd.DataFrame) -> list[str]:
+    """Describe which parameters the data determine, partly inform or leave open, and which depend on the prior.
+
+    Parameters
+    ----------
+    summary
+        A table with the columns of `information_table`.
+    """
+    width = np.sqrt((1.0 - summary["contraction"]).clip(lower=0.0))
+    groups = {
+        "determined by the data (posterior sd at most 1/3 of the prior sd)": width <= DETERMINED,
+        f"partly informed by the data (posterior sd at most {INFORMED:g} of the prior sd)": (width > DETERMINED)
+        & (width <= INFORMED),
+        "weakly identified (posteriors nearly as wide as the priors)": width > INFORMED,
+    }
+    lines = [f"{words}: {_listed(width[there], '{:.2g}') or 'none'}" for words, there in groups.items()]
+    pull = summary["psens_prior"][width <= INFORMED]
+    error = 2.0 * summary["psens_prior_mcse"].reindex(pull.index).fillna(0.0)
+    moved, unclear = pull > SENSITIVE + error, (pull - SENSITIVE).abs() <= error
+    if moved.any():
+        named = ", ".join(f"{name} ({pull[name]:.2g})" for name in pull.index[moved])
+        lines.append(
+            f"informed, but prior-sensitive (power-scaling sensitivity above {SENSITIVE} by two standard errors): "
+            f"{named}. Another prior would change these posteriors: justify these priors, or compare runs with other "
+            "priors (--prior). Weakly identified parameters follow their priors in any case"
+        )
+    if unclear.any():
+        named = ", ".join(f"{name} ({pull[name]:.3f} ± {error[name] / 2:.1g})" for name in pull.index[unclear])
+        lines.append(f"prior sensitivity unclear (within two standard errors of {SENSITIVE}): {named}")
+    return lines
+
+
+def _listed(values: pd.Series, form: str) -> str:
+    return ", ".join(f"{name} {form.format(value)}" for name, value in values.items())
+
+
+def direction_sentences(directions: pd.DataFrame) -> list[str]:
+    """Describe the combinations of parameters that the data determine, partly inform, or leave open.
+
+    Parameters
+    ----------
+    directions
+        Table from `direction_table`.
+    """
+    width = directions["width"].astype(float)
+    names = [*directions.columns[1 : directions.columns.get_loc("product")]]
+    lines = []
+    for words, there in {
+        "combinations determined by the data (90 % interval at most 1/3 as wide as under the prior)": (
+            width <= DETERMINED
+        ),
+        f"combinations partly informed by the data (at most {INFORMED:g} as wide)": (
+            (width > DETERMINED) & (width <= INFORMED)
+        ),
+    }.items():
+        if there.any():
+            lines.append(f"{words}:")
+            lines += [f"  {row['meaning'].partition(': ')[2]}" for _, row in directions[there].iterrows()]
+    open_ = directions[~(width <= INFORMED)]
+    if len(open_):
+        share = (open_[names] ** 2).sum().sort_values(ascending=False, kind="stable")
+        of = ", ".join(share.index[share >= min(0.5, share.max())])
+        lines.append(
+            f"weakly identified: {len(open_)} further combination{'s' * (len(open_) > 1)} of {of}, nearly as wide as "
+            "under the prior. Many values of these fit the data equally well. To learn more, measure one of them "
+            "directly; until then report results under several priors (--prior)"
+        )
+    return lines
+
+
+def modulus_sentences(table: pd.DataFrame) -> list[str]:
+    """Describe the moduli that the ratings narrow, and those that they move away from the measured values.
+
+    Parameters
+    ----------
+    table
+        From `modulus_table`.
+    """
+    width = (1.0 - table["contraction"]).clip(lower=0.0) ** 0.5
+    narrowed = [f"{name} (to {share:.2g} of its error)" for name, share in width.items() if share <= INFORMED]
+    which = f": {', '.join(narrowed)}" if narrowed else ""
+    said = [f"fabric moduli: the ratings narrow {len(narrowed)} of {len(table)}{which}"]
+    for name, row in table[table["shift"].abs() >= FAR].iterrows():
+        side = "above" if row["shift"] > 0 else "below"
+        said.append(
+            f"  {name}: {row['median']:.3g} kPa ({row['low']:.3g} to {row['high']:.3g}), "
+            f"{abs(row['shift']):.1f} standard errors {side} the {row['law_median']:.3g} kPa that were "
+            "measured; repeat the measurement"
+        )
+    return said
+
+
+def rater_sentences(table: pd.DataFrame) -> list[str]:
+    """Describe how much raters' fingers or answers differ, without names, which a report may hide.
+
+    Parameters
+    ----------
+    table
+        From `finger_table` or `answer_table`.
+    """
+    said = []
+    for name, part in table.groupby(level="quantity", sort=False):
+        rows = part.droplevel("quantity")
+        anyone, raters = rows.loc[POPULATION], rows.drop(POPULATION)
+        unit, median = PARAMETERS[str(name)].unit, raters["median"]
+        pressed = int(raters["pressed"].sum()) if "pressed" in raters else 0
+        forces = f"; plate forces are available for {pressed} of {len(raters)} raters" if pressed else ""
+        said.append(
+            f"{name} of single raters: medians from {median.min():.3g} to "
+            f"{median.max():.3g}{'' if unit == '–' else f' {unit}'}; 90 % of new raters lie between "
+            f"{anyone['low']:.3g} and {anyone['high']:.3g}{forces}"
+        )
+    return said
+
+
+def shift_sentences(table: pd.DataFrame) -> list[str]:
+    """Describe how far conclusions would shift if moduli taken as exact were wrong.
+
+    Parameters
+    ----------
+    table
+        From `shift_table`; quantities with Monte-Carlo errors of the same size are left out.
+    """
+    clear = clear_shifts(table)
+    if clear.empty:
+        return []
+    *smaller, largest = (f"{100 * error:.0f} %" for error in ERRORS)
+    columns = [shift_column(error) for error in ERRORS]
+    return [
+        f"if the moduli had independent errors of {', '.join(smaller)} or {largest}, posterior means would "
+        "move by these numbers of posterior standard deviations (to first order; larger shifts than "
+        f"{LINEAR:g} are only a rough guide: repeat the run with the errors)",
+        *(f"  {name}: {', '.join(_shifts(row, columns))}" for name, row in clear.iterrows()),
+    ]
+
+
+def _shifts(row: Any, columns: Iterable[str]) -> list[str]:
+    return [
+        f"{row[name]:.2g} ± {row[f'{name}_mcse']:.1g}" if row[name] <= LINEAR else f"more than {LINEAR:g}"
+        for name in columns
+    ]

@@ -1,0 +1,132 @@
+"""The cards of a report: their standing and their words follow from values, and no page searches a text for words."""
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from softness_bayes import report
+from softness_bayes.checking.agreement import Explained, Fit
+from softness_bayes.checking.exactness import compare_likelihoods
+from softness_bayes.checking.modulus_errors import MovedMost
+from softness_bayes.checking.quantities import PLACE, TURNS_OVER
+from softness_bayes.checking.turning_check import FALL, Reproduction
+from softness_bayes.likelihood.directions import FALLS, RISES
+from softness_bayes.provenance import DirectionTaken, NumericalErrors, PlateData
+from softness_bayes.report.cards import (
+    MODEL_FAILED,
+    NOT_CONVERGED,
+    InputErrors,
+    Standing,
+    agreement_card,
+    checks_card,
+    convergence_card,
+    fast_model_card,
+    information_card,
+    input_card,
+    plate_card,
+    turning_card,
+)
+
+GOOD, DOUBTFUL, BAD, NEUTRAL = Standing
+
+
+def fit(share=0.8, p_value=1e-6, against=False):
+    """The card of a fit whose response explains a share of the differences between fabrics."""
+    each = Explained(share, share - 0.1, share + 0.1, 0.5, p_value, 0.1, matters=True)
+    direction = DirectionTaken(FALLS if against else RISES, True, "the reason", direction_of_data=RISES.name)
+    return agreement_card(Fit(direction, ("2 mm",), (each, each), 0.0, 0.0, False, "log rating"))
+
+
+def exactness(sd):
+    theta = np.random.default_rng(1).standard_normal((300, 1))
+    compared = compare_likelihoods(("b",), theta, np.zeros(300), sd * theta[:, 0])
+    return fast_model_card(compared, NumericalErrors(1e-4, 1e-4, "numbers", sd, sd, 1.0, 0.1, False))
+
+
+def turning(*reproduced):
+    loads = [f"{k} mm" for k in range(1, 1 + len(reproduced))]
+    columns = ("p_interior", "p_interior_mcse", "prior_p_interior", "prior_p_interior_mcse")
+    row = pd.Series(dict.fromkeys(("observed", "replicated", "low", "high", "power", "power_mcse"), np.nan))
+    rows = dict.fromkeys((TURNS_OVER, PLACE, FALL), row)
+    judged = [Reproduction(load, one, rows) for load, one in zip(loads, reproduced, strict=True)]
+    return turning_card(judged, pd.DataFrame(0.5, index=loads, columns=[*columns]))
+
+
+def moduli(assumed, p_value, shift=None):
+    return input_card(
+        InputErrors(assumed, p_value, None if shift is None else MovedMost("b", shift), ("moduli: fine",))
+    )
+
+
+def plate(exponent, p_value):
+    return plate_card(PlateData("", 0, 12.0, exponent, 2.0, 2.4, p_value))
+
+
+SUMMARY = pd.DataFrame(
+    {"contraction": [0.99, 0.1], "psens_prior": [0.01, 0.01], "psens_prior_mcse": [0.001, 0.001]}, index=["b", "m"]
+)
+CASES = [
+    (convergence_card(True, "numbers"), GOOD, "Converged"),
+    (convergence_card(False, "numbers"), BAD, "Not converged"),
+    (fit(), GOOD, "Yes"),
+    (fit(share=0.3), DOUBTFUL, "In part"),
+    (fit(share=np.nan), DOUBTFUL, "In part"),
+    (fit(share=-0.2), BAD, "No: the prediction is flat"),
+    (fit(against=True), BAD, "No: wrong direction of the ratings"),
+    (fit(p_value=0.4), NEUTRAL, "Not judged"),
+    (fit(p_value=np.nan), NEUTRAL, "Not judged"),
+    (exactness(1e-3), GOOD, "Exact enough"),
+    (exactness(1.0), BAD, "Not exact enough"),
+    (turning(True, True), GOOD, "Under every load"),
+    (turning(True, None), GOOD, "Under 1 mm; not shown by the ratings under 2 mm"),
+    (turning(None, None), NEUTRAL, "Not shown by the ratings"),
+    (turning(True, False, None), BAD, "Not under 2 mm; not shown by the ratings under 3 mm"),
+    (turning(False), BAD, "Not under 1 mm"),
+    (checks_card((), ("participants: fine", "fabrics: fine")), GOOD, "No other discrepancy"),
+    (checks_card(("nothing else",), ("participants: fine",)), DOUBTFUL, "Not everything"),
+    (moduli(True, 0.4, 1.5), DOUBTFUL, "Yes: the moduli are treated as exact"),
+    (moduli(True, 0.4, 0.1), GOOD, "Hardly"),
+    (moduli(True, 0.4), GOOD, "Hardly"),
+    (moduli(False, 0.4, 1.5), GOOD, "No: errors are included in the model"),
+    (moduli(False, 1e-3), DOUBTFUL, "The ratings show errors"),
+    (information_card(SUMMARY), NEUTRAL, "1 of 2"),
+    (plate(2.2, 0.4), GOOD, "Yes"),
+    (plate(2.2, 1e-3), BAD, "No"),
+    (plate(np.nan, np.nan), NEUTRAL, "Not judged"),
+]
+
+
+@pytest.mark.parametrize(("card", "standing", "answer"), CASES, ids=lambda each: getattr(each, "value", None))
+def test_standing_and_answer_follow_from_the_values(card, standing, answer):
+    assert (card.standing, card.answer) == (standing, answer)
+    assert all(detail.strip() for detail in card.details)
+    for doubt in (NOT_CONVERGED, MODEL_FAILED):
+        doubted = card.doubted(doubt)
+        assert doubted.standing is (DOUBTFUL if standing is GOOD else standing)
+        assert (doubt in doubted.details) == (standing is GOOD)
+        assert doubted.doubted("another") == doubted  # the first doubt stays alone
+
+
+def text_searches(code):
+    """Return what in some code looks for words in text: ``"two words" in text``, ``text.startswith("word")``."""
+    found = []
+    for node in ast.walk(ast.parse(code)):
+        if isinstance(node, ast.Compare) and any(isinstance(op, ast.In | ast.NotIn) for op in node.ops):
+            words = isinstance(node.left, ast.Constant) and isinstance(node.left.value, str) and " " in node.left.value
+            found += [ast.unparse(node)] if words else []
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+            looks = node.func.attr in ("startswith", "endswith", "find", "rfind", "search", "match")
+            found += [ast.unparse(node)] if looks else []
+    return found
+
+
+def test_no_page_searches_a_text_for_words():
+    assert text_searches('clean = all("nothing else" in doubt for doubt in doubts)')
+    assert text_searches('bad = verdict.startswith("Not converged")')
+    # these two read a command line, and names
+    modules = {path.name for path in Path(report.__file__).parent.glob("*.py")} - {"repeat.py", "anonymity.py"}
+    for name in sorted(modules):
+        assert not text_searches((Path(report.__file__).parent / name).read_text(encoding="utf-8")), name
