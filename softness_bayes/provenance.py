@@ -389,7 +389,7 @@ _CODECS: Mapping[str, _Codec] = MappingProxyType(
             lambda value: parse_json(str(value)), lambda value: as_json(value, "options of the run")
         ),
         "tuple[Finding, ...]": _Codec(
-            lambda value: tuple(_finding(one) for one in json.loads(str(value))),
+            lambda value: tuple(_finding(one) for one in parse_json(str(value))),
             lambda value: as_json([_known(one) for one in value], "findings of the run"),
         ),
         "RatingDirection": _Codec(lambda value: direction_named(str(value)), lambda value: value.name),

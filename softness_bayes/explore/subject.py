@@ -21,7 +21,7 @@ from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.declared import Parameter
 from softness_bayes.parameters.fabric_moduli import KPA
 from softness_bayes.parameters.priors import LogNormal, LogUniform, Prior
-from softness_bayes.report.curves import shown
+from softness_bayes.report.charts import shown
 from softness_bayes.results.fitted import Fitted
 from softness_bayes.results.result import Result
 from softness_bayes.touch.contact import Finger, FingerBox, Indentation, Load

@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 from softness_bayes import supplied
-from softness_bayes.checking.fabric_moduli import MODULUS_LAW, modulus_laws
+from softness_bayes.checking.individual import MODULUS_LAW, modulus_laws
 from softness_bayes.checkpoints.manifest import read_manifest, sealed
 from softness_bayes.errors import InputError
 from softness_bayes.provenance import Provenance
