@@ -7,7 +7,9 @@ these files and of itself, so that damaged, exchanged or reordered files raise a
 
 from __future__ import annotations
 
+import csv
 import hashlib
+import io
 import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack, suppress
@@ -18,11 +20,13 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.checkpoints.identity import differences
 from softness_bayes.checkpoints.manifest import read_manifest, sealed
-from softness_bayes.checkpoints.salvage import EarlierState, Whole, kept_states, last_whole, whole_state
-from softness_bayes.checkpoints.status import Status, status_of
+from softness_bayes.checkpoints.records import to_json, unpacked
+from softness_bayes.checkpoints.salvage import EarlierState, Whole, kept_states, last_whole
+from softness_bayes.checkpoints.status import Status, present_status, status_of
+from softness_bayes.checkpoints.stored_state import piece_file, state_file, state_of
 from softness_bayes.checkpoints.vacancy import is_kept, remove_run, require_vacant
-from softness_bayes.checkpoints.words import differences, failure_table
 from softness_bayes.errors import InputError
 from softness_bayes.files.json_text import as_json
 from softness_bayes.files.lock import Lock, require_free
@@ -37,10 +41,9 @@ from softness_bayes.files.run_files import (
     RUN,
 )
 from softness_bayes.files.whole import write_whole
+from softness_bayes.sampler.chains import RunState
 from softness_bayes.sampler.schedule import Schedule
-from softness_bayes.sampler.serial import packed, piece_arrays, state_of, state_values, unpacked
-from softness_bayes.sampler.starts import TargetDensity
-from softness_bayes.sampler.state import RunState
+from softness_bayes.sampler.target import TargetDensity
 
 INTERVAL = 2.0
 """Time [s] between two writes."""
@@ -167,7 +170,7 @@ class Checkpoint:
                 self._manifest, self.damage = _read(self.directory, self._salvage)  # as the last holder left it
                 require_outputs(self.directory, FILES, RUN)
                 self._serial, self._pieces = self._manifest["serial"], list(self._manifest["pieces"])
-                self._earlier = [EarlierState(*one) for one in self._manifest.get("earlier", [])]
+                self._earlier = [EarlierState(*one) for one in self._manifest["earlier"]]
                 self._digests = dict(self._manifest["digests"])
                 if not self.damage:
                     self._tidy()
@@ -204,7 +207,7 @@ class Checkpoint:
         self._description = self._manifest["description"]
         self.require_same(description)
         pieces = [self._unpacked(name) for name in self._pieces]
-        state = state_of(self._manifest["state"], self._unpacked(self._manifest["arrays"]), pieces)
+        state = state_of(self._unpacked(self._manifest["arrays"]), pieces)
         stored = state.chains.log_density.shape[1] if pieces else 0
         self._saved, self._told = (state.phase, state.stride, stored), state.nonfinite.count
         return state
@@ -259,7 +262,7 @@ class Checkpoint:
     def finish(self) -> None:
         """Record that the results of the saved steps are written."""
         if self._manifest is not None:
-            self._replace_manifest({**self._manifest, "written": self._manifest["state"]["steps"]})
+            self._replace_manifest({**self._manifest, "written": self._manifest["status"]["steps"]})
 
     @property
     def description(self) -> Mapping[str, str]:
@@ -284,10 +287,10 @@ class Checkpoint:
         try:
             if state.steps // state.stride > stored:
                 pieces.append(f"piece-{self._serial:07d}.npz")
-                self._write_file(pieces[-1], packed(piece_arrays(state, stored)))
+                self._write_file(pieces[-1], piece_file(state, stored))
             arrays = f"state-{self._serial:07d}.npz"
-            found = {"piloting": schedule.in_pilot(state), "missing": schedule.missing(state)}
-            self._write_file(arrays, packed(whole_state(state, found)))
+            status = present_status(state, schedule, self.request)
+            self._write_file(arrays, state_file(state, status))
             before = [] if self._manifest is None else [EarlierState(self._manifest["arrays"], self._pieces)]
             earlier = kept_states([*self._earlier, *before], pieces)
             names = {*pieces, arrays, *(name for one in earlier for name in (one.arrays, *one.pieces))}
@@ -298,9 +301,7 @@ class Checkpoint:
                     "arrays": arrays,
                     "earlier": earlier,
                     "digests": {name: self._digests[name] for name in sorted(names)},
-                    "state": state_values(state),
-                    **found,
-                    "max_steps": schedule.max_steps // state.stride * state.stride,
+                    "status": to_json(status),
                     "written": self._manifest["written"] if self._manifest is not None else None,
                     "description": self._description,
                     "request": self.request,
@@ -312,7 +313,7 @@ class Checkpoint:
             self._tidy()
         if state.nonfinite.count > self._told:
             self._told = state.nonfinite.count
-            write_outputs(self.directory, {NONFINITE: failure_table(state, target)}, RUN)
+            write_outputs(self.directory, {NONFINITE: _failure_table(state, target)}, RUN)
 
     def _unpacked(self, name: str) -> dict[str, NDArray[Any]]:
         return unpacked(self._home / name, self._digests[name])
@@ -355,3 +356,13 @@ class Checkpoint:
 def _read(directory: Path, salvage: bool) -> Whole:
     """Return the data from which to continue: the files in the manifest, or the last intact state."""
     return last_whole(directory) if salvage else Whole(read_manifest(directory), "")
+
+
+def _failure_table(state: RunState, target: TargetDensity) -> str:
+    """Return the points at which the density could not be computed, in natural units, with the stage that failed."""
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(["stage", *target.names])
+    for failure in state.nonfinite.failures:
+        writer.writerow([failure.stage, *map(repr, target.natural(np.array(failure.point)).tolist())])
+    return buffer.getvalue()

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from softness_bayes.data import Compression, Experiment
 from softness_bayes.errors import InputError
 from softness_bayes.model.posterior import Density
+from softness_bayes.sampler.chains import RunState
 from softness_bayes.sampler.sampling import Settings
-from softness_bayes.sampler.state import RunState
 
 _RELATIVE, _ABSOLUTE = 1e-9, 2e-3
 """Tolerance of a log density. Library versions differ in rounding errors, and integrals over raters' effects by up to
@@ -42,6 +42,12 @@ def identity(
         **choices,
         **settings.description(space.dimension),
     }
+
+
+def differences(then: Mapping[str, str], now: Mapping[str, str]) -> str:
+    """Describe the settings in which a run differs from its start."""
+    names = [name for name in {**then, **now} if then.get(name) != now.get(name)]
+    return "; ".join(f"{n} {then.get(n, 'not given')} (now {now.get(n, 'not given')})" for n in names)
 
 
 def _digests(data: Experiment | Compression) -> dict[str, str]:

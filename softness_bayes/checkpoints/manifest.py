@@ -7,12 +7,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from softness_bayes.checkpoints.records import changed
 from softness_bayes.errors import InputError
 from softness_bayes.files.json_text import as_json, parse_json
 from softness_bayes.files.run_files import CHECKPOINT, MANIFEST
-from softness_bayes.sampler.serial import changed
 
-FORMAT = 2
+FORMAT = 3
 """Version of the checkpoint's layout; other versions are rejected."""
 
 _DIGEST = "sha256"

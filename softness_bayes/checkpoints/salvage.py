@@ -7,20 +7,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from softness_bayes.checkpoints.manifest import read_manifest
+from softness_bayes.checkpoints.records import unpacked
+from softness_bayes.checkpoints.stored_state import status_in
 from softness_bayes.errors import InputError
-from softness_bayes.files.json_text import as_json, parse_json
 from softness_bayes.files.run_files import CHECKPOINT, MANIFEST, MANIFEST_COPY
-from softness_bayes.sampler.serial import state_arrays, state_values, unpacked
-from softness_bayes.sampler.state import RunState
 
 MOST_EARLIER = 8
 """Number of earlier states with the first piece of the last state's chains above which every second one is dropped."""
-
-_VALUES = "values"
 
 
 class Whole(NamedTuple):
@@ -39,12 +33,6 @@ class EarlierState(NamedTuple):
     """Its file."""
     pieces: list[str]
     """Required pieces of the chains, in order."""
-
-
-def whole_state(state: RunState, found: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
-    """Return a state, without its chains, as arrays, together with its entry for the manifest."""
-    values = as_json({**found, "state": state_values(state)}, "state").encode()
-    return {**state_arrays(state), _VALUES: np.frombuffer(values, np.uint8)}
 
 
 def kept_states(earlier: Sequence[EarlierState], pieces: Sequence[str]) -> list[EarlierState]:
@@ -81,7 +69,7 @@ def last_whole(directory: Path) -> Whole:
         said.append(f"{home / MANIFEST}: damaged or missing, and read from its copy")
     digests, broken = manifest["digests"], []
     last = EarlierState(manifest["arrays"], manifest["pieces"])
-    for one in (last, *(EarlierState(*entry) for entry in reversed(manifest.get("earlier", [])))):
+    for one in (last, *(EarlierState(*entry) for entry in reversed(manifest["earlier"]))):
         names = (*one.pieces, one.arrays)
         wrong = next((name for name in names if name in broken or not _is_whole(home / name, digests[name])), None)
         if wrong is None:
@@ -98,19 +86,21 @@ def last_whole(directory: Path) -> Whole:
 
 def _before(manifest: Mapping[str, Any], home: Path, one: EarlierState) -> dict[str, Any]:
     """Return the manifest as it was at an earlier state."""
-    found = parse_json(unpacked(home / one.arrays, manifest["digests"][one.arrays])[_VALUES].tobytes())
+    status = status_in(unpacked(home / one.arrays, manifest["digests"][one.arrays]))
     names = [name for name, _ in manifest["earlier"]]
-    return {**manifest, **found, **one._asdict(), "earlier": manifest["earlier"][: names.index(one.arrays)]}
+    return {**manifest, "status": status, **one._asdict(), "earlier": manifest["earlier"][: names.index(one.arrays)]}
 
 
 def _sentence(said: list[str], manifest: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     if not said:
         return ""
-    then, now = manifest["state"], found["state"]
-    where = f"step {now['steps']}{' of its pilot phase' if found['piloting'] else ''}"
-    lost = then["steps"] - (now["steps"] if now["phase"] == then["phase"] else 0)
-    stage = "" if now["phase"] == then["phase"] else " of a later stage"
-    return f"{'; '.join(said)}; the run continues from {where}, the last intact state: {lost} steps{stage} are lost"
+    then, now = manifest["status"], found["status"]
+    where = "its pilot phase" if now["piloting"] else f"step {now['steps']}"
+    same = now["phase"] == then["phase"]
+    lost = (
+        f"{then['steps'] - now['steps']} steps are lost" if same else f"{then['steps']} steps of a later stage are lost"
+    )
+    return f"{'; '.join(said)}; the run continues from {where}, the last intact state: {lost}"
 
 
 def _is_whole(path: Path, digest: str) -> bool:

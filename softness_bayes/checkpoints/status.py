@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from softness_bayes.checkpoints.manifest import read_manifest
+from softness_bayes.checkpoints.records import from_json
 from softness_bayes.files.lock import is_held
 from softness_bayes.files.run_files import CHECKPOINT, LOCK, MANIFEST
+from softness_bayes.sampler.chains import RunState
 from softness_bayes.sampler.diagnostics import Verdict
-from softness_bayes.sampler.serial import verdict_of
+from softness_bayes.sampler.schedule import Schedule
 
 
 class Status(NamedTuple):
@@ -38,6 +40,8 @@ class Status(NamedTuple):
     """The last convergence check."""
     quick: bool = False
     """True if it is a first look started from the command line."""
+    phase: int = 0
+    """Number of completed stages of the pilot run, including runs that were too slow."""
 
 
 def read_status(directory: str | Path) -> Status:
@@ -55,25 +59,36 @@ def read_status(directory: str | Path) -> Status:
     return status_of(read_manifest(Path(directory)), running)
 
 
-def _quick(request: Any) -> bool:
-    """Return whether the settings of a run, from the command line or Python, are those of a first look."""
-    options = request.get("options") if isinstance(request, dict) else None
-    return isinstance(options, dict) and bool(options.get("quick"))
-
-
 def status_of(manifest: Mapping[str, Any], running: bool) -> Status:
     """Return the status of a run from its manifest."""
-    state, piloting = manifest["state"], manifest["piloting"]
+    status: Status = from_json(Status, manifest["status"])
+    written = not status.piloting and manifest["written"] == status.steps
+    return status._replace(running=running, written=written)
+
+
+def present_status(state: RunState, schedule: Schedule, request: Any) -> Status:
+    """Return the status of a run that has reached a state, before its results are written.
+
+    Parameters
+    ----------
+    state, schedule
+        The state, and the schedule of the run.
+    request
+        The settings requested for the run, from the command line or Python.
+    """
+    piloting = schedule.in_pilot(state)
+    options = request.get("options") if isinstance(request, dict) else None
     return Status(
-        running=running,
+        running=True,
         piloting=piloting,
-        steps=0 if piloting else state["steps"],
-        missing=manifest["missing"],
-        seconds=state["seconds"],
-        failures=state["failures"],
-        ended=state["ended"],
-        written=not piloting and manifest["written"] == state["steps"],
-        max_steps=manifest["max_steps"],
-        verdict=verdict_of(state["verdict"]),
-        quick=_quick(manifest.get("request")),
+        steps=0 if piloting else state.steps,
+        missing=schedule.missing(state),
+        seconds=state.seconds,
+        failures=state.nonfinite.count,
+        ended=state.ended,
+        written=False,
+        max_steps=schedule.max_steps // state.stride * state.stride,
+        verdict=state.verdict,
+        quick=isinstance(options, dict) and bool(options.get("quick")),
+        phase=state.phase,
     )

@@ -42,8 +42,8 @@ from softness_bayes.results.result import Result
 from softness_bayes.results.result_file import SCHEMA
 from softness_bayes.results.stages import Beginning, Listener, Stage, unheard
 from softness_bayes.results.versions import versions
+from softness_bayes.sampler.chains import RunState
 from softness_bayes.sampler.sampling import Progress, progress_of, sampled_of, walk
-from softness_bayes.sampler.state import RunState
 from softness_bayes.sampler.workers import Workers, one_thread
 
 if TYPE_CHECKING:

@@ -15,8 +15,6 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.sampler.starts import TargetDensity
-
 FloatArray = NDArray[np.float64]
 
 _CURVATURE = 0.3  # expected size of a coefficient, in standard deviations
@@ -130,18 +128,6 @@ class TriangularMap:
             np.minimum(np.maximum(t[k], -_REACH), _REACH, out=near[k])
             _extend(features, near, k)
         return t.T
-
-
-@dataclass(frozen=True)
-class Mapped:
-    """A target in the coordinates of a map."""
-
-    target: TargetDensity
-    map: TriangularMap
-
-    def __call__(self, y: FloatArray) -> FloatArray:
-        """Return the log density of the target, in its own coordinates, at map coordinates ``y``."""
-        return self.target(self.map.forward(y))
 
 
 def learn(walks: FloatArray, log_density: FloatArray, tau: float, linear: int = 0) -> TriangularMap:

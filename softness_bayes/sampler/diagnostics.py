@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from softness_bayes.readable import counted, percent
 from softness_bayes.sampler.autocorrelation import autocorrelation_time, indicator_time, own_time
 from softness_bayes.sampler.chain_statistics import ess_bulk, ess_tail, r_hat_between
-from softness_bayes.sampler.starts import NO_STARTS, Starts
 
 FloatArray = NDArray[np.float64]
 
@@ -22,7 +21,28 @@ LOG_POSTERIOR = "log posterior"
 _APART = 1.1  # R-hat of long ensembles above which they are in separate modes
 _LONGER = 10.0  # ratio of the times about the common and individual means above which walkers are in separate modes
 _TELLING = 10.0  # autocorrelation times after which a run provides a bound on its total length
+_UNSEEN = 0.05  # probability of missing a mode for which `Starts.missed` is reported
 _AT_MOST = 2.0  # largest ratio of the final length to the one estimated from there on
+
+
+class Starts(NamedTuple):
+    """Result of the search for starting points."""
+
+    climbs: int = 0
+    """Optimised points."""
+    hopeless: int = 0
+    """Number of optimised points with negligible mass."""
+    modes: int = 0
+    """Number of separate modes among the optimised points of larger mass."""
+
+    @property
+    def missed(self) -> float:
+        """Share p of the basin of a mode that all optimisations miss with probability 5 %: (1 - p)^climbs = 0.05."""
+        return 1.0 if not self.climbs else float(1.0 - _UNSEEN ** (1.0 / self.climbs))
+
+
+NO_STARTS = Starts()
+"""Result for starting points without a search."""
 
 
 @dataclass(frozen=True)

@@ -1,24 +1,24 @@
-"""Proposals of walkers, as values from which emcee's moves are created at the start of a run.
+"""Proposals of walkers.
 
-emcee is imported only at the start of a run. It imports `scipy.stats`, which takes a third of a second, and is needed
-only in the processes that move walkers.
+emcee is imported only where its proposals are drawn. It imports `scipy.stats`, which takes a third of a second, and is
+needed only in the processes that move walkers.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.sampler.adaptation import TriangularMap
 
-if TYPE_CHECKING:
-    from emcee.moves import Move
-
 FloatArray = NDArray[np.float64]
+
+Proposed = tuple[FloatArray, FloatArray]
+"""Proposed points (walkers, dimension), and the log ratio of proposal densities, old over new, shape (walkers,)."""
 
 
 class Mode(NamedTuple):
@@ -41,8 +41,21 @@ class Mode(NamedTuple):
 class Proposal(Protocol):
     """A kind of proposal, whose ``repr`` contains everything that affects the draws."""
 
-    def made(self) -> Move:
-        """Return a new emcee move for this proposal; emcee stores state in its moves."""
+    in_halves: ClassVar[bool]
+    """True if one half of the walkers moves at a time, as proposed from the positions of the other half."""
+
+    def __call__(self, y: FloatArray, random: np.random.RandomState, others: FloatArray) -> Proposed:
+        """Propose points for walkers.
+
+        Parameters
+        ----------
+        y
+            Map coordinates of the walkers, shape (walkers, dimension).
+        random
+            Random generator.
+        others
+            Map coordinates of the other half; without halves, of no walker.
+        """
 
 
 Moves = tuple[tuple[Proposal, float], ...]
@@ -54,12 +67,15 @@ class DifferentialEvolution:
     """Steps of ``factor`` times the difference of two other walkers; by default 2.38 / √(2 dimension)."""
 
     factor: float | None = None
+    in_halves: ClassVar[bool] = True
 
-    def made(self) -> Move:
-        """Create emcee's move."""
+    def __call__(self, y: FloatArray, random: np.random.RandomState, others: FloatArray) -> Proposed:
+        """Propose a point for every walker."""
         from emcee.moves import DEMove
 
-        return DEMove(gamma0=self.factor)
+        move = DEMove(gamma0=self.factor)
+        move.setup(y)
+        return move.get_proposal(y, [others], random)
 
 
 @dataclass(frozen=True)
@@ -70,21 +86,16 @@ class Student:
     """
 
     freedom: float = 5.0
-
-    def made(self) -> Move:
-        """Create emcee's move with this as the proposal function."""
-        from emcee.moves import MHMove
-
-        return MHMove(self)
+    in_halves: ClassVar[bool] = False
 
     def __call__(
-        self, coordinates: FloatArray, random: np.random.RandomState | np.random.Generator
-    ) -> tuple[FloatArray, FloatArray]:
-        """Propose a point for every walker; also return the log ratio of proposal densities, old over new."""
-        shape = coordinates.shape
+        self, y: FloatArray, random: np.random.RandomState | np.random.Generator, others: FloatArray | None = None
+    ) -> Proposed:
+        """Propose a point for every walker."""
+        shape = y.shape
         spread = np.sqrt(random.chisquare(self.freedom, shape[0]) / self.freedom)
         proposed = random.standard_normal(shape) / spread[:, None]
-        return proposed, self.log_density(coordinates) - self.log_density(proposed)
+        return proposed, self.log_density(y) - self.log_density(proposed)
 
     def log_density(self, y: FloatArray) -> FloatArray:
         """Return the log density of Student's t up to a constant, shape (...), at ``y`` of shape (..., dimension)."""
@@ -101,22 +112,17 @@ class StudentBlocks:
 
     share: float = 0.2
     law: Student = Student()
+    in_halves: ClassVar[bool] = False
 
-    def made(self) -> Move:
-        """Create emcee's move with this as the proposal function."""
-        from emcee.moves import MHMove
-
-        return MHMove(self)
-
-    def __call__(self, coordinates: FloatArray, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
-        """Propose a point for every walker; also return the log ratio of proposal densities, old over new."""
-        walkers, dimension = coordinates.shape
+    def __call__(self, y: FloatArray, random: np.random.RandomState, others: FloatArray | None = None) -> Proposed:
+        """Propose a point for every walker."""
+        walkers, dimension = y.shape
         # the choice of a block does not depend on the position, so that its probability cancels in the ratio
-        block = random.uniform(size=coordinates.shape) < self.share
+        block = random.uniform(size=y.shape) < self.share
         block[np.arange(walkers), random.randint(dimension, size=walkers)] = True
-        proposed, _ = self.law(coordinates, random)
-        ratio = self._log_density(coordinates, block) - self._log_density(proposed, block)
-        return np.where(block, proposed, coordinates), ratio
+        proposed, _ = self.law(y, random)
+        ratio = self._log_density(y, block) - self._log_density(proposed, block)
+        return np.where(block, proposed, y), ratio
 
     def _log_density(self, y: FloatArray, block: NDArray[np.bool_]) -> FloatArray:
         """Log density of Student's t in the dimension of each block, up to a constant, shape (walkers,)."""
@@ -137,25 +143,20 @@ class OneAxis:
     law: Student = Student()
     map: TriangularMap | None = field(default=None, repr=False)
     """Map of the walkers' coordinates; without one, these are the axes."""
+    in_halves: ClassVar[bool] = False
 
-    def made(self) -> Move:
-        """Create emcee's move with this as the proposal function."""
-        from emcee.moves import MHMove
-
-        return MHMove(self)
-
-    def __call__(self, coordinates: FloatArray, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
-        """Propose a point for every walker; also return the log ratio of proposal densities, old over new."""
-        walkers, dimension = coordinates.shape
+    def __call__(self, y: FloatArray, random: np.random.RandomState, others: FloatArray | None = None) -> Proposed:
+        """Propose a point for every walker."""
+        walkers, dimension = y.shape
         known = self.map or TriangularMap.identity(dimension)
-        each, weight = np.arange(walkers), np.cumsum(_outlying(coordinates), axis=-1)
+        each, weight = np.arange(walkers), np.cumsum(_outlying(y), axis=-1)
         place = (weight < random.uniform(size=(walkers, 1)) * weight[:, -1:]).sum(axis=-1)
         value, _ = self.law(np.zeros((walkers, 1)), random)
         value = value[:, 0] * np.where(random.uniform(size=walkers) < 0.5, 1.0, self.wide)
-        proposed = known.with_one(coordinates, place, value)
+        proposed = known.with_one(y, place, value)
         # the same axis has another probability to be chosen on the way back
-        there = self._log_density(value) + _log_chosen(coordinates, place)
-        back = self._log_density(coordinates[each, place]) + _log_chosen(proposed, place)
+        there = self._log_density(value) + _log_chosen(y, place)
+        back = self._log_density(y[each, place]) + _log_chosen(proposed, place)
         return proposed, back - there
 
     def _log_density(self, y: FloatArray) -> FloatArray:
@@ -185,21 +186,16 @@ class StudentModes:
 
     law: Student
     modes: tuple[Mode, ...]
+    in_halves: ClassVar[bool] = False
 
-    def made(self) -> Move:
-        """Create emcee's move with this as the proposal function."""
-        from emcee.moves import MHMove
-
-        return MHMove(self)
-
-    def __call__(self, coordinates: FloatArray, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
-        """Propose a point for every walker; also return the log ratio of proposal densities, old over new."""
-        chosen = random.randint(len(self.modes), size=len(coordinates))
-        u, _ = self.law(coordinates, random)
-        proposed = np.empty_like(coordinates)
+    def __call__(self, y: FloatArray, random: np.random.RandomState, others: FloatArray | None = None) -> Proposed:
+        """Propose a point for every walker."""
+        chosen = random.randint(len(self.modes), size=len(y))
+        u, _ = self.law(y, random)
+        proposed = np.empty_like(y)
         for k, mode in enumerate(self.modes):
             proposed[chosen == k] = mode.forward(u[chosen == k])
-        return proposed, self._log_density(coordinates) - self._log_density(proposed)
+        return proposed, self._log_density(y) - self._log_density(proposed)
 
     def _log_density(self, y: FloatArray) -> FloatArray:
         of_each = [self.law.log_density(mode.inverse(y)) - mode.own.log_volume for mode in self.modes]

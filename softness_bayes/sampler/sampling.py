@@ -14,38 +14,24 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import chain
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.ranges import PROCESSES, STEPS
-from softness_bayes.sampler.adaptation import Mapped, TriangularMap
-from softness_bayes.sampler.chains import Chains, Segment
+from softness_bayes.sampler.chains import Chains, RunState
 from softness_bayes.sampler.diagnostics import Verdict
-from softness_bayes.sampler.first_state import place_walkers, watched
-from softness_bayes.sampler.moves import (
-    FIRST_MOVES,
-    MANY_DIMENSIONS,
-    MANY_DIMENSIONS_MOVES,
-    MOVES,
-    Mode,
-    Moves,
-    fitted,
-)
+from softness_bayes.sampler.ensembles import advance
+from softness_bayes.sampler.moves import FIRST_MOVES, MANY_DIMENSIONS, MANY_DIMENSIONS_MOVES, MOVES, Moves
 from softness_bayes.sampler.schedule import Schedule
-from softness_bayes.sampler.side_by_side import Density, side_by_side
-from softness_bayes.sampler.starts import TargetDensity
-from softness_bayes.sampler.state import EnsembleState, RunState
+from softness_bayes.sampler.starts import place_walkers, watched
+from softness_bayes.sampler.target import TargetDensity
 from softness_bayes.sampler.workers import Workers, available_processors
-
-FloatArray = NDArray[np.float64]
 
 MANY_WALKERS = 80
 """Default number of walkers, four per dimension, is capped at this value unless the moves require more."""
@@ -72,7 +58,7 @@ class Settings(Schedule):
         Number of worker processes; by default one per ensemble or processor, whichever is fewer. The draws do not
         depend on it.
     together
-        Number of ensembles that walk side by side in a process, so that one call evaluates the points of all.
+        Number of ensembles that walk together in a process, so that one call evaluates the points of all.
     optima
         Number of optimised points about which the walkers of an ensemble start.
     first_moves, moves
@@ -153,62 +139,6 @@ class Sampled(NamedTuple):
     """All stored steps, including the burn-in of the verdict."""
     verdict: Verdict
     """The last convergence check."""
-
-
-def advance(
-    target: TargetDensity,
-    states: Sequence[EnsembleState],
-    steps: int,
-    moves: Moves,
-    map: TriangularMap,
-    stride: int = 1,
-    modes: Sequence[TriangularMap] = (),
-) -> list[tuple[EnsembleState, Segment]]:
-    """Advance ensembles side by side; two calls give bitwise the same result as one call over all steps.
-
-    Parameters
-    ----------
-    target
-        Density to sample.
-    states
-        States of the ensembles.
-    steps
-        Number of steps, a multiple of ``stride``.
-    moves
-        Proposals with their probabilities.
-    map
-        Coordinates in which the moves are made.
-    stride
-        Number of steps per stored step.
-    modes
-        Maps of the density's modes, if it has several.
-    """
-    own_moves = fitted(moves, map, [Mode(map, own) for own in modes])
-    walks = [partial(_walked, state, steps // stride, stride, own_moves) for state in states]
-    walked = side_by_side(Mapped(target, map), walks)
-    return [(state, segment._replace(coordinates=map.forward(segment.coordinates))) for state, segment in walked]
-
-
-def _walked(
-    state: EnsembleState, stored: int, stride: int, moves: Moves, density: Density, stepped: Callable[[], None]
-) -> tuple[EnsembleState, Segment]:
-    """Advance one ensemble in map coordinates; `stepped` is called after every stored step."""
-    import emcee  # see `moves`
-
-    made = [(proposal.made(), share) for proposal, share in moves]
-    sampler = emcee.EnsembleSampler(*state.coordinates.shape, density, moves=made, vectorize=True)
-    # emcee's wrapper prints whatever is raised, an interrupt too, with all points
-    sampler.log_prob_fn = density
-    # emcee accepts any state, and silently uses NumPy's global generator if it is invalid
-    sampler.random_state = state.random
-    if not _same_random(sampler.random_state, state.random):
-        raise NumericalError("the state of the random generator was not accepted")
-    first = emcee.State(state.coordinates, log_prob=state.log_density, random_state=state.random)
-    for last in sampler.sample(first, iterations=stored, thin_by=stride, skip_initial_state_check=True):  # noqa: B007
-        stepped()
-    accepted = np.asarray(sampler.backend.accepted, dtype=np.int64)
-    segment = Segment(sampler.get_chain(), sampler.get_log_prob(), accepted)
-    return EnsembleState(last.coords, last.log_prob, last.random_state), segment
 
 
 def walk(
@@ -317,7 +247,3 @@ def _advance(workers: Workers, settings: Settings, state: RunState, steps: int) 
     return replace(
         state, steps=state.steps + steps, ensembles=ensembles, parts=parts, nonfinite=state.nonfinite + found
     )
-
-
-def _same_random(one: tuple[Any, ...], other: tuple[Any, ...]) -> bool:
-    return all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))

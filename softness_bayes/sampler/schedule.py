@@ -13,11 +13,10 @@ import numpy as np
 
 from softness_bayes.errors import InputError
 from softness_bayes.sampler.autocorrelation import own_time
-from softness_bayes.sampler.chains import Segment
+from softness_bayes.sampler.chains import RunState, Segment
 from softness_bayes.sampler.diagnostics import LOG_POSTERIOR, Goal, Verdict, look
 from softness_bayes.sampler.modes import labels, learn_modes
-from softness_bayes.sampler.starts import TargetDensity, linear_coordinates
-from softness_bayes.sampler.state import RunState
+from softness_bayes.sampler.target import TargetDensity, linear_coordinates
 
 APART = 0.05
 """Smallest number of steps between two checks, as a share of the run."""

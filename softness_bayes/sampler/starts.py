@@ -1,4 +1,4 @@
-"""Starting points of walkers, scattered about several optima, each found from a different prior draw.
+"""First state of a run: walkers scattered about several optima, each found from a different prior draw.
 
 A local optimum is weighted by its mass in the Laplace approximation, a normal law of the same height and curvature. The
 height alone is not informative, because a narrow mode can be much higher than a wide one of the same mass.
@@ -6,14 +6,19 @@ height alone is not informative, because a narrow mode can be much higher than a
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import NamedTuple, Protocol, runtime_checkable
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from softness_bayes.errors import NumericalError
+from softness_bayes.sampler.adaptation import TriangularMap
+from softness_bayes.sampler.chains import EnsembleState, RunState, random_state
+from softness_bayes.sampler.diagnostics import Starts
+from softness_bayes.sampler.target import HasSamplingForm, Nonfinite, TargetDensity, watching
+from softness_bayes.sampler.workers import Workers
 
 FloatArray = NDArray[np.float64]
 
@@ -31,43 +36,8 @@ _WIDEN = 2.0  # width of the starting points relative to that given by the curva
 _LEAST_CURVATURE = 0.25  # smallest curvature, that of a factor of e²
 _DEPTH = 20.0  # depth below its optimum, plus ten per parameter, at which a walker is moved towards it
 _LAPLACE_ERROR = 7.0  # error of a log mass: on the shipped data, optima on one ridge differ by up to five
-_UNSEEN = 0.05  # probability of missing a mode for which `Starts.missed` is reported
 _BARRIER = 5.0  # depth of a dip in log density that separates two modes
 _ON_THE_WAY = np.linspace(0.0, 1.0, 9)[1:-1, None]
-
-
-class TargetDensity(Protocol):
-    """A density to sample, in coordinates that are unbounded on every axis."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the parameters."""
-
-    def natural(self, z: FloatArray) -> FloatArray:
-        """Parameters [natural units] at coordinates ``z``, both of shape (..., dimension)."""
-
-    def __call__(self, z: FloatArray) -> FloatArray:
-        """Log density, shape (points,), at ``z`` of shape (points, dimension)."""
-
-    def draw_start(self, rng: np.random.Generator, size: int) -> FloatArray:
-        """Draw dispersed points of finite density from which optimisations may start, shape (size, dimension)."""
-
-
-@runtime_checkable
-class HasSamplingForm(Protocol):
-    """A target with a form of its own for sampling."""
-
-    @property
-    def for_sampling(self) -> TargetDensity:
-        """The same density, which may be less accurate where it is too small to matter."""
-
-
-def linear_coordinates(target: TargetDensity) -> int:
-    """Return the number of last coordinates that a target declares to be nearly linear in the others; by default 0.
-
-    A map has fewer coefficients for these (`adaptation.TriangularMap.fit`).
-    """
-    return int(getattr(target, "n_linear", 0))
 
 
 class Optimum(NamedTuple):
@@ -87,26 +57,6 @@ class Optimum(NamedTuple):
     def log_mass(self) -> float:
         """Logarithm of the mass of the matching normal law, up to the same constant."""
         return self.log_density + self.log_volume
-
-
-class Starts(NamedTuple):
-    """Result of the search for starting points."""
-
-    climbs: int = 0
-    """Optimised points."""
-    hopeless: int = 0
-    """Number of optimised points with negligible mass."""
-    modes: int = 0
-    """Number of separate modes among the optimised points of larger mass."""
-
-    @property
-    def missed(self) -> float:
-        """Share p of the basin of a mode that all optimisations miss with probability 5 %: (1 - p)^climbs = 0.05."""
-        return 1.0 if not self.climbs else float(1.0 - _UNSEEN ** (1.0 / self.climbs))
-
-
-NO_STARTS = Starts()
-"""Result for starting points without a search."""
 
 
 def find_optimum(target: TargetDensity, rng: np.random.Generator, best: bool = True) -> Optimum:
@@ -222,3 +172,79 @@ def _curvature(target: TargetDensity, point: FloatArray) -> FloatArray:
 def _inverse_root(curvature: FloatArray) -> FloatArray:
     size, vectors = np.linalg.eigh(0.5 * (curvature + curvature.T))
     return vectors / np.sqrt(np.maximum(size, _LEAST_CURVATURE))
+
+
+def place_walkers(
+    workers: Workers, seed: np.random.SeedSequence, ensembles: int, walkers: int, optima: int, first_look: int
+) -> RunState:
+    """Return the state from which a run starts.
+
+    Parameters
+    ----------
+    workers
+        Processes with the target as their resident object.
+    seed
+        Seed of all random numbers; each ensemble and each optimisation uses a child of it.
+    ensembles, walkers, optima
+        Numbers of ensembles, of walkers per ensemble, and of optimised points about which these start.
+    first_look
+        Step of the first convergence check.
+
+    Raises
+    ------
+    NumericalError
+        If the density is zero at all starting points.
+    """
+    # children by key, not by spawn(), whose result depends on how often it was called before
+    seeds = [
+        [np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, e, k)) for k in range(optima + 2)]
+        for e in range(ensembles)
+    ]
+    climbs, failed = watched(workers, [(_climb, climb, k == 0) for own in seeds for k, climb in enumerate(own[2:])])
+    climbed = iter(climbs)
+    own_climbs = [[next(climbed) for _ in own[2:]] for own in seeds]
+    groups = worth_starting_from(own_climbs)
+    hopeful = {id(o): o for group in groups for o in group}
+    (modes,), compared = watched(workers, [(separate, list(hopeful.values()))])
+    maps = tuple(TriangularMap.affine(mode.point, mode.root) for mode in modes)
+    tasks = [(_place, *own[:2], group, walkers) for own, group in zip(seeds, groups, strict=True)]
+    placed, lost = watched(workers, tasks)
+    return RunState(
+        phase=0,
+        steps=0,
+        stride=1,
+        due=first_look,
+        ensembles=tuple(placed),
+        map=TriangularMap.identity(placed[0].coordinates.shape[1]),
+        parts=tuple(() for _ in placed),
+        modes=maps if len(maps) > 1 else (),
+        starts=Starts(len(climbs), len(climbs) - len(hopeful), len(maps)),
+        nonfinite=failed + compared + lost,
+    )
+
+
+def watched(workers: Workers, tasks: list[tuple[Any, ...]]) -> tuple[list[Any], Nonfinite]:
+    """Return the results of tasks (work, argument, ...), and the points at which the density could not be computed."""
+    done = workers.map(_watch, tasks)
+    return [value for value, _ in done], sum((found for _, found in done), Nonfinite())
+
+
+def _watch(target: TargetDensity, work: Callable[..., Any], *task: Any) -> tuple[Any, Nonfinite]:
+    return watching(work, target.for_sampling if isinstance(target, HasSamplingForm) else target, *task)
+
+
+def _climb(target: TargetDensity, seed: np.random.SeedSequence, best: bool) -> Optimum:
+    return find_optimum(target, np.random.default_rng(seed), best)
+
+
+def _place(
+    target: TargetDensity,
+    seed: np.random.SeedSequence,
+    walking: np.random.SeedSequence,
+    optima: list[Optimum],
+    walkers: int,
+) -> EnsembleState:
+    points, density = scatter(target, np.random.default_rng(seed), optima, walkers)
+    if not np.isfinite(density).any():
+        raise NumericalError("every walker starts where the probability is zero")
+    return EnsembleState(points, density, random_state(np.random.RandomState(np.random.MT19937(walking))))

@@ -1,6 +1,7 @@
 """What a checkpoint survives: kills, full disks, a second process, other data; and what a continued run draws."""
 
 import errno
+import io
 import itertools
 import json
 import os
@@ -19,14 +20,14 @@ from softness_bayes.checkpoints import checkpoint as storage
 from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.checkpoints.manifest import read_manifest
 from softness_bayes.checkpoints.status import read_status
+from softness_bayes.checkpoints.stored_state import piece_file
 from softness_bayes.errors import InputError, LockedError
 from softness_bayes.files import whole
 from softness_bayes.files.lock import Lock, is_held
 from softness_bayes.files.outputs import write_outputs
 from softness_bayes.sampler.chains import Segment
-from softness_bayes.sampler.nonfinite import Failure, Nonfinite
 from softness_bayes.sampler.sampling import walk
-from softness_bayes.sampler.serial import piece_arrays
+from softness_bayes.sampler.target import Failure, Nonfinite
 from support.full_disk import fill_disk
 from support.killable import SEED, WHAT, follow, settings
 from support.killable import fake_posterior as posterior_of_the_fake
@@ -258,7 +259,7 @@ def test_a_save_copies_only_the_steps_since_the_last_one(states):
         for e in range(len(chains.log_density))
     )
     for first in (0, 3, 7, 9, stored - 1):
-        piece = piece_arrays(replace(state, parts=parts), first)
+        piece = np.load(io.BytesIO(piece_file(replace(state, parts=parts), first)))
         np.testing.assert_array_equal(piece["coordinates"], chains.coordinates[:, first:])
         np.testing.assert_array_equal(piece["log_density"], chains.log_density[:, first:])
     last = Segment.after(parts[0], stored - 1)
@@ -403,7 +404,7 @@ def test_pieces_and_states_are_those_of_the_run_and_in_its_order(tmp_path, state
     for change in (
         text.replace(pieces[1], "aside").replace(pieces[2], pieces[1]).replace("aside", pieces[2]),
         text.replace('"steps": ', '"steps": 1'),
-        text.replace('"format": 2', '"format": 2, "more": 1'),
+        text.replace('"format": 3', '"format": 3, "more": 1'),
     ):
         assert change != text
         manifest.write_text(change)
@@ -432,7 +433,7 @@ def test_every_entry_of_the_manifest_is_missed(tmp_path, states):
     for name in manifest:
         path.write_text(json.dumps({key: value for key, value in manifest.items() if key != name}))
         for read in (load, read_status):
-            with pytest.raises(InputError, match=r"manifest\.json: (damaged|not a checkpoint of format 2)"):
+            with pytest.raises(InputError, match=r"manifest\.json: (damaged|not a checkpoint of format 3)"):
                 read(tmp_path)
     path.write_text(json.dumps(manifest))  # other white space
     same(load(tmp_path), states[4])

@@ -6,7 +6,7 @@ import pytest
 
 from softness_bayes.checkpoints import checkpoint as storage
 from softness_bayes.checkpoints.checkpoint import Checkpoint
-from softness_bayes.checkpoints.manifest import read_manifest, sealed
+from softness_bayes.checkpoints.manifest import read_manifest
 from softness_bayes.checkpoints.salvage import MOST_EARLIER, EarlierState, kept_states
 from softness_bayes.errors import InputError, LockedError
 from softness_bayes.files.lock import Lock
@@ -72,17 +72,17 @@ def test_a_run_goes_on_from_its_last_whole_state(run, states, part, damage):
     opened = Checkpoint.open(run, salvage=True)
     assert {file.name: file.read_bytes() for file in home.iterdir()} == before  # looking changes nothing
     assert str(path) in opened.damage
-    steps = opened._manifest["state"]["steps"]
-    assert f"continues from step {steps}" in opened.damage
+    reached, left = kept["status"]["steps"], opened.status.steps
+    assert f"continues from step {left}" in opened.damage
     if part == "first piece":  # of the last stage nothing is left, of the one before all
-        assert opened._manifest["state"]["phase"] < kept["state"]["phase"]
-        assert f"the last intact state: {kept['state']['steps']} steps of a later stage are lost" in opened.damage
+        assert opened.status.phase < kept["status"]["phase"]
+        assert f"the last intact state: {reached} steps of a later stage are lost" in opened.damage
     else:
-        assert f": {kept['state']['steps'] - steps} steps are lost" in opened.damage
-        assert (kept["state"]["steps"] == steps) == (part == "manifest.json")
+        assert f": {reached - left} steps are lost" in opened.damage
+        assert (reached == left) == (part == "manifest.json")
     said, begun, last = continued(run)
     assert said == opened.damage
-    assert begun.steps == steps
+    assert begun.steps == left
     same_draws(last, states[-1])
 
 
@@ -107,19 +107,6 @@ def test_where_nothing_is_whole_the_run_is_refused_by_name(run):
         cut(home / name)
     with pytest.raises(InputError, match=r"manifest\.json: not a manifest"):
         Checkpoint.open(run, salvage=True)
-
-
-def test_a_checkpoint_without_earlier_states_is_read(run, states):
-    home, kept = run / "checkpoint", read_manifest(run)
-    named = [*kept["pieces"], kept["arrays"]]
-    old = {**kept, "digests": {name: kept["digests"][name] for name in named}}
-    del old["earlier"]
-    (home / "manifest.json").write_bytes(sealed(old))
-    (home / "manifest-copy.json").unlink()
-    said, begun, last = continued(run)
-    assert said == ""
-    assert begun.steps == kept["state"]["steps"]
-    same_draws(last, states[-1])
 
 
 def test_a_run_that_another_process_holds_is_not_looked_at(run):

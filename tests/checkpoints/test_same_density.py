@@ -15,8 +15,8 @@ from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.sampler.adaptation import TriangularMap
+from softness_bayes.sampler.chains import EnsembleState
 from softness_bayes.sampler.sampling import Settings
-from softness_bayes.sampler.state import EnsembleState
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
 from softness_bayes.touch.readings import MENDED

@@ -126,7 +126,7 @@ def test_a_killed_run_is_reported_on_continued_and_draws_what_an_uninterrupted_o
     # as if it had converged at its last step: there is nothing to do unless its results were lost
     manifest = copied / "checkpoint" / "manifest.json"
     kept = read_manifest(copied)
-    kept["state"]["verdict"]["looks_passed"] = 2
+    kept["status"]["verdict"]["looks_passed"] = 2
     manifest.write_bytes(sealed(kept))
     before = (copied / "posterior.nc").read_bytes()
     again = call("resume", copied)

@@ -1,7 +1,5 @@
 """What convergence takes: each part of it, on walks made to fail that part."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -9,7 +7,6 @@ from oracles.autoregressive import autoregressive, walks
 from softness_bayes import arviz_bridge
 from softness_bayes.sampler.chain_statistics import r_hat_between
 from softness_bayes.sampler.diagnostics import Goal, look, tau_change
-from softness_bayes.sampler.serial import _verdict_values, verdict_of
 
 NAMES = ("b", "log posterior")
 
@@ -136,16 +133,6 @@ def test_a_stuck_walker_is_named():
     assert verdict.stuck == 1
     assert not verdict.converged
     assert "1 walker never moved" in verdict.sentence()
-
-
-def test_a_verdict_of_an_earlier_version_which_had_a_time_for_each_ensemble_is_read():
-    verdict = judged(autoregressive(np.random.default_rng(8), (4, 400, 20, 2), 5.0), [300, 400])
-    values = json.loads(json.dumps(_verdict_values(verdict)))
-    assert verdict_of(values).sentence() == verdict.sentence()
-    earlier = {name: value for name, value in values.items() if name not in ("ensembles", "own")}
-    read = verdict_of({**earlier, "tau": (np.array([0.9, 1.0, 0.8, 0.7])[:, None] * verdict.tau).tolist()})
-    np.testing.assert_allclose(read.tau, verdict.tau)
-    assert read.sentence() == verdict.sentence()
 
 
 @pytest.mark.parametrize(("times", "bounded"), [(4, False), (20, True), (30, True)])

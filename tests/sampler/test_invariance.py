@@ -47,8 +47,10 @@ class CorrelatedNormal:
 class Snooker:
     """emcee's snooker move."""
 
-    def made(self):
-        return DESnookerMove()
+    in_halves = True
+
+    def __call__(self, y, random, others):
+        return DESnookerMove().get_proposal(y, np.array_split(others, 3), random)
 
 
 def spread_in_errors(target, moves, steps):

@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
+from softness_bayes.checkpoints.records import unpacked
+from softness_bayes.checkpoints.status import present_status
+from softness_bayes.checkpoints.stored_state import state_file, state_of
 from softness_bayes.sampler.adaptation import TriangularMap
-from softness_bayes.sampler.diagnostics import ModeShare
+from softness_bayes.sampler.diagnostics import ModeShare, Starts
 from softness_bayes.sampler.modes import labels, learn_modes
 from softness_bayes.sampler.moves import Mode, Student, StudentModes
 from softness_bayes.sampler.sampling import walk
-from softness_bayes.sampler.serial import packed, state_arrays, state_of, state_values, unpacked
-from softness_bayes.sampler.starts import Optimum, Starts, find_optimum, separate, worth_starting_from
+from softness_bayes.sampler.starts import Optimum, find_optimum, separate, worth_starting_from
 from support.several_modes import (
     DIMENSION,
     FAR,
@@ -121,12 +123,11 @@ def test_a_run_with_modes_goes_on_bit_by_bit_from_what_a_checkpoint_holds(tmp_pa
     states = [*walk(target, settings(**limits), 3)]
     assert len(states[-1].modes) == 2
     for state in (states[0], next(s for s in states if s.phase == 2 and not s.steps)):
-        content = packed(state_arrays(state))
+        content = state_file(state, present_status(state, settings(**limits), None))
         (tmp_path / "state.npz").write_bytes(content)
-        digest = hashlib.sha256(content).hexdigest()
-        again = state_of(state_values(state), unpacked(tmp_path / "state.npz", digest), [])
+        again = state_of(unpacked(tmp_path / "state.npz", hashlib.sha256(content).hexdigest()), [])
         assert again.starts == state.starts
-        *_, resumed = walk(target, settings(**limits), 3, replace(state, modes=again.modes, map=again.map))
+        *_, resumed = walk(target, settings(**limits), 3, again)
         np.testing.assert_array_equal(resumed.chains.coordinates, states[-1].chains.coordinates)
         assert resumed.verdict.shares == states[-1].verdict.shares
 

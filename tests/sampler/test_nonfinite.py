@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from softness_bayes.errors import NumericalError
-from softness_bayes.sampler.nonfinite import KEPT, Failure, Nonfinite, Watched, watching
 from softness_bayes.sampler.sampling import Settings, progress_of, sample_until, walk
+from softness_bayes.sampler.target import KEPT, Failure, Nonfinite, Watched, watching
 from support.fake_scene import FakeScene, fake_posterior
 
 SHORT = Settings(ensembles=2, walkers=12, pilot=(20,), round_steps=20, max_steps=60, processes=1, failures=1.0)

@@ -7,12 +7,13 @@ from functools import cache
 
 import numpy as np
 import pytest
-from emcee.moves import MHMove
 from numpy.testing import assert_allclose
 from scipy.stats import multivariate_t
 
 from softness_bayes.sampler import moves as moves_module
 from softness_bayes.sampler.adaptation import TriangularMap
+from softness_bayes.sampler.chains import EnsembleState
+from softness_bayes.sampler.ensembles import advance
 from softness_bayes.sampler.moves import (
     MANY_DIMENSIONS_MOVES,
     DifferentialEvolution,
@@ -21,8 +22,7 @@ from softness_bayes.sampler.moves import (
     StudentBlocks,
     fitted,
 )
-from softness_bayes.sampler.sampling import Settings, advance
-from softness_bayes.sampler.state import EnsembleState
+from softness_bayes.sampler.sampling import Settings
 
 DIMENSION, WALKERS, STEPS = 30, 1000, 40
 CORRELATION = 0.3
@@ -61,11 +61,10 @@ class Careless:
 
     of: StudentBlocks | OneAxis
 
-    def made(self):
-        return MHMove(self)
+    in_halves = False
 
-    def __call__(self, coordinates, random):
-        proposed, ratio = self.of(coordinates, random)
+    def __call__(self, y, random, others):
+        proposed, ratio = self.of(y, random)
         return proposed, np.zeros_like(ratio)
 
 

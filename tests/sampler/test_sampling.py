@@ -14,10 +14,11 @@ from scipy import stats
 from softness_bayes.errors import InputError, NumericalError, SoftnessError
 from softness_bayes.sampler import sampling, schedule
 from softness_bayes.sampler.adaptation import TriangularMap
-from softness_bayes.sampler.chains import Chains, Segment
+from softness_bayes.sampler.chains import Chains, EnsembleState, Segment
 from softness_bayes.sampler.diagnostics import Goal
+from softness_bayes.sampler.ensembles import advance
 from softness_bayes.sampler.moves import MOVES, Student
-from softness_bayes.sampler.sampling import EnsembleState, Settings, advance, sample_until, walk
+from softness_bayes.sampler.sampling import Settings, sample_until, walk
 from softness_bayes.sampler.starts import Optimum, find_optimum, scatter, worth_starting_from
 from softness_bayes.sampler.workers import Workers
 from support.fake_scene import fake_posterior
@@ -81,14 +82,6 @@ def test_numpys_global_generator_is_neither_used_nor_moved():
     np.testing.assert_array_equal(np.random.get_state()[1], before)  # noqa: NPY002
     np.testing.assert_array_equal(walks[0], walks[1])
     assert not np.array_equal(walks[0], walks[2])
-
-
-def test_a_random_state_that_emcee_would_ignore_is_an_error():
-    target = Target(normal)
-    for nonsense in (("MT19937", np.arange(5), 0, 0, 0.0), (7, 1, 2, 3, 4)):
-        wrong = state(target)._replace(random=nonsense)
-        with pytest.raises(NumericalError, match="random generator"):
-            advance(target, [wrong], 5, MOVES, TriangularMap.identity(2))
 
 
 def test_draws_depend_on_the_seed_and_not_on_the_processes():

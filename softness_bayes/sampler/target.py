@@ -1,4 +1,4 @@
-"""Handling of points at which a density could not be computed: counted, recorded, and assigned zero density."""
+"""The density to sample, and the points at which it could not be computed: counted, recorded, of zero density."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.errors import NumericalError
-from softness_bayes.sampler.starts import TargetDensity
 
 FloatArray = NDArray[np.float64]
 Value = TypeVar("Value")
@@ -19,6 +18,40 @@ KEPT = 1000
 """Largest number of points kept in a record; further ones are only counted."""
 
 _LEAST = 10_000  # smallest denominator of the share of failures, so that a few failures are always allowed
+
+
+class TargetDensity(Protocol):
+    """A density to sample, in coordinates that are unbounded on every axis."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+
+    def natural(self, z: FloatArray) -> FloatArray:
+        """Parameters [natural units] at coordinates ``z``, both of shape (..., dimension)."""
+
+    def __call__(self, z: FloatArray) -> FloatArray:
+        """Log density, shape (points,), at ``z`` of shape (points, dimension)."""
+
+    def draw_start(self, rng: np.random.Generator, size: int) -> FloatArray:
+        """Draw dispersed points of finite density from which optimisations may start, shape (size, dimension)."""
+
+
+@runtime_checkable
+class HasSamplingForm(Protocol):
+    """A target with a form of its own for sampling."""
+
+    @property
+    def for_sampling(self) -> TargetDensity:
+        """The same density, which may be less accurate where it is too small to matter."""
+
+
+def linear_coordinates(target: TargetDensity) -> int:
+    """Return the number of last coordinates that a target declares to be nearly linear in the others; by default 0.
+
+    A map has fewer coefficients for these (`adaptation.TriangularMap.fit`).
+    """
+    return int(getattr(target, "n_linear", 0))
 
 
 @runtime_checkable
