@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
     from softness_bayes.checking.ranks import Replicate
-    from softness_bayes.data.decimals import Marks
+    from softness_bayes.data.tables import Marks
     from softness_bayes.runs.calibrated import Calibrated
 
 

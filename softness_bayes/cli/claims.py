@@ -18,7 +18,7 @@ from softness_bayes.ranges import PRIOR_DRAWS
 
 if TYPE_CHECKING:
     from softness_bayes.data import Fabrics, Ratings
-    from softness_bayes.data.decimals import Marks
+    from softness_bayes.data.tables import Marks
     from softness_bayes.parameters.priors import Prior
     from softness_bayes.touch.contact import Load
     from softness_bayes.touch.readings import Readings

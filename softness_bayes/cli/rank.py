@@ -48,7 +48,7 @@ def command(
     with the same rating in a draw are tied and share their ranks equally; this includes all fabrics for which no
     receptor fires. DIR is a run of 'sample'.
     """
-    from softness_bayes.data.observed_order import read_order
+    from softness_bayes.data.lists import read_order
     from softness_bayes.files.outputs import require_outputs, write_outputs
     from softness_bayes.files.spreadsheet import csv_of
     from softness_bayes.plotting.style import files_of

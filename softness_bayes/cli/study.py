@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
     from softness_bayes.data import Compression, Experiment
-    from softness_bayes.data.study_tables import Listed
+    from softness_bayes.data.lists import Listed
     from softness_bayes.parameters.priors import Prior
     from softness_bayes.runs.study import Study
     from softness_bayes.runs.table_fit import TableOutcome
@@ -98,7 +98,7 @@ def command(
     The same command continues a study that was interrupted. A table that cannot be read or fitted is named, and the
     others continue. Exit code 2: a table was refused; 3: one has not converged; 4: a population was refused.
     """
-    from softness_bayes.data.study_tables import list_tables
+    from softness_bayes.data.lists import list_tables
     from softness_bayes.files.run_files import RUNS
     from softness_bayes.likelihood.scales import scale_named
     from softness_bayes.results.request import RunOptions

@@ -28,16 +28,12 @@ from softness_bayes.data.columns import (
     Column,
 )
 from softness_bayes.data.compression import Compression
-from softness_bayes.data.decimals import Marks
 from softness_bayes.data.fabrics import USUAL_POISSON_RATIO, Fabrics
-from softness_bayes.data.faults import TableError, together
+from softness_bayes.data.faults import TableError, listing, together
 from softness_bayes.data.headers import FABRICS, LOADED, PRESSED, RATED, either
-from softness_bayes.data.loads import LOAD_COLUMNS, LoadColumn, loads_of
-from softness_bayes.data.names import listing
-from softness_bayes.data.ratings import Conditions, Ratings
-from softness_bayes.data.rounded_loads import with_rounded_loads
-from softness_bayes.data.tables import Table, check_renames, read_table
-from softness_bayes.data.wide import Form
+from softness_bayes.data.ratings import LOAD_COLUMNS, Conditions, LoadColumn, Ratings, loads_of, with_rounded_loads
+from softness_bayes.data.sheets import Form
+from softness_bayes.data.tables import Marks, Table, check_renames, read_table
 from softness_bayes.data.workbooks import TableSource, has_sheet
 from softness_bayes.files.outputs import write_outputs
 from softness_bayes.files.spreadsheet import escaped

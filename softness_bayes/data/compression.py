@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from softness_bayes.data.columns import FORCE, INDENTATION, Column
-from softness_bayes.data.decimals import Marks
+from softness_bayes.data.faults import alike_notes, natural
 from softness_bayes.data.headers import PRESSED
-from softness_bayes.data.names import alike_notes, natural
-from softness_bayes.data.tables import FloatArray, IntArray, Table, check_renames, read_only, read_table
+from softness_bayes.data.tables import FloatArray, IntArray, Marks, Table, check_renames, read_only, read_table
 from softness_bayes.data.workbooks import TableSource
 from softness_bayes.errors import InputError
 from softness_bayes.readable import counted, some_of

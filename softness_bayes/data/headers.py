@@ -20,6 +20,7 @@ from softness_bayes.data.columns import (
     INDENTATION,
     LABELS,
     LOAD_CV,
+    LONGEST_TITLE,
     MEAN,
     NUMBERS,
     OF_CELLS,
@@ -30,13 +31,19 @@ from softness_bayes.data.columns import (
     SD,
     SE,
     SECOND_FABRIC,
+    SYNONYMS,
     TENSILE_MODULUS,
     THICKNESS,
     Column,
+    Spelt,
+    Unit,
+    is_unit,
+    key,
+    names_of,
+    title_and_unit,
+    unit_named,
 )
-from softness_bayes.data.names import MOST_GUESSED, listing
-from softness_bayes.data.synonyms import SYNONYMS, key
-from softness_bayes.data.units import LONGEST_TITLE, Spelt, Unit, is_unit, names_of, title_and_unit, unit_named
+from softness_bayes.data.faults import MOST_GUESSED, listing
 from softness_bayes.errors import InputError, quoted
 
 

@@ -4,37 +4,118 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from decimal import ROUND_HALF_EVEN, Decimal
+from operator import attrgetter
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from softness_bayes.data.aggregated import PANEL, AggregatedCells, cells_of
-from softness_bayes.data.columns import LOAD_CV, RATING, RESOLUTION
-from softness_bayes.data.covariates import covariates_in
-from softness_bayes.data.decimals import Marks
-from softness_bayes.data.fabrics import Fabrics, log_sd
+from softness_bayes.data.columns import FORCE, INDENTATION, LOAD_CV, RATING, RESOLUTION, Column
+from softness_bayes.data.fabrics import Fabrics, log_sd, missing_codes
+from softness_bayes.data.faults import Guesses, alike_notes, listing, natural
+from softness_bayes.data.forms import PANEL, AggregatedCells, cells_of, covariates_in, unpaired
 from softness_bayes.data.headers import LOADED, RATED
-from softness_bayes.data.loads import LOAD_COLUMNS, given_load, loads_in, rank
-from softness_bayes.data.names import Guesses, alike_notes, natural
-from softness_bayes.data.pairs import unpaired
-from softness_bayes.data.plausible import missing_codes
+from softness_bayes.data.sheets import Form
 from softness_bayes.data.tables import (
     MISSING,
     FloatArray,
     IntArray,
+    Marks,
     Table,
     check_renames,
     read_only,
     read_table,
 )
-from softness_bayes.data.wide import Form
 from softness_bayes.data.workbooks import TableSource
 from softness_bayes.errors import InputError, quoted
+from softness_bayes.ranges import LOAD_STEPS
 from softness_bayes.readable import counted, some_of
-from softness_bayes.touch.contact import Load
+from softness_bayes.touch.contact import Force, Indentation, Load
+
+
+class LoadColumn(NamedTuple):
+    """A kind of load: its column, its type, and the function that returns its value [SI]."""
+
+    column: Column
+    kind: type[Indentation] | type[Force]
+    value: Callable[[Any], float]
+
+
+LOAD_COLUMNS = (
+    LoadColumn(INDENTATION, Indentation, attrgetter("depth")),
+    LoadColumn(FORCE, Force, attrgetter("newton")),
+)
+
+
+def loads_of(indentation_mm: Iterable[float] = (), force_n: Iterable[float] = ()) -> tuple[Load, ...]:
+    """Return the distinct loads of some indentations [mm] and forces [N]: indentations first, each in increasing order.
+
+    Raises
+    ------
+    InputError
+        If a value is not positive and finite.
+    """
+    distinct: set[Load] = set()
+    for (column, kind, _), given in zip(LOAD_COLUMNS, (indentation_mm, force_n), strict=True):
+        try:
+            distinct |= {kind(column.parse(repr(float(value)))) for value in given}
+        except ValueError as error:
+            raise InputError(f"{column.name}: {error}") from None
+    return tuple(sorted(distinct, key=rank))
+
+
+def rank(load: Load) -> tuple[int, float]:
+    """Return the sort key of a load: indentations first, each in increasing order."""
+    return next((k, entry.value(load)) for k, entry in enumerate(LOAD_COLUMNS) if isinstance(load, entry.kind))
+
+
+def given_load(table: Table, indentation_mm: float | None, force_n: float | None) -> Load | None:
+    """Return the load given for all rows, or None if there is a column; having neither or both is a fault."""
+    filed = [entry.column.name for entry in LOAD_COLUMNS if entry.column.name in table]
+    given = loads_of(*([] if value is None else [value] for value in (indentation_mm, force_n)))
+    if not filed and len(given) != 1:
+        table.faults.add_general(
+            f"no load column ({INDENTATION.name} or {FORCE.name}); give the load of all "
+            "ratings by one of --indentation-mm and --force-n, or name its column with --column"
+            + "".join(f"; {note}" for note in table.notes if "fabric" in table and RATING.name in table)
+        )
+    elif filed and given:
+        table.faults.add_general(
+            "--indentation-mm and --force-n apply only to tables without a load column; this one has "
+            f"{' and '.join(repr(table.titles[name]) for name in filed)}"
+        )
+    elif len(filed) > 1:
+        cells = zip(*(table.cells[name] for name in filed), strict=True)
+        if all(all(text.casefold() not in MISSING for text in row) for row in cells):
+            ways = " or ".join(f"--column {name}={quoted(table.titles[name])}" for name in filed)
+            remedy = f"{ways} takes only one of them"
+            if any(table.titles[name].casefold() == name for name in filed):
+                remedy = f"remove the column that was measured rather than controlled ({' or '.join(filed)})"
+            table.faults.add_general(f"every row has an indentation and a force, expected one load; {remedy}")
+            table.check()
+    return given[0] if given else None
+
+
+def loads_in(table: Table, given: Load | None) -> list[Load | None]:
+    """Return each row's load, from its columns or the given one; rows without a load are faults."""
+    filed = {entry: table.numbers(entry.column) for entry in LOAD_COLUMNS if entry.column.name in table}
+    if not filed:
+        return [given] * len(table)
+    touches: list[Load | None] = []
+    present = {entry: ~np.isnan(values) for entry, values in filed.items()}
+    for i in range(len(table)):
+        values = {entry: float(values[i]) for entry, values in filed.items() if present[entry][i]}
+        if len(values) != 1 and not any(table.is_faulty(i, entry.column.name) for entry in filed):
+            last = next(reversed(filed)).column.name
+            found = " and ".join(quoted(table.cells[entry.column.name][i]) for entry in filed)
+            expected = "a load" if len(filed) == 1 else "one load: an indentation or a force"
+            table.fault(i, last, f"expected {expected}, got {found}")
+        touches.append(next((entry.kind(value) for entry, value in values.items()), None))
+    return touches
+
 
 SOLE_PARTICIPANT = "participant"
 """Name of the participant in a table without a column of participants."""
@@ -377,3 +458,61 @@ def _repeats(table: Table, *keys: Sequence[object]) -> list[str]:
         columns = " and ".join(quoted(title) for title in apart)
         return [f"{what}, and differ in {columns}, which is not used: treated as further trials under the same load"]
     return [f"{what}: {'are rows copied?' if trials else 'treated as further trials'}"]
+
+
+SHOWN = 3
+"""Number of groups of loads that a note lists."""
+
+
+def with_few_loads(ratings: Ratings, most: int) -> Ratings:
+    """Return ratings whose loads of each kind are at most so many: neighbours become their geometric mean."""
+    loads: list[Load] = []
+    place = np.empty(len(ratings.loads), dtype=np.intp)
+    for _, kind, value in LOAD_COLUMNS:
+        own = [k for k, load in enumerate(ratings.loads) if isinstance(load, kind)]
+        for group in np.array_split(own, min(len(own), most)) if own else []:
+            values = [value(ratings.loads[k]) for k in group]
+            place[group] = len(loads)
+            loads.append(kind(values[0] if len(values) == 1 else float(f"{np.exp(np.mean(np.log(values))):.4g}")))
+    return replace(ratings, loads=tuple(loads), load=place[ratings.load])
+
+
+def with_rounded_loads(ratings: Ratings, step: float) -> Ratings:
+    """Return ratings whose loads are the nearest multiples of a step, with a note that says what was merged.
+
+    Parameters
+    ----------
+    ratings
+        The ratings.
+    step
+        Step, in N for forces and in mm for indentations.
+
+    Raises
+    ------
+    InputError
+        If the step is not positive, or a load would become 0 or leave its range.
+    """
+    LOAD_STEPS.require("round_load", step)
+    unit = Decimal(repr(float(step)))
+    rounded: list[Load] = []
+    groups: dict[Load, list[str]] = {}
+    for load in ratings.loads:
+        column, kind, value = next(entry for entry in LOAD_COLUMNS if isinstance(load, entry.kind))
+        count = (Decimal(column.write(value(load))) / unit).to_integral_value(ROUND_HALF_EVEN)
+        try:
+            rounded.append(kind(column.parse(f"{(count * unit).normalize():f}")))
+        except ValueError as error:
+            raise InputError(
+                f"round_load {step:g}: {load} would become {count * unit} {column.unit}, which is not a load "
+                f"({error}); give a smaller step"
+            ) from None
+        groups.setdefault(rounded[-1], []).append(str(load))
+    # rounding keeps the order of loads
+    order = {load: k for k, load in enumerate(groups)}
+    told = [f"{load} from {listing(members, 3)}" for load, members in groups.items() if len(members) > 1]
+    note = f"loads rounded to multiples of {step:g}: {len(ratings.loads)} became {len(groups)}"
+    if told:
+        more = f"; and {len(told) - SHOWN} more" if len(told) > SHOWN else ""
+        note += f": {'; '.join(told[:SHOWN])}{more}"
+    places = np.array([order[load] for load in rounded], dtype=np.intp)
+    return replace(ratings, loads=tuple(order), load=places[ratings.load], notes=(*ratings.notes, note))

@@ -4,24 +4,199 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.data.columns import LABELS, NUMBERS, RATING, Column
-from softness_bayes.data.decimals import Cell, Marks, Reading, decimal_mark, mark_of, plain
-from softness_bayes.data.faults import Faults, TableError
+from softness_bayes.data.columns import LABELS, NUMBERS, RATING, WORDS_FOR_RATINGS, Column, Unit, key, unit_named
+from softness_bayes.data.faults import Faults, Guesses, TableError, listing, natural
 from softness_bayes.data.headers import Sought, understood
-from softness_bayes.data.names import Guesses, listing, natural
-from softness_bayes.data.sheets import Sheet, SheetNumber
-from softness_bayes.data.synonyms import WORDS_FOR_RATINGS, key
-from softness_bayes.data.units import Unit, unit_named
-from softness_bayes.data.wide import Form, lengthened
+from softness_bayes.data.sheets import Form, Sheet, SheetNumber, lengthened
 from softness_bayes.data.workbooks import TableSource, read_sheet
 from softness_bayes.errors import InputError, quoted
 from softness_bayes.files.spreadsheet import unescaped
+
+MARKS = (",", ".")
+"""The possible decimal marks."""
+
+MARKED = ("ratings", "fabrics", "compression")
+"""Tables that may have different marks."""
+
+Marks: TypeAlias = str | Mapping[str, str] | None
+"""The mark of all tables, or marks by table; None, or a missing table, to infer it from the numbers."""
+
+
+def mark_of(marks: Marks, table: str) -> str | None:
+    """Return the mark given for a table; None if there is none.
+
+    Raises
+    ------
+    InputError
+        If there is no such mark or table.
+    """
+    given = dict.fromkeys(MARKED, marks) if isinstance(marks, str) else marks or {}
+    for name, mark in given.items():
+        if name not in MARKED or mark not in MARKS:
+            raise InputError(
+                f"decimal is {marks!r}, expected one of {', '.join(map(repr, MARKS))}, or a mark for each of "
+                f"some of the tables {', '.join(MARKED)}"
+            )
+    return given.get(table)
+
+
+_SPACES = re.compile("[\u00a0\u2009\u202f'\u2019]")
+_SPACED = re.compile(rf"[+-]?[0-9]{{1,3}}(?:{_SPACES.pattern}[0-9]{{3}})+(?:[.,][0-9]+)?")
+
+
+class Cell(NamedTuple):
+    """A number as written in a file, and its place."""
+
+    text: str
+    column: str
+    row: int
+
+    @property
+    def place(self) -> str:
+        """Row and column in words."""
+        return f"row {self.row}, column {self.column!r}"
+
+
+class Reading(NamedTuple):
+    """Evidence in a table's numbers about its decimal mark."""
+
+    mark: str
+    note: str = ""
+    """Assumption about an ambiguous number."""
+    unclear: Cell | None = None
+    """An ambiguous number, with decimals or grouped thousands, if no other number decides."""
+    grouped: bool = False
+    """True if the other mark groups thousands, as shown by an unambiguous number."""
+
+
+def decimal_mark(columns: Iterable[Sequence[Cell]], between_commas: bool = False) -> Reading:
+    """Find the decimal mark of a table, and whether the other mark groups thousands.
+
+    Three digits after a comma may be decimals or thousands, as in 1,234. A number that can only have decimals, such as
+    0,82, determines the mark of the whole table, as does one that can only have grouped thousands, such as 1,234.5 or
+    1,234,567. The same holds for a column in which every number has a point and three digits, as written by programs; a
+    column that mixes these with whole numbers is ambiguous.
+
+    Parameters
+    ----------
+    columns
+        The columns of numbers, without their missing cells.
+    between_commas
+        Whether commas separate the cells, so that the decimal mark is a point.
+    """
+    columns = [[_set_close(cell) for cell in cells] for cells in columns]
+    every = [cell for cells in columns for cell in cells]
+    for mark in (".",) if between_commas else MARKS:
+        if (shown := _thousands_shown(every, mark)) is not None:
+            return shown
+    if between_commas:
+        return Reading(".")
+    if commas := [cell for cell in every if _marked(",").fullmatch(cell.text)]:
+        deciding = next((cell for cell in commas if not _grouped(",").fullmatch(cell.text)), None)
+        unclear = next((cell for cell in commas if _grouped(",").fullmatch(cell.text)), None)
+        if unclear is None:
+            return Reading(",")
+        if deciding is None:
+            return Reading(",", unclear=unclear)
+        assumed = unclear.text.replace(",", ".")
+        return Reading(
+            ",",
+            f"{unclear.place}: {unclear.text} is read as {assumed}, because {deciding.text} in {deciding.place} has a "
+            "decimal comma; --decimal . reads it otherwise",
+        )
+    points = [cell for cell in every if "." in cell.text]
+    if all(_grouped(".").fullmatch(cell.text) for cell in points):
+        for cells in columns:
+            marked = [cell for cell in cells if "." in cell.text]
+            if 0 < len(marked) < len(cells):
+                return Reading(".", unclear=marked[0])
+    return Reading(".")
+
+
+def _thousands_shown(cells: Sequence[Cell], mark: str) -> Reading | None:
+    """Return the reading for `mark` if a number has thousands grouped by the other mark and none contradicts it."""
+    other = MARKS[mark == ","]
+    shows = next((cell for cell in cells if _thousands(mark).fullmatch(cell.text)), None)
+    if shows is None or any(
+        _thousands(other).fullmatch(cell.text)
+        or (_marked(other).fullmatch(cell.text) and not _grouped(other).fullmatch(cell.text))
+        for cell in cells
+    ):
+        return None
+    assumed = next((cell for cell in cells if _grouped(other).fullmatch(cell.text)), None)
+    note = (
+        ""
+        if assumed is None
+        else (
+            f"{assumed.place}: {assumed.text} is read as {assumed.text.replace(other, '')}, because "
+            f"{shows.text} in {shows.place} has thousands separators; --decimal {other} reads it otherwise"
+        )
+    )
+    return Reading(mark, note, grouped=True)
+
+
+def plain(text: str, mark: str, declared: bool) -> str:
+    """Return a number with a decimal point and no grouped thousands.
+
+    Parameters
+    ----------
+    text
+        The number as written.
+    mark
+        Its decimal mark.
+    declared
+        Whether the other mark is known to group thousands. No-break or thin spaces and apostrophes always do.
+
+    Raises
+    ------
+    ValueError
+        If the number is not written with this mark; the message says what was expected.
+    """
+    other, text = MARKS[mark == ","], _unspaced(text)
+    if other in text and mark != other:
+        groups = re.compile(rf"([+-]?[0-9]{{1,3}}(?:\{other}[0-9]{{3}})+)(\{mark}[0-9]*)?")
+        if declared and groups.fullmatch(text):
+            text = text.replace(other, "")
+        elif mark == "," and text.strip("+-0123456789.,eE") == "":
+            raise ValueError("expected a decimal comma, as elsewhere in this file")
+    return text.replace(mark, ".")
+
+
+def _set_close(cell: Cell) -> Cell:
+    close = _unspaced(cell.text)
+    return cell if close == cell.text else cell._replace(text=close)
+
+
+def _unspaced(text: str) -> str:
+    """Return a number without the spaces (other than plain ones) or apostrophes that group its thousands."""
+    return _SPACES.sub("", text) if _SPACED.fullmatch(text) else text
+
+
+@cache
+def _thousands(mark: str) -> re.Pattern[str]:
+    """Return the pattern of numbers that can only have decimals behind `mark` and thousands grouped by the other."""
+    other = MARKS[mark == ","]
+    groups = rf"[+-]?[1-9][0-9]{{0,2}}(?:\{other}[0-9]{{3}})"
+    return re.compile(rf"{groups}+\{mark}[0-9]+|{groups}{{2,}}")
+
+
+@cache
+def _marked(mark: str) -> re.Pattern[str]:
+    return re.compile(rf"[+-]?[0-9]*\{mark}[0-9]+(?:[eE][+-]?[0-9]+)?")
+
+
+@cache
+def _grouped(mark: str) -> re.Pattern[str]:
+    return re.compile(rf"[+-]?[1-9][0-9]{{0,2}}\{mark}[0-9]{{3}}")
+
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]

@@ -18,12 +18,11 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from softness_bayes.data.content import content_of
-from softness_bayes.data.delimited import text_sheet
+from softness_bayes.data.columns import key
+from softness_bayes.data.delimited import content_of, text_sheet
+from softness_bayes.data.faults import listing
 from softness_bayes.data.headers import Sought, understood
-from softness_bayes.data.names import listing
 from softness_bayes.data.sheets import MOST_CELLS, Sheet, SheetNumber, sheet_of
-from softness_bayes.data.synonyms import key
 from softness_bayes.errors import InputError, quoted
 
 if TYPE_CHECKING:

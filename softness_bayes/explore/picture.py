@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checking.inflection import CurveShape, Inflection, find_inflection, response_curves
-from softness_bayes.data.loads import LOAD_COLUMNS
+from softness_bayes.data.ratings import LOAD_COLUMNS
 from softness_bayes.defaults import ACCURACY
 from softness_bayes.explore.subject import State, Subject
 from softness_bayes.model.fingers import values_of

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.data import Ratings
-from softness_bayes.data.aggregated import AggregatedCells
-from softness_bayes.data.steps import steps_of_raters
+from softness_bayes.data.forms import AggregatedCells
+from softness_bayes.data.oddities import steps_of_raters
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.error_laws import GUMBEL, LAPSES, NORMAL, ErrorLaw
 from softness_bayes.likelihood.models import rating_model

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from softness_bayes.data import Experiment
-from softness_bayes.data.names import listing
+from softness_bayes.data.faults import listing
 from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.likelihood.pressed import PressedRaters
 from softness_bayes.likelihood.ratings import SKIN

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.data import Ratings
-from softness_bayes.data.aggregated import PANEL, AggregatedCells
+from softness_bayes.data.forms import PANEL, AggregatedCells
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.ratings import RatingParameters

@@ -11,7 +11,7 @@ from softness_bayes.checking.inflection import curve_scene, response_curves
 from softness_bayes.checking.layout import Layout, merge
 from softness_bayes.data import LOAD_COLUMNS, Compression, Experiment, Ratings
 from softness_bayes.data.oddities import oddities
-from softness_bayes.data.rounded_loads import with_few_loads
+from softness_bayes.data.ratings import with_few_loads
 from softness_bayes.likelihood.scales import CATEGORIES, PAIRS, RANKS
 from softness_bayes.model.as_given import AsGiven
 from softness_bayes.model.build import COARSE, build, design_of, moduli_of

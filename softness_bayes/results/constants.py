@@ -13,7 +13,7 @@ from softness_bayes.checking.checks import LooPit
 from softness_bayes.checking.individual import MODULUS_LAW, UNCERTAIN
 from softness_bayes.checking.layout import LOAD_GROUP
 from softness_bayes.data.columns import EFFECTIVE_MODULUS, GEOMETRIC_SD, LOAD_CV, POISSON_RATIO, RESOLUTION
-from softness_bayes.data.loads import LOAD_COLUMNS
+from softness_bayes.data.ratings import LOAD_COLUMNS
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.fabric_moduli import FabricModuli
 from softness_bayes.parameters.space import ParameterSpace

@@ -9,8 +9,8 @@ import numpy as np
 
 from softness_bayes.checking.individual import modulus_laws
 from softness_bayes.data import Compression, Experiment, Fabrics, Ratings
-from softness_bayes.data.aggregated import AggregatedCells
 from softness_bayes.data.columns import GEOMETRIC_SD, LOAD_CV, RESOLUTION
+from softness_bayes.data.forms import AggregatedCells
 from softness_bayes.defaults import ACCURACY
 from softness_bayes.likelihood.error_laws import NORMAL, error_law_named
 from softness_bayes.likelihood.scales import name_of_scale

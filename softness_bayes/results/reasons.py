@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.data.loads import LOAD_COLUMNS
+from softness_bayes.data.ratings import LOAD_COLUMNS
 from softness_bayes.parameters.fabric_moduli import KPA
 from softness_bayes.readable import number, percent
 from softness_bayes.results.fitted import Fitted

@@ -18,7 +18,7 @@ from pathlib import Path
 import h5py
 import pytest
 
-from softness_bayes.data import content
+from softness_bayes.data import delimited
 from support.command_line import call
 from support.paths import ROOT
 
@@ -551,12 +551,12 @@ def test_the_tables_as_they_are_are_read(tmp_path):
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch):
     """A pipe is waited for in `test_pipes_are_read` alone."""
-    monkeypatch.setattr(content, "PATIENCE", 0.0)
+    monkeypatch.setattr(delimited, "PATIENCE", 0.0)
 
 
 def test_pipes_are_read(tmp_path, monkeypatch):
     """Also one whose writer begins later than its reader."""
-    monkeypatch.setattr(content, "PATIENCE", 30.0)
+    monkeypatch.setattr(delimited, "PATIENCE", 30.0)
     desk(tmp_path)
     os.mkfifo(tmp_path / "pipe")
     writer = threading.Timer(0.1, lambda: (tmp_path / "pipe").write_text(RATINGS))

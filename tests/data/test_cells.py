@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from softness_bayes.data import Ratings, ratings_csv
-from softness_bayes.data.aggregated import conversion_error, conversion_note
+from softness_bayes.data.forms import conversion_error, conversion_note
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import AGGREGATED, MAGNITUDE
 from softness_bayes.model.as_given import as_given

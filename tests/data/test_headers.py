@@ -8,9 +8,7 @@ from click.testing import CliRunner
 
 from softness_bayes.cli import main
 from softness_bayes.data import Compression, Fabrics, Ratings, read_experiment
-from softness_bayes.data.columns import LABELS, NUMBERS
-from softness_bayes.data.synonyms import SYNONYMS, key
-from softness_bayes.data.units import UNITS, title_and_unit, unit_named
+from softness_bayes.data.columns import LABELS, NUMBERS, SYNONYMS, UNITS, key, title_and_unit, unit_named
 from softness_bayes.errors import InputError
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.readings import MENDED

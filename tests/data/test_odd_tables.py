@@ -5,7 +5,7 @@ import datetime
 import pytest
 
 from softness_bayes.data import Fabrics, Ratings, read_experiment
-from softness_bayes.data.second_headers import joined
+from softness_bayes.data.sheets import joined
 from softness_bayes.errors import InputError
 from softness_bayes.touch.contact import Force, Indentation
 

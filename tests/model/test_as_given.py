@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from softness_bayes.data import Experiment, Fabrics, Ratings
-from softness_bayes.data.steps import step_of
+from softness_bayes.data.oddities import step_of
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.directions import FALLS, FREE, RISES
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT

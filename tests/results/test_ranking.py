@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from softness_bayes.data import Fabrics
-from softness_bayes.data.observed_order import read_order
+from softness_bayes.data.lists import read_order
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import MAGNITUDE
 from softness_bayes.plotting.ranking import NAMED, SOME, Order, named_rows, ranking_figure

@@ -16,7 +16,7 @@ from scipy.stats import norm
 from softness_bayes.checking.pooling import LIMITS
 from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.cli.study import _end
-from softness_bayes.data.study_tables import Listed, list_tables
+from softness_bayes.data.lists import Listed, list_tables
 from softness_bayes.errors import InputError, LockedError, NotConvergedError, NumericalError
 from softness_bayes.files.asked import ASKED, write_asked
 from softness_bayes.files.lock import Lock

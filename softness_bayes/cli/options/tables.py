@@ -15,7 +15,7 @@ from softness_bayes.errors import InputError, quoted
 
 if TYPE_CHECKING:
     from softness_bayes.data import Compression, Experiment, Fabrics
-    from softness_bayes.data.decimals import Marks
+    from softness_bayes.data.tables import Marks
     from softness_bayes.results.result import Result
     from softness_bayes.touch.contact import Load
 
@@ -32,7 +32,7 @@ column = click.option(
 
 def _marks(ctx: click.Context, param: click.Parameter, given: tuple[str, ...]) -> Marks:
     """Return the one mark, or table -> mark."""
-    from softness_bayes.data.decimals import MARKED, MARKS
+    from softness_bayes.data.tables import MARKED, MARKS
 
     found: dict[str, str] = {}
     for word in given:

@@ -1,18 +1,72 @@
-"""Tables of cell means over n raters who each rated every fabric under every load, as published in papers."""
+"""Forms of tables of ratings: pairs of fabrics, means of several raters, covariates of participants."""
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.data.columns import GEOMETRIC_MEAN, GEOMETRIC_SD, MEAN, OF_CELLS, RATERS, RATING, SD, SE
+from softness_bayes.data.columns import (
+    GEOMETRIC_MEAN,
+    GEOMETRIC_SD,
+    LABELS,
+    MEAN,
+    NUMBERS,
+    OF_CELLS,
+    RATERS,
+    RATING,
+    SD,
+    SE,
+    SECOND_FABRIC,
+)
+from softness_bayes.data.faults import listing
 from softness_bayes.data.headers import holds_cells
 from softness_bayes.data.sheets import SheetNumber
-from softness_bayes.data.tables import Table
+from softness_bayes.data.tables import MISSING, Table, unused_note
 from softness_bayes.errors import quoted
+from softness_bayes.files.spreadsheet import unescaped
+
+_OTHER = {"0": "1", "1": "0", "0.5": "0.5", "1.0": "0", "0.0": "1", "": ""}
+"""Answer for the second fabric of a pair, by the answer for the first."""
+
+
+def unpaired(table: Table) -> Table:
+    """Return a table of pairs with two rows per pair, which form a list; other tables are returned unchanged."""
+    if SECOND_FABRIC not in table:
+        return table
+    if "list" in table:
+        table.faults.add_general(
+            f"columns {table.titles[SECOND_FABRIC]!r} and {table.titles['list']!r}: each row is already a "
+            "pair, so a list has no meaning; remove one of these columns"
+        )
+    answers = ["" if text.casefold() in MISSING else text.replace(",", ".") for text in table.cells[RATING.name]]
+    for i, text in enumerate(answers):
+        if text not in _OTHER:
+            table.fault(
+                i,
+                RATING.name,
+                "expected 1 if the first fabric of the pair was softer, 0 if the second was, or 0.5 if neither, got "
+                f"{quoted(table.cells[RATING.name][i])}",
+            )
+        if table.cells["fabric"][i] == table.cells[SECOND_FABRIC][i]:
+            table.fault(
+                i, SECOND_FABRIC, f"expected two different fabrics, got {quoted(table.cells['fabric'][i])} twice"
+            )
+    table.labels(SECOND_FABRIC)
+    table.check()
+    both = table.take(np.repeat(np.arange(len(table)), 2))
+    second = {"fabric": table.cells[SECOND_FABRIC], RATING.name: [_OTHER[text] for text in answers]}
+    first = {"fabric": table.cells["fabric"], RATING.name: answers}
+    cells = {**both.cells, "list": [str(i + 1) for i in range(len(table)) for _ in range(2)]}
+    cells |= {name: [text for pair in zip(first[name], second[name], strict=True) for text in pair] for name in first}
+    del cells[SECOND_FABRIC]
+    titles = {**both.titles, "list": table.titles[SECOND_FABRIC]}
+    note = f"rows are pairs: 1 means that {table.titles['fabric']} was softer than {table.titles[SECOND_FABRIC]}"
+    return replace(both, cells=cells, titles=titles, notes=(*both.notes, note))
+
 
 FloatArray = NDArray[np.float64]
 
@@ -150,3 +204,78 @@ def conversion_note(raters: int, log_sd: float) -> str:
         f"{found.of_standard_error:.2f} of its standard error), a converted standard deviation of log ratings by "
         f"{100 * found.spread:.0f} %, with a bias of {100 * found.bias:+.0f} %"
     )
+
+
+OWN_COLUMNS = frozenset(
+    {*LABELS, *NUMBERS, "finger", "ratings", "effect", "effect_low", "effect_high", "quantity", "median", "low", "high"}
+    | {"ratio"}
+)
+"""Names of columns next to covariates in the tables of a run, and names of columns in tables of ratings."""
+
+
+def covariates_in(table: Table, participants: Sequence[str]) -> tuple[dict[str, tuple[str, ...]], list[str]]:
+    """Return the covariates of a table by name, each with one text per participant, and the notes of the table.
+
+    A column is a covariate if no participant has two different texts in it (ignoring empty cells and codes for missing
+    numbers) and some participant has several rows; with one row each, any column would be constant. Texts are as
+    written, and empty if all cells are. Notes list the columns that are covariates, and those that were renamed.
+
+    Parameters
+    ----------
+    table
+        All rows of the table, including those without a rating.
+    participants
+        Names of the participants to keep.
+    """
+    if "participant" not in table or not table.others:
+        return {}, [*table.notes]
+    by = table.cells["participant"]
+    if len(set(by)) == len(by):
+        return {}, [*table.notes]
+    found, varying = {}, []
+    for title, texts in table.others.items():
+        told: dict[str, dict[str, None]] = {name: {} for name in by}
+        for name, text in zip(by, texts, strict=True):
+            told[name].setdefault(text)
+        known = {name: [text for text in own if text.casefold() not in MISSING] for name, own in told.items()}
+        several = [name for name, own in known.items() if len(own) > 1]
+        if not any(known.values()):
+            continue  # an empty column
+        if several:
+            varying += [(title, several[0])] if 2 * len(several) < len(known) else []
+            continue
+        found[title] = tuple((known[name] or [*told[name]])[0] for name in participants)
+    return _named(found, table.others), _noted(table, found, varying)
+
+
+def _named(found: Mapping[str, tuple[str, ...]], titles: Mapping[str, Sequence[str]]) -> dict[str, tuple[str, ...]]:
+    others = {title.casefold() for title in titles}
+    return {kept_name(title, others): texts for title, texts in found.items()}
+
+
+def kept_name(title: str, others: Collection[str]) -> str:
+    """Return the name under which a covariate is stored, changed only if a table of a run has a column of that name.
+
+    The titles of all `others` are in small letters.
+    """
+    own = name = unescaped(title)
+    while name.casefold() in OWN_COLUMNS or (name != own and name.casefold() in others):
+        name += " (covariate)"
+    return name
+
+
+def _noted(table: Table, found: Mapping[str, tuple[str, ...]], varying: Sequence[tuple[str, str]]) -> list[str]:
+    """Return the notes of a table, without covariates among the unused columns."""
+    left = unused_note([title for title in table.others if title not in found])
+    notes = [note for note in table.notes if note not in unused_note([*table.others])] + left
+    if found:
+        notes.append(f"copied to the results as covariates of participants (no model uses them): {listing([*found])}")
+    others = {title.casefold() for title in table.others}
+    for title in found:
+        if (name := kept_name(title, others)) != unescaped(title):
+            notes.append(
+                f"covariate {quoted(title)} is renamed {quoted(name)}, because tables of the run have a column "
+                "of that name"
+            )
+    notes += [f"column {quoted(title)} is not a covariate: it varies within {quoted(name)}" for title, name in varying]
+    return notes
