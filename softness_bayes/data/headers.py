@@ -6,34 +6,14 @@ import difflib
 import re
 from collections.abc import Container, Mapping, Sequence
 from functools import cache
-from itertools import islice
 from typing import NamedTuple
 
 from softness_bayes.data.columns import (
-    BENDING_RIGIDITY,
-    EFFECTIVE_MODULUS,
-    EFFECTIVE_MODULUS_HIGH,
-    EFFECTIVE_MODULUS_LOW,
-    FORCE,
-    GEOMETRIC_MEAN,
-    GEOMETRIC_SD,
-    INDENTATION,
     LABELS,
-    LOAD_CV,
     LONGEST_TITLE,
-    MEAN,
     NUMBERS,
     OF_CELLS,
-    RANK,
-    RATERS,
-    RATING,
-    RESOLUTION,
-    SD,
-    SE,
-    SECOND_FABRIC,
     SYNONYMS,
-    TENSILE_MODULUS,
-    THICKNESS,
     Column,
     Spelt,
     Unit,
@@ -66,7 +46,7 @@ class Sought(NamedTuple):
     either: tuple[Enough, ...] = ()
     sheet: str = "ratings"
     """Name of the sheet in a workbook with several sheets."""
-    marks: tuple[frozenset[str], ...] = (frozenset({RATING.name}),)
+    marks: tuple[frozenset[str], ...] = (frozenset({"rating"}),)
     """Alternative sets of columns that identify the sheet if none has that name."""
     otherwise: tuple[frozenset[str], ...] = ()
     """The same for sheets not identified by these: a wide table has no column of ratings."""
@@ -85,44 +65,45 @@ class Sought(NamedTuple):
         return {name for one in unmet for name in one.others}
 
 
-_LOADS = (frozenset({INDENTATION.name}), frozenset({FORCE.name}))
-_HELD = frozenset().union(*_LOADS)
-_MODULI = (
-    frozenset({EFFECTIVE_MODULUS.name}),
-    frozenset({EFFECTIVE_MODULUS_LOW.name, EFFECTIVE_MODULUS_HIGH.name}),
-    frozenset({BENDING_RIGIDITY.name}),
-    frozenset({TENSILE_MODULUS.name, THICKNESS.name}),
-)
-_SCALES = frozenset({RATING.name, RESOLUTION.name, RANK.name}) | OF_CELLS
-"""Numerical columns without units."""
-_OF_RATINGS = frozenset(
-    {"participant", "fabric", SECOND_FABRIC, "trial", "list", RATING.name, RESOLUTION.name, LOAD_CV.name}
-)
-_OF_FABRICS = frozenset(NUMBERS) - _SCALES - {LOAD_CV.name, INDENTATION.name, FORCE.name}
+def _named(names: str) -> frozenset[str]:
+    """Return the columns of these names, which must be declared."""
+    if unknown := {*names.split()} - {*LABELS, *NUMBERS}:
+        raise KeyError(unknown)
+    return frozenset(names.split())
 
-_WIDE = (frozenset({"participant"}),)
+
+_HELD = _named("indentation_mm force_n")
+_LOADS = (_named("indentation_mm"), _named("force_n"))
+_MODULI = (
+    _named("effective_modulus_kpa"),
+    _named("effective_modulus_low_kpa effective_modulus_high_kpa"),
+    _named("bending_rigidity_n_m"),
+    _named("tensile_modulus_mpa thickness_mm"),
+)
+_SCALES = _named("rating resolution rank") | OF_CELLS
+"""Numerical columns without units."""
+_OF_RATINGS = _named("participant fabric fabric_2 trial list rating resolution load_cv")
+_OF_FABRICS = frozenset(NUMBERS) - _SCALES - _HELD - _named("load_cv")
+
+_WIDE = (_named("participant"),)
 LOADED = Sought(_OF_RATINGS, given=_HELD, otherwise=_WIDE)
 """Columns of ratings with a separately given load."""
 RATED = Sought(_OF_RATINGS | _HELD, (Enough(_LOADS, _HELD),), otherwise=_WIDE)
 """Columns of ratings with a load in each row."""
 FABRICS = Sought(
-    _OF_FABRICS | {"fabric"},
+    _OF_FABRICS | _named("fabric"),
     (
         # a measured rigidity takes precedence over tensile modulus and thickness, and is compared with them
-        Enough(_MODULI, frozenset().union(*_MODULI) - {BENDING_RIGIDITY.name}),
-        Enough(_MODULI[:2], frozenset({BENDING_RIGIDITY.name})),
+        Enough(_MODULI, frozenset().union(*_MODULI) - _MODULI[2]),
+        Enough(_MODULI[:2], _MODULI[2]),
     ),
     "fabrics",
     _MODULI,
 )
 """Fabrics."""
-PRESSED = Sought(
-    frozenset({"participant", "indentor", INDENTATION.name, FORCE.name}),
-    sheet="compression",
-    marks=(frozenset({INDENTATION.name, FORCE.name}),),
-)
+PRESSED = Sought(_named("participant indentor indentation_mm force_n"), sheet="compression", marks=(_HELD,))
 """Forces of a rigid plate."""
-RANKED = Sought(frozenset({"fabric"}))
+RANKED = Sought(_named("fabric"))
 """An observed order of fabrics."""
 
 
@@ -141,8 +122,26 @@ class Header(NamedTuple):
     notes: list[str]
 
 
+class _Title(NamedTuple):
+    """A title that is not yet understood: its column, its text, and its parts without and with a unit."""
+
+    j: int
+    text: str
+    stem: str
+    spelt: Spelt | None
+
+    @property
+    def keys(self) -> set[str]:
+        """The keys of the title with and without its unit."""
+        return {key(self.text), key(self.stem)}
+
+    def takes(self, name: str) -> str:
+        """Return the advice that takes this column as the one of a name."""
+        return f"--column {name}={quoted(self.text)} takes it as {name}"
+
+
 def understood(titles: Sequence[str], renames: Mapping[str, str], sought: Sought, where: str) -> Header:
-    """Find the columns of a table by standard names, names given by the user, and those in `synonyms.SYNONYMS`.
+    """Find the columns of a table by standard names, names given by the user, and those in `columns.SYNONYMS`.
 
     Parameters
     ----------
@@ -182,7 +181,7 @@ def _places(titles: Sequence[str], renames: Mapping[str, str]) -> dict[str, int]
 
 def holds_cells(at: Container[str]) -> bool:
     """Return whether a table with these columns has cell means instead of ratings."""
-    return RATING.name not in at and (GEOMETRIC_MEAN.name in at or (MEAN.name in at and RATERS.name in at))
+    return "rating" not in at and ("geometric_mean" in at or ("mean" in at and "n" in at))
 
 
 def _quantity(name: str) -> str:
@@ -220,6 +219,12 @@ def _convert(found: Header, column: Column, title: str, unit: Unit, lead: str) -
         found.notes.append(f"{lead}converted, 1 {unit.name} = {ratio:.9g} {column.unit}".rstrip())
 
 
+def _free(found: Header, titles: Sequence[str]) -> list[_Title]:
+    """Return the titles that are not yet understood."""
+    taken = {*found.at.values()}
+    return [_Title(j, text, *title_and_unit(text)) for j, text in enumerate(titles) if text and j not in taken]
+
+
 def _seek(found: Header, titles: Sequence[str], sought: Sought, where: str) -> None:
     """Add columns with other names, one for each missing column.
 
@@ -228,57 +233,51 @@ def _seek(found: Header, titles: Sequence[str], sought: Sought, where: str) -> N
     InputError
         If there are several candidates for one column.
     """
-    if RATING.name in sought.names:
+    if "rating" in sought.names:
         _seek_cells(found, titles)
-    parts = {j: title_and_unit(title) for j, title in enumerate(titles) if title and j not in found.at.values()}
+    free, letters = _free(found, titles), []
     cells = holds_cells(found.at)
-    letters: list[tuple[str, int]] = []
     for name in sought.without(found.at):
-        if cells and name == RATING.name:
+        if cells and name == "rating":
             continue
-        names = _keys(name)
-        near = [j for j, (stem, _) in parts.items() if key(stem) in names or key(titles[j]) in names]
-        fitting = [j for j in near if _fits(name, *parts[j], title=titles[j], names=names)]
+        near = [title for title in free if title.keys & _keys(name)]
+        fitting = [title for title in near if _fits(name, title)]
         if len(fitting) > 1:
-            ways = " or ".join(f"--column {name}={quoted(titles[j])}" for j in fitting[:4])
-            several = (
-                f"columns {listing([quoted(titles[j]) for j in fitting])} may each be {name!r}; choose one with {ways}"
-            )
+            ways = " or ".join(f"--column {name}={quoted(title.text)}" for title in fitting[:4])
+            several = listing([quoted(title.text) for title in fitting])
+            note = f"columns {several} may each be {name!r}; choose one with {ways}"
             if name != "trial":
-                raise InputError(f"{where}: {several}")
-            found.notes.append(several)  # the results do not depend on it
-            continue
-        for j in fitting:
-            found.at[name] = j
-            lead = f"column {quoted(titles[j])} is read as {name}"
-            before = len(found.notes)
-            spelt = parts[j][1]
-            if _quantity(name) and spelt is not None and (unit := unit_named(spelt.text, _quantity(name))):
-                _convert(found, NUMBERS[name], titles[j], unit, f"{lead}, ")
-            if len(found.notes) == before:
-                found.notes.append(lead)
-        found.notes.extend(
-            f"column {quoted(titles[j])} is not read{', it has no unit known here' if _quantity(name) else ''}; "
-            f"--column {name}={quoted(titles[j])} takes it as {name}"
-            for j in near
-            if not fitting and len(key(parts[j][0])) > 2
-        )
-        letters += [(name, j) for j in near if not fitting and len(key(parts[j][0])) <= 2]
-        found.notes.extend(
-            f"is column {quoted(titles[j])} misspelt? --column {name}={quoted(titles[j])} takes it as {name}"
-            for j in ([] if near else _misspelt(names, parts))
-            if j not in found.at.values()
-        )
+                raise InputError(f"{where}: {note}")
+            found.notes.append(note)  # the results do not depend on it
+        elif fitting:
+            _take(found, name, fitting[0])
+        elif near:
+            unit = ", it has no unit known here" if _quantity(name) else ""
+            words = [title for title in near if len(key(title.stem)) > 2]
+            letters += [(name, title) for title in near if title not in words]
+            found.notes.extend(f"column {quoted(title.text)} is not read{unit}; {title.takes(name)}" for title in words)
+        elif (title := _misspelt(name, free)) is not None and title.j not in found.at.values():
+            found.notes.append(f"is column {quoted(title.text)} misspelt? {title.takes(name)}")
 
     # a letter is ambiguous: it is reported if a column that it may mean is missing
     lacking = sought.lacking(found.at)
     found.notes.extend(
-        f"column {quoted(titles[j])} is not read, because a single letter is ambiguous; with a unit it is read "
-        f"as {name}, as in {quoted(f'{titles[j]} ({NUMBERS[name].unit})')}; --column "
-        f"{name}={quoted(titles[j])} takes it as {name}"
-        for name, j in letters
-        if name in lacking and j not in found.at.values() and NUMBERS[name].unit
+        f"column {quoted(title.text)} is not read, because a single letter is ambiguous; with a unit it is read "
+        f"as {name}, as in {quoted(f'{title.text} ({NUMBERS[name].unit})')}; {title.takes(name)}"
+        for name, title in letters
+        if name in lacking and title.j not in found.at.values() and NUMBERS[name].unit
     )
+
+
+def _take(found: Header, name: str, title: _Title) -> None:
+    """Record that a column is the one of a name, and its unit."""
+    found.at[name] = title.j
+    lead = f"column {quoted(title.text)} is read as {name}"
+    before = len(found.notes)
+    if _quantity(name) and title.spelt is not None and (unit := unit_named(title.spelt.text, _quantity(name))):
+        _convert(found, NUMBERS[name], title.text, unit, f"{lead}, ")
+    if len(found.notes) == before:
+        found.notes.append(lead)
 
 
 def _seek_cells(found: Header, titles: Sequence[str]) -> None:
@@ -286,30 +285,29 @@ def _seek_cells(found: Header, titles: Sequence[str]) -> None:
 
     Single ratings, under any name, take precedence; columns that belong to means are then reported.
     """
-    free = {j: key(title_and_unit(title)[0]) for j, title in enumerate(titles) if title and j not in found.at.values()}
-    ratings = RATING.name in found.at or any(stem in _keys(RATING.name) for stem in free.values())
+    free = _free(found, titles)
+    ratings = "rating" in found.at or any(key(title.stem) in _keys("rating") for title in free)
     at: dict[str, int] = {}
     for name in (name for name in NUMBERS if name in OF_CELLS):
-        own = [j for j in free if titles[j].casefold() == name] or [
-            j for j, stem in free.items() if stem in _keys(name)
-        ]
+        own = [title.j for title in free if title.text.casefold() == name]
+        own = own or [title.j for title in free if key(title.stem) in _keys(name)]
         if own and own[0] not in at.values():
             at[name] = own[0]
     seen = ", ".join(quoted(titles[j]) for j in sorted({*at.values()}))
     if ratings:
-        if RATERS.name in at and at.keys() & {SD.name, SE.name, GEOMETRIC_SD.name}:
+        if "n" in at and at.keys() & {"sd", "se", "geometric_sd"}:
             found.notes.append(
                 f"columns {seen} belong to means of several raters, and are not used; if the ratings are "
-                f"means, name them with --column {MEAN.name}=... and use --ratings aggregated"
+                f"means, name them with --column mean=... and use --ratings aggregated"
             )
     elif holds_cells({**found.at, **at}):
         found.at.update(at)
         other = {name: titles[j] for name, j in at.items() if titles[j].casefold() != name}
         found.notes.extend(f"column {quoted(title)} is read as {name}" for name, title in other.items())
-    elif MEAN.name in at or GEOMETRIC_MEAN.name in at:
+    elif "mean" in at or "geometric_mean" in at:
         found.notes.append(
-            f"columns {seen} look like means of several raters, which are read from a column {RATERS.name} (how many "
-            f"raters) and {GEOMETRIC_MEAN.name}, or {MEAN.name} with {SD.name} or {SE.name}, and --ratings aggregated"
+            f"columns {seen} look like means of several raters, which are read from a column n (how many "
+            f"raters) and geometric_mean, or mean with sd or se, and --ratings aggregated"
         )
 
 
@@ -321,35 +319,29 @@ def _keys(name: str) -> frozenset[str]:
 
 def _pass_over(found: Header, titles: Sequence[str], given: frozenset[str]) -> None:
     """Report the columns that may contain the separately given values."""
-    for name in sorted(given - found.at.keys()):
-        names = _keys(name)
-        for j, title in enumerate(titles):
-            own = {key(title), key(title_and_unit(title)[0])}
-            if own & names and j not in found.at.values() and len(key(title)) > 2:
-                found.notes.append(
-                    f"column {quoted(title)} may contain loads but is not read: the given load is used for all ratings"
-                )
+    found.notes.extend(
+        f"column {quoted(title.text)} may contain loads but is not read: the given load is used for all ratings"
+        for name in sorted(given - found.at.keys())
+        for title in _free(found, titles)
+        if title.keys & _keys(name) and len(key(title.text)) > 2
+    )
 
 
-def _misspelt(names: frozenset[str], parts: Mapping[int, tuple[str, Spelt | None]]) -> list[int]:
-    """Return the column, of the first ones, with a title close to a name, if any; short names resemble many words."""
-    stems = {key(stem): j for j, (stem, _) in islice(parts.items(), MOST_GUESSED) if len(stem) <= LONGEST_TITLE}
-    close = (difflib.get_close_matches(name, stems, 1, 0.8) for name in sorted(names) if len(name) > 4)
-    return list(dict.fromkeys(stems[stem] for found in close for stem in found))[:1]
+def _misspelt(name: str, titles: Sequence[_Title]) -> _Title | None:
+    """Return the title, of the first ones, that is close to a name, if any; short names resemble many words."""
+    stems = {key(title.stem): title for title in titles[:MOST_GUESSED] if len(title.stem) <= LONGEST_TITLE}
+    for known in sorted(_keys(name)):
+        if len(known) > 4 and (close := difflib.get_close_matches(known, stems, 1, 0.8)):
+            return stems[close[0]]
+    return None
 
 
-def _fits(name: str, stem: str, spelt: Spelt | None, *, title: str, names: frozenset[str]) -> bool:
-    """Return whether a title is a name of a column, with an allowed unit."""
+def _fits(name: str, title: _Title) -> bool:
+    """Return whether a title with a name of a column has an allowed unit, or the extent of a scale, such as 1-10."""
     quantity = _quantity(name)
-    if spelt is None and quantity in ("", "ratio"):
-        return True
-    if not quantity:
-        return key(title) in names or _is_scale(spelt)
-    if spelt is None or key(stem) not in names:
-        return False
-    return unit_named(spelt.text, quantity) is not None
-
-
-def _is_scale(spelt: Spelt | None) -> bool:
-    """Return whether a remark in brackets is the extent of a scale, such as 1-10."""
-    return spelt is not None and re.fullmatch(r"[0-9]+\s*(?:-|–|…|\.\.\.?|to)\s*[0-9]+", spelt.text) is not None
+    if title.spelt is None:
+        return quantity in ("", "ratio")
+    if quantity:
+        return key(title.stem) in _keys(name) and unit_named(title.spelt.text, quantity) is not None
+    scale = re.fullmatch(r"[0-9]+\s*(?:-|–|…|\.\.\.?|to)\s*[0-9]+", title.spelt.text)
+    return key(title.text) in _keys(name) or scale is not None

@@ -9,6 +9,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import AGGREGATED, MAGNITUDE
 from softness_bayes.model.as_given import as_given
 from softness_bayes.model.options import ModelOptions
+from support.refusals import refusal
 
 GEOMETRIC = """fabric,indentation_mm,Geometric_Mean,geometric_sd,N
 voile,1,5.5,1.8,20
@@ -19,22 +20,6 @@ denim,2,,2.0,20
 ARITHMETIC = "fabric,force_n,mean,sd,n\nvoile,1,5,2.5,20\ndenim,1,8,4,20\n"
 
 
-@pytest.fixture
-def file(tmp_path):
-    def write(text, name="cells.csv"):
-        path = tmp_path / name
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return write
-
-
-def refusal(path):
-    with pytest.raises(InputError) as caught:
-        Ratings.read(path)
-    return str(caught.value)
-
-
 def test_geometric_means_are_read_as_they_are_and_read_back(file):
     found = Ratings.read(file(GEOMETRIC))
     assert found.participants == ("raters",)
@@ -42,8 +27,8 @@ def test_geometric_means_are_read_as_they_are_and_read_back(file):
     assert found.cells.raters == 20
     assert found.cells.geometric_sd.tolist() == pytest.approx([1.8, np.nan, 1.7], nan_ok=True)
     assert found.notes == (
-        "cells.csv: rows are geometric means of 20 raters, with the standard deviations of their log ratings",
-        "cells.csv: 1 of 4 ratings is missing",
+        "ratings.csv: rows are geometric means of 20 raters, with the standard deviations of their log ratings",
+        "ratings.csv: 1 of 4 ratings is missing",
     )
     again = Ratings.read(file(ratings_csv(found), "again.csv"))
     assert again.rating.tolist() == found.rating.tolist()
@@ -58,7 +43,7 @@ def test_arithmetic_means_are_converted_with_a_measured_error(file):
     variance = np.log(1.25)
     np.testing.assert_allclose(np.log(found.rating), np.log([5.0, 8.0]) - 0.5 * variance)
     np.testing.assert_allclose(np.log(found.cells.geometric_sd), variance**0.5)
-    said = f"cells.csv: {conversion_note(20, variance**0.5)}"
+    said = f"ratings.csv: {conversion_note(20, variance**0.5)}"
     assert said in found.notes
     assert "an approximation: for 20 simulated raters as scattered as these a converted mean is off by 1.6 %" in said
     assert not [note for note in Ratings.read(file(GEOMETRIC)).notes if "approximation" in note]
@@ -99,7 +84,7 @@ def test_the_stated_error_is_that_of_other_simulated_raters(rng):
     ],
 )
 def test_what_does_not_tell_is_refused(file, text, said):
-    assert said in refusal(file(text))
+    assert said in refusal(Ratings.read, file(text))
 
 
 def test_a_standard_error_is_a_standard_deviation_over_the_root_of_the_raters(file):
@@ -117,7 +102,7 @@ def test_single_ratings_beside_such_columns_stay_single_ratings(file):
     found = Ratings.read(path)
     assert found.cells is None
     assert found.rating.tolist() == [5.0, 6.0]
-    assert "cells.csv: unused columns: mean, sd" in found.notes
+    assert "ratings.csv: unused columns: mean, sd" in found.notes
     assert Ratings.read(file("fabric,force_n,rating,n\na,1,5,20\nb,1,6,20\n")).cells is None
 
 

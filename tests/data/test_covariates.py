@@ -2,8 +2,6 @@
 
 import json
 
-import pytest
-
 from softness_bayes.data import Ratings, ratings_csv, read_experiment
 from support.command_line import call
 
@@ -15,16 +13,6 @@ TABLE = """participant,age,fabric,ID code,indentation_mm,rating,group,mood,empty
 P3,61.50,felt,,1,2,,good,,-
 P3,61.50,lawn,,1,3,,bad,,-
 """
-
-
-@pytest.fixture
-def file(tmp_path):
-    def write(text, name="ratings.csv"):
-        path = tmp_path / name
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return write
 
 
 def test_what_is_constant_within_participants_is_kept_as_written(file):

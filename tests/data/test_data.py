@@ -3,7 +3,6 @@ from __future__ import annotations
 import hashlib
 import math
 from dataclasses import FrozenInstanceError
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,6 +21,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import MAGNITUDE
 from softness_bayes.touch.contact import PLATE_RIGIDITY, PRINTED_RIGIDITY, Force, Indentation
 from support.paths import SHARED
+from support.refusals import refusal
 
 needs_shared = pytest.mark.skipif(not SHARED.is_dir(), reason="the shared data lie beside the project only")
 
@@ -35,22 +35,6 @@ voile,3.2,0.22,0.18
 denim,33.0,0.68,0.15
 felt,1,1,0.2
 """
-
-
-@pytest.fixture
-def file(tmp_path):
-    def write(content: str | bytes, name: str = "ratings.csv") -> Path:
-        path = tmp_path / name
-        path.write_bytes(content.encode() if isinstance(content, str) else content)
-        return path
-
-    return write
-
-
-def refusal(call, *args, **options) -> str:
-    with pytest.raises(InputError) as caught:
-        call(*args, **options)
-    return str(caught.value)
 
 
 def edited(text: str, row: int, old: str, new: str) -> str:

@@ -1,30 +1,13 @@
 """Problems of tables: all of them in one message, each once, and none that follows from another."""
 
-import pytest
 from click.testing import CliRunner
 
 from softness_bayes.cli import main
 from softness_bayes.data import Compression, Fabrics, Ratings, read_experiment
-from softness_bayes.errors import InputError
+from support.refusals import refusal
 
 HEADER = "participant,fabric,indentation_mm,rating\n"
 CLOTH = "fabric,tensile_modulus_mpa,thickness_mm\nvoile,3.2,0.22\ndenim,33,0.68\n"
-
-
-@pytest.fixture
-def file(tmp_path):
-    def write(text, name="ratings.csv"):
-        path = tmp_path / name
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return write
-
-
-def refusal(call, *args, **options):
-    with pytest.raises(InputError) as caught:
-        call(*args, **options)
-    return str(caught.value)
 
 
 def test_all_problems_of_ratings_are_named_in_the_order_of_rows(file):

@@ -12,16 +12,7 @@ from softness_bayes.data.columns import LABELS, NUMBERS, SYNONYMS, UNITS, key, t
 from softness_bayes.errors import InputError
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.readings import MENDED
-
-
-@pytest.fixture
-def file(tmp_path):
-    def write(text, name="table.csv"):
-        path = tmp_path / name
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return write
+from support.refusals import refusal
 
 
 def ratings(file, load, value="1", **options):
@@ -192,9 +183,7 @@ def test_tables_in_several_languages_are_read_and_every_name_is_said(file, heade
 
 def test_two_columns_that_may_be_the_same_are_refused_with_what_decides(file):
     path = file("fabric,force_n,softness,magnitude\na,1,2,3\n")
-    with pytest.raises(InputError) as caught:
-        Ratings.read(path)
-    assert str(caught.value) == (
+    assert refusal(Ratings.read, path) == (
         f"{path}: row 1: columns 'softness', 'magnitude' may each be 'rating'; choose one with "
         "--column rating='softness' or --column rating='magnitude'"
     )
@@ -204,7 +193,7 @@ def test_two_columns_that_may_be_the_same_are_refused_with_what_decides(file):
 def test_the_proper_name_comes_first_and_other_columns_stay_unused(file):
     read = Ratings.read(file("fabric,force_n,rating,softness,depth [mm],subject\na,1,2,9,1,P1\n"))
     assert (read.rating.tolist(), read.loads, read.participants) == ([2], (Force(1.0),), ("P1",))
-    assert read.notes[1] == "table.csv: unused columns: softness, depth [mm]"
+    assert read.notes[1] == "ratings.csv: unused columns: softness, depth [mm]"
 
 
 def test_two_columns_that_may_be_the_trial_are_only_named(file):
@@ -214,9 +203,7 @@ def test_two_columns_that_may_be_the_trial_are_only_named(file):
 
 def test_of_two_loads_in_every_row_the_user_takes_one(file):
     path = file("fabric,depth [mm],force [N],rating\na,1,2,5\nb,2,3,6\n")
-    with pytest.raises(InputError) as caught:
-        Ratings.read(path)
-    assert str(caught.value) == (
+    assert refusal(Ratings.read, path) == (
         f"{path}: every row has an indentation and a force, expected one load; --column indentation_mm='depth [mm]' "
         "or --column force_n='force [N]' takes only one of them"
     )
@@ -231,10 +218,9 @@ def test_a_load_that_is_given_is_not_sought(file):
 
 
 def test_a_title_without_a_unit_is_not_guessed(file):
-    with pytest.raises(InputError) as caught:
-        ratings(file, "Indentation")
-    assert "no load column" in str(caught.value)
-    assert str(caught.value).endswith(
+    message = refusal(ratings, file, "Indentation")
+    assert "no load column" in message
+    assert message.endswith(
         "; column 'Indentation' is not read, it has no unit known here; --column indentation_mm='Indentation' takes it "
         "as indentation_mm; unused columns: Indentation"
     )
@@ -267,10 +253,10 @@ def test_check_says_every_name_and_conversion(file):
     done = CliRunner().invoke(main, ["check", "--data", str(path)])
     assert done.exit_code == 0
     for said in (
-        "note: table.csv: column 'Stoff' is read as fabric",
-        "note: table.csv: column 'Weichheit' is read as rating",
-        "note: table.csv: column 'Kraft [gf]' is read as force_n, converted, 1 gf = 0.00980665 N",
-        "note: table.csv: column 'B (gf·cm²/cm)' is read as bending_rigidity_n_m, converted, 1 gf·cm²/cm = 9.80665e-05",
+        "note: ratings.csv: column 'Stoff' is read as fabric",
+        "note: ratings.csv: column 'Weichheit' is read as rating",
+        "note: ratings.csv: column 'Kraft [gf]' is read as force_n, converted, 1 gf = 0.00980665 N",
+        "note: ratings.csv: column 'B (gf·cm²/cm)' is read as bending_rigidity_n_m, converted, 1 gf·cm²/cm = 9.806",
     ):
         assert said in done.output
 
@@ -284,9 +270,7 @@ def test_check_says_every_name_and_conversion(file):
     ],
 )
 def test_a_misspelt_title_is_named_with_what_takes_it(file, header, said):
-    with pytest.raises(InputError) as caught:
-        Ratings.read(file(f"{header}\na,1,2\n"))
-    assert said in str(caught.value)
+    assert said in refusal(Ratings.read, file(f"{header}\na,1,2\n"))
 
 
 def test_titles_that_are_other_words_are_not_called_misspelt(file):
@@ -294,9 +278,9 @@ def test_titles_that_are_other_words_are_not_called_misspelt(file):
     assert not any("misspelt" in note for note in read.notes)
     read = read_experiment(file("fabric,force_n,rating,effective_modulus_kpa,t (s),nu,B\na,1,2,3,4,0.1,5\n"))
     assert read.notes == (
-        "table.csv: column 'nu' is read as poisson_ratio",
-        "table.csv: unused columns: t (s), B",
-        "table.csv: no column 'participant': all ratings are treated as those of one participant",
+        "ratings.csv: column 'nu' is read as poisson_ratio",
+        "ratings.csv: unused columns: t (s), B",
+        "ratings.csv: no column 'participant': all ratings are treated as those of one participant",
     )
 
 

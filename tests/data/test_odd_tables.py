@@ -12,16 +12,6 @@ from softness_bayes.touch.contact import Force, Indentation
 ROWS = "A,cotton,100,10\nA,silk,100,25\nB,cotton,50,12\nB,silk,50,30\n"
 
 
-@pytest.fixture
-def file(tmp_path):
-    def written(text, name="ratings.csv"):
-        path = tmp_path / name
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return written
-
-
 # units below the titles
 
 

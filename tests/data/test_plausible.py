@@ -12,16 +12,6 @@ from softness_bayes.errors import InputError
 from support.paths import ROOT, SHARED
 
 
-@pytest.fixture
-def file(tmp_path):
-    def write(text, name="table.csv"):
-        path = tmp_path / name
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return write
-
-
 def rated(file, *ratings, load="indentation_mm,1"):
     name, value = load.split(",")
     rows = "".join(f"P1,f{k},{value},{rating}\n" for k, rating in enumerate(ratings))
@@ -87,7 +77,7 @@ def test_ratings_that_only_look_like_codes_are_read(file, ratings):
 
 def test_ratings_that_are_all_equal_are_named(file):
     assert strange(rated(file, 5, 5, 5)) == [
-        "table.csv: looks wrong: all 3 ratings are 5, so they contain no information"
+        "ratings.csv: looks wrong: all 3 ratings are 5, so they contain no information"
     ]
     assert strange(rated(file, 5, 5, 6)) == []
 
@@ -134,7 +124,7 @@ def test_check_prints_what_looks_wrong(file):
     path = file("participant,fabric,force_n,rating,bending_rigidity_n_m\nP,a,1,5,0.1\nP,b,1,6,0.2\nP,c,1,7,1e-5\n")
     done = CliRunner().invoke(main, ["check", "--data", str(path)])
     assert done.exit_code == 0
-    assert "note: table.csv: looks wrong: E_fab of 2 of 3 fabrics (a 1e+05, b 2e+05), expected" in done.output
+    assert "note: ratings.csv: looks wrong: E_fab of 2 of 3 fabrics (a 1e+05, b 2e+05), expected" in done.output
 
 
 def test_nothing_looks_wrong_in_measured_and_shipped_fabrics():

@@ -10,20 +10,11 @@ from softness_bayes.data import Fabrics, Ratings, read_experiment
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import MAGNITUDE
 from softness_bayes.touch.contact import Force, Indentation
+from support.refusals import refusal
 
 CLOTH = Fabrics(("voile", "denim", "felt"), effective_modulus=np.array([3e3, 100e3, 20e3]))
 FIELDS = ("participants", "fabrics", "loads", "n_missing")
 ARRAYS = ("participant", "fabric", "load", "rating")
-
-
-@pytest.fixture
-def file(tmp_path):
-    def write(text, name="ratings.csv"):
-        path = tmp_path / name
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return write
 
 
 def assert_same(read, long):
@@ -76,34 +67,30 @@ def test_a_column_per_fabric_with_loads_in_rows_or_given(file):
         assert_same(Ratings.read(path, **options), long_form(file, rows))
     given = Ratings.read(file("subject,voile,denim\nP1,5,6\n"), CLOTH, force_n=1.5)
     assert (given.loads, given.fabrics) == ((Force(1.5),), ("voile", "denim"))
-    assert "if the table has one column per fabric, add --wide" in refusal(file("subject,voile,denim\nP1,5,6\n"))
-
-
-def refusal(*args, **options):
-    with pytest.raises(InputError) as caught:
-        Ratings.read(*args, **options)
-    return str(caught.value)
+    bare = file("subject,voile,denim\nP1,5,6\n")
+    assert "if the table has one column per fabric, add --wide" in refusal(Ratings.read, bare)
 
 
 def test_errors_name_the_column_of_the_file(file):
     path = file("participant,voile_1mm,denim_1mm\nP1,5,six\n")
-    assert refusal(path) == f"{path}: row 2, column 'denim_1mm': expected a finite number, got 'six'"
+    assert refusal(Ratings.read, path) == f"{path}: row 2, column 'denim_1mm': expected a finite number, got 'six'"
     path = file("participant;voile_1mm;denim_1mm\nP1;5;1,234\n")
-    assert refusal(path).startswith(f"{path}: row 2, column 'denim_1mm': '1,234' may be 1.234 or 1234")
+    assert refusal(Ratings.read, path).startswith(f"{path}: row 2, column 'denim_1mm': '1,234' may be 1.234 or 1234")
     path = file("participant,voile_1mm,denim_1mm\nP1,5,-1\n")
     with pytest.raises(InputError, match="row 2, column 'voile_1mm … denim_1mm': expected a magnitude estimate of 0"):
         MAGNITUDE.require(Ratings.read(path))
     path = file("participant,voile_1mm,denim\nP1,5,6\n")
-    assert "row 2, column 'denim': expected a load" in refusal(path, wide=True)
+    assert "row 2, column 'denim': expected a load" in refusal(Ratings.read, path, wide=True)
 
 
 def test_what_may_be_a_misspelt_fabric_is_refused(file):
     path = file("participant,age,voile_1mm,demin_1mm,felt_1mm\nP1,30,5,6,7\n")
-    assert refusal(path, CLOTH) == (
+    assert refusal(Ratings.read, path, CLOTH) == (
         f"{path}: row 1, column 'demin_1mm': 'demin' is not a known fabric (did you mean 'denim'?)"
     )
     path = file("participant,age,voile,demin,felt\nP1,30,5,6,7\n")
-    assert "column 'demin': 'demin' is not a known fabric (did you mean 'denim'?)" in refusal(path, CLOTH, force_n=1)
+    message = refusal(Ratings.read, path, CLOTH, force_n=1)
+    assert "column 'demin': 'demin' is not a known fabric (did you mean 'denim'?)" in message
     read = Ratings.read(file("participant,age,voile,denim\nP1,30,5,6\n"), CLOTH, force_n=1)
     assert read.covariates == {"age": ("30",)}
 
@@ -123,7 +110,7 @@ def test_what_may_be_a_misspelt_fabric_is_refused(file):
     ],
 )
 def test_wide_tables_that_contradict_are_refused(file, header, options, problem):
-    assert problem in refusal(file(f"{header}\n1,2,3\n"), **options)
+    assert problem in refusal(Ratings.read, file(f"{header}\n1,2,3\n"), **options)
 
 
 def test_fabrics_that_are_beside_or_in_frames_make_a_table_wide(file):
