@@ -16,14 +16,12 @@ from threadpoolctl import threadpool_limits
 from softness_bayes.results import pictures
 from softness_bayes.results import request as request_module
 from softness_bayes.sampler.sampling import Settings
-from softness_bayes.touch import shared_fields
-from softness_bayes.touch.field import StressField
-from softness_bayes.touch.finger_field import FingerField
-from softness_bayes.touch.load_field import LoadTable
+from softness_bayes.touch import stress_table
 from softness_bayes.touch.neuron import fixed_channels, noise, spikes
 from softness_bayes.touch.neuron.firing import CurveError, RateCurve
 from softness_bayes.touch.neuron.onset import Onset
 from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.stress_table import StressTable
 from support.longer import file_of, mark_longer
 from support.longest import LONGEST
 from support.once import Kept, made_once
@@ -113,8 +111,7 @@ def one_membrane(once):
 def one_field(once):
     """Make the table of each stress field once: the same loads and fingers are in the scenes of many tests."""
     with pytest.MonkeyPatch.context() as patch:
-        for name, make in (("_stress_field", StressField), ("_finger_field", FingerField), ("_load_table", LoadTable)):
-            patch.setattr(shared_fields, name, made_once(once, make))
+        patch.setattr(stress_table, "_table", made_once(once, StressTable))
         yield
 
 

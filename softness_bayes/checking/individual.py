@@ -13,7 +13,7 @@ from softness_bayes.likelihood.own_effects import EFFECT_OF_ANSWER, OWN_ANSWERS
 from softness_bayes.likelihood.ratings import SKIN
 from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS
 from softness_bayes.parameters.priors import Prior, parse_prior
-from softness_bayes.touch.finger_grid import EFFECT_OF, SPREAD_OF
+from softness_bayes.touch.fingers import EFFECT_OF, SPREAD_OF
 
 if TYPE_CHECKING:
     import pandas as pd

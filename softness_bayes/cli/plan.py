@@ -14,7 +14,7 @@ from softness_bayes.errors import InputError
 if TYPE_CHECKING:
     from softness_bayes.model.cost import Setting
     from softness_bayes.touch.accuracy import Errors
-    from softness_bayes.touch.discretisation import Discretisation
+    from softness_bayes.touch.scene import Discretisation
 
 
 @click.command()
@@ -32,7 +32,7 @@ def command(files: DataFiles, model: ModelChoice, scale: str) -> None:
     from softness_bayes.model.build import build
     from softness_bayes.model.cost import BATCH, ladder, left_out, seconds
     from softness_bayes.model.scenes import prior_draws
-    from softness_bayes.touch.resolution import DRAWS
+    from softness_bayes.touch.accuracy import DRAWS
     from softness_bayes.touch.scene import Scene
 
     data = files.read()
@@ -42,7 +42,7 @@ def command(files: DataFiles, model: ModelChoice, scale: str) -> None:
     scene, chosen, draws = built.scene, built.resolution, prior_draws(built.posterior.space)
     assert chosen is not None, "the command line sets an accuracy"
     d = chosen.discretisation
-    settings = ladder(chosen, draws)
+    settings = ladder(scene, draws)
     cost, others = seconds(scene, draws.parameters), built.posterior.other_loads
     cost += seconds(others, draws.parameters) if isinstance(others, Scene) else 0.0
     click.echo(
@@ -61,7 +61,7 @@ def command(files: DataFiles, model: ModelChoice, scale: str) -> None:
     click.echo("\nleft out:")
     for reason in left_out(built):
         click.echo(f"- {reason}")
-    click.echo("\nalternatives (the other stages as chosen):")
+    click.echo("\npresets:")
     for setting in settings:
         click.echo(_choice(setting))
 
@@ -87,11 +87,8 @@ def _row(stage: str, resolution: str, peak: str, log: str) -> str:
 
 
 def _choice(setting: Setting) -> str:
-    d = setting.discretisation
-    what = {
-        "population": f"{d.nodes} nodes, to exp(-{d.saturation:g})",
-        "field": f"tolerance {d.field_tolerance:.0e}",
-        "firing rates": _terms(d),
-    }[setting.stage]
+    d = setting.resolution.discretisation
+    what = f"{d.nodes} nodes, to exp(-{d.saturation:g}), tolerance {d.field_tolerance:.0e}, {_terms(d)}"
     mark = "  <- chosen" if setting.chosen else ""
-    return f"{_row(setting.stage, what, *_numbers(setting.errors))} {1e6 * setting.seconds:9.1f} µs{mark}"
+    peak, log = _numbers(setting.resolution.errors)
+    return f"{what:54} {peak:>9} {log:>9} {1e6 * setting.seconds:9.1f} µs{mark}"

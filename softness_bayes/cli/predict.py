@@ -190,12 +190,11 @@ def _accurate(
     compiled: Callable[..., Scene], named: Mapping[str, ArrayLike], parameters: TouchParameters, accuracy: float
 ) -> Scene:
     """Return the scene at the resolution that the accuracy needs."""
-    from softness_bayes.touch.resolution import given_draws, scene_with_accuracy
+    from softness_bayes.touch.accuracy import PRESETS, choose, given_draws
 
-    scene, _ = scene_with_accuracy(
-        lambda discretisation: compiled(discretisation=discretisation), given_draws(named, parameters), accuracy
-    )
-    return scene
+    draws = given_draws(named, parameters)
+    # a scene that is evaluated only once gains nothing from the coarsest
+    return choose(lambda discretisation: compiled(discretisation=discretisation), draws, accuracy, PRESETS[1:]).scene
 
 
 def _geometry_note(scenes: Sequence[Scene], parameters: TouchParameters, of: str) -> str:

@@ -164,12 +164,13 @@ def _resolution(
 ) -> Discretisation:
     """Return a discretisation that achieves the accuracy at these parameters."""
     from softness_bayes.model.scenes import scene_of, touch_parameters
-    from softness_bayes.touch.resolution import given_draws, scene_with_accuracy
+    from softness_bayes.touch.accuracy import PRESETS, choose, given_draws
 
-    _, choice = scene_with_accuracy(
+    choice = choose(
         lambda discretisation: scene_of(fabrics, loads, values, readings, discretisation=discretisation, finger=finger),
         given_draws(values, touch_parameters(values)),
         accuracy,
+        PRESETS[1:],
     )
     return choice.discretisation
 

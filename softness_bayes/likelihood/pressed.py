@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
 from softness_bayes.likelihood.ratings import RatingParameters
-from softness_bayes.touch.finger_grid import SkinLaws
+from softness_bayes.touch.fingers import SkinLaws
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,13 +37,11 @@ from softness_bayes.parameters.coordinates import Bent, Coordinate, Scaled
 from softness_bayes.parameters.declared import ERROR_PARAMETERS, FINGER_PARAMETERS, PARAMETERS, SHAPE_PARAMETERS
 from softness_bayes.parameters.fabric_moduli import FabricModuli
 from softness_bayes.parameters.space import ParameterSpace
-from softness_bayes.touch import accuracy
-from softness_bayes.touch.discretisation import Discretisation, sharing
+from softness_bayes.touch.accuracy import PRESETS, ChosenResolution, choose
 from softness_bayes.touch.load_groups import groups_of
-from softness_bayes.touch.resolution import resolution_for
-from softness_bayes.touch.scene import Scene
+from softness_bayes.touch.scene import Discretisation, Scene
 
-COARSE = Discretisation(4, 5.5, 1e-4)
+COARSE = PRESETS[0]
 """Resolution sufficient to order fabrics by firing."""
 
 ALPHA_WIDTH = 0.3
@@ -80,7 +78,7 @@ class ExperimentModel:
     posterior: Posterior
     scene: Scene
     direction: DirectionChoice
-    resolution: accuracy.ChosenResolution | None
+    resolution: ChosenResolution | None
     given: AsGiven
 
 
@@ -141,7 +139,7 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
     moduli = moduli_of(experiment, options)
     compiled = _compiler(experiment, options, space)
     if options.discretisation is None:
-        resolution = resolution_for(compiled, prior_draws(space), options.accuracy)
+        resolution = choose(compiled, prior_draws(space), options.accuracy)
         options = options.decide(discretisation=resolution.discretisation)
     assert options.discretisation is not None
     scene = compiled(options.discretisation)
@@ -235,7 +233,7 @@ def choose_direction(experiment: Experiment, options: ModelOptions, given: AsGiv
     given = given or as_given(ratings, options)
     space = space_of(experiment, options, given)
     # noise smooths the onset of the rate curve, which does not change the order but takes minutes
-    coarse = replace(sharing(COARSE, options.finest), rate_nodes=(options.discretisation or COARSE).rate_nodes)
+    coarse = replace(COARSE, rate_nodes=(options.discretisation or COARSE).rate_nodes)
     scene = _compiler(experiment, replace(options, noise=0.0), space)(coarse)
     layout = Layout(design_of(experiment), scene.modulus, conditions.load, scale=options.scale)
     draws = space.touch(space.draw_prior(np.random.default_rng(0), DRAWS))

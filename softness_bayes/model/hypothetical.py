@@ -13,8 +13,7 @@ from softness_bayes.model.build import ExperimentModel, design_of
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.ranges import Range
 from softness_bayes.readable import number
-from softness_bayes.touch.contact import Force, Indentation, Load
-from softness_bayes.touch.load_field import held
+from softness_bayes.touch.contact import Force, Indentation, Load, held
 from softness_bayes.touch.scene import Scene
 
 Array = NDArray[np.float64]

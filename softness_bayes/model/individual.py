@@ -7,8 +7,7 @@ from types import MappingProxyType
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.own_effects import OWN_ANSWERS
-from softness_bayes.touch.finger_family import FingerFamily
-from softness_bayes.touch.finger_grid import SPREAD_OF, FingerGrid
+from softness_bayes.touch.fingers import SPREAD_OF, FingerFamily, FingerGrid
 from softness_bayes.touch.scene import Scene
 
 NODES: Mapping[int, Mapping[str, int]] = MappingProxyType(

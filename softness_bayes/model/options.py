@@ -20,10 +20,9 @@ from softness_bayes.model.individual import answers_of, require_individual
 from softness_bayes.parameters.fabric_moduli import UNKNOWN_MODULUS, require_law
 from softness_bayes.parameters.priors import Prior, as_prior, as_priors, parse_prior, require_storable
 from softness_bayes.ranges import CATEGORIES_RANGE, LOAD_ERRORS, RELATIVE_ERRORS, RESOLUTIONS, SHARED_LOAD_ERRORS
-from softness_bayes.touch.accuracy import references
 from softness_bayes.touch.contact import Finger
-from softness_bayes.touch.discretisation import Discretisation
 from softness_bayes.touch.readings import MENDED, Readings
+from softness_bayes.touch.scene import Discretisation
 
 NUMBER = (int, float, np.number)
 KINDS: Mapping[str, tuple[Any, str]] = MappingProxyType(
@@ -159,11 +158,6 @@ class ModelOptions:
         """Accuracy met by the discretisation; None if the discretisation was given."""
         given = self.discretisation is not None and "discretisation" not in self.decided
         return None if given else self.accuracy
-
-    @property
-    def finest(self) -> Discretisation:
-        """Finest resolution for which a run computes stress fields."""
-        return self.discretisation or references(self.accuracy)[0]
 
     def record(self) -> dict[str, Any]:
         """Return these options as JSON data; `from_record` is the inverse."""

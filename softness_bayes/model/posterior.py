@@ -16,8 +16,7 @@ from softness_bayes.likelihood.plate import FORCES, CompressionForces, SkinParam
 from softness_bayes.likelihood.ratings import RATINGS, RatingParameters, RatingsLikelihood
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.space import ParameterSpace
-from softness_bayes.touch.finger_family import FingerFamily, FingerSpreads
-from softness_bayes.touch.finger_grid import SPREAD_OF
+from softness_bayes.touch.fingers import SPREAD_OF, FingerFamily, FingerSpreads
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Scene
 

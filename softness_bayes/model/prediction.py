@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from softness_bayes.data import Fabrics
 from softness_bayes.model.scenes import touch_parameters
 from softness_bayes.touch.parameters import TouchParameters
-from softness_bayes.touch.response import Response
-from softness_bayes.touch.scene import Scene
+from softness_bayes.touch.scene import Response, Scene
 
 if TYPE_CHECKING:
     import pandas as pd

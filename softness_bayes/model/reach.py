@@ -17,12 +17,12 @@ from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
 from softness_bayes.parameters.declared import SHAPE_PARAMETERS
 from softness_bayes.parameters.fabric_moduli import FabricModuli
 from softness_bayes.readable import percent
-from softness_bayes.touch.contact import HERTZ_LIMIT, Finger, Force, Indentation, Load
-from softness_bayes.touch.discretisation import Discretisation, sharing
+from softness_bayes.touch.accuracy import PRESETS
+from softness_bayes.touch.contact import HERTZ_LIMIT, Finger, Force, Indentation, Load, Loads
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import Readings
-from softness_bayes.touch.scene import Scene
+from softness_bayes.touch.scene import Discretisation, Scene
 
 Array = NDArray[np.float64]
 
@@ -47,7 +47,7 @@ OTHER_LOADS: Mapping[type, tuple[Load, ...]] = {
 SKINS = ("default", "in-vivo")
 """Sets of priors whose skin is tried as an alternative."""
 
-COARSE = Discretisation(nodes=8, field_tolerance=1e-3)
+COARSE = PRESETS[0]
 """Discretisation sufficient to decide whether receptors fire."""
 
 
@@ -147,7 +147,7 @@ def wide_contacts(loads: Sequence[Load], finger: Finger) -> str:
     """
     pressed = sorted(load for load in loads if isinstance(load, Indentation))
     any_modulus = np.ones(1)
-    extent = {load: float(load.close(any_modulus, finger).radius[0]) / finger.radius for load in pressed}
+    extent = {load: float(Loads(load).radius(any_modulus, finger)[0]) / finger.radius for load in pressed}
     wide = [f"{extent[load]:.2f} R at {load}" for load in pressed if extent[load] > HERTZ_LIMIT]
     if not wide:
         return ""
@@ -198,7 +198,4 @@ def reach_of(experiment: Experiment, options: ModelOptions) -> str:
     given = {name: value for name, value in known.items() if name in TouchParameters._fields}
     loads, finger = experiment.ratings.loads, replace(options.finger, **shape)
     moduli = moduli_of(experiment, options)
-    coarse = sharing(COARSE, options.finest)
-    return reach_of_priors(
-        experiment.fabrics, loads, options.readings, options.prior_set, given, finger, moduli, coarse
-    )
+    return reach_of_priors(experiment.fabrics, loads, options.readings, options.prior_set, given, finger, moduli)

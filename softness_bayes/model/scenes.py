@@ -22,15 +22,15 @@ from softness_bayes.parameters.declared import (
 )
 from softness_bayes.parameters.fabric_moduli import FabricModuli
 from softness_bayes.parameters.space import ParameterSpace
+from softness_bayes.touch.accuracy import DRAWS, Draws
 from softness_bayes.touch.contact import Finger, FingerBox, Load
+from softness_bayes.touch.mechanics import SkinBox
 from softness_bayes.touch.neuron.fixed_channels import Firing, FixedChannels
 from softness_bayes.touch.neuron.membrane import Channels, Membrane
 from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import Readings
-from softness_bayes.touch.resolution import DRAWS, Draws
 from softness_bayes.touch.scene import Discretisation, Scene
-from softness_bayes.touch.skin_start import SkinBox
 
 
 def touch_parameters(values: Mapping[str, ArrayLike]) -> TouchParameters:

@@ -109,7 +109,6 @@ def _begin_exact(posterior: Posterior, theta: Array, workers: Workers) -> Callab
     # the division does not depend on the number of processes, so that results agree to the last bit
     count = min(EXACT_PARTS, -(-len(theta) // FIRST_DRAWS))
     scene = _scene(posterior)
-    scene.refined()  # from now on part of the scene that is sent; otherwise every process would compute its fields
     parts = [workers.start(exact_log_likelihood, part, scene) for part in np.array_split(theta, count)]
     return lambda: np.concatenate([part() for part in parts])
 

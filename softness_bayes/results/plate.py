@@ -15,7 +15,7 @@ from softness_bayes.likelihood.contract import NO_RESPONSE
 from softness_bayes.likelihood.plate import CompressionForces, FingerEffects, SkinParameters
 from softness_bayes.provenance import PlateData, attributes_of
 from softness_bayes.results.groups import Groups, Variable
-from softness_bayes.touch.plate import plate_force
+from softness_bayes.touch.contact import plate_force
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes import touch
-from softness_bayes.touch.firing_sample import TABLE
+from softness_bayes.touch.accuracy import TABLE
 from softness_bayes.touch.neuron.firing import exact_curves
 from softness_bayes.touch.neuron.membrane import Channels, Membrane
 from softness_bayes.touch.neuron.surface import DESIGNS, FiringSurface

@@ -1,73 +1,99 @@
-"""Choice of a scene's resolution: the cheapest setting of each stage whose measured error stays under a bound.
+"""Choice of a scene's resolution: the coarsest of three presets whose measured error stays under a bound.
 
-Two errors are measured: that of the total rate, relative to the largest rate of the parameter vector, and that of
-log(N/N_ref + eps), which enters a likelihood of log ratings. The reference is the same scene at the same parameter
-vectors, with stress fields a hundred times more accurate and a much finer quadrature. Candidates use truncated versions
-of its fields, so that the choice requires only one compilation.
+Two errors are measured at given parameter vectors: that of the total rate, relative to the largest rate of the vector,
+and that of log(N/N_ref + eps), which enters a likelihood of log ratings. The reference is the same scene with whole
+stress tables, a much finer quadrature, and exact rate curves.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib import resources
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
-from softness_bayes.touch.neuron.fixed_channels import Firing, FixedChannels
+from softness_bayes.ranges import ACCURACIES
+from softness_bayes.touch.neuron.firing import RateCurve
+from softness_bayes.touch.neuron.fixed_channels import FixedChannels
+from softness_bayes.touch.neuron.membrane import Channels, Driven, Membrane
+from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Discretisation, Scene
 
 Array = NDArray[np.float64]
 
-QUADRATURES: tuple[tuple[int, float], ...] = (
-    (3, 4.0), (4, 5.5), (5, 7.0), (6, 8.0), (7, 8.5), (8, 9.5), (9, 10.5), (10, 11.0), (11, 12.0), (12, 12.5),
-    (14, 14.0), (16, 15.5), (20, 19.0), (24, 22.0),
-)  # fmt: skip
-"""Nodes of the population integral and its extent along the sigmoid, from cheap to accurate. For each number of nodes
-the extent has the least of the errors measured under indentations of 1 to 3 mm and forces of 0.1 to 2 N; both errors
-shrink together, because refining one of them alone gains nothing."""
-
-TOLERANCES = (1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7, 3e-8, 1e-8)
-"""Tolerances of the stress fields, from cheap to accurate."""
-
-RATE_TERMS = (8, 10, 12, 14, 16, 18, 20)
-"""Numbers of terms of the rate curves, from cheap to accurate; all terms are left if none of these is sufficient."""
-
-COARSEST = Discretisation(*QUADRATURES[0], TOLERANCES[0], rate_terms=RATE_TERMS[0])
-"""The coarsest candidate."""
-
-RATE_NODES = (18, 28)
-"""Numbers of exact rates interpolated by the curve of fixed channels, first and second attempt."""
-
-BEYOND_SATURATION = 0.002
-"""Least error that a saturation leaves, relative to the exponential of its extent."""
-
-REFERENCE = (40, 24.0)
-"""Reference quadrature: within 1e-10 of the peak response."""
-
-FIELD_SHARE = 1e-3
-"""Tolerance of the reference's stress fields as a share of the accuracy. A scene whose fields have a tenth of the
-accuracy is then refined (`Scene.refined`) without finer ones."""
-
-RATES_SHARE = 0.2
-"""Share of the bound that the error of a fixed-channel curve may use before more exact rates are added."""
-
-SHORTER_SHARE = 0.2
-"""Share of the bound that fewer terms of the rate curves may use."""
-
-FIRST_SHARE = 0.3
-"""Share of the bound that the quadrature error may use; the fields may use the remainder."""
+PRESETS = (Discretisation(5, 7.0, 1e-4, rate_terms=16), Discretisation(), Discretisation(16, 15.5, 1e-7, rate_nodes=28))
+"""The resolutions, from cheap to accurate: with errors of about 5e-4, 1e-5 and 1e-7 of the peak response. In each, the
+extent of the population integral has the least of the errors measured under indentations of 1 to 3 mm and forces of 0.1
+to 2 N, and the parts have similar errors, because refining one of them alone gains nothing."""
 
 MARGIN = 0.8
 """Share of the bound allowed at the measured vectors, because other vectors may have larger errors."""
 
-BEYOND = 0.01
-"""Share of the vectors with the largest errors that is excluded from the error of the rate curves."""
+DRAWS, EXACT_DRAWS = 256, 16
+"""Number of parameter vectors at which errors are measured, and of those for which exact rate curves are computed if
+none are stored, which takes a second or two."""
 
 CONDITIONS = 120
 """Largest number of conditions at which errors are measured; more are thinned evenly, by fabric and then by load."""
+
+TABLE = "firing_sample.npz"
+"""Name of the data file of `FiringSample` next to this module."""
+
+
+@dataclass(frozen=True)
+class FiringSample:
+    """Exact rate curves of a sample of channel vectors, log-normal about the centre of a firing-rate surface.
+
+    Exact rates take milliseconds per current, so the curves are stored. ``python -m
+    softness_bayes.tools.firing_sample_build`` recomputes them for every membrane that has a surface.
+
+    Parameters
+    ----------
+    channels
+        Multipliers, each of shape (n,).
+    curve
+        Their exact curves, of batch shape (n,).
+    """
+
+    channels: Channels
+    curve: RateCurve
+    noise = 0.0
+
+    @classmethod
+    def load(cls, membrane: Membrane) -> FiringSample | None:
+        """Return the stored sample of a membrane, or None."""
+        with (resources.files(__package__) / TABLE).open("rb") as file, np.load(file) as data:
+            if membrane.name not in data:
+                return None
+            rows = data[membrane.name]
+        surface = FiringSurface.load(membrane)
+        curve = RateCurve(rows[:, 4], rows[:, 5], rows[:, 6:], surface.max_current, surface.error)
+        return cls(Channels(*rows[:, :4].T), curve)
+
+    def put_into(self, parameters: TouchParameters) -> TouchParameters:
+        """Return the first parameter vectors, shape (vectors,), with the sample's channel multipliers."""
+        size = min(np.size(parameters.alpha), self.curve.rheobase.size)
+        some = first(parameters, size)
+        return some._replace(**{name: values[:size] for name, values in self.channels._asdict().items()})
+
+    def curves(self, parameters: Driven) -> RateCurve:
+        """Return the curves of parameter vectors, shape (vectors,), whose multipliers come from the sample."""
+        order = np.argsort(self.channels.c_Na)
+        place = np.searchsorted(np.asarray(self.channels.c_Na)[order], parameters.c_Na)
+        return self.curve.take(order[place])
+
+    def exact(self) -> FiringSample:
+        """Return this source: its curves are exact."""
+        return self
+
+    def shortened(self, terms: int) -> FiringSample:
+        """Return this source: exact curves keep all terms."""
+        return self
 
 
 class Errors(NamedTuple):
@@ -81,23 +107,26 @@ class Errors(NamedTuple):
     @property
     def largest(self) -> float:
         """Larger of the two errors, at the worst vector."""
-        return float(max(self.peak.max(), self.log.max()))
+        return float(max(np.max(self.peak), np.max(self.log)))
 
-    def worst(self) -> Errors:
-        """Return the maximum of each error over the vectors."""
-        return Errors(np.asarray(self.peak.max()), np.asarray(self.log.max()))
+    def quantile(self, share: float) -> Errors:
+        """Return a quantile of each error over the vectors; 1 for the largest."""
+        return Errors(*(np.asarray(np.quantile(error, share)) for error in self))
 
-    def plus(self, other: Errors) -> Errors:
-        """Return the sums of both errors."""
-        return Errors(self.peak + other.peak, self.log + other.log)
+    def plus(self, peak: Array | float, log: Array | float) -> Errors:
+        """Return the sums with other errors."""
+        return Errors(np.asarray(self.peak + peak), np.asarray(self.log + log))
 
 
-class Tried(NamedTuple):
-    """One setting of one stage, with the other stages at their most accurate."""
+class Draws(NamedTuple):
+    """Parameter vectors at which errors are measured."""
 
-    stage: str
-    discretisation: Discretisation
-    errors: Errors
+    parameters: TouchParameters
+    """Shape (vectors,)."""
+    eps: float | None
+    """eps, added to N/N_ref in the logarithm [Hz] (its median if it varies); None if there is no logarithm."""
+    usual_channels: bool
+    """True if all channel multipliers vary under their default priors."""
 
 
 class ChosenResolution(NamedTuple):
@@ -107,18 +136,16 @@ class ChosenResolution(NamedTuple):
     """The bound."""
     discretisation: Discretisation
     mechanics: Errors
-    """Errors of fields and population, maximum over the measured vectors and conditions."""
+    """Errors of stress fields and population, maximum over the measured vectors and conditions."""
     firing: Errors
-    """Errors of the rate curves, with the terms that are left out."""
-    tried: tuple[Tried, ...]
-    """The candidates and their errors."""
-    reference: Scene
-    """Reference scene for the errors."""
+    """Errors of the rate curves."""
+    scene: Scene
+    """The scene at this resolution."""
 
     @property
     def errors(self) -> Errors:
         """Sum of both errors, which is below the bound."""
-        return self.mechanics.plus(self.firing)
+        return self.mechanics.plus(*self.firing)
 
 
 def errors(rate: Array, better: Array, n_receptors: float, eps: float | None) -> Errors:
@@ -146,123 +173,86 @@ def errors(rate: Array, better: Array, n_receptors: float, eps: float | None) ->
     return Errors(relative, np.abs(logs).max(axis=-1))
 
 
-def references(accuracy: float) -> tuple[Discretisation, ...]:
-    """Return the resolutions of reference scenes, with increasing numbers of exact rates for a fixed-channel curve.
+def measured(scene: Scene, draws: Draws, accuracy: float = 0.0) -> ChosenResolution:
+    """Measure the errors of a scene at some parameter vectors; the bound `accuracy` is that to which they matter."""
+    few = thinned(scene)
+    fine = few.refined()
+    unshortened = few.coarser(replace(few.discretisation, rate_terms=None))
+    exact = fine.total_rate(draws.parameters)
+    mechanics = errors(unshortened.total_rate(draws.parameters), exact, few.n_receptors, draws.eps).quantile(1.0)
+    # the stress tables have a common error that this difference does not show
+    mechanics = mechanics.plus(few.field_error, few.field_error)
+    return ChosenResolution(accuracy, scene.discretisation, mechanics, _of_rates(few, fine, draws, accuracy), scene)
 
-    Raises
-    ------
-    InputError
-        If the accuracy is not between 0 and 1.
+
+def _of_rates(few: Scene, fine: Scene, draws: Draws, accuracy: float) -> Errors:
+    """Return the errors of a scene's rate curves, in the refined scene.
+
+    It is the quantile that 1 % of the vectors exceed: as alpha approaches the rheobase, the response vanishes and
+    relative errors become meaningless.
     """
-    if not 0 < accuracy < 1:
-        raise InputError(f"accuracy is {accuracy}, expected a bound of relative errors between 0 and 1")
-    wanted = max(FIELD_SHARE * accuracy, TOLERANCES[-1]) * (1.0 + 1e-9)
-    tolerance = max(t for t in TOLERANCES if t <= wanted)
-    return tuple(Discretisation(*REFERENCE, tolerance, rate_nodes) for rate_nodes in RATE_NODES)
+    short = fine.coarser(replace(fine.discretisation, rate_terms=few.discretisation.rate_terms))
+    parameters, firing, bound = draws.parameters, few.firing, 0.0
+    exact = fine
+    if isinstance(firing, FiringSurface):
+        kept = FiringSample.load(firing.design.membrane) if draws.usual_channels else None
+        parameters = first(parameters, EXACT_DRAWS) if kept is None else kept.put_into(parameters)
+        exact = fine.fired_by(firing.exact() if kept is None else kept)
+    elif isinstance(firing, FixedChannels) and not firing.noise:  # the error of an average over noise is its own
+        bound = firing.curve.error.relative
+        if bound > 0.2 * accuracy > 0.0:
+            # the bound holds at every rate, even irrelevant ones; the difference from more exact rates matters
+            exact, bound = fine.fired_by(firing.exact()), 0.0
+    found = errors(short.total_rate(parameters), exact.total_rate(parameters), few.n_receptors, draws.eps)
+    return found.quantile(0.99).plus(bound, bound)
 
 
 def choose(
-    reference: Scene,
-    parameters: TouchParameters,
+    compiled: Callable[[Discretisation], Scene],
+    draws: Draws,
     accuracy: float,
-    eps: float | None,
-    rates: Errors,
-    least: Discretisation = COARSEST,
+    presets: Sequence[Discretisation] = PRESETS,
 ) -> ChosenResolution:
-    """Return the cheapest discretisation whose errors at some parameter vectors stay under a bound.
+    """Return the first preset whose errors at some parameter vectors stay under a bound, with the scene.
 
     Parameters
     ----------
-    reference
-        The scene, compiled with one of `references`.
-    parameters
-        Parameter vectors at which errors are measured, shape (vectors,).
+    compiled
+        Function that compiles the scene for a discretisation.
+    draws
+        Parameter vectors at which errors are measured.
     accuracy
-        The bound, of both errors.
-    eps
-        As for `errors`.
-    rates
-        The error of the scene's rate curves.
-    least
-        The coarsest resolution allowed for any stage.
+        Bound on the error of the response, relative to its peak and in log(N/N_ref + eps).
+    presets
+        The resolutions tried. A scene that is evaluated only once gains nothing from the coarsest.
 
     Raises
     ------
     InputError
-        If the scene cannot reach the bound; the message says which accuracy it reaches, and what would help.
+        If no preset reaches the bound; the message says which accuracy is reached, and what would help.
     """
-    best, few = reference.discretisation, thinned(reference)
-    exact = few.total_rate(parameters)
-    # the two fields may have a common error that their difference does not show
-    lacking = Errors(*np.full((2,), few.field_error))
-    tried = list[Tried]()
-
-    def measured(stage: str, d: Discretisation) -> float:
-        found = errors(few.coarser(d).total_rate(parameters), exact, few.n_receptors, eps)
-        found = (_usual(found) if stage == "firing rates" else found.worst()).plus(lacking)
-        tried.append(Tried(stage, d, found))
-        return found.largest
-
-    terms = None
-    for fewer in () if least.rate_terms is None else RATE_TERMS:
-        over = measured("firing rates", replace(best, rate_terms=fewer)) - few.field_error
-        if over <= SHORTER_SHARE * accuracy:
-            terms, rates = fewer, rates.plus(Errors(*np.full((2,), over)))
-            break
-    room = MARGIN * accuracy - rates.largest
-    allowed = FIRST_SHARE * (room - few.field_error)
-    # truncation at a saturation costs a share of its exponential, a field about its tolerance: settings beyond the
-    # bound are skipped
-    left = {q: BEYOND_SATURATION * np.exp(-q[1]) for q in QUADRATURES}
-    promising = (q for q in QUADRATURES if q[0] >= least.nodes and (left[q] <= allowed or q == QUADRATURES[-1]))
-    for nodes, saturation in promising:
-        over = measured("population", replace(best, nodes=nodes, saturation=saturation)) - few.field_error
-        if over <= allowed:
-            break
-    coarsest = max(min(0.5 * room, least.field_tolerance), best.field_tolerance)
-    for tolerance in (t for t in TOLERANCES if best.field_tolerance <= t <= coarsest):
-        source = best.field_tolerance if tolerance > best.field_tolerance else None
-        d = replace(best, nodes=nodes, saturation=saturation, field_tolerance=tolerance, field_source=source)
-        if measured("field", d) <= room:
-            d = replace(d, rate_terms=terms)
-            return ChosenResolution(accuracy, d, tried[-1].errors, rates, tuple(tried), reference)
-    raise _unreachable(accuracy, min(t.errors.largest for t in tried), rates, reference)
-
-
-def held_rates(scene: Scene) -> Errors:
-    """Return the error of the fixed-channel curve, relative to the rate: an upper bound for the response.
-
-    The error is 0 for an average over noise, whose Monte-Carlo error is reported separately.
-    """
-    firing = scene.firing
-    relative = firing.curve.error.relative if isinstance(firing, FixedChannels) and not firing.noise else 0.0
-    return Errors(np.array(relative), np.array(relative))
-
-
-def sampled_rates(scene: Scene, firing: Firing, parameters: TouchParameters, eps: float | None) -> Errors:
-    """Return the change of a scene's response at some parameter vectors when exact rate curves are used.
-
-    The result is the one exceeded by a share `BEYOND` of the vectors.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    firing
-        The exact curves.
-    parameters, eps
-        As for `choose`.
-    """
-    few = thinned(scene)
-    return _usual(errors(few.total_rate(parameters), few.fired_by(firing).total_rate(parameters), few.n_receptors, eps))
-
-
-def _usual(found: Errors) -> Errors:
-    """Return the quantile of errors of the rates that a share `BEYOND` of the vectors exceeds.
-
-    As alpha approaches the rheobase, the response vanishes and relative errors become meaningless.
-    """
-    return Errors(*(np.asarray(np.quantile(error, 1.0 - BEYOND)) for error in found))
+    ACCURACIES.require("accuracy", accuracy)
+    tried: list[ChosenResolution] = []
+    for preset in presets:
+        tried.append(measured(compiled(preset), draws, accuracy))
+        if tried[-1].errors.largest <= MARGIN * accuracy:
+            return tried[-1]
+    best = min(tried, key=lambda one: one.errors.largest)
+    helps = []
+    if best.firing.largest > 0.5 * MARGIN * accuracy:
+        helps.append(
+            f"; the error of the firing rates alone is {best.firing.largest:.1e}: fix c_Na, c_K, c_L and c_A (--fix), "
+            "which makes rates exact"
+        )
+    if best.scene.field_error > 0.2 * accuracy:
+        reached = best.scene.field_error
+        helps.append(f"; the error of its stress fields is {reached:.1e}: try another reading, or fewer loads")
+    possible = best.errors.largest / MARGIN
+    unit = 10.0 ** (np.floor(np.log10(possible)) - 1)
+    raise InputError(
+        f"accuracy {accuracy:g} cannot be reached for these fabrics and loads; the smallest possible is "
+        f"{np.ceil(possible / unit) * unit:.1e}{''.join(helps)}"
+    )
 
 
 def thinned(scene: Scene) -> Scene:
@@ -281,22 +271,14 @@ def thinned(scene: Scene) -> Scene:
     return scene.take(np.concatenate(kept))
 
 
-def _unreachable(accuracy: float, mechanics: float, rates: Errors, scene: Scene) -> InputError:
-    helps = []
-    if rates.largest > 0.5 * MARGIN * accuracy:
-        helps.append(
-            f"the error of the firing rates alone is {rates.largest:.1e}: fix c_Na, c_K, c_L and c_A (--fix), "
-            "which makes rates exact"
-        )
-    if scene.field_error > 0.2 * accuracy:
-        helps.append(f"the error of its stress fields is {scene.field_error:.1e}: try another reading, or fewer loads")
-    reached = (mechanics + rates.largest) / MARGIN
-    return InputError(
-        f"accuracy {accuracy:g} cannot be reached for these fabrics and loads; the smallest possible is "
-        f"{_rounded_up(reached):.1e}" + "".join(f"; {help_}" for help_ in helps)
-    )
+def given_draws(values: Mapping[str, ArrayLike], parameters: TouchParameters) -> Draws:
+    """Return the parameter vectors of a command that evaluates the model only at these."""
+    shape = np.broadcast_shapes(*(np.shape(v) for v in parameters), (1,))
+    eps = float(np.median(np.asarray(values["eps"], float))) if "eps" in values else None
+    whole = TouchParameters(*(np.broadcast_to(v, shape) for v in parameters))
+    return Draws(first(whole, min(DRAWS, shape[0])), eps, False)
 
 
-def _rounded_up(value: float) -> float:
-    unit = 10.0 ** (np.floor(np.log10(value)) - 1)
-    return float(np.ceil(value / unit) * unit)
+def first(parameters: TouchParameters, size: int) -> TouchParameters:
+    """Return the first `size` parameter vectors, repeated cyclically if there are too few."""
+    return TouchParameters(*(np.resize(value, (size,)) for value in parameters))

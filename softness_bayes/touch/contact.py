@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -164,14 +164,6 @@ class Indentation:
     def __str__(self) -> str:
         return f"{self.depth * 1e3:.12g} mm"
 
-    def compression(self, finger: Fingertip, displacement: SkinDisplacement) -> tuple[float | Array, float]:
-        """Return (ln C, p) of `skin_modulus`: the contact radius is given, so p = 0."""
-        return _log_scale_of_depth(self.depth, finger, displacement), 0.0
-
-    def close(self, reduced_modulus: Array, finger: Fingertip) -> Closure:
-        """Return contact radius, indentation and Hertz's force for E_star [Pa]."""
-        return _close_at_depth(self.depth, reduced_modulus, finger)
-
 
 @dataclass(frozen=True, order=True)
 class Force:
@@ -184,14 +176,6 @@ class Force:
 
     def __str__(self) -> str:
         return f"{self.newton:.12g} N"
-
-    def compression(self, finger: Fingertip, displacement: SkinDisplacement) -> tuple[float | Array, float]:
-        """Return (ln C, p) of `skin_modulus`: a³ = 3 R F / (4 E_star) makes p = power / 3."""
-        return _log_scale_of_force(self.newton, finger, displacement), displacement.power / 3.0
-
-    def close(self, reduced_modulus: Array, finger: Fingertip) -> Closure:
-        """Return contact radius, indentation and force for E_star [Pa]."""
-        return _close_at_force(self.newton, reduced_modulus, finger)
 
 
 Load = Indentation | Force
@@ -213,71 +197,52 @@ def require_loads(what: str, loads: Sequence[Load]) -> tuple[Load, ...]:
     return tuple(loads)
 
 
-class Closure(NamedTuple):
-    """Contact radius [m], indentation [m] and force [N] of a load at some reduced modulus."""
-
-    radius: Array
-    indentation: Array
-    force: Array
+def held(load: Load) -> float:
+    """Return the quantity held constant by a load: its force [N] or its indentation [m]."""
+    return load.newton if isinstance(load, Force) else load.depth
 
 
-class ManyLoads:
-    """The loads of many conditions, one each, for vectorised contact solutions.
+class Loads:
+    """The loads of many conditions, one each, for contact solutions of all at once.
 
     Parameters
     ----------
     loads
-        One load for each condition.
+        One load for each condition, or one for everything.
     """
 
-    def __init__(self, loads: Sequence[Load]) -> None:
-        self._deep = np.array([isinstance(load, Indentation) for load in loads])
+    def __init__(self, loads: Load | Sequence[Load]) -> None:
+        every = [loads] if isinstance(loads, (Indentation, Force)) else [*loads]
+        shape = () if isinstance(loads, (Indentation, Force)) else (len(every),)
+        self.indented = np.array([isinstance(load, Indentation) for load in every]).reshape(shape)
         # NaN for the quantity that a load does not fix
-        self._depth = np.array([load.depth if isinstance(load, Indentation) else np.nan for load in loads])
-        self._newton = np.array([load.newton if isinstance(load, Force) else np.nan for load in loads])
+        self._depth = np.array([load.depth if isinstance(load, Indentation) else np.nan for load in every]).reshape(
+            shape
+        )
+        self._newton = np.array([load.newton if isinstance(load, Force) else np.nan for load in every]).reshape(shape)
 
     def radius(self, reduced_modulus: Array, finger: Fingertip) -> Array:
-        """Return the contact radius [m] for E_star [Pa], both of shape (batch, conditions)."""
-        held = np.sqrt(finger.radius * self._depth)
-        if self._deep.all():
-            return np.broadcast_to(held, reduced_modulus.shape)
-        return np.where(self._deep, held, _radius_at_force(self._newton, reduced_modulus, finger))
+        """Return the contact radius [m] for E_star [Pa], of shape (..., conditions)."""
+        fixed = np.sqrt(finger.radius * self._depth)
+        if self.indented.all():
+            return np.broadcast_to(fixed, np.broadcast_shapes(fixed.shape, reduced_modulus.shape))
+        return np.where(self.indented, fixed, np.cbrt(0.75 * finger.radius * self._newton / reduced_modulus))
 
-    def close(self, reduced_modulus: Array, finger: Fingertip) -> Closure:
-        """Return contact radius, indentation and Hertz's force for E_star [Pa] of shape (batch, conditions)."""
+    def contact(self, skin: Array, reduced_modulus: Array, finger: Fingertip) -> Contact:
+        """Return the contacts for E_skin and E_star [Pa], of shape (..., conditions)."""
         radius = self.radius(reduced_modulus, finger)
-        indentation = np.where(self._deep, self._depth, radius**2 / finger.radius)
-        return Closure(
-            radius, indentation, np.where(self._deep, hertz_force(reduced_modulus, radius, finger), self._newton)
-        )
+        indentation = np.where(self.indented, self._depth, radius**2 / finger.radius)
+        force = np.where(self.indented, hertz_force(reduced_modulus, radius, finger), self._newton)
+        return Contact(skin, reduced_modulus, radius, indentation, force)
 
-    def log_scales(self, finger: Fingertip, displacement: SkinDisplacement) -> Array:
-        """Return ln C of `skin_modulus`, shape (batch, conditions), of fingers of shape (batch, 1)."""
-        deep = _log_scale_of_depth(self._depth, finger, displacement)
-        return np.where(self._deep, deep, _log_scale_of_force(self._newton, finger, displacement))
-
-
-def _close_at_depth(depth: float, reduced_modulus: Array, finger: Fingertip) -> Closure:
-    radius = np.full_like(reduced_modulus, np.sqrt(finger.radius * depth))
-    return Closure(radius, np.full_like(reduced_modulus, depth), hertz_force(reduced_modulus, radius, finger))
-
-
-def _close_at_force(newton: float, reduced_modulus: Array, finger: Fingertip) -> Closure:
-    radius = _radius_at_force(newton, reduced_modulus, finger)
-    return Closure(radius, radius**2 / finger.radius, np.full_like(reduced_modulus, newton))
-
-
-def _radius_at_force(newton: float | Array, reduced_modulus: Array, finger: Fingertip) -> Array:
-    return np.cbrt(0.75 * finger.radius * newton / reduced_modulus)
-
-
-def _log_scale_of_depth(depth: float | Array, finger: Fingertip, displacement: SkinDisplacement) -> float | Array:
-    return displacement.power * 0.5 * np.log(finger.radius * depth) - np.log(finger.radius)
-
-
-def _log_scale_of_force(newton: float | Array, finger: Fingertip, displacement: SkinDisplacement) -> float | Array:
-    softness = 1.0 - finger.poisson_ratio**2
-    return displacement.power / 3.0 * np.log(0.75 * finger.radius * newton * softness) - np.log(finger.radius)
+    def compression(self, finger: Fingertip, displacement: SkinDisplacement) -> tuple[Array, Array]:
+        """Return ln C and p of `skin_modulus`: with a given radius p = 0, with a given force p = power / 3."""
+        # a = sqrt(R delta), or a³ = 3 R F / (4 E_star)
+        softness = 1.0 - finger.poisson_ratio**2
+        under_force = displacement.power / 3.0 * np.log(0.75 * finger.radius * self._newton * softness)
+        at_depth = displacement.power * 0.5 * np.log(finger.radius * self._depth)
+        log_scale = np.where(self.indented, at_depth, under_force) - np.log(finger.radius)
+        return log_scale, np.where(self.indented, 0.0, displacement.power / 3.0)
 
 
 class Contact(NamedTuple):
@@ -347,7 +312,42 @@ def solve_contact(
     modulus, poisson = (numbers("fabric", given) for given in (fabric_modulus, fabric_poisson))
     if not ((modulus > 0) & np.isfinite(modulus)).all() or not ((poisson > -1) & (poisson <= 0.5)).all():
         raise InputError("fabric: expected a positive finite modulus and a Poisson ratio in (-1, 0.5]")
-    log_scale, p = load.compression(finger, displacement)
-    skin = skin_modulus(log_scale, p, log_compliance_ratio(fabric_modulus, fabric_poisson, finger), b, m)
-    reduced = reduced_modulus(skin, fabric_modulus, fabric_poisson, finger)
-    return Contact(skin, reduced, *load.close(reduced, finger))
+    loads, log_k = Loads(load), log_compliance_ratio(fabric_modulus, fabric_poisson, finger)
+    skin = skin_modulus(*loads.compression(finger, displacement), log_k, b, m)
+    found = loads.contact(skin, reduced_modulus(skin, fabric_modulus, fabric_poisson, finger), finger)
+    return Contact(*np.broadcast_arrays(*found))
+
+
+class PlateLine(NamedTuple):
+    """Force of a rigid plate, ln F = ln b + m slope + offset; arrays of the shape of the indentations."""
+
+    slope: Array
+    """a^power / R, the coefficient of m."""
+    offset: Array
+    """ln(4 a³ / (3 R (1 - nu_skin²))), the force on skin of unit modulus [ln m²]."""
+
+
+def plate_line(indentation: ArrayLike, finger: Finger = Finger(), displacement: SkinDisplacement = STRAIN) -> PlateLine:
+    """Return slope and offset of the force of a rigid flat plate, whose logarithm is linear in ln b and m.
+
+    It is the limit of a contact as E_fab goes to infinity: with k = 0 the skin's modulus is b exp(m a^power / R),
+    E_star = E_skin / (1 - nu_skin²), and F = 4 E_star a³ / (3 R), a = sqrt(R delta) (model.md 2-3).
+
+    Parameters
+    ----------
+    indentation
+        delta [m], positive.
+    finger, displacement
+        The fingertip, and the reading of its displacement.
+    """
+    radius = np.sqrt(finger.radius * np.asarray(indentation, float))
+    offset = np.log(4.0 * radius**3 / (3.0 * finger.radius * (1.0 - finger.poisson_ratio**2)))
+    return PlateLine(radius**displacement.power / finger.radius, offset)
+
+
+def plate_force(
+    indentation: ArrayLike, b: Any, m: Any, finger: Finger = Finger(), displacement: SkinDisplacement = STRAIN
+) -> Array:
+    """Return the force [N] of a rigid plate at indentations [m], for b [Pa] and m; all broadcast."""
+    line = plate_line(indentation, finger, displacement)
+    return np.asarray(np.exp(np.log(b) + m * line.slope + line.offset))

@@ -10,26 +10,39 @@ u = beta (sigma - sigma_0) and u = u_rheobase + t² the integrand is smooth in t
 the substitution removes the square root at the onset of the rate, and M has no singularity at the
 peak of the stress. A few nodes therefore suffice for each condition. M is evaluated through the
 tabulated field. The range is cut only where the responding patch crosses an edge or corner of the pad.
+
+The gain dnu/du is determined by the parameter vector, while M differs between conditions and costs most. In u the
+number M is so smooth that a polynomial through a few nodes replaces it; the gain needs more nodes:
+
+    ∫ M gain du  ≈  sum_j M(u_j) ∫ L_j gain du,    L_j the Lagrange polynomials of the nodes u_j
+
+The integrals of L_j gain use Gauss's rule in t = sqrt(u), in which the gain has no singularity. With the nodes u_j the
+rule is Gauss's for a typical gain.
 """
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.polynomial import chebyshev, legendre
 from numpy.typing import NDArray
 
-from softness_bayes.touch.field import Fields, Profile
 from softness_bayes.touch.neuron.firing import RateCurve
 from softness_bayes.touch.neuron.polynomials import horner
 from softness_bayes.touch.receptors import ReceptorCount
-from softness_bayes.touch.rules import gain_nodes, to_peak, to_saturation
+from softness_bayes.touch.stress_table import Y_LEAST, FieldsAt, Profile
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 GAINS = 2
 """Nodes of the rate's gain for each node of the count."""
+
+RISE = 0.75
+"""Power of 1 - exp(-u) to which a typical rate is proportional: firing rates grow faster than the root of the current
+above the rheobase, whose power is 0.5."""
 
 WIDE = 0.02
 """Share of the peak stress below which the edge of a patch makes it wide: the pole of M at stress 0 is then close."""
@@ -92,7 +105,7 @@ class Population:
         self.gauss_part = np.concatenate([[0.0], x, [1.0]])
         self.gauss_weight = np.concatenate([[0.0], weight, [0.0]])
 
-    def sums(self, fields: Fields, drive: Drive, intervals: bool = False) -> ReceptorSums:
+    def sums(self, fields: FieldsAt | Profile, drive: Drive, intervals: bool = False) -> ReceptorSums:
         """Integrate over the receptors for a batch of parameter vectors and all conditions.
 
         Parameters
@@ -124,7 +137,7 @@ class Population:
         stress = onset.stress.take(vector)
         root, gain = self._steps(onset, vector, stress, reach)
         extent = profile.squared_distance(self._y(profile, root))
-        within = self.count(extent)
+        within = self.count(np.minimum(extent, self.count.kinks[0] ** 2))
         sums = ReceptorSums(np.einsum("kn,kn->n", gain, within), within[0], np.zeros_like(reach))
         if intervals:
             top = np.sqrt(np.minimum(reach, self.saturation))
@@ -177,7 +190,7 @@ class Population:
         return np.sqrt(positive) if self.root == 0.5 else positive**self.root
 
     def _y(self, profile: Profile, root: Array) -> Array:
-        return np.minimum(np.maximum(root * (1.0 / self._root(profile.peak)), profile.y_least), 1.0)
+        return np.minimum(np.maximum(root * (1.0 / self._root(profile.peak)), Y_LEAST), 1.0)
 
     def _inner(
         self,
@@ -191,7 +204,7 @@ class Population:
         """Integrate from the first node to the peak, for a patch inside the first kink of the receptor count."""
         t = nodes.t
         extent = profile.squared_distance(self._y(profile, self._root(onset.stress_at(t))))
-        within = self.count(extent)
+        within = self.count(np.minimum(extent, self.count.kinks[0] ** 2))
         gain = nodes.weight * onset.gain(t * t)
         saturated, rest = reach > self.saturation, np.zeros_like(reach)
         rest[saturated] = self.count.anywhere(extent[-1][saturated])
@@ -264,16 +277,12 @@ class Population:
             return y * (profile.squared_distance(y) - squared)
 
         shape = (distance.size, profile.peak.size)
-        low, high = np.broadcast_to(profile.y_least, shape).copy(), np.ones(shape)
+        low, high = np.full(shape, Y_LEAST), np.ones(shape)
         at_low, at_high = beyond(low), np.broadcast_to(-squared, shape).copy()
         low_stays = np.ones(shape, dtype=bool)
-        # if the table does not reach the distance, its last point is used
-        inside = at_low > 0.0
-        at_low[~inside] = 1.0
         y = low
         for _ in range(_SEARCH):
-            step = np.where(inside, at_high / (at_high - at_low), 0.0)
-            y, before = np.where(inside, high - step * (high - low), low), y
+            y, before = high - at_high / (at_high - at_low) * (high - low), y
             if np.abs(y - before).max() <= _SAME:
                 break
             at_y = beyond(y)
@@ -364,3 +373,63 @@ class _Onset(NamedTuple):
         for k in range(len(level) - 2, -1, -1):
             level[k] -= level[k + 1]
         return self.rate_0 + s * horner(level, self.scale * s - 1.0)
+
+
+class Rule(NamedTuple):
+    """One rule, over a range of u scaled to [0, 1]."""
+
+    nodes: Array
+    """Nodes at which M is evaluated, shape (nodes,); the first is 0."""
+    weights: Array
+    """Weights of M at each node are these times the gains in u at the squared `gain_nodes`, shape (nodes, gains)."""
+
+
+@lru_cache(maxsize=64)
+def gain_nodes(gains: int) -> tuple[Array, Array]:
+    """Return nodes and weights of Gauss's rule in t, scaled to [0, 1]; they are not to be written to."""
+    x, weight = legendre.leggauss(gains)
+    node, weight = 0.5 * (x + 1.0), 0.5 * weight
+    node.flags.writeable = weight.flags.writeable = False
+    return node, weight
+
+
+def to_peak(nodes: int, gains: int) -> Rule:
+    """Return the rule from the onset to the peak, where M falls to 0 in proportion to the remaining u.
+
+    M divided by the remaining u is interpolated, and the gain is taken as even.
+    """
+    t, weight = gain_nodes(gains)
+    fine, of_fine = gain_nodes(200)
+    at = np.append(0.0, _zeros(nodes - 1, fine**2, of_fine * fine**2 * (1.0 - fine**2)))
+    left = (1.0 - t**2) / (1.0 - at[:, None])
+    return Rule(at, _lagrange(at, t**2) * left * (2.0 * t * weight))
+
+
+def to_saturation(nodes: int, gains: int, extent: float) -> Rule:
+    """Return the rule over u from 0 to `extent`, the last node; a typical rate is (1 - exp(-u)) to the power `RISE`."""
+    t, weight = gain_nodes(gains)
+    fine, of_fine = gain_nodes(200)
+    lost = -np.expm1(-extent * fine**2)
+    typical = of_fine * fine * (1.0 - lost) * lost ** (RISE - 1.0)
+    inside = _zeros(nodes - 2, fine**2, typical * fine**2 * (1.0 - fine**2))
+    at = np.concatenate([[0.0], inside, [1.0]])
+    return Rule(at, _lagrange(at, t**2) * (2.0 * t * weight))
+
+
+def _zeros(degree: int, points: Array, weight: Array) -> Array:
+    """Return the zeros of the orthogonal polynomial of some degree for a discrete measure on [0, 1], increasing.
+
+    They are the eigenvalues of multiplication by the argument, among the polynomials of lower degree.
+    """
+    if not degree:
+        return np.empty(0)
+    basis, _ = np.linalg.qr(np.sqrt(weight)[:, None] * chebyshev.chebvander(2.0 * points - 1.0, degree - 1))
+    return np.linalg.eigvalsh(basis.T @ (points[:, None] * basis))
+
+
+def _lagrange(nodes: Array, at: Array) -> Array:
+    """Return the values of every node's Lagrange polynomial, shape (nodes, points)."""
+    own = np.eye(nodes.size, dtype=bool)
+    apart = np.where(own, 1.0, nodes[:, None] - nodes)
+    shares = np.where(own[..., None], 1.0, (at - nodes[:, None]) / apart[..., None])
+    return np.asarray(shares.prod(axis=1))

@@ -28,8 +28,7 @@ from softness_bayes.touch.neuron.onset import rheobase
 from softness_bayes.touch.neuron.rate import firing_rate
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.receptors import Density, kink_distances, receptor_current
-from softness_bayes.touch.response import Response
-from softness_bayes.touch.scene import Scene
+from softness_bayes.touch.scene import Response, Scene
 from softness_bayes.touch.stress import stress
 
 Array = NDArray[np.float64]

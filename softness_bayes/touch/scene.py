@@ -4,40 +4,94 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
-from softness_bayes.touch import batches
-from softness_bayes.touch.conditions import checked_conditions, checked_fabrics, distinct, frozen, indices, valid_parts
-from softness_bayes.touch.contact import Contact, Finger, FingerBox, Fingertip, Load, fingertips
-from softness_bayes.touch.contacts import Contacts
-from softness_bayes.touch.discretisation import Discretisation, sharing
-from softness_bayes.touch.family import MANY, Family
-from softness_bayes.touch.field import Profile
-from softness_bayes.touch.finger_field import FieldsOfLoads, profiles
-from softness_bayes.touch.mechanics import Mechanics
+from softness_bayes.kinds import numbers, require_kind, require_members
+from softness_bayes.touch.contact import (
+    HERTZ_LIMIT,
+    Contact,
+    Finger,
+    FingerBox,
+    Fingertip,
+    Load,
+    fingertips,
+    require_loads,
+)
+from softness_bayes.touch.mechanics import Mechanics, SkinBox
 from softness_bayes.touch.neuron.fixed_channels import Firing
 from softness_bayes.touch.parameters import TouchParameters, checked_rows
 from softness_bayes.touch.population import Drive, Population
 from softness_bayes.touch.readings import Readings
-from softness_bayes.touch.receptors import kink_distances, receptor_count
-from softness_bayes.touch.response import BeyondHertz, Response
-from softness_bayes.touch.shared_fields import covered_moduli, cut, fields_of
-from softness_bayes.touch.skin_start import SkinBox
+from softness_bayes.touch.receptors import receptor_count
+from softness_bayes.touch.stress_table import SHARE, StressFields, covered_moduli, cut_tables, stress_tables
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+
+CHUNK = 1 << 16
+"""Number of quadrature nodes evaluated at once: enough for fast array operations, few enough for the cache."""
+
+LEAST_ROWS = 16
+"""Vectors that are evaluated at once at least: each load's table is then read for all of them."""
 
 _KEPT = (
     *("loads", "firing", "fabric", "load", "finger"),
     *("readings", "discretisation", "modulus_range", "finger_box", "skin_box"),
 )
 """Arguments of a scene that it keeps by their names."""
+
+
+@dataclass(frozen=True)
+class Discretisation:
+    """Resolution of a scene; the defaults have errors of about 1e-5 of the peak response."""
+
+    nodes: int = 10
+    """Nodes of the population integral for each condition."""
+    saturation: float = 11.0
+    """Extent of the integral along the sigmoid, in units of its exponent beyond the rheobase."""
+    field_tolerance: float = 3e-6
+    """Error allowed in the stress fields; they are tabulated to a tenth of it, and then truncated."""
+    rate_nodes: int = 18
+    """Number of exact rates interpolated by the curve of fixed channels."""
+    rate_terms: int | None = None
+    """Number of terms that are left of the polynomials in the root of the current; by default all."""
+
+
+class Response(NamedTuple):
+    """The population's response, each field of shape (..., conditions)."""
+
+    total_rate: Array
+    """Sum of the receptors' firing rates [spikes/s]."""
+    responding: Array
+    """Number of receptors that fire."""
+    mean_rate: Array
+    """Mean rate of the receptors that fire [Hz]; NaN if none fire."""
+    mean_interval: Array
+    """Mean inter-spike interval of the receptors that fire [s]; NaN if none fire."""
+    peak_stress: Array
+    """Stress at receptor depth on the contact's axis [Pa]."""
+    contact: Contact
+    """State of the contact."""
+
+
+class BeyondHertz(NamedTuple):
+    """Shares of draws × conditions with a large contact (model.md 3)."""
+
+    questionable: float
+    """Share with a > `HERTZ_LIMIT` R."""
+    meaningless: float
+    """Share with a >= R."""
+
+    @classmethod
+    def of(cls, extent: Array) -> Self:
+        """Return the shares for given ratios of contact radius to fingertip radius."""
+        return cls(float((extent > HERTZ_LIMIT).mean()), float((extent >= 1.0).mean()))
 
 
 class Scene:
@@ -87,65 +141,58 @@ class Scene:
         finger_box: FingerBox | None = None,
         skin_box: SkinBox | None = None,
     ) -> None:
-        loads = valid_parts(loads, firing, finger, readings, discretisation)
-        moduli, poisson = checked_fabrics(fabric_modulus, fabric_poisson)
-        self.fabric, self.load = checked_conditions(fabric, load, moduli.size, len(loads))
+        self.loads = require_loads("loads", loads)
+        require_members("firing", firing, ("curves",), "a source of rate curves, such as FixedChannels()")
+        require_kind("finger", finger, Finger, "a Finger, such as Finger(receptor_depth=0.6e-3)")
+        require_kind("readings", readings, Readings, "Readings, such as NAMED_READINGS['printed']")
+        require_kind("discretisation", discretisation, Discretisation, "a Discretisation")
+        moduli, poisson = _checked_fabrics(fabric_modulus, fabric_poisson)
+        if fabric is None or load is None:
+            fabric, load = np.tile(np.arange(moduli.size), len(loads)), np.repeat(np.arange(len(loads)), moduli.size)
+        self.fabric, self.load = _indices(fabric, moduli.size, "fabric"), _indices(load, len(loads), "load")
+        if self.fabric.size == 0 or self.fabric.shape != self.load.shape:
+            raise InputError("scene: expected one fabric and one load index for each of at least one condition")
         self.fabric_modulus, self._poissons, self.modulus_range = moduli, poisson, modulus_range
-        self.loads, self.firing, self.finger_box, self.skin_box = tuple(loads), firing, finger_box, skin_box
+        self.firing, self.finger_box, self.skin_box = firing, finger_box, skin_box
         self.finger, self.readings, self.discretisation = finger, readings, discretisation
-        self.modulus, self.poisson = frozen(moduli[self.fabric]), frozen(poisson[self.fabric])
-        self.count = receptor_count(finger, readings.receptor_density)
-        used = [index for index in range(len(self.loads)) if (self.load == index).any()]
-        self.columns = [np.flatnonzero(self.load == index) for index in used]
+        self.modulus, self.poisson = moduli[self.fabric], poisson[self.fabric]
+        for array in (self.modulus, self.poisson):
+            array.flags.writeable = False
         covered = covered_moduli(self.modulus, self.poisson, finger, modulus_range)
-        self.fields = fields_of(
-            [self.loads[index] for index in used], finger, finger_box, readings, covered, discretisation
-        )
-        self.population = Population(self.fields[0].root, self.count, discretisation.nodes, discretisation.saturation)
-        self._finer: Scene | None = None
-        # the scene of the distinct conditions and the place of each in it; None if all are distinct
-        first, place = distinct(self.load, self.modulus, self.poisson)
-        self._once = None if first.size == self.n_conditions else (self.take(first), place)
+        used = [self.loads[k] for k in np.unique(self.load)]
+        self._whole = stress_tables(used, finger, finger_box, readings, covered, discretisation.field_tolerance)
+        self._compile()
+
+    def _compile(self) -> None:
+        """Compile what depends on the conditions, the resolution and the place of contact, from the whole tables."""
+        self.count = receptor_count(self.finger, self.readings.receptor_density)
+        self.tables, d = cut_tables(self._whole, self.discretisation.field_tolerance), self.discretisation
+        used = np.unique(self.load)
+        self.columns = [np.flatnonzero(self.load == k) for k in used]
+        self.stress_fields = StressFields(self.tables, [self.loads[k] for k in used], self.columns, self.finger)
+        self.population = Population(self.tables[self.loads[used[0]]].root, self.count, d.nodes, d.saturation)
+        for name in ("mechanics", "rates"):
+            self.__dict__.pop(name, None)
 
     @cached_property
-    def _parts(self) -> tuple[list[Scene], Index]:
-        """Scenes of blocks of conditions, if all are too many to be evaluated at once, and each one's place in them."""
-        blocks = batches.blocks(self.columns, self.discretisation.nodes)
-        _ = self.rates  # shortened once, not by each part
-        return [self.take(block) for block in blocks] if len(blocks) > 1 else [], np.argsort(np.concatenate(blocks))
-
-    @cached_property
-    def _contacts(self) -> Contacts:
-        """The contacts of all conditions."""
-        loads, displacement = [self.loads[k] for k in self.load], self.readings.skin_displacement
-        return Contacts(self.modulus, self.poisson, loads, self.finger, displacement, self.skin_box)
-
-    @cached_property
-    def _side_by_side(self) -> FieldsOfLoads:
-        """The stress fields of all loads."""
-        return FieldsOfLoads(self.fields, self.columns)
-
-    @property
     def rates(self) -> Firing:
         """The source of rate curves, at the scene's resolution."""
-        return self.firing if self.discretisation.rate_terms is None else self._shortened
-
-    @cached_property
-    def _shortened(self) -> Firing:
-        assert self.discretisation.rate_terms is not None
-        return self.firing.shortened(self.discretisation.rate_terms)
+        terms = self.discretisation.rate_terms
+        return self.firing if terms is None else self.firing.shortened(terms)
 
     @cached_property
     def mechanics(self) -> Mechanics:
-        """From the skin to the stress fields."""
+        """From the skin to the contacts and stress fields."""
         return Mechanics(
-            self._contacts, self._side_by_side, self.finger, self.skin_box, self.discretisation.field_tolerance
+            self.modulus,
+            self.poisson,
+            [self.loads[k] for k in self.load],
+            self.finger,
+            self.readings.skin_displacement,
+            self.stress_fields,
+            self.skin_box if self.finger_box is None else None,
+            self.discretisation.field_tolerance,
         )
-
-    @property
-    def n_repeated(self) -> int:
-        """Number of conditions that repeat another's load and fabric; their total rate is not computed again."""
-        return 0 if self._once is None else self.n_conditions - self._once[0].n_conditions
 
     def fingertip(self, parameters: TouchParameters) -> Fingertip:
         """Return the finger: the scene's, or one for each vector of a batch (n,), with arrays of shape (n, 1).
@@ -191,38 +238,13 @@ class Scene:
         InputError
             If a parameter is not finite, b, alpha or beta is not positive, m is negative, or a radius or a depth is
             given to a scene of one finger.
-
-        Notes
-        -----
-        Where a load has more than `MANY` fabrics the rates are interpolated between fabrics (`Family`), with an error
-        of the order of the stress fields' tolerance; `respond` evaluates every fabric.
         """
-        if self._once is not None and modulus is None:
-            once, place = self._once
-            return once.total_rate(parameters)[..., place]
-        if max(columns.size for columns in self.columns) > MANY and modulus is None:
-            return self._interpolated_rate(parameters)
-        parts, place = self._parts
-        if parts:
-            return np.concatenate([part.total_rate(parameters, modulus) for part in parts], axis=-1)[..., place]
         shape, chunks = self._chunks(parameters, modulus)
-        rates = [self._total_rate(*chunk) for chunk in chunks]
+        rates = []
+        for chunk, own in chunks:
+            fields = self.mechanics.fields(chunk.b, chunk.m, own, self.fingertip(chunk))
+            rates.append(self.population.sums(fields, self._drive(chunk)).rate)
         return (rates[0] if len(rates) == 1 else np.concatenate(rates)).reshape(*shape, self.n_conditions)
-
-    def _total_rate(self, parameters: TouchParameters, modulus: Array | None) -> Array:
-        """Return the total rates of one chunk; only the required parts of contact and fields are computed."""
-        finger, own = self.fingertip(parameters), None if modulus is None else modulus[:, self.fabric]
-        fields = self.mechanics.fields(parameters.b, parameters.m, own, finger)
-        return self.population.sums(fields, self._drive(parameters)).rate
-
-    def _interpolated_rate(self, parameters: TouchParameters) -> Array:
-        shape, flat = checked_rows(parameters)
-        found, curve = np.empty((flat.b.size, self.n_conditions)), self.rates.curves(flat)
-        finger, chunk = self.fingertip(flat), batches.CHUNK // self.discretisation.nodes
-        for columns, field in zip(self.columns, self.fields, strict=True):
-            family = Family(field, self._contacts.log_k[columns], self.readings.skin_displacement)
-            found[:, columns] = family.total_rate(flat, curve, self.population, finger, chunk)
-        return found.reshape(*shape, self.n_conditions)
 
     def respond(self, parameters: TouchParameters, modulus: Array | None = None) -> Response:
         """Return all fields of every condition's response, for a batch of parameter vectors.
@@ -232,8 +254,9 @@ class Scene:
         shape, chunks = self._chunks(parameters, modulus)
         parts = []
         for chunk, own in chunks:
-            touch = self._contact(chunk, own)
-            fields = self._side_by_side.at(touch.reduced_modulus, touch.radius, self.fingertip(chunk))
+            finger = self.fingertip(chunk)
+            touch = self.mechanics.contact(chunk.b, chunk.m, own, finger)
+            fields = self.stress_fields.at(touch.reduced_modulus, touch.radius, finger)
             sums = self.population.sums(fields, self._drive(chunk), intervals=True)
             with np.errstate(invalid="ignore"):
                 mean_rate, mean_interval = sums.rate / sums.responding, sums.interval / sums.responding
@@ -246,57 +269,47 @@ class Scene:
     def contact(self, parameters: TouchParameters, modulus: Array | None = None) -> Contact:
         """Return the state of the contact alone, fields of shape (..., conditions); parameters as in `total_rate`."""
         shape, chunks = self._chunks(parameters, modulus)
-        fields = zip(*(self._contact(chunk, own) for chunk, own in chunks), strict=True)
+        parts = [self.mechanics.contact(chunk.b, chunk.m, own, self.fingertip(chunk)) for chunk, own in chunks]
+        fields = zip(*parts, strict=True)
         return Contact(*(np.concatenate(part).reshape(*shape, self.n_conditions) for part in fields))
 
-    def stress_profile(self, contact: Contact, finger: Fingertip | None = None) -> Profile:
-        """Return the stress fields for states of the contact of shape (batch, conditions).
-
-        Parameters
-        ----------
-        contact
-            As `contact` returns it.
-        finger
-            As `fingertip` returns it; by default the scene's finger.
-        """
-        if finger is None:
-            finger = self.finger
-        return profiles(self.fields, self.columns, contact.reduced_modulus, contact.radius, finger)
+    def beyond_hertz(self, parameters: TouchParameters, modulus: Array | None = None) -> BeyondHertz:
+        """Return the shares of draws × conditions with contact outside the range of Hertz's geometry."""
+        radius = self.contact(parameters, modulus).radius / self.fingertip(parameters).radius
+        return BeyondHertz.of(radius)
 
     def refined(self) -> Scene:
-        """Return the same scene at a finer resolution, the reference for this scene's error; cached."""
-        if self._finer is None:
-            d = self.discretisation
-            finer = Discretisation(d.nodes + 12, d.saturation + 8.0, 1e-2 * d.field_tolerance, d.rate_nodes)
-            self._finer = self._with(discretisation=sharing(finer, d))
-        return self._finer
+        """Return a reference: the same scene with whole stress tables, solved contacts and a finer quadrature."""
+        part, d = copy.copy(self), self.discretisation
+        finer = Discretisation(d.nodes + 12, d.saturation + 8.0, SHARE * d.field_tolerance, d.rate_nodes)
+        part.discretisation, part.skin_box = finer, None
+        part._compile()
+        return part
 
     def exact(self) -> Scene:
-        """Return the same scene at a finer resolution and with exact firing rates.
+        """Return the refined scene with exact firing rates, which takes milliseconds for each vector.
 
-        It agrees with adaptive integration over the pad to 1e-8 of the peak, and takes milliseconds for each vector.
+        What is left are the errors of its stress tables, `field_error`.
         """
         return self.refined().fired_by(self.firing.exact())
 
     @property
     def field_error(self) -> float:
-        """Largest measured error of the stress-field tables, defined as their tolerance is."""
-        return max(field.reached for field in self.fields)
+        """Largest measured error of the whole stress tables, relative to the largest value under a load."""
+        return max(table.reached for table in self._whole.values())
 
     def error(self, parameters: TouchParameters, modulus: Array | None = None) -> Array:
         """Return the numerical error of each vector's response relative to its largest, shape (...).
 
-        It is the largest difference from the same scene at a finer resolution, plus the error of that scene's stress
-        fields, because both scenes may share those.
+        It is the largest difference from the refined scene, plus the error of the stress tables that both share.
         """
-        finer = self.refined()
-        fine = finer.total_rate(parameters, modulus)
+        fine = self.refined().total_rate(parameters, modulus)
         peak = fine.max(axis=-1)
         difference = np.abs(self.total_rate(parameters, modulus) - fine).max(axis=-1)
-        return difference / np.where(peak > 0, peak, 1.0) + finer.field_error
+        return difference / np.where(peak > 0, peak, 1.0) + self.field_error
 
     def take(self, conditions: ArrayLike, contact_centre: tuple[float, float] | None = None) -> Scene:
-        """Return the scene of some conditions, optionally with another contact centre, with the same stress fields.
+        """Return the scene of some conditions, optionally with another contact centre, with the same stress tables.
 
         Parameters
         ----------
@@ -308,56 +321,41 @@ class Scene:
         Raises
         ------
         InputError
-            If there is no condition, an index is out of range, or the pad then extends farther from the axis than
-            the fields.
+            If there is no condition, or an index is out of range.
         """
-        finger = replace(self.finger, contact_centre=contact_centre or self.finger.contact_centre)
-        if kink_distances(finger)[-1] > kink_distances(self.finger)[-1]:
-            raise InputError(f"scene: from {contact_centre} m the pad extends farther than the stress fields")
-        chosen = indices(conditions, self.n_conditions, "condition")
+        chosen = _indices(conditions, self.n_conditions, "condition")
         if not chosen.size:
             raise InputError("scene: expected at least one condition")
-        part = self._without("_contacts", "_side_by_side", "mechanics")
-        part.finger, part.count = finger, receptor_count(finger, self.readings.receptor_density)
+        part = copy.copy(self)
+        part.finger = replace(self.finger, contact_centre=contact_centre or self.finger.contact_centre)
         for name in ("fabric", "load", "modulus", "poisson"):
             setattr(part, name, getattr(self, name)[chosen])
-        places = [np.flatnonzero(part.load == self.load[columns[0]]) for columns in self.columns]
-        part.columns = [columns for columns in places if columns.size]
-        part.fields = [field for field, columns in zip(self.fields, places, strict=True) if columns.size]
-        d = self.discretisation
-        part.population = Population(part.fields[0].root, part.count, d.nodes, d.saturation)
-        part._once = None
+        part._compile()
         return part
 
     def coarser(self, discretisation: Discretisation) -> Scene:
-        """Return the scene at a coarser resolution, with stress fields truncated from the present ones at no cost."""
-        part, d = self._without("_side_by_side", "mechanics", "_shortened"), discretisation
-        part.discretisation, part._once = d, None
-        part.fields = cut(self.fields, d.field_tolerance)
-        part.population = Population(part.fields[0].root, self.count, d.nodes, d.saturation)
+        """Return the scene at another resolution, with stress fields truncated from the present tables at no cost."""
+        part = copy.copy(self)
+        part.discretisation = discretisation
+        part._compile()
         return part
 
     def fired_by(self, firing: Firing) -> Scene:
         """Return the scene with its rate curves from another source."""
-        part = self._without("_shortened")
+        part = copy.copy(self)
         part.firing = firing
-        part._once = None if self._once is None else (self._once[0].fired_by(firing), self._once[1])
+        part.__dict__.pop("rates", None)
         return part
 
-    def _without(self, *made: str) -> Scene:
-        """Return a copy in which some cached properties are made again."""
-        part = copy.copy(self)
-        part._finer = None
-        for name in ("_parts", *made):
-            part.__dict__.pop(name, None)
-        return part
+    def at_resolution(self, discretisation: Discretisation) -> Scene:
+        """Compile the scene at another resolution."""
+        return self._with(discretisation=discretisation)
 
     def on_grid(self, modulus: Array, loads: Sequence[Load] | None = None) -> Scene:
         """Return a scene of fabrics with these moduli [Pa] and the median Poisson ratio, under some or all loads."""
         poisson = np.full(modulus.size, np.median(self.poisson))
-        own = replace(self.discretisation, field_source=None)  # fields over another range share no source
         changed = {"fabric_modulus": modulus, "fabric_poisson": poisson, "loads": loads or self.loads}
-        return self._with(**changed, fabric=None, load=None, discretisation=own)
+        return self._with(**changed, fabric=None, load=None)
 
     def under(self, loads: Sequence[Load], fabric: ArrayLike, load: ArrayLike) -> Scene:
         """Return the scene of the same fabrics in other conditions, given by indices of fabrics and new loads."""
@@ -383,19 +381,51 @@ class Scene:
         own |= {"fabric_modulus": self.fabric_modulus, "fabric_poisson": self._poissons}
         return Scene(**own | changed)
 
-    def beyond_hertz(self, parameters: TouchParameters, modulus: Array | None = None) -> BeyondHertz:
-        """Return the shares of draws × conditions with contact outside the range of Hertz's geometry."""
-        radius = self.contact(parameters, modulus).radius / self.fingertip(parameters).radius
-        return BeyondHertz.of(radius)
-
     def _chunks(
         self, parameters: TouchParameters, modulus: Array | None
     ) -> tuple[tuple[int, ...], Iterator[tuple[TouchParameters, Array | None]]]:
-        return batches.chunks(parameters, modulus, self.n_conditions * self.discretisation.nodes)
+        """Cut a batch of parameter vectors into chunks that fit into the processor's cache.
 
-    def _contact(self, parameters: TouchParameters, modulus: Array | None) -> Contact:
-        own = None if modulus is None else modulus[:, self.fabric]
-        return self._contacts.close(parameters.b, parameters.m, own, self.fingertip(parameters))
+        Returns
+        -------
+        shape, chunks
+            The batch shape, and the vectors of each chunk along one axis, with the moduli of their conditions. Chunks
+            are created lazily, so that the memory of one is released before the next.
+        """
+        require_members("parameters", parameters, ("b", "m"), "TouchParameters, as touch_parameters(values) returns")
+        if modulus is not None:
+            shape = np.broadcast_shapes(*(np.shape(value) for value in parameters), modulus.shape[:-1])
+            parameters = TouchParameters(*(np.broadcast_to(value, shape) for value in parameters))
+            modulus = np.broadcast_to(modulus, (*shape, modulus.shape[-1])).reshape(-1, modulus.shape[-1])
+        shape, flat = checked_rows(parameters)
+        rows = max(LEAST_ROWS, CHUNK // (self.n_conditions * self.discretisation.nodes))
+        if flat.b.size <= rows:
+            return shape, iter([(flat, None if modulus is None else modulus[:, self.fabric])])
+        parts = (slice(start, start + rows) for start in range(0, flat.b.size, rows))
+        return shape, (
+            (TouchParameters(*(value[k] for value in flat)), None if modulus is None else modulus[k][:, self.fabric])
+            for k in parts
+        )
 
     def _drive(self, parameters: TouchParameters) -> Drive:
         return Drive(parameters.alpha, parameters.beta, parameters.sigma_0, self.rates.curves(parameters))
+
+
+def _checked_fabrics(modulus: ArrayLike, poisson: ArrayLike) -> tuple[Array, Array]:
+    """Return E_fab [Pa] and nu_fab of each fabric, shape (fabrics,)."""
+    given = numbers("fabric_modulus", modulus, "numbers in Pa"), numbers("fabric_poisson", poisson)
+    moduli, ratios = np.broadcast_arrays(np.atleast_1d(given[0]), given[1])
+    if not ((moduli > 0) & np.isfinite(moduli)).all():
+        raise InputError("scene: every fabric modulus must be positive and finite [Pa]")
+    if not ((ratios > -1) & (ratios <= 0.5)).all():
+        raise InputError("scene: every fabric's Poisson ratio must lie in (-1, 0.5]")
+    return moduli, ratios
+
+
+def _indices(values: ArrayLike, size: int, what: str) -> Index:
+    """Return indices as a read-only array; raise an error if one is outside 0 to size - 1."""
+    array = np.array(values, dtype=np.intp)
+    if array.size and not ((array >= 0) & (array < size)).all():
+        raise InputError(f"scene: a {what} index lies outside 0 to {size - 1}")
+    array.flags.writeable = False
+    return array

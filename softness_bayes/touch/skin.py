@@ -11,9 +11,6 @@ from softness_bayes.errors import InputError, NumericalError
 
 Array = NDArray[np.float64]
 
-ONE_STEP = 1e-5
-"""Size of a step in ln v, relative to 1/v where v > 1, after which the next is of the size of its cube."""
-
 
 @dataclass(frozen=True)
 class SkinDisplacement:
@@ -37,21 +34,23 @@ DISPLACEMENT = SkinDisplacement(
 )
 
 
-def skin_modulus(
-    log_scale: ArrayLike, p: ArrayLike, log_k: ArrayLike, b: ArrayLike, m: ArrayLike, start: Array | None = None
-) -> Array:
+def skin_modulus(log_scale: ArrayLike, p: ArrayLike, log_k: ArrayLike, b: ArrayLike, m: ArrayLike) -> Array:
     """Solve E = b exp(m u), u = C E^-p (1 + k E)^(p-1), for the skin's modulus E [Pa].
+
+    With E = b e^v, v = m u and w = ln v the equation becomes w + p e^w + (1-p) softplus(ln(k b) + e^w) = ln(m C) -
+    p ln b. The left side rises and is convex in w, so Newton's method finds the root from any starting point, without a
+    bracket; it starts at the smaller of two upper bounds, one sharp for a soft and one for a stiff fabric. Halley's
+    correction lengthens steps above the root (to at most twice Newton's) and shortens those below it; three steps are
+    typical.
 
     Parameters
     ----------
     log_scale, p
-        ln C and p of a load's `compression` (`contact.Indentation`, `contact.Force`).
+        ln C and p of a load (`contact.Loads.compression`).
     log_k
         `contact.log_compliance_ratio` [ln 1/Pa].
     b, m
         Modulus at rest [Pa] and stiffening exponent, m >= 0. All arguments broadcast.
-    start
-        As `log_stiffening` takes it.
 
     Raises
     ------
@@ -61,28 +60,15 @@ def skin_modulus(
     b, m = np.asarray(b, float), np.asarray(m, float)
     if not ((b > 0) & np.isfinite(b)).all() or not ((m >= 0) & np.isfinite(m)).all():
         raise InputError("skin: expected finite b > 0 and m >= 0")
-    return stiffened(b, log_stiffening(log_scale, p, log_k, b, m, start))
-
-
-def stiffened(b: Array, w: Array) -> Array:
-    """Return the skin's modulus b e^v [Pa] at rest b [Pa] and w = ln v; the exponent stays in the range of numbers."""
-    return b * np.exp(np.minimum(np.exp(w), 600.0))
-
-
-def log_stiffening(
-    log_scale: ArrayLike, p: ArrayLike, log_k: ArrayLike, b: ArrayLike, m: ArrayLike, start: Array | None = None
-) -> Array:
-    """Return w = ln v of the skin's stiffening, E = b e^v; arguments as `skin_modulus` takes them.
-
-    With v = m u the equation becomes w + p e^w + (1-p) softplus(ln(k b) + e^w) = ln(m C) - p ln b. The left side rises
-    and is convex in w, so Newton's method finds the root from any starting point, without a bracket. Halley's
-    correction lengthens steps above the root (to at most twice Newton's) and shortens those below it; three steps are
-    typical, and one from a starting point within `ONE_STEP`. It is `upper_bound` unless another is given.
-    """
-    w = upper_bound(log_scale, p, log_k, b, m) if start is None else start.copy()
-    target, offset = _equation(log_scale, p, log_k, b, m)
-    p = np.asarray(p, float)
-    q = 1.0 - p
+    log_b, p = np.log(b), np.asarray(p, float)
+    # m = 0 gives v = 0, replaced by a tiny positive number in logarithms
+    target = np.asarray(log_scale, float) + np.log(np.maximum(m, 1e-300)) - p * log_b
+    offset, q = np.asarray(log_k, float) + log_b, 1.0 - p
+    stiff = np.maximum(target - q * offset, 1.0)
+    w = np.minimum(
+        target - q * _softplus(offset)[0],
+        np.where(stiff > 1.0, np.log(stiff - np.log(stiff - np.log(stiff))), target - q * offset),
+    )
     for _ in range(100):
         v = np.exp(w)
         softplus, logistic = _softplus(offset + v)
@@ -90,32 +76,11 @@ def log_stiffening(
         newton = (w + p * v + q * softplus - target) / (1.0 + rise)
         bend = (rise + v * v * q * logistic * (1.0 - logistic)) / (1.0 + rise)
         step = newton / np.maximum(1.0 - 0.5 * newton * bend, 0.5)
-        w -= step
-        if (np.abs(step) * np.maximum(v, 1.0) <= ONE_STEP).all():
-            return w
+        w = w - step
+        # the next step would be of the size of its cube
+        if (np.abs(step) * np.maximum(v, 1.0) <= 1e-5).all():
+            return np.asarray(b * np.exp(np.minimum(np.exp(w), 600.0)))  # the exponent stays in the range of numbers
     raise NumericalError("skin: the modulus did not converge")  # pragma: no cover - never seen
-
-
-def upper_bound(log_scale: ArrayLike, p: ArrayLike, log_k: ArrayLike, b: ArrayLike, m: ArrayLike) -> Array:
-    """Return a value of w above that of `log_stiffening`, which takes the same arguments.
-
-    It is the smaller of two bounds, one sharp for a soft and one for a stiff fabric.
-    """
-    q = 1.0 - np.asarray(p, float)
-    target, offset = _equation(log_scale, p, log_k, b, m)
-    stiff = np.maximum(target - q * offset, 1.0)
-    return np.minimum(
-        target - q * _softplus(offset)[0],
-        np.where(stiff > 1.0, np.log(stiff - np.log(stiff - np.log(stiff))), target - q * offset),
-    )
-
-
-def _equation(log_scale: ArrayLike, p: ArrayLike, log_k: ArrayLike, b: ArrayLike, m: ArrayLike) -> tuple[Array, Array]:
-    """Return ln(m C) - p ln b, the equation's right side, and ln(k b)."""
-    log_b = np.log(b)
-    # m = 0 gives v = 0, replaced by a tiny positive number in logarithms
-    target = np.asarray(log_scale, float) + np.log(np.maximum(m, 1e-300)) - np.asarray(p, float) * log_b
-    return target, np.asarray(log_k, float) + log_b
 
 
 def _softplus(x: Array) -> tuple[Array, Array]:

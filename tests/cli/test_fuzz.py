@@ -33,7 +33,7 @@ from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.results import fitted
 from softness_bayes.runs import calibrate
 from softness_bayes.sampler import workers
-from softness_bayes.touch import resolution
+from softness_bayes.touch import accuracy
 from support.randomness import SEED
 
 SEEDS = Path(__file__).with_name("fuzz")
@@ -202,7 +202,7 @@ def stubbed(monkeypatch):
         (build, "build"),
         (build, "choose_direction"),
         (fitted, "build"),
-        (resolution, "scene_with_accuracy"),
+        (accuracy, "choose"),
         (claims, "evaluate_claims"),
         (calibrate, "calibrate"),
         (bench, "_measure"),

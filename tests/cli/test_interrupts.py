@@ -168,7 +168,7 @@ def test_an_interrupt_ends_a_run_quietly_at_any_time(tmp_path, seed):
     [
         "softness_bayes.results.assembly:draw_replicates",  # all that follows the walk
         pytest.param("softness_bayes.runs.drawing:_finished", marks=pytest.mark.slow),  # workers are drawing
-        "softness_bayes.model.build:resolution_for",
+        "softness_bayes.model.build:choose",
     ],
 )
 def test_an_interrupt_ends_a_run_at_a_place(tmp_path, place):
@@ -191,7 +191,7 @@ def test_an_interrupt_ends_a_run_at_a_place(tmp_path, place):
     assert process.returncode == 130, said
     assert "Traceback" not in said
     assert "interrupted" in said
-    assert ("resume out" in said) == ("resolution_for" not in place), said
+    assert ("resume out" in said) == (not place.endswith(":choose")), said
 
 
 def test_calibrate_ends_at_once_and_says_how_to_go_on(tmp_path):

@@ -11,7 +11,7 @@ from softness_bayes.likelihood.individual import IndividualModel
 from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.mu_nodes import RaterLaw, about_mu, at_nodes
 from softness_bayes.likelihood.ratings import RatingParameters
-from softness_bayes.touch.finger_grid import FingerGrid
+from softness_bayes.touch.fingers import FingerGrid
 
 PEOPLE, CONDITIONS = 6, 5
 DESIGN = Design(

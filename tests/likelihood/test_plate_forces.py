@@ -9,8 +9,7 @@ from softness_bayes.checking.checks import check_exponent
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import NO_RESPONSE
 from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
-from softness_bayes.touch.contact import Finger, Indentation, solve_contact
-from softness_bayes.touch.plate import plate_force, plate_line
+from softness_bayes.touch.contact import Finger, Indentation, plate_force, plate_line, solve_contact
 from softness_bayes.touch.skin import DISPLACEMENT, STRAIN
 
 DEPTHS = np.array([0.5e-3, 1e-3, 1.5e-3, 2e-3])

@@ -11,8 +11,8 @@ from softness_bayes.likelihood.individual import IndividualModel
 from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
 from softness_bayes.likelihood.pressed import PressedRaters
 from softness_bayes.likelihood.ratings import RatingParameters
-from softness_bayes.touch.finger_grid import FingerGrid, SkinLaws
-from softness_bayes.touch.plate import plate_line
+from softness_bayes.touch.contact import plate_line
+from softness_bayes.touch.fingers import FingerGrid, SkinLaws
 
 DESIGN = Design([0, 1, 2, 0, 1, 2, 0, 2], [0, 0, 0, 1, 1, 1, 2, 2], [0, 1, 2], 3)
 ANSWERS = np.exp(np.array([2.9, 3.4, 3.1, 2.2, 3.6, 3.0, 3.2, 2.7]))

@@ -17,7 +17,7 @@ from softness_bayes.likelihood.error_laws import NORMAL
 from softness_bayes.likelihood.scales import scale_named
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.touch.discretisation import Discretisation
+from softness_bayes.touch.scene import Discretisation
 from support.paths import REFERENCE
 
 RECORD = json.loads((REFERENCE / "log_posterior.json").read_text())

@@ -109,8 +109,8 @@ def test_single_options_go_where_they_belong():
 BEFORE = """{"fix": {"m": 2.0}, "priors": {"b": "lognormal(100,0.5)"}, "readings": {"fabric_modulus": "printed",
 "skin_displacement": "printed", "pressure": "attenuated", "stress_kernel": "line", "stress_component": "vertical",
 "membrane": "connor-stevens", "receptor_density": "consistent"}, "direction": "rises-with-firing",
-"scale": "magnitude", "discretisation": {"nodes": 8, "saturation": 9.0, "field_tolerance": 0.0001, "rate_nodes": 18,
-"field_source": 1e-05}, "direction_decided": true, "prior_set": "default", "accuracy": 0.001, "noise": 0.0,
+"scale": "magnitude", "discretisation": {"nodes": 8, "saturation": 9.0, "field_tolerance": 0.0001, "rate_nodes": 18},
+"direction_decided": true, "prior_set": "default", "accuracy": 0.001, "noise": 0.0,
 "exact_reweight": false, "max_steps": 60, "max_seconds": Infinity, "min_steps": 0, "processes": null, "seed": 4,
 "command": "softness-bayes sample"}"""
 """What a run recorded before the options of model and run were told apart."""
@@ -119,7 +119,7 @@ BEFORE = """{"fix": {"m": 2.0}, "priors": {"b": "lognormal(100,0.5)"}, "readings
 def test_records_of_earlier_runs_read_and_come_out_as_they_were():
     record = json.loads(BEFORE)
     model, run = Request.from_record(record)
-    assert model.discretisation == Discretisation(8, 9.0, 1e-4, 18, 1e-5)
+    assert model.discretisation == Discretisation(8, 9.0, 1e-4, 18)
     assert (model.kept_accuracy, model.decided) == (1e-3, {"direction", "discretisation"})
     assert (run.seed, run.max_steps, run.command) == (4, 60, "softness-bayes sample")
     assert json.loads(json.dumps(Request(model, run).record())) == record

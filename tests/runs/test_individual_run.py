@@ -25,10 +25,9 @@ from softness_bayes.report.page import report_page
 from softness_bayes.results.from_result import experiment_of, options_of
 from softness_bayes.results.result import Result
 from softness_bayes.runs.run import sample
-from softness_bayes.touch.discretisation import Discretisation
-from softness_bayes.touch.finger_family import FingerFamily
-from softness_bayes.touch.finger_grid import FingerGrid
+from softness_bayes.touch.fingers import FingerFamily, FingerGrid
 from softness_bayes.touch.readings import MENDED
+from softness_bayes.touch.scene import Discretisation
 from support.command_line import call
 from support.paths import DATA
 from support.report_runs import OPTIONS, experiment, quickly

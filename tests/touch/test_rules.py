@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from softness_bayes.touch.rules import RISE, gain_nodes, to_peak, to_saturation
+from softness_bayes.touch.population import RISE, gain_nodes, to_peak, to_saturation
 
 EXTENT = 6.0
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from softness_bayes.errors import InputError, NumericalError, SoftnessError
-from softness_bayes.touch import batches
 from softness_bayes.touch.contact import Finger, Force, Indentation
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 from softness_bayes.touch.neuron.surface import FiringSurface
@@ -16,6 +15,7 @@ from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.reference import SimulatedRate, reference_response
 from softness_bayes.touch.scene import Discretisation, Scene
 from softness_bayes.touch.stress import HERTZ
+from softness_bayes.touch.stress_table import StressTable
 
 FABRICS = np.array([2e3, 1.5e4, 6e4, 4e5, 1e7])
 POISSON = np.array([0.2, 0.3, 0.35, 0.45, 0.1])
@@ -118,7 +118,9 @@ def test_a_batch_may_be_empty_with_free_channels(paper):
 def test_the_order_of_arrays_in_memory_does_not_show(scene, rng, paper):
     parameters = draws(rng, 6, paper)
     contact = scene.contact(parameters)
-    profile = scene.stress_profile(contact)
+    fields = scene.stress_fields.at(contact.reduced_modulus, contact.radius, scene.finger)
+    at, lanes = fields.among(np.ones((6, 15), bool))
+    profile = lanes._replace(peak=fields.peak, shape=lanes.shape[:, np.argsort(at)].reshape(-1, 6, 15))
     turned = profile._replace(peak=np.asfortranarray(profile.peak), shape=np.asfortranarray(profile.shape))
     drive = Drive(parameters.alpha, parameters.beta, parameters.sigma_0, scene.firing.curves(parameters))
     population = Population(0.5, scene.count, 8, 9.0)
@@ -128,39 +130,10 @@ def test_the_order_of_arrays_in_memory_does_not_show(scene, rng, paper):
         np.testing.assert_allclose(found, wanted, rtol=1e-13)
 
 
-@pytest.mark.parametrize("own", [False, True], ids=["fabrics", "own moduli"])
-def test_blocks_of_conditions_do_not_show(own, smooth_firing, rng, paper, monkeypatch):
-    """Many loads are evaluated in blocks, in each of which a load's table is read once for many vectors."""
-    loads = [LOADS[k % 3] for k in range(9)] + [Indentation(1e-3 * depth) for depth in np.linspace(1, 3, 31)]
-    pairs = rng.permutation(5 * len(loads))
-    scene = Scene(FABRICS, POISSON, loads, smooth_firing(), fabric=pairs % 5, load=pairs // 5)
-    parameters = draws(rng, 40, paper)
-    modulus = FABRICS * np.exp(0.1 * rng.normal(size=(40, 5))) if own else None
-    whole = scene.total_rate(parameters, modulus)
-    monkeypatch.setattr("softness_bayes.touch.batches.CHUNK", batches.LEAST_ROWS * 12 * 50)
-    again = Scene(FABRICS, POISSON, loads, smooth_firing(), fabric=pairs % 5, load=pairs // 5)
-    seen = []
-    monkeypatch.setattr(Scene, "_total_rate", tally(Scene._total_rate, seen))
-    np.testing.assert_allclose(again.total_rate(parameters, modulus), whole, rtol=1e-12, atol=1e-300)
-    assert max(conditions for _, conditions in seen) <= 50
-    assert min(conditions for vectors, conditions in seen if vectors >= batches.LEAST_ROWS) > 25
-    assert sum(vectors * conditions for vectors, conditions in seen) == 40 * pairs.size
-    finer = again.refined().total_rate(parameters, modulus)  # whose nodes are more and blocks therefore smaller
-    np.testing.assert_allclose(finer, scene.refined().total_rate(parameters, modulus), rtol=1e-12, atol=1e-300)
-
-
-def tally(evaluate, seen):
-    def evaluated(scene, parameters, modulus):
-        seen.append((parameters.b.size, scene.n_conditions))
-        return evaluate(scene, parameters, modulus)
-
-    return evaluated
-
-
 def test_chunks_do_not_show(scene, rng, paper, monkeypatch):
     parameters = draws(rng, 25, paper)
     whole = scene.respond(parameters)
-    monkeypatch.setattr("softness_bayes.touch.batches.CHUNK", 4 * 15 * 12)
+    monkeypatch.setattr("softness_bayes.touch.scene.CHUNK", 4 * 15 * 12)
     assert_same(scene.respond(parameters), whole)
 
 
@@ -223,10 +196,7 @@ def test_a_scene_touched_elsewhere_on_the_pad(smooth_firing, rng, paper):
     for x in (7e-3, 30e-3):
         anew = Scene(fabrics, 0.3, loads, firing, finger=Finger(contact_centre=(x, 10e-3)))
         found, wanted = (s.total_rate(parameters) for s in (distal.take(np.arange(8), (x, 10e-3)), anew))
-        # the tables cover other distances, so they agree to their tolerance only
-        np.testing.assert_allclose(found, wanted, atol=2e-4 * wanted.max())
-    with pytest.raises(InputError, match="farther"):
-        distal.take(np.arange(8), (0.0, 0.0))
+        np.testing.assert_allclose(found, wanted, rtol=1e-12)
 
 
 def test_order_of_the_fabrics_does_not_show(scene, rng, paper):
@@ -352,7 +322,8 @@ def test_error_is_the_difference_to_the_reference(scene, rng, paper):
 def test_error_contains_what_no_refinement_shows(smooth_firing, paper, monkeypatch):
     """Where finer nodes run out both scenes are wrong alike, and the difference between them says nothing."""
     readings = Readings().override({"stress_kernel": "printed", "stress_component": "principal"})
-    monkeypatch.setattr("softness_bayes.touch.field.SHAPE_NODES", (21,))
+    monkeypatch.setattr("softness_bayes.touch.stress_table.SHAPE_NODES", (21,))
+    monkeypatch.setattr("softness_bayes.touch.stress_table._table", StressTable)  # not those of other tests
     coarse = Scene(FABRICS, 0.3, LOADS[2:], smooth_firing(), readings=readings)
     parameters = paper()
     exact = reference_response(coarse, parameters, coarse.firing.curve).total_rate

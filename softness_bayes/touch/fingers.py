@@ -1,4 +1,4 @@
-"""Responses of one scene to fingers of different skin and sensitivity (model.md 8).
+"""Responses of one scene to fingers of different skin and sensitivity, over which raters are integrated (model.md 8-9).
 
 Under one load, skin and fabric act on the receptors through E_star alone. For one parameter vector the response to
 every fabric of every finger is therefore one function of E_star for each load. The skin's modulus at rest and its
@@ -11,6 +11,10 @@ through exact values represents. E_star itself is smooth in ln b and is interpol
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,14 +23,13 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from softness_bayes.errors import InputError
-from softness_bayes.touch.field import StressField
-from softness_bayes.touch.finger_field import profiles
-from softness_bayes.touch.finger_grid import FingerGrid, SkinLaws
+from softness_bayes.touch.contact import Indentation, Load, Loads
 from softness_bayes.touch.neuron.firing import RateCurve
 from softness_bayes.touch.neuron.polynomials import clenshaw
 from softness_bayes.touch.parameters import TouchParameters, checked_rows
 from softness_bayes.touch.population import Drive
 from softness_bayes.touch.scene import Scene
+from softness_bayes.touch.stress_table import StressFields
 
 Array = NDArray[np.float64]
 
@@ -39,8 +42,98 @@ SKIN_NODES = 12
 POINTS = 1 << 19
 """Number of responses interpolated at once."""
 
-_THRESHOLD_NODES = 400  # of the spline that inverts the stress on the axis
-_SOFTEST = 1.0  # E_star [Pa] at which the spline begins if the table has no lower end
+SPREAD_OF: Mapping[str, str] = MappingProxyType({"b": "tau_b", "m": "tau_m", "sigma_0": "tau_sigma"})
+"""Name of the parameter for the spread between fingers, by the quantity that differs."""
+
+EFFECT_OF: Mapping[str, str] = MappingProxyType({"b": "rater_log_b", "m": "rater_m", "sigma_0": "rater_log_sigma_0"})
+"""Names in files of raters' deviations from the typical finger, by the quantity that differs."""
+
+AXES = ("sigma_0", "b", "m")
+"""Order of the axes of a grid."""
+
+REACH = 4.0
+"""Default half-width of a grid, in standard deviations; 6e-5 of the fingers lie outside."""
+
+
+class SkinLaws(NamedTuple):
+    """Normal laws of the deviations of several people's skins from the typical one, arrays (..., people).
+
+    A finger with scores z_b and z_m deviates from the typical one by log_b + b_by_b z_b in ln b, and by m + m_by_b z_b
+    + m_by_m z_m in m.
+    """
+
+    log_b: Array
+    m: Array
+    b_by_b: Array
+    m_by_b: Array
+    m_by_m: Array
+
+    def deviation(self, z_b: Array, z_m: Array) -> tuple[Array, Array]:
+        """Return the deviations in ln b and m of fingers with the given scores."""
+        return self.log_b + self.b_by_b * z_b, self.m + self.m_by_b * z_b + self.m_by_m * z_m
+
+
+@dataclass(frozen=True)
+class FingerGrid:
+    """Fingers at the nodes of a regular grid in standard deviations from the typical one.
+
+    For a smooth integrand, the trapezoidal rule on such a grid has an error of exp(-2 pi² s² / h²), where s is the
+    width of the integrand and h the node spacing: 1e-34 for s = 2 h, 3e-9 for s = h, 2e-4 for s = 2/3 h.
+
+    Parameters
+    ----------
+    nodes
+        Number of nodes for each quantity that differs between fingers, of b, m and sigma_0; each odd, at least 3.
+    reach
+        Half-width of the grid, in standard deviations.
+
+    Raises
+    ------
+    InputError
+        If no quantity is given, or an unknown one.
+    """
+
+    nodes: Mapping[str, int]
+    reach: float = REACH
+
+    def __post_init__(self) -> None:
+        unknown = [name for name in self.nodes if name not in SPREAD_OF]
+        if unknown or not self.nodes:
+            raise InputError(f"individual: expected some of {', '.join(SPREAD_OF)}, got {', '.join(unknown) or 'none'}")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the quantities that differ between fingers, in the order of `SPREAD_OF`."""
+        return tuple(name for name in SPREAD_OF if name in self.nodes)
+
+    def axis(self, name: str) -> Array:
+        """Return the nodes of one quantity, in standard deviations; only 0 if it does not differ between fingers."""
+        return np.linspace(-self.reach, self.reach, self.nodes[name]) if name in self.nodes else np.zeros(1)
+
+    @property
+    def size(self) -> int:
+        """Number of fingers."""
+        return int(np.prod([*self.nodes.values()]))
+
+    @cached_property
+    def z(self) -> Mapping[str, Array]:
+        """The fingers: standard deviations from the typical one, shape (fingers,), by the quantity that differs."""
+        grids = np.meshgrid(*(self.axis(name) for name in AXES), indexing="ij")
+        every = dict(zip(AXES, grids, strict=True))
+        return {name: every[name].reshape(-1) for name in self.names}
+
+    @cached_property
+    def log_weight(self) -> Array:
+        """Log of the share of each finger in the population, shape (fingers,)."""
+        weight = np.ones(self.size)
+        for z in self.z.values():
+            # the end nodes have half weight
+            weight = weight * np.exp(-0.5 * z**2) * np.where(np.abs(z) >= self.reach, 0.5, 1.0)
+        return np.asarray(np.log(weight / weight.sum()))
+
+    def finer(self) -> FingerGrid:
+        """Return the grid with additional nodes halfway between, the reference for the error of this grid."""
+        return FingerGrid({name: 2 * size - 1 for name, size in self.nodes.items()}, self.reach)
 
 
 class FingerSpreads(NamedTuple):
@@ -57,18 +150,18 @@ class FingerSpreads(NamedTuple):
 class _Threshold:
     """The E_star at which the stress on the axis reaches a value, under one load."""
 
-    def __init__(self, field: StressField) -> None:
-        low, high = (np.exp(end) - field.shift for end in field.log_range)
-        self.low, self.high = np.log(max(low, _SOFTEST)), np.log(high)
-        log_modulus = np.linspace(self.low, self.high, _THRESHOLD_NODES)
-        modulus = np.exp(log_modulus)[None]
-        columns = [np.arange(_THRESHOLD_NODES)]
-        radius = field.load.close(modulus, field.finger).radius
-        log_peak = np.log(profiles([field], columns, modulus, radius, field.finger).peak[0])
+    def __init__(self, scene: Scene, load: Load) -> None:
+        low, high = scene.tables[load].modulus_range
+        # the tables of indentations have no lower end
+        low, self.high = np.log(1.0 if isinstance(load, Indentation) else low), np.log(high)
+        log_modulus = np.linspace(low, self.high, 400)
+        modulus, finger = np.exp(log_modulus)[None], scene.finger
+        fields = StressFields(scene.tables, [load], [np.arange(log_modulus.size)], finger)
+        log_peak = np.log(fields.at(modulus, Loads(load).radius(modulus, finger), finger).peak[0])
         if not (np.diff(log_peak) > 0).all():
             raise InputError(
                 "raters' own fingers: the stress at the receptors does not rise with stiffness at "
-                f"{field.load} under these readings; omit 'individual'"
+                f"{load} under these readings; omit 'individual'"
             )
         self._inverse, self._ends = CubicSpline(log_peak, log_modulus), (log_peak[0], log_peak[-1])
 
@@ -103,10 +196,10 @@ class FingerFamily:
         self, scene: Scene, grid: FingerGrid, response_nodes: int = RESPONSE_NODES, skin_nodes: int = SKIN_NODES
     ) -> None:
         self.scene, self.grid = scene, grid
-        fields = [field for field in scene.fields if isinstance(field, StressField)]
-        if len(fields) < len(scene.fields):
+        if scene.finger_box is not None:
             raise InputError("raters' own fingers: expected a scene whose finger has a known radius and depth")
-        self._thresholds = [_Threshold(field) for field in fields]
+        loads = [scene.loads[scene.load[columns[0]]] for columns in scene.columns]
+        self._thresholds = [_Threshold(scene, load) for load in loads]
         self._b, self._to_b = np.zeros(1), np.ones((1, 1))
         if "b" in grid.names:
             x = chebyshev.chebpts1(skin_nodes)
@@ -114,6 +207,10 @@ class FingerFamily:
             self._b, self._to_b = grid.reach * x, fine @ np.linalg.inv(chebyshev.chebvander(x, skin_nodes - 1))
         self._u = chebyshev.chebpts1(response_nodes)
         self._series = np.linalg.inv(chebyshev.chebvander(self._u, response_nodes - 1))
+        # all fields at the nodes, load by load
+        columns = [k * response_nodes + np.arange(response_nodes) for k in range(len(loads))]
+        self._fields = StressFields(scene.tables, loads, columns, scene.finger)
+        self._loads = Loads([load for load in loads for _ in range(response_nodes)])
 
     def total_rate(
         self,
@@ -216,14 +313,11 @@ class FingerFamily:
         anywhere = np.array([at.high for at in self._thresholds])
         log_modulus = np.where(np.isfinite(begins), begins, anywhere)[..., None] + t * t
         reduced = np.exp(log_modulus).reshape(batch * sensitivities, loads * nodes)
-        columns = [np.arange(k * nodes, (k + 1) * nodes) for k in range(loads)]
-        radius = np.empty_like(reduced)
-        for field, where in zip(scene.fields, columns, strict=True):
-            radius[:, where] = field.load.close(reduced[:, where], scene.finger).radius
         vector = np.repeat(np.arange(batch), sensitivities)
         own = curve.take(vector) if curve.rheobase.ndim else curve
         drive = Drive(p.alpha[vector], p.beta[vector], sigma_0.reshape(-1), own)
-        rate = scene.population.sums(profiles(scene.fields, columns, reduced, radius, scene.finger), drive).rate
+        fields = self._fields.at(reduced, self._loads.radius(reduced, scene.finger), scene.finger)
+        rate = scene.population.sums(fields, drive).rate
         smooth = rate.reshape(batch, sensitivities, loads, nodes)
         smooth = np.divide(smooth, t * t, out=np.zeros_like(smooth), where=t > 0)
         return np.moveaxis(smooth @ self._series.T, -1, 0)
