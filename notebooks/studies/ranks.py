@@ -35,7 +35,7 @@ from softness_bayes import (
     calibrate,
     usual_values,
 )
-from softness_bayes.checking.ranks import Calibration
+from softness_bayes.checking.calibration import Calibration
 from softness_bayes.parameters.priors import Normal, Uniform
 from softness_bayes.runs.calibrate import replicate_settings
 from softness_bayes.runs.replicate import replicate

@@ -24,7 +24,7 @@ from softness_bayes.readable import some_of
 if TYPE_CHECKING:
     from tqdm import tqdm
 
-    from softness_bayes.checking.ranks import Replicate
+    from softness_bayes.checking.calibration import Replicate
     from softness_bayes.data.tables import Marks
     from softness_bayes.runs.calibrated import Calibrated
 
@@ -215,7 +215,7 @@ def _require_no_design() -> None:
 
 def _report(found: Calibrated, out: Path) -> None:
     """Write tables, figure and verdict, and print coverage and verdict."""
-    from softness_bayes.checking.rank_words import coverage_sentence
+    from softness_bayes.checking.calibration import coverage_sentence
     from softness_bayes.files.outputs import write_outputs
     from softness_bayes.plotting.calibration import rank_ecdf_figure
     from softness_bayes.plotting.style import files_of

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from softness_bayes.checking.ranks import Calibration
+from softness_bayes.checking.calibration import Calibration
 from softness_bayes.checking.uniformity import simultaneous_band
 from softness_bayes.errors import InputError
 from softness_bayes.plotting.panels import free_panels

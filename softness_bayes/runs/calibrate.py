@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes import __version__, ranges
-from softness_bayes.checking.ranks import DRAWS, Replicate
+from softness_bayes.checking.calibration import DRAWS, Replicate
 from softness_bayes.errors import InputError
 from softness_bayes.files.asked import write_asked
 from softness_bayes.files.lock import Lock

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from softness_bayes.checking.rank_words import verdict
-from softness_bayes.checking.ranks import Calibration, Replicate
+from softness_bayes.checking.calibration import Calibration, Replicate, verdict
 from softness_bayes.files.outputs import write_outputs
 from softness_bayes.files.spreadsheet import csv_of
 from softness_bayes.readable import counted

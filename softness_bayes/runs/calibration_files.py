@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from softness_bayes.checking.ranks import DRAWS, Replicate
+from softness_bayes.checking.calibration import DRAWS, Replicate
 from softness_bayes.errors import InputError
 from softness_bayes.files.asked import read_asked
 from softness_bayes.files.json_text import parse_json

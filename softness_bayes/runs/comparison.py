@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checking.exactness import largest_pareto_k
-from softness_bayes.checking.model_comparison import clustered_error, stacking_weights
 from softness_bayes.errors import InputError
 from softness_bayes.kinds import require_kind, require_mapping
 from softness_bayes.results.constants import RATING_HIGH, RATING_LOW
@@ -246,3 +245,53 @@ def _data_that_differ(one: Result, two: Result) -> str:
         if a.shape != b.shape or not np.array_equal(a.values, b.values, equal_nan=True):
             return str(a.name)
     return ""
+
+
+def clustered_error(values: Array, cluster: NDArray[np.intp]) -> float:
+    """Return the standard error of a sum of values that are correlated within clusters.
+
+    With G clusters and S_g the sum of the deviations from the mean in cluster g it is sqrt(G / (G - 1) sum_g S_g²), the
+    sandwich estimate corrected for few clusters (Cameron and Miller, Journal of Human Resources 50, 317, 2015).
+    If every value is its own cluster, it is the error for independent values.
+
+    Parameters
+    ----------
+    values
+        Shape (units,).
+    cluster
+        Index of each one's cluster, shape (units,).
+
+    Returns
+    -------
+    float
+        NaN with fewer than two clusters.
+    """
+    _, place = np.unique(cluster, return_inverse=True)
+    sums = np.bincount(place, values - values.mean())
+    return float(np.sqrt(sums.size / (sums.size - 1) * (sums**2).sum())) if sums.size > 1 else float("nan")
+
+
+def stacking_weights(log_density: Array) -> Array:
+    """Return the weights of the mixture of models that best predicts the left-out data.
+
+    They maximise sum_i log sum_k w_k exp(l_ik) (Yao, Vehtari, Simpson and Gelman, Bayesian Analysis 13, 917, 2018),
+    which is concave and increases with each step of the EM algorithm for mixtures.
+
+    Parameters
+    ----------
+    log_density
+        Log predictive density of every unit under every model, shape (units, models).
+
+    Returns
+    -------
+    ndarray, shape (models,)
+    """
+    weights = np.full(log_density.shape[1], 1.0 / log_density.shape[1])
+    # relative to the best model of each unit, whose weight is at least one over the number of units
+    density = np.exp(log_density - log_density.max(axis=1, keepdims=True))
+    for _ in range(20_000):
+        after = weights * (density / (density @ weights)[:, None]).mean(axis=0)
+        if np.abs(after - weights).max() < 1e-10:
+            return after
+        weights = after
+    return weights

@@ -20,7 +20,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.checking.ranks import DRAWS, Replicate
+from softness_bayes.checking.calibration import DRAWS, Replicate
 from softness_bayes.likelihood.contract import Effects, Likelihood
 from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.model.posterior import Posterior

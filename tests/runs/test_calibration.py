@@ -19,10 +19,18 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from scipy.special import expit
 from scipy.stats import norm
 
+from softness_bayes.checking.calibration import (
+    DRAWS,
+    FALSE_ALARM,
+    Calibration,
+    Replicate,
+    alarm_of,
+    coverage_sentence,
+    power,
+    rank_law,
+    verdict,
+)
 from softness_bayes.checking.inflection import LEAST_DROP, curve_scene
-from softness_bayes.checking.rank_power import Alarm, power, rank_law
-from softness_bayes.checking.rank_words import coverage_sentence, verdict
-from softness_bayes.checking.ranks import DRAWS, FALSE_ALARM, Calibration, Replicate
 from softness_bayes.checking.uniformity import simultaneous_band
 from softness_bayes.cli import main
 from softness_bayes.data import Fabrics
@@ -115,9 +123,9 @@ def test_judgement_of_exact_ranks():
 def test_a_right_model_raises_the_alarm_as_seldom_as_is_said(rng):
     """Whole tables of independent quantities, by the rule that the stated power is simulated with."""
     names, size, tables = 9, 60, 6000
-    alarm = Alarm(size, DRAWS, FALSE_ALARM / (2 * names))
+    alarm = alarm_of(size, DRAWS, FALSE_ALARM / (2 * names))
     rank = rng.integers(DRAWS + 1, size=(names * tables, size))
-    alarms = alarm.raised(rank).reshape(tables, names).any(axis=1).mean()
+    alarms = alarm(rank).reshape(tables, names).any(axis=1).mean()
     assert 0.0 < alarms < FALSE_ALARM + 3 * math.sqrt(FALSE_ALARM / tables)
 
 
@@ -131,7 +139,7 @@ def test_the_simulated_rule_is_the_verdicts(rng):
         judged = Calibration(("x",), row[:, None]).judge()["x"]
         one_by_one.append(min(judged) < calibration.threshold)
     assert 10 < sum(one_by_one) < 50
-    np.testing.assert_array_equal(Alarm(80, DRAWS, calibration.threshold).raised(rank), one_by_one)
+    np.testing.assert_array_equal(alarm_of(80, DRAWS, calibration.threshold)(rank), one_by_one)
 
 
 def ranked(rng, tables, size, width=1.0, shift=0.0):
@@ -148,13 +156,13 @@ def test_the_stated_fault_is_found_nine_times_in_ten(rng):
     assert 1.2 < width.value < 1.6
     assert 0.3 < shift.value < 0.8
     assert max(width.error, shift.error) < 0.01
-    alarm = Alarm(size, DRAWS, calibration.threshold)
+    alarm = alarm_of(size, DRAWS, calibration.threshold)
     for fault in ({"width": width.value}, {"shift": shift.value}, {"shift": -shift.value}):
-        found = alarm.raised(ranked(rng, tables, size, **fault)).mean()
+        found = alarm(ranked(rng, tables, size, **fault)).mean()
         assert found == pytest.approx(0.9, abs=4 * math.sqrt(0.09 / tables))
     # half of either is found far less often
     for fault in ({"width": 0.5 + 0.5 * width.value}, {"shift": 0.5 * shift.value}):
-        assert alarm.raised(ranked(rng, tables, size, **fault)).mean() < 0.5
+        assert alarm(ranked(rng, tables, size, **fault)).mean() < 0.5
 
 
 def test_power_of_the_default_calibration():

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from softness_bayes.checking.ranks import Replicate
+from softness_bayes.checking.calibration import Replicate
 from softness_bayes.errors import InputError
 from softness_bayes.files.asked import ASKED, read_asked, write_asked
 from softness_bayes.files.lock import Lock

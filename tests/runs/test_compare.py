@@ -13,7 +13,6 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
 
 from softness_bayes import arviz_bridge
-from softness_bayes.checking.model_comparison import clustered_error, stacking_weights
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.defaults import LEFT_OUT
 from softness_bayes.errors import InputError
@@ -33,7 +32,7 @@ from softness_bayes.parameters.priors import HalfNormal
 from softness_bayes.results import request
 from softness_bayes.results.from_result import differences, experiment_of, options_of
 from softness_bayes.results.result import Result
-from softness_bayes.runs.comparison import compare
+from softness_bayes.runs.comparison import clustered_error, compare, stacking_weights
 from softness_bayes.runs.left_out import LEAVE, Leave, LeftOut, leave_by_weights
 from softness_bayes.runs.plate import sample_skin
 from softness_bayes.runs.run import sample

@@ -8,7 +8,7 @@ import os
 import numpy as np
 import pytest
 
-from softness_bayes.checking.ranks import DRAWS, Calibration
+from softness_bayes.checking.calibration import DRAWS, Calibration
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.directions import INVERSE
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel

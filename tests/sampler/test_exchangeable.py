@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from softness_bayes.checking.ranks import Calibration
+from softness_bayes.checking.calibration import Calibration
 from softness_bayes.sampler.exchangeable import ReversibleKernel, exchangeable_draws
 
 REPEATS, DRAWS = 600, 19
