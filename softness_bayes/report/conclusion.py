@@ -71,8 +71,8 @@ class Facts(NamedTuple):
     """Parameters of a run without ratings; empty for one with ratings."""
     fabrics: tuple[float, float] = (np.nan, np.nan)
     """Range of E_fab of the rated fabrics [kPa]."""
-    softest: tuple[HighestRated, ...] = ()
-    """The fabric under each load that is most probably the softest."""
+    highest: tuple[HighestRated, ...] = ()
+    """The fabric under each load that is most probably the highest rated."""
     moved: MovedMost | None = None
     """Largest shift due to errors of moduli assumed to be exact, if relevant."""
     quick: bool = False
@@ -141,7 +141,7 @@ def _facts(result: Result) -> Facts:
         tuple(doubts(checks)),
         _turns(result),
         fabrics=(float(modulus.min()) / 1e3, float(modulus.max()) / 1e3),
-        softest=highest_rated(result.tree),
+        highest=highest_rated(result.tree),
         moved=inputs.largest if inputs.sensitive else None,
     )
 
@@ -211,12 +211,12 @@ def _found(facts: Facts) -> str:
             "the ratings do not differ between fabrics by more than noise, so they show little about the turning point."
         )
     turns = (_turned(turn, facts.rejected) for turn in facts.turns)
-    return f"{'; '.join([*_softness(facts.softest), *turns])}."
+    return f"{'; '.join([*_highest(facts.highest), *turns])}."
 
 
-def _softness(softest: tuple[HighestRated, ...]) -> list[str]:
-    """Return a clause on the softest fabric under each load, if it is known of any."""
-    clear, unclear = ([one for one in softest if one.clear is is_clear] for is_clear in (True, False))
+def _highest(highest: tuple[HighestRated, ...]) -> list[str]:
+    """Return a clause on the fabric rated highest under each load, if it is known of any."""
+    clear, unclear = ([one for one in highest if one.clear is is_clear] for is_clear in (True, False))
     told = []
     if clear:
         each = [f"{one.fabric} at {one.load} (probability {_chance(one)})" for one in clear]

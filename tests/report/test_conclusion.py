@@ -27,18 +27,18 @@ def test_a_converged_run_whose_turning_point_is_reproduced():
 
 def test_the_softest_fabric_is_named_only_where_it_is_clear():
     softest = (HighestRated("1 mm", "gauze", 0.93, 0.02, 4), HighestRated("2 mm", "lawn", 1.0, 0.0, 4))
-    told = conclude(GOOD._replace(softest=softest)).learnt
+    told = conclude(GOOD._replace(highest=softest)).learnt
     assert told.startswith(
         "the softest of the fabrics rated (highest predicted rating) is gauze at 1 mm (probability 93 ± 2 %) and lawn "
         "at 2 mm (probability >99 %); at 1 mm the response"
     )
     # more probable than not by less than its error: not said
-    unclear = conclude(GOOD._replace(softest=(HighestRated("1 mm", "gauze", 0.53, 0.02, 4),))).learnt
+    unclear = conclude(GOOD._replace(highest=(HighestRated("1 mm", "gauze", 0.53, 0.02, 4),))).learnt
     assert unclear.startswith(
         "no single fabric is clearly the softest at 1 mm (most probable: gauze, 53 ± 2 % among 4)"
     )
     for failed in ({"converged": False}, {"flat": True}, {"differ": False}):
-        assert "softest" not in conclude(GOOD._replace(softest=softest, **failed)).learnt
+        assert "softest" not in conclude(GOOD._replace(highest=softest, **failed)).learnt
 
 
 def test_a_load_that_cannot_tell_asks_for_the_fabrics_that_would():
