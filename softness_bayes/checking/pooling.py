@@ -53,7 +53,6 @@ _COARSE, _PASSES = 32, 3
 _MOST = 0.99999  # probability up to the ends of a prior
 _LEAST_MASS = 1e-6  # probability of a row of the coarse grid below which the fine grid excludes it
 _BLOCK = 1 << 22  # numbers computed at once
-_TINY = 1e-300
 
 
 class Separate(NamedTuple):
@@ -75,14 +74,12 @@ class PopulationPrior(NamedTuple):
     scale: Coordinate
 
 
-@dataclass(frozen=True)
-class PopulationGrid:
-    """Cells of equal size over mean and spread."""
+class PopulationGrid(NamedTuple):
+    """Cells of equal size over mean and spread, the spread varying fastest, and their log prior, shape (cells²,)."""
 
     mean: Array
     spread: Array
     log_prior: Array
-    """Shape (means, spreads)."""
 
     @classmethod
     def over(
@@ -90,16 +87,15 @@ class PopulationGrid:
     ) -> PopulationGrid:
         """Return the grid between two limits of each."""
         centres = (np.arange(cells) + 0.5) / cells
-        mu, tau = (low + (high - low) * centres for low, high in (mean, spread))
+        each = (low + (high - low) * centres for low, high in (mean, spread))
+        mu, tau = (values.ravel() for values in np.meshgrid(*each, indexing="ij"))
         scale = population.scale
         of_mean = population.mean.log_density(scale.natural(mu)) + scale.log_slope(mu)
-        return cls(mu, tau, of_mean[:, None] + population.spread.log_density(tau))
+        return cls(mu, tau, of_mean + population.spread.log_density(tau))
 
-    @property
-    def cells(self) -> tuple[Array, Array]:
-        """Mean and spread of every cell, each of shape (means * spreads,)."""
-        mean, spread = np.meshgrid(self.mean, self.spread, indexing="ij")
-        return mean.ravel(), spread.ravel()
+    def widths(self, table: Separate, least: float = 0.0) -> Array:
+        """Return the width of the kernel of each cell about the draws of a table, at least a given one."""
+        return np.hypot(self.spread, max(NARROWEST * float(table.value.std()), least))
 
 
 class Shrunken(NamedTuple):
@@ -196,22 +192,22 @@ def pool(tables: Mapping[str, Separate], population: PopulationPrior) -> Pooled:
         raise InputError(f"a population needs at least {LEAST_TABLES} fitted tables, got {len(tables)}")
     every = list(tables.values())
     grid = _focused(every, population)
-    mean, spread = grid.cells
     sums = [_sums(one, grid) for one in every]  # of each table, shape (groups, cells)
-    prior = grid.log_prior.ravel()
     likelihood = [_log(one.sum(axis=0)) for one in sums]
-    posterior = _normalised(prior + np.sum(likelihood, axis=0))
+    posterior = _normalised(grid.log_prior + np.sum(likelihood, axis=0))
     if not posterior.any():
         return _unreached(tables)
-    left_out = [np.array([[some @ mean, some @ spread] for some in _without(one, posterior)]) for one in sums]
+    unknowns = np.stack([grid.mean, grid.spread], axis=-1)
+    left_out = [_without(one, posterior) @ unknowns for one in sums]
     errors = np.sqrt(sum((GROUPS - 1) * one.var(axis=0) for one in left_out))
-    by_mean, by_spread = (posterior.reshape(CELLS, CELLS).sum(axis=axis) for axis in (1, 0))
+    mass = posterior.reshape(CELLS, CELLS)
+    sd = np.sqrt(posterior @ (unknowns - posterior @ unknowns) ** 2)
     return Pooled(
-        mean=_between(grid.mean, by_mean),
-        spread=_between(grid.spread, by_spread),
-        new=_of_a_new_table(mean, spread, posterior),
-        mean_sd=_sd(posterior, mean),
-        spread_sd=_sd(posterior, spread),
+        mean=_between(grid.mean[::CELLS], mass.sum(axis=1)),
+        spread=_between(grid.spread[:CELLS], mass.sum(axis=0)),
+        new=_of_a_new_table(grid, posterior),
+        mean_sd=float(sd[0]),
+        spread_sd=float(sd[1]),
         mean_mcse=float(errors[0]),
         spread_mcse=float(errors[1]),
         tables={
@@ -245,7 +241,7 @@ def _focused(tables: Sequence[Separate], population: PopulationPrior) -> Populat
     for _ in range(_PASSES):
         grid = PopulationGrid.over(population, mean, spread, _COARSE)
         likelihood = [_log(_sums(one, grid, (mean[1] - mean[0]) / _COARSE).sum(axis=0)) for one in tables]
-        mass = _normalised(grid.log_prior.ravel() + np.sum(likelihood, axis=0)).reshape(_COARSE, _COARSE)
+        mass = _normalised(grid.log_prior + np.sum(likelihood, axis=0)).reshape(_COARSE, _COARSE)
         mean, spread = _kept(mean, mass.sum(axis=1)), _kept(spread, mass.sum(axis=0))
     return PopulationGrid.over(population, mean, spread, CELLS)
 
@@ -262,47 +258,33 @@ def _kept(limits: tuple[float, float], mass: Array) -> tuple[float, float]:
 
 def _sums(table: Separate, grid: PopulationGrid, least: float = 0.0) -> Array:
     """Return the sums of weights over groups of consecutive draws in each cell, shape (groups, cells)."""
-    mean, width = _kernels(table, grid, least)
-    ratio = np.exp(table.log_prior.min() - table.log_prior)
-    found = np.zeros((GROUPS, mean.size))
+    width, ratio = grid.widths(table, least), np.exp(table.log_prior.min() - table.log_prior)
+    found = np.zeros((GROUPS, width.size))
     for group, rows in enumerate(np.array_split(np.arange(table.value.size), GROUPS)):
-        for some in np.array_split(rows, max(1, rows.size * mean.size // _BLOCK)):
-            deviate = (table.value[some, None] - mean) / width
+        for some in np.array_split(rows, max(1, rows.size * width.size // _BLOCK)):
+            deviate = (table.value[some, None] - grid.mean) / width
             found[group] += ratio[some] @ np.exp(-0.5 * deviate**2) / width
     return found
 
 
-def _kernels(table: Separate, grid: PopulationGrid, least: float = 0.0) -> tuple[Array, Array]:
-    """Return centre and width of the kernel of each cell."""
-    mean, spread = grid.cells
-    return mean, np.hypot(spread, max(NARROWEST * float(table.value.std()), least))
-
-
-def _without(sums: Array, posterior: Array) -> list[Array]:
-    """Return the posterior of the cells without each group of one table's draws."""
+def _without(sums: Array, posterior: Array) -> Array:
+    """Return the posterior of the cells without each group of one table's draws, shape (groups, cells)."""
     whole = sums.sum(axis=0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.where(whole > 0, (whole - sums) / whole, 0.0)
-    found = posterior * np.maximum(share, 0.0)
-    total = found.sum(axis=1, keepdims=True)
-    return list(np.where(total > 0, found / np.where(total > 0, total, 1.0), posterior))
+    left = posterior * np.divide(whole - sums, whole, out=np.zeros_like(sums), where=whole > 0).clip(0.0)
+    total = left.sum(axis=1, keepdims=True)
+    return np.where(total > 0, left / np.where(total > 0, total, 1.0), posterior)
 
 
 def _shrunken(table: Separate, grid: PopulationGrid, posterior: Array, log_likelihood: Array) -> Shrunken:
     """Return a table's parameter separately and in its population, cells weighted by the other tables."""
-    even = np.full(table.value.size, 1.0 / table.value.size)
-    separate = _limits(table.value, even)
+    separate = _limits(table.value, np.full(table.value.size, 1.0 / table.value.size))
     held = (posterior > _LEAST_MASS * posterior.max()) & np.isfinite(log_likelihood)
-    mean, width = (values[held] for values in _kernels(table, grid))
+    mean, width = grid.mean[held], grid.widths(table)[held]
     others = np.log(posterior[held]) - log_likelihood[held] - np.log(width)
     others = np.exp(others - others.max())
-    density = np.concatenate(
-        [
-            np.exp(-0.5 * ((some[:, None] - mean) / width) ** 2) @ others
-            for some in np.array_split(table.value, max(1, table.value.size * mean.size // _BLOCK))
-        ]
-    )
-    ratios = np.log(np.maximum(density, _TINY)) - table.log_prior
+    parts = np.array_split(table.value, max(1, table.value.size * mean.size // _BLOCK))
+    density = np.concatenate([np.exp(-0.5 * ((some[:, None] - mean) / width) ** 2) @ others for some in parts])
+    ratios = np.log(np.maximum(density, 1e-300)) - table.log_prior
     log_weight, k = arviz_bridge.psis(ratios[None])
     weight = np.exp(log_weight[0])
     effective = table.effective / weight.size / float((weight**2).sum())
@@ -310,17 +292,12 @@ def _shrunken(table: Separate, grid: PopulationGrid, posterior: Array, log_likel
     return Shrunken(separate, _limits(table.value, weight), float(k[0]), effective, largest)
 
 
-def _of_a_new_table(mean: Array, spread: Array, posterior: Array) -> Array:
-    """Return the limits of a mixture of normal laws, one for each cell, by bisection."""
-    held = posterior > 0
-    mean, spread, posterior = mean[held], spread[held], posterior[held]
-    low = np.full(len(LIMITS), float((mean - 9.0 * spread).min()))
-    high = np.full(len(LIMITS), float((mean + 9.0 * spread).max()))
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        under = ndtr((middle[:, None] - mean) / spread) @ posterior < LIMITS
-        low, high = np.where(under, middle, low), np.where(under, high, middle)
-    return 0.5 * (low + high)
+def _of_a_new_table(grid: PopulationGrid, posterior: Array) -> Array:
+    """Return the limits of a mixture of normal laws, one for each cell."""
+    mean, spread, weight = (values[posterior > 0] for values in (grid.mean, grid.spread, posterior))
+    value = np.linspace((mean - 9.0 * spread).min(), (mean + 9.0 * spread).max(), 4001)
+    below = np.concatenate([ndtr((some[:, None] - mean) / spread) @ weight for some in np.array_split(value, 20)])
+    return np.interp(LIMITS, below, value)
 
 
 def _limits(values: Array, weight: Array) -> Array:
@@ -335,10 +312,6 @@ def _between(centres: Array, mass: Array) -> Array:
     half = 0.5 * (centres[1] - centres[0])
     edges = np.append(centres - half, centres[-1] + half)
     return np.interp(LIMITS, np.append(0.0, np.cumsum(mass)), edges)
-
-
-def _sd(weight: Array, values: Array) -> float:
-    return float(np.sqrt(weight @ (values - weight @ values) ** 2))
 
 
 def _normalised(log_density: Array) -> Array:

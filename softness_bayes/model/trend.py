@@ -150,17 +150,17 @@ def odd_raters(layout: Layout, ratings: FloatArray) -> OddRaters:
     against: dict[int, float] = {}
     if people.size < 2 or np.ptp(ratings) == 0:
         return OddRaters(against, ())
-    constant = []
-    for k in people.tolist():
-        own = ratings[design.participant == k]
+    alone, constant = people[:, None] == np.arange(design.n_participants), []
+    # tiny weights keep the conditions that only some rated
+    own, others = (condition_means(layout, ratings, np.where(who, 1.0, 1e-9)) for who in (alone, ~alone))
+    for place, k in enumerate(people.tolist()):
+        given = ratings[design.participant == k]
         rated = np.flatnonzero((cells[k] > 0) & (cells.sum(axis=0) > cells[k]))
-        if own.size >= FEWEST_RATINGS and np.ptp(own) == 0:
+        if given.size >= FEWEST_RATINGS and np.ptp(given) == 0:
             constant.append(k)
         elif people.size > 2 and rated.size >= FEWEST_RATINGS:
-            alone = np.arange(design.n_participants) == k
-            # a tiny weight keeps the conditions rated only by this rater
-            means = condition_means(layout, ratings, np.where(np.stack([alone, ~alone]), 1.0, 1e-9))[:, rated]
-            r = float(np.nan_to_num(_correlations(_ranks(means[:1]), _ranks(means[1]))[0]))
+            each = _correlations(_ranks(own[place, rated][None]), _ranks(others[place, rated]))
+            r = float(np.nan_to_num(each[0]))
             n = rated.size
             p_value = float(stdtr(n - 2, r * np.sqrt((n - 2) / max(1.0 - r * r, 1e-12))))
             if r < 0 and p_value * people.size < LEVEL_OF_RATERS:

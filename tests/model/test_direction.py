@@ -16,7 +16,7 @@ from softness_bayes.likelihood.error_laws import NORMAL
 from softness_bayes.likelihood.scales import STANDARDISED
 from softness_bayes.model.build import build, choose_direction
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.model.trend import LEVEL, condition_means, find_trend, mean_correlation
+from softness_bayes.model.trend import LEVEL, condition_means, find_trend, mean_correlation, odd_raters
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation
@@ -193,6 +193,21 @@ def test_a_silent_response_has_no_order():
     assert np.isnan(found[0])
     assert found[1] == pytest.approx(spearmanr(range(4), [0, 0, 1, 2]).statistic)
     assert found[2] == pytest.approx(-1.0)
+
+
+def test_a_rater_against_all_others_is_named_and_no_other(rng):
+    """Ranks against the others' means, with gaps; a rater of one number is another case."""
+    keep = np.sort(rng.choice(12 * 15, 150, replace=False))
+    layout = layout_of(12, np.geomspace(1e3, 1e6, 15), keep=keep)
+    who = layout.design.participant
+    alike = np.log(ratings_of(rng, layout, 0.4))
+    assert odd_raters(layout, np.exp(alike)) == ({}, ())
+    turned = np.where(who == 3, -alike, alike)
+    turned[who == 5] = 1.0
+    found = odd_raters(layout, np.exp(turned))
+    assert [*found.against] == [3]
+    assert found.against[3] < -0.8
+    assert found.constant == (5,)
 
 
 # the direction of a run
