@@ -129,20 +129,23 @@ def read_experiment(
     """
     columns = columns or {}
     require_mapping("columns", columns, "{'rating': 'softness'}")
-    elsewhere = _elsewhere(ratings_path, fabrics_path, columns)
+    source, place = _separate_fabrics(ratings_path, fabrics_path, columns)
     sought = RATED if indentation_mm is force_n is None else LOADED
-    sought = either(sought, FABRICS) if elsewhere is None else sought
-    described = None if elsewhere is None else cache(partial(read_table, elsewhere.source, FABRICS, columns, decimal))
+    sought = either(sought, FABRICS) if source is None else sought
+    described = None if source is None else cache(partial(read_table, source, FABRICS, columns, decimal))
     form = Form(wide) if described is None else Form(wide, lambda: described().labels("fabric"))
     table = read_table(ratings_path, sought, columns, decimal, form)
     notes: list[str] = []
     fabric_table, own = table, [column.name for column in MODULUS_SOURCES if column.name in table]
-    if elsewhere is not None and described is not None and not (own and fabrics_path is None):
+    if described is not None and not (own and fabrics_path is None):
         fabric_table = described()
-        unused = (
-            f"{table.label}: {listing(own)} not used, because properties of fabrics are read from {fabric_table.place}"
-        )
-        notes += [unused] if own else elsewhere.notes(fabric_table)
+        if own:
+            notes.append(
+                f"{table.label}: {listing(own)} not used, because properties of fabrics are read from "
+                f"{fabric_table.place}"
+            )
+        elif place:
+            notes.append(f"properties of fabrics are read from {fabric_table.place}, found {place}")
     elif not own:
         table.faults.add_general(
             f"the fabrics have no properties: name their table with --fabrics, put a {FABRICS_BESIDE} in the "
@@ -191,28 +194,19 @@ def _unmeasured(table: Table) -> Fabrics | None:
     return Fabrics(names, effective_modulus=np.ones(len(names)), source=table.place) if names else None
 
 
-class _Elsewhere(NamedTuple):
-    """A table of fabrics separate from that of the ratings."""
+def _separate_fabrics(
+    ratings: TableSource, fabrics: TableSource | None, columns: Mapping[str, str]
+) -> tuple[TableSource | None, str]:
+    """Return the table of fabrics apart from that of the ratings, and where it was found unless the user named it.
 
-    source: TableSource
-    found: str = ""
-    """Place where it was found, unless given by the user."""
-
-    def notes(self, table: Table) -> list[str]:
-        """Return the note about the source of the fabrics."""
-        return [f"properties of fabrics are read from {table.place}, found {self.found}"] if self.found else []
-
-
-def _elsewhere(ratings: TableSource, fabrics: TableSource | None, columns: Mapping[str, str]) -> _Elsewhere | None:
-    """Return the given table of fabrics, or one in another sheet of the ratings' workbook or next to their file."""
-    if fabrics is not None:
-        return _Elsewhere(fabrics)
-    if not isinstance(ratings, (str, Path)):
-        return None
+    It is the given one, another sheet of the ratings' workbook, or a file next to theirs.
+    """
+    if fabrics is not None or not isinstance(ratings, (str, Path)):
+        return fabrics, ""
     if has_sheet(ratings, FABRICS, columns):
-        return _Elsewhere(ratings, "in the workbook of the ratings")
+        return ratings, "in the workbook of the ratings"
     beside = Path(ratings).parent / FABRICS_BESIDE
-    return _Elsewhere(beside, "beside the ratings") if os.path.isfile(beside) else None
+    return (beside, "beside the ratings") if os.path.isfile(beside) else (None, "")
 
 
 def fabrics_csv(fabrics: Fabrics) -> str:

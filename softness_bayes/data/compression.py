@@ -10,7 +10,7 @@ import numpy as np
 from softness_bayes.data.columns import FORCE, INDENTATION, Column
 from softness_bayes.data.faults import alike_notes, natural
 from softness_bayes.data.headers import PRESSED
-from softness_bayes.data.tables import FloatArray, IntArray, Marks, Table, check_renames, read_only, read_table
+from softness_bayes.data.tables import FloatArray, IntArray, Marks, Table, check_renames, freeze, read_table
 from softness_bayes.data.workbooks import TableSource
 from softness_bayes.errors import InputError
 from softness_bayes.readable import counted, some_of
@@ -54,11 +54,7 @@ class Compression:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        arrays = {"participant": int, "indentation": float, "force": float, "rows": int}
-        for name, kind in arrays.items():
-            object.__setattr__(self, name, read_only(getattr(self, name), kind))
-        if len({getattr(self, name).shape for name in arrays}) > 1:
-            raise InputError(f"{self.source}: {', '.join(arrays)} differ in length")
+        freeze(self, self.source, {"participant": int, "indentation": float, "force": float, "rows": int})
         for column, values in ((INDENTATION, self.indentation), (FORCE, self.force)):
             for row, value in zip(self.rows, values, strict=True):
                 column.range.require(f"{self.source}: row {row}: {column.label}", value)

@@ -95,12 +95,6 @@ USUAL_MODULI = Range(1e2, 5e6)
 """Median E_fab of a set of fabrics [Pa]."""
 AGREEMENT = 1.1
 """Largest ratio of two moduli of one fabric without a note."""
-MISSING_CODES = frozenset({"99", "999", "9999", "99999", "-9", "-99", "-999", "-9999", "-99999"})
-"""Numbers commonly used as codes for missing ratings."""
-FAR = 9.0
-"""Ratio of the absolute value of such a number to the largest other rating above which it is a code, as for 99 among
-ratings up to 10."""
-
 _UNITS = {
     EFFECTIVE_MODULUS.name: "in Pa or MPa",
     EFFECTIVE_MODULUS_LOW.name: "in Pa or MPa",
@@ -171,25 +165,6 @@ def _beyond(names: Sequence[str], values: FloatArray, what: str, column: Column,
     shown = [f"{names[i]} {float(values[i]) / column.factor:.3g}" for i in strange]
     expected = usual.within(1 / column.factor, column.unit)
     return f"looks wrong: {what} of {len(strange)} of {len(names)} fabrics ({listing(shown, 3)}), expected {expected}"
-
-
-def missing_codes(texts: Sequence[str], values: FloatArray) -> list[int]:
-    """Return the ratings that are codes for missing values, such as 999 or -99.
-
-    A code is `FAR` times as far from 0 as every other rating, or the only negative number among positive ones.
-
-    Parameters
-    ----------
-    texts, values
-        The ratings as written, and as numbers, NaN if missing.
-    """
-    codes = [i for i, text in enumerate(texts) if text in MISSING_CODES and not np.isnan(values[i])]
-    others = np.delete(values, codes)
-    others = others[~np.isnan(others)]
-    if not others.size:
-        return []
-    largest = np.abs(others).max()  # it may be too large for a multiplication
-    return [i for i in codes if abs(values[i]) / FAR >= largest or (values[i] < 0 <= others.min())]
 
 
 USUAL_POISSON_RATIO = 0.3

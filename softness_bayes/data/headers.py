@@ -240,7 +240,7 @@ def _seek(found: Header, titles: Sequence[str], sought: Sought, where: str) -> N
     for name in sought.without(found.at):
         if cells and name == "rating":
             continue
-        near = [title for title in free if title.keys & _keys(name)]
+        near = [title for title in free if title.keys & keys_of(name)]
         fitting = [title for title in near if _fits(name, title)]
         if len(fitting) > 1:
             ways = " or ".join(f"--column {name}={quoted(title.text)}" for title in fitting[:4])
@@ -286,11 +286,11 @@ def _seek_cells(found: Header, titles: Sequence[str]) -> None:
     Single ratings, under any name, take precedence; columns that belong to means are then reported.
     """
     free = _free(found, titles)
-    ratings = "rating" in found.at or any(key(title.stem) in _keys("rating") for title in free)
+    ratings = "rating" in found.at or any(key(title.stem) in keys_of("rating") for title in free)
     at: dict[str, int] = {}
     for name in (name for name in NUMBERS if name in OF_CELLS):
         own = [title.j for title in free if title.text.casefold() == name]
-        own = own or [title.j for title in free if key(title.stem) in _keys(name)]
+        own = own or [title.j for title in free if key(title.stem) in keys_of(name)]
         if own and own[0] not in at.values():
             at[name] = own[0]
     seen = ", ".join(quoted(titles[j]) for j in sorted({*at.values()}))
@@ -312,7 +312,7 @@ def _seek_cells(found: Header, titles: Sequence[str]) -> None:
 
 
 @cache
-def _keys(name: str) -> frozenset[str]:
+def keys_of(name: str) -> frozenset[str]:
     """Return the keys of a column's standard name, with and without its unit, and of its synonyms."""
     return frozenset(key(title) for title in (title_and_unit(name)[0], name, *SYNONYMS.get(name, ())))
 
@@ -323,14 +323,14 @@ def _pass_over(found: Header, titles: Sequence[str], given: frozenset[str]) -> N
         f"column {quoted(title.text)} may contain loads but is not read: the given load is used for all ratings"
         for name in sorted(given - found.at.keys())
         for title in _free(found, titles)
-        if title.keys & _keys(name) and len(key(title.text)) > 2
+        if title.keys & keys_of(name) and len(key(title.text)) > 2
     )
 
 
 def _misspelt(name: str, titles: Sequence[_Title]) -> _Title | None:
     """Return the title, of the first ones, that is close to a name, if any; short names resemble many words."""
     stems = {key(title.stem): title for title in titles[:MOST_GUESSED] if len(title.stem) <= LONGEST_TITLE}
-    for known in sorted(_keys(name)):
+    for known in sorted(keys_of(name)):
         if len(known) > 4 and (close := difflib.get_close_matches(known, stems, 1, 0.8)):
             return stems[close[0]]
     return None
@@ -342,6 +342,6 @@ def _fits(name: str, title: _Title) -> bool:
     if title.spelt is None:
         return quantity in ("", "ratio")
     if quantity:
-        return key(title.stem) in _keys(name) and unit_named(title.spelt.text, quantity) is not None
+        return key(title.stem) in keys_of(name) and unit_named(title.spelt.text, quantity) is not None
     scale = re.fullmatch(r"[0-9]+\s*(?:-|–|…|\.\.\.?|to)\s*[0-9]+", title.spelt.text)
-    return key(title.text) in _keys(name) or scale is not None
+    return key(title.text) in keys_of(name) or scale is not None

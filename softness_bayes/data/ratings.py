@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from softness_bayes.data.columns import FORCE, INDENTATION, LOAD_CV, RATING, RESOLUTION, Column
-from softness_bayes.data.fabrics import Fabrics, log_sd, missing_codes
+from softness_bayes.data.fabrics import Fabrics, log_sd
 from softness_bayes.data.faults import Guesses, alike_notes, listing, natural
 from softness_bayes.data.forms import PANEL, AggregatedCells, cells_of, covariates_in, unpaired
 from softness_bayes.data.headers import LOADED, RATED
@@ -26,7 +26,7 @@ from softness_bayes.data.tables import (
     Marks,
     Table,
     check_renames,
-    read_only,
+    freeze,
     read_table,
 )
 from softness_bayes.data.workbooks import TableSource
@@ -117,6 +117,12 @@ def loads_in(table: Table, given: Load | None) -> list[Load | None]:
     return touches
 
 
+MISSING_CODES = frozenset({"99", "999", "9999", "99999", "-9", "-99", "-999", "-9999", "-99999"})
+"""Numbers commonly used as codes for missing ratings."""
+FAR = 9.0
+"""Ratio of the absolute value of such a number to the largest other rating above which it is a code, as for 99 among
+ratings up to 10."""
+
 SOLE_PARTICIPANT = "participant"
 """Name of the participant in a table without a column of participants."""
 
@@ -185,10 +191,7 @@ class Ratings:
         own = {"load_cv": LOAD_CV, "resolution": RESOLUTION}
         arrays |= {name: float for name in own if getattr(self, name) is not None}
         arrays |= {} if self.lists is None else {"lists": int}
-        for name, kind in arrays.items():
-            object.__setattr__(self, name, read_only(getattr(self, name), kind))
-        if len({getattr(self, name).shape for name in arrays}) > 1:
-            raise InputError(f"{self.source}: {', '.join(arrays)} differ in length")
+        freeze(self, self.source, arrays)
         for name in sorted(own.keys() & arrays.keys()):
             values = getattr(self, name)
             for value in np.unique(values[~np.isnan(values)]).tolist():
@@ -377,7 +380,7 @@ def _rated_rows(table: Table, filed: FloatArray, drop_zeros: bool) -> tuple[IntA
     Codes for missing ratings are faults, and so are tables without ratings.
     """
     texts = table.cells[RATING.name]
-    for i in missing_codes(texts, filed):
+    for i in _missing_codes(texts, filed):
         table.fault(
             i,
             RATING.name,
@@ -401,6 +404,25 @@ def _rated_rows(table: Table, filed: FloatArray, drop_zeros: bool) -> tuple[IntA
         )
     used = np.sort(np.concatenate([rated, np.flatnonzero(faulty & ~kept)]))  # the same rows, if there are no faults
     return rated, used, notes
+
+
+def _missing_codes(texts: Sequence[str], values: FloatArray) -> list[int]:
+    """Return the ratings that are codes for missing values, such as 999 or -99.
+
+    A code is nine times as far from 0 as every other rating, or the only negative number among positive ones.
+
+    Parameters
+    ----------
+    texts, values
+        The ratings as written, and as numbers, NaN if missing.
+    """
+    codes = [i for i, text in enumerate(texts) if text in MISSING_CODES and not np.isnan(values[i])]
+    others = np.delete(values, codes)
+    others = others[~np.isnan(others)]
+    if not others.size:
+        return []
+    largest = np.abs(others).max()  # it may be too large for a multiplication
+    return [i for i in codes if abs(values[i]) / FAR >= largest or (values[i] < 0 <= others.min())]
 
 
 def _require_loads(table: Table, rows: IntArray) -> None:

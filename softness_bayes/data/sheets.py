@@ -13,7 +13,6 @@ from softness_bayes.data.columns import (
     INDENTATION,
     LONGEST_TITLE,
     RATING,
-    SYNONYMS,
     UNITS,
     Column,
     is_unit,
@@ -22,7 +21,7 @@ from softness_bayes.data.columns import (
     unit_named,
 )
 from softness_bayes.data.faults import Guesses, listing
-from softness_bayes.data.headers import Sought, understood
+from softness_bayes.data.headers import Sought, keys_of, understood
 from softness_bayes.errors import InputError, quoted
 
 MOST_COLUMNS = 2**14
@@ -106,7 +105,7 @@ def sheet_of(
             rows.append(line)
     header, body = records[0] if records else [], records[1:]
     if len(body) > 1 and (two := joined(header, body[0])):
-        header, body, rows, notes = two.titles, body[1:], [rows[0], *rows[2:]], [*notes, two.note]
+        header, body, rows, notes = two[0], body[1:], [rows[0], *rows[2:]], [*notes, two[1]]
     if not body:
         raise InputError(f"{place}: there is no row below the header")
     titled = f"{place}: header" if rows[0] < 0 else f"{place}: row {rows[0]}"
@@ -127,23 +126,13 @@ def sheet_of(
     return Sheet(place, label, digest, header[:used], body, rows[1:], titled, padded, between_commas, tuple(notes))
 
 
-_LABELS = frozenset(
-    key(title) for name in ("participant", "fabric", "list") for title in (name, *SYNONYMS.get(name, ()))
-)
+_LABELS = keys_of("participant") | keys_of("fabric") | keys_of("list")
 _NO_UNIT = frozenset({"-", "–", "1"})
 _LOAD = re.compile(r"[0-9]+(?:[.,][0-9]+)?\s*(?P<unit>[^\s0-9].*)")
 
 
-class Joined(NamedTuple):
-    """Titles of two rows as one."""
-
-    titles: list[str]
-    note: str
-    """Interpretation of the second row, as a note."""
-
-
-def joined(header: Sequence[str], below: Sequence[str]) -> Joined | None:
-    """Return the titles of a header of two rows; None if the second row holds data.
+def joined(header: Sequence[str], below: Sequence[str]) -> tuple[list[str], str] | None:
+    """Return the titles of a header of two rows, and a note on the second one; None if it holds data.
 
     Parameters
     ----------
@@ -157,7 +146,7 @@ def joined(header: Sequence[str], below: Sequence[str]) -> Joined | None:
     return _with_units(titles, second) or _with_loads(titles, second)
 
 
-def _with_units(titles: Sequence[str], units: Sequence[str]) -> Joined | None:
+def _with_units(titles: Sequence[str], units: Sequence[str]) -> tuple[list[str], str] | None:
     """Return titles with the units below them; no column of names has one."""
     filled = [j for j, text in enumerate(units) if text]
     bare = {j: units[j].strip("[]() ") for j in filled}
@@ -169,7 +158,7 @@ def _with_units(titles: Sequence[str], units: Sequence[str]) -> Joined | None:
     # a title that has a unit already keeps it; what is below must not be another one
     found = {j: f"{titles[j]} [{bare[j]}]" for j in named if not _has(titles[j], bare[j])}
     made = listing([quoted(text) for text in found.values()]) if found else "those of the headers"
-    return Joined([found.get(j, title) for j, title in enumerate(titles)], f"the second row contains units: {made}")
+    return ([found.get(j, title) for j, title in enumerate(titles)], f"the second row contains units: {made}")
 
 
 def _has(title: str, unit: str) -> bool:
@@ -186,7 +175,7 @@ def _is_load(text: str) -> bool:
     return match is not None and any(unit_named(match["unit"], quantity) for quantity in ("length", "force"))
 
 
-def _with_loads(titles: Sequence[str], second: Sequence[str]) -> Joined | None:
+def _with_loads(titles: Sequence[str], second: Sequence[str]) -> tuple[list[str], str] | None:
     """Return titles of fabrics with the loads below them; a fabric stands once before several, as in merged cells."""
     loaded = [j for j, text in enumerate(second) if _is_load(text)]
     others = [j for j, text in enumerate(second) if text and j not in loaded]
@@ -201,7 +190,7 @@ def _with_loads(titles: Sequence[str], second: Sequence[str]) -> Joined | None:
             found[j] = f"{fabric} @ {second[j]}"
         else:
             found[j], fabric = titles[j] or second[j], ""
-    return Joined(found, f"the second row contains loads: {listing([quoted(found[j]) for j in loaded])}")
+    return (found, f"the second row contains loads: {listing([quoted(found[j]) for j in loaded])}")
 
 
 _LOADED = re.compile(

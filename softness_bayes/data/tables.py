@@ -6,8 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -92,55 +91,67 @@ def decimal_mark(columns: Iterable[Sequence[Cell]], between_commas: bool = False
     between_commas
         Whether commas separate the cells, so that the decimal mark is a point.
     """
-    columns = [[_set_close(cell) for cell in cells] for cells in columns]
+    columns = [[cell._replace(text=_unspaced(cell.text)) for cell in cells] for cells in columns]
     every = [cell for cells in columns for cell in cells]
     for mark in (".",) if between_commas else MARKS:
-        if (shown := _thousands_shown(every, mark)) is not None:
-            return shown
+        other = _PATTERNS[MARKS[mark == ","]]
+        shows = _first(every, _PATTERNS[mark].thousands)
+        if shows and not _first(every, other.thousands) and not _first(every, other.decimals):
+            return Reading(
+                mark, _assumed(_first(every, other.either), mark, shows, "thousands separators"), grouped=True
+            )
     if between_commas:
         return Reading(".")
-    if commas := [cell for cell in every if _marked(",").fullmatch(cell.text)]:
-        deciding = next((cell for cell in commas if not _grouped(",").fullmatch(cell.text)), None)
-        unclear = next((cell for cell in commas if _grouped(",").fullmatch(cell.text)), None)
-        if unclear is None:
-            return Reading(",")
-        if deciding is None:
-            return Reading(",", unclear=unclear)
-        assumed = unclear.text.replace(",", ".")
-        return Reading(
-            ",",
-            f"{unclear.place}: {unclear.text} is read as {assumed}, because {deciding.text} in {deciding.place} has a "
-            "decimal comma; --decimal . reads it otherwise",
-        )
-    points = [cell for cell in every if "." in cell.text]
-    if all(_grouped(".").fullmatch(cell.text) for cell in points):
-        for cells in columns:
-            marked = [cell for cell in cells if "." in cell.text]
-            if 0 < len(marked) < len(cells):
-                return Reading(".", unclear=marked[0])
+    unclear, shows = _first(every, _PATTERNS[","].either), _first(every, _PATTERNS[","].decimals)
+    if shows:
+        return Reading(",", _assumed(unclear, ",", shows, "a decimal comma"))
+    if unclear:
+        return Reading(",", unclear=unclear)
+    marked = [[cell for cell in cells if "." in cell.text] for cells in columns]
+    if all(_PATTERNS["."].either.fullmatch(cell.text) for cells in marked for cell in cells):
+        mixed = (some[0] for some, cells in zip(marked, columns, strict=True) if 0 < len(some) < len(cells))
+        return Reading(".", unclear=next(mixed, None))
     return Reading(".")
 
 
-def _thousands_shown(cells: Sequence[Cell], mark: str) -> Reading | None:
-    """Return the reading for `mark` if a number has thousands grouped by the other mark and none contradicts it."""
-    other = MARKS[mark == ","]
-    shows = next((cell for cell in cells if _thousands(mark).fullmatch(cell.text)), None)
-    if shows is None or any(
-        _thousands(other).fullmatch(cell.text)
-        or (_marked(other).fullmatch(cell.text) and not _grouped(other).fullmatch(cell.text))
-        for cell in cells
-    ):
-        return None
-    assumed = next((cell for cell in cells if _grouped(other).fullmatch(cell.text)), None)
-    note = (
-        ""
-        if assumed is None
-        else (
-            f"{assumed.place}: {assumed.text} is read as {assumed.text.replace(other, '')}, because "
-            f"{shows.text} in {shows.place} has thousands separators; --decimal {other} reads it otherwise"
-        )
+class _Patterns(NamedTuple):
+    """Patterns of numbers with a decimal mark."""
+
+    decimals: re.Pattern[str]
+    """Numbers that can only have decimals behind the mark."""
+    either: re.Pattern[str]
+    """Numbers that have decimals behind the mark, or thousands grouped by it."""
+    thousands: re.Pattern[str]
+    """Numbers that can only have decimals behind the mark and thousands grouped by the other one."""
+
+
+def _patterns(mark: str, other: str) -> _Patterns:
+    either = rf"[+-]?[1-9][0-9]{{0,2}}\{mark}[0-9]{{3}}"
+    groups = rf"[+-]?[1-9][0-9]{{0,2}}(?:\{other}[0-9]{{3}})"
+    return _Patterns(
+        re.compile(rf"(?!{either}\Z)[+-]?[0-9]*\{mark}[0-9]+(?:[eE][+-]?[0-9]+)?"),
+        re.compile(either),
+        re.compile(rf"{groups}+\{mark}[0-9]+|{groups}{{2,}}"),
     )
-    return Reading(mark, note, grouped=True)
+
+
+_PATTERNS = {",": _patterns(",", "."), ".": _patterns(".", ",")}
+
+
+def _first(cells: Iterable[Cell], pattern: re.Pattern[str]) -> Cell | None:
+    return next((cell for cell in cells if pattern.fullmatch(cell.text)), None)
+
+
+def _assumed(unclear: Cell | None, mark: str, shows: Cell, what: str) -> str:
+    """Return the note on a number of two meanings that another number decides, empty if there is none."""
+    if unclear is None:
+        return ""
+    other = MARKS[mark == ","]
+    read = unclear.text.replace(other, "").replace(mark, ".")
+    return (
+        f"{unclear.place}: {unclear.text} is read as {read}, because {shows.text} in {shows.place} has {what}; "
+        f"--decimal {other} reads it otherwise"
+    )
 
 
 def plain(text: str, mark: str, declared: bool) -> str:
@@ -170,32 +181,9 @@ def plain(text: str, mark: str, declared: bool) -> str:
     return text.replace(mark, ".")
 
 
-def _set_close(cell: Cell) -> Cell:
-    close = _unspaced(cell.text)
-    return cell if close == cell.text else cell._replace(text=close)
-
-
 def _unspaced(text: str) -> str:
     """Return a number without the spaces (other than plain ones) or apostrophes that group its thousands."""
     return _SPACES.sub("", text) if _SPACED.fullmatch(text) else text
-
-
-@cache
-def _thousands(mark: str) -> re.Pattern[str]:
-    """Return the pattern of numbers that can only have decimals behind `mark` and thousands grouped by the other."""
-    other = MARKS[mark == ","]
-    groups = rf"[+-]?[1-9][0-9]{{0,2}}(?:\{other}[0-9]{{3}})"
-    return re.compile(rf"{groups}+\{mark}[0-9]+|{groups}{{2,}}")
-
-
-@cache
-def _marked(mark: str) -> re.Pattern[str]:
-    return re.compile(rf"[+-]?[0-9]*\{mark}[0-9]+(?:[eE][+-]?[0-9]+)?")
-
-
-@cache
-def _grouped(mark: str) -> re.Pattern[str]:
-    return re.compile(rf"[+-]?[1-9][0-9]{{0,2}}\{mark}[0-9]{{3}}")
 
 
 FloatArray = NDArray[np.float64]
@@ -441,6 +429,20 @@ def check_renames(renames: Mapping[str, str], *tables: Table) -> None:
         if all(table.titles.get(name, "").casefold() != actual.casefold() for table in tables):
             files = " or ".join(dict.fromkeys(table.place for table in tables))
             raise InputError(f"--column {name}={actual}: there is no column {actual!r} in {files}")
+
+
+def freeze(owner: Any, source: str, kinds: Mapping[str, type]) -> None:
+    """Replace arrays of a frozen dataclass by copies of these kinds that cannot be written to.
+
+    Raises
+    ------
+    InputError
+        If they differ in length.
+    """
+    for name, kind in kinds.items():
+        object.__setattr__(owner, name, read_only(getattr(owner, name), kind))
+    if len({getattr(owner, name).shape for name in kinds}) > 1:
+        raise InputError(f"{source}: {', '.join(kinds)} differ in length")
 
 
 def read_only(values: ArrayLike, kind: type) -> NDArray:

@@ -70,10 +70,7 @@ def test_the_stated_error_is_that_of_other_simulated_raters(rng):
         (GEOMETRIC.replace(",1.8,20", ",1.8,2.5"), "row 2, column 'N': expected a whole number, got '2.5'"),
         (GEOMETRIC.replace("1.8", "0.8"), "row 2, column 'geometric_sd': expected a finite number above 1, got '0.8'"),
         (GEOMETRIC.replace("5.5", "0"), "row 2, column 'Geometric_Mean': expected a finite number above 0, got '0'"),
-        (
-            GEOMETRIC.replace("5.5", "five"),
-            "row 2, column 'Geometric_Mean': expected a finite number above 0, got 'five'",
-        ),
+        (GEOMETRIC.replace("5.5", "five"), "'Geometric_Mean': expected a finite number above 0, got 'five'"),
         (GEOMETRIC.replace("voile,2", "voile,1"), "a cell of one fabric and load is in several rows"),
         (GEOMETRIC.replace(",N", ",people"), "no column 'n', and no --column n=... names it"),
         (ARITHMETIC.replace("sd", "x"), "column 'mean': an arithmetic mean alone does not determine the geometric one"),
