@@ -17,21 +17,18 @@ from softness_bayes.data.columns import (
     GEOMETRIC_MEAN,
     GEOMETRIC_SD,
     INDENTATION,
-    LABELS,
     LOAD_CV,
     MODULUS_SOURCES,
-    NUMBERS,
     RATERS,
     RATING,
     RESOLUTION,
     THICKNESS,
-    Column,
 )
 from softness_bayes.data.compression import Compression
 from softness_bayes.data.fabrics import USUAL_POISSON_RATIO, Fabrics
 from softness_bayes.data.faults import TableError, listing, together
 from softness_bayes.data.headers import FABRICS, LOADED, PRESSED, RATED, either
-from softness_bayes.data.ratings import LOAD_COLUMNS, Conditions, LoadColumn, Ratings, loads_of, with_rounded_loads
+from softness_bayes.data.ratings import LOAD_COLUMNS, Ratings, loads_of, with_rounded_loads
 from softness_bayes.data.sheets import Form
 from softness_bayes.data.tables import Marks, Table, check_renames, read_table
 from softness_bayes.data.workbooks import TableSource, has_sheet
@@ -42,16 +39,11 @@ from softness_bayes.kinds import require_mapping
 Read = TypeVar("Read")
 
 __all__ = [
-    "LABELS",
     "LOAD_COLUMNS",
-    "NUMBERS",
     "USUAL_POISSON_RATIO",
-    "Column",
     "Compression",
-    "Conditions",
     "Experiment",
     "Fabrics",
-    "LoadColumn",
     "Ratings",
     "compression_csv",
     "fabrics_csv",

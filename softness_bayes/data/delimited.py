@@ -16,7 +16,7 @@ from softness_bayes.data.sheets import Sheet, sheet_of
 from softness_bayes.errors import InputError, quoted
 
 LARGEST = 2**28
-"""Largest size of a table's file [bytes]: about ten million ratings."""
+"""Largest size of a table's file [bytes]."""
 
 PATIENCE = 2.0
 """Time [s] to wait for the first data in a pipe."""
