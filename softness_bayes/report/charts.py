@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple
 
@@ -199,8 +200,23 @@ def charts(first: Shown, every: list[Shown], scale: Scale) -> Charts:
     _fabrics(rating, first, foot=False)
     for chart in (rate, rating):
         dress(chart)
-    script, places = components({"rate": rate, "rating": rating})
+    script, places = _numbered(*components({"rate": rate, "rating": rating}))
     return Charts(Resources("inline", components=["bokeh"]).render_js(), script, places)
+
+
+def _numbered(script: str, places: dict[str, str]) -> tuple[str, dict[str, str]]:
+    """Return a script and its elements with numbers for Bokeh's identifiers, which no two pages have in common."""
+    random = re.compile(r"\b[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12}\b")
+    models = re.compile(r'(?<="id":)"(p\d+)"')  # in the document; text of the data has no unescaped quotes
+    number = {name: f"page-{k}" for k, name in enumerate(dict.fromkeys(random.findall(script)))}
+    number |= {name: f"p{k}" for k, name in enumerate(dict.fromkeys(models.findall(script)))}
+    document, drawing, items = script.partition("const render_items")
+    document = models.sub(lambda found: f'"{number[found[1]]}"', random.sub(lambda found: number[found[0]], document))
+
+    def numbered(text: str) -> str:
+        return re.sub(r"[\w-]+", lambda found: number.get(found[0], found[0]), text)
+
+    return document + drawing + numbered(items), {name: numbered(place) for name, place in places.items()}
 
 
 def _reach(every: list[Shown], what: str) -> tuple[float, float]:

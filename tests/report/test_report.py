@@ -479,6 +479,11 @@ def test_who_rates_and_is_pressed_has_one_name():
 # the file
 
 
+def test_a_page_depends_on_its_run_alone(pages, made, quick):
+    """Two pages have the same bytes, although the library of the charts numbers its objects anew."""
+    assert report_page(made("ratings")) == pages("ratings")
+
+
 def test_only_reports_are_replaced(made, quick, tmp_path):
     result, path = made("skin"), tmp_path / "deep" / "page.html"
     assert write_report(result, path) == path
