@@ -65,6 +65,11 @@ class Drive(NamedTuple):
     curve: RateCurve
     """The rate curve, of batch shape (batch,), or () where all share one."""
 
+    def part(self, index: slice) -> Drive:
+        """Return the drive of some of the vectors."""
+        curve = self.curve.take(index) if self.curve.rheobase.ndim else self.curve
+        return Drive(self.alpha[index], self.beta[index], self.sigma_0[index], curve)
+
 
 class ReceptorSums(NamedTuple):
     """Sums over the receptors of one condition, each of shape (batch, conditions)."""

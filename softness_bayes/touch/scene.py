@@ -34,6 +34,9 @@ from softness_bayes.touch.stress_table import SHARE, StressFields, covered_modul
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
+WITH_CURVES = 256
+"""Vectors whose rate curves are kept at once."""
+
 CHUNK = 1 << 16
 """Number of quadrature nodes evaluated at once: enough for fast array operations, few enough for the cache."""
 
@@ -239,11 +242,11 @@ class Scene:
             If a parameter is not finite, b, alpha or beta is not positive, m is negative, or a radius or a depth is
             given to a scene of one finger.
         """
-        shape, chunks = self._chunks(parameters, modulus)
+        shape, chunks = self._driven_chunks(parameters, modulus)
         rates = []
-        for chunk, own in chunks:
+        for chunk, own, drive in chunks:
             fields = self.mechanics.fields(chunk.b, chunk.m, own, self.fingertip(chunk))
-            rates.append(self.population.sums(fields, self._drive(chunk)).rate)
+            rates.append(self.population.sums(fields, drive).rate)
         return (rates[0] if len(rates) == 1 else np.concatenate(rates)).reshape(*shape, self.n_conditions)
 
     def respond(self, parameters: TouchParameters, modulus: Array | None = None) -> Response:
@@ -251,13 +254,13 @@ class Scene:
 
         Parameters and errors as in `total_rate`.
         """
-        shape, chunks = self._chunks(parameters, modulus)
+        shape, chunks = self._driven_chunks(parameters, modulus)
         parts = []
-        for chunk, own in chunks:
+        for chunk, own, drive in chunks:
             finger = self.fingertip(chunk)
             touch = self.mechanics.contact(chunk.b, chunk.m, own, finger)
             fields = self.stress_fields.at(touch.reduced_modulus, touch.radius, finger)
-            sums = self.population.sums(fields, self._drive(chunk), intervals=True)
+            sums = self.population.sums(fields, drive, intervals=True)
             with np.errstate(invalid="ignore"):
                 mean_rate, mean_interval = sums.rate / sums.responding, sums.interval / sums.responding
             parts.append((sums.rate, sums.responding, mean_rate, mean_interval, fields.peak, *touch))
@@ -381,10 +384,35 @@ class Scene:
         own |= {"fabric_modulus": self.fabric_modulus, "fabric_poisson": self._poissons}
         return Scene(**own | changed)
 
-    def _chunks(
+    @property
+    def _rows(self) -> int:
+        """Number of vectors that are evaluated at once: the quadrature of a chunk fits into the processor's cache."""
+        return max(LEAST_ROWS, CHUNK // (self.n_conditions * self.discretisation.nodes))
+
+    def _driven_chunks(
         self, parameters: TouchParameters, modulus: Array | None
+    ) -> tuple[tuple[int, ...], Iterator[tuple[TouchParameters, Array | None, Drive]]]:
+        """Return chunks as `_chunks` with their drives, whose rate curves are computed for several chunks at once.
+
+        Exact curves take seconds for any number of vectors, and more conditions make chunks of fewer vectors.
+        """
+        rows = self._rows
+        shape, several = self._chunks(parameters, modulus, max(rows, WITH_CURVES))
+
+        def chunks() -> Iterator[tuple[TouchParameters, Array | None, Drive]]:
+            for vectors, own in several:
+                drive = Drive(vectors.alpha, vectors.beta, vectors.sigma_0, self.rates.curves(vectors))
+                for start in range(0, vectors.b.size, rows):
+                    k = slice(start, start + rows)
+                    some = TouchParameters(*(value[k] for value in vectors))
+                    yield some, None if own is None else own[k], drive.part(k)
+
+        return shape, chunks()
+
+    def _chunks(
+        self, parameters: TouchParameters, modulus: Array | None, rows: int | None = None
     ) -> tuple[tuple[int, ...], Iterator[tuple[TouchParameters, Array | None]]]:
-        """Cut a batch of parameter vectors into chunks that fit into the processor's cache.
+        """Cut a batch of parameter vectors into chunks of some number of vectors, by default `_rows`.
 
         Returns
         -------
@@ -398,7 +426,7 @@ class Scene:
             parameters = TouchParameters(*(np.broadcast_to(value, shape) for value in parameters))
             modulus = np.broadcast_to(modulus, (*shape, modulus.shape[-1])).reshape(-1, modulus.shape[-1])
         shape, flat = checked_rows(parameters)
-        rows = max(LEAST_ROWS, CHUNK // (self.n_conditions * self.discretisation.nodes))
+        rows = rows or self._rows
         if flat.b.size <= rows:
             return shape, iter([(flat, None if modulus is None else modulus[:, self.fabric])])
         parts = (slice(start, start + rows) for start in range(0, flat.b.size, rows))
@@ -406,9 +434,6 @@ class Scene:
             (TouchParameters(*(value[k] for value in flat)), None if modulus is None else modulus[k][:, self.fabric])
             for k in parts
         )
-
-    def _drive(self, parameters: TouchParameters) -> Drive:
-        return Drive(parameters.alpha, parameters.beta, parameters.sigma_0, self.rates.curves(parameters))
 
 
 def _checked_fabrics(modulus: ArrayLike, poisson: ArrayLike) -> tuple[Array, Array]:

@@ -130,6 +130,19 @@ def test_the_order_of_arrays_in_memory_does_not_show(scene, rng, paper):
         np.testing.assert_allclose(found, wanted, rtol=1e-13)
 
 
+@pytest.mark.parametrize("fabrics", [5, 40])
+def test_rate_curves_are_computed_once_for_all_conditions(fabrics, smooth_firing, rng, paper, monkeypatch):
+    """An exact curve takes seconds: it belongs to a draw, however many conditions a table has."""
+    firing, asked = smooth_firing(), []
+    made = type(firing).curves
+    monkeypatch.setattr(type(firing), "curves", lambda self, drawn: asked.append(len(drawn.b)) or made(self, drawn))
+    monkeypatch.setattr("softness_bayes.touch.scene.CHUNK", 12 * 30)
+    pairs = np.arange(fabrics * 3)
+    scene = Scene(np.geomspace(1e4, 1e6, fabrics), 0.3, LOADS, firing, fabric=pairs // 3, load=pairs % 3)
+    scene.total_rate(draws(rng, 50, paper))
+    assert asked == [50]
+
+
 def test_chunks_do_not_show(scene, rng, paper, monkeypatch):
     parameters = draws(rng, 25, paper)
     whole = scene.respond(parameters)
