@@ -6,8 +6,10 @@ whose fields are attributes; families of attributes such as ``reading_pressure``
 
 from __future__ import annotations
 
+import platform
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, fields
+from importlib.metadata import version
 from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
 
@@ -25,9 +27,6 @@ Section = TypeVar("Section")
 
 NOT_ASKED = "none asked for"
 """Attribute that marks a missing number."""
-
-FORMER_LEAST_DROP = 0.02
-"""Value of `Provenance.least_drop` for results that do not record it."""
 
 PRIOR, READING, VERSION = "prior_", "reading_", "version_"
 """Prefixes of families of attributes, each followed by a name."""
@@ -152,7 +151,7 @@ class NumericalErrors:
     exactness_efficiency: float
     exactness_pareto_k: float
     exact_reweight: bool
-    inflection_least_drop: float = FORMER_LEAST_DROP
+    inflection_least_drop: float
     """As `Provenance.least_drop`."""
 
 
@@ -232,7 +231,7 @@ class PlateData:
 class Provenance:
     """Provenance of a result, read from its attributes one section at a time.
 
-    A missing attribute raises a `KeyError`, unless earlier versions did not write it.
+    A missing attribute raises a `KeyError`, unless runs without ratings lack it.
 
     Parameters
     ----------
@@ -316,7 +315,7 @@ class Provenance:
     @property
     def least_drop(self) -> float:
         """Smallest drop, as a share of the maximum, towards both ends of the range that makes it a turning point."""
-        return float(self.attributes.get("inflection_least_drop", FORMER_LEAST_DROP))
+        return float(self.attributes["inflection_least_drop"])
 
     @property
     def held_eps(self) -> str:
@@ -356,6 +355,13 @@ def attributes_of(*sections: Any) -> dict[str, Any]:
 def family_of(begin: str, values: Mapping[str, Any]) -> dict[str, str]:
     """Return the attributes of a family (`PRIOR`, `READING` or `VERSION`), keyed by their names without the prefix."""
     return {begin + name: str(value) for name, value in values.items()}
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of all software that the numbers of a result depend on, as attributes."""
+    libraries = ("softness-bayes", "numpy", "scipy", "emcee", "arviz", "xarray")
+    found = {name.replace("-", "_"): version(name) for name in libraries}
+    return family_of(VERSION, {"python": platform.python_version(), **found})
 
 
 class _Codec(NamedTuple):

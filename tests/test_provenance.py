@@ -7,7 +7,6 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from softness_bayes import provenance
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.directions import FALLS
 from softness_bayes.likelihood.scales import STANDARDISED
@@ -79,7 +78,7 @@ def test_families_are_read_without_what_only_begins_like_them():
     assert found.versions == {"numpy": "2"}
 
 
-def test_what_earlier_versions_lack_has_its_former_value_and_all_else_is_missed():
+def test_what_runs_without_ratings_lack_has_a_default_and_all_else_is_missed():
     former = Provenance(Named({"direction": "inverse"}, "attribute", "old.nc"))
     known = dataclasses.replace(
         former.direction, direction_rises=0.5, direction_rises_se=0.1
@@ -88,7 +87,6 @@ def test_what_earlier_versions_lack_has_its_former_value_and_all_else_is_missed(
     assert np.isnan([former.direction.direction_rises, former.direction.direction_rises_se]).all()
     assert former.rating_model.rating_errors == "normal"
     assert former.silence.posterior_silent_everywhere == 0.0
-    assert former.least_drop == provenance.FORMER_LEAST_DROP
     assert (former.verdict, former.held_eps) == ("", "")
     with pytest.raises(MissingError, match=r"old\.nc: no attribute 'verdict'"):
         _ = former.ending

@@ -15,7 +15,7 @@ from softness_bayes.cli.running import in_numbers, needed
 if TYPE_CHECKING:
     from tqdm import tqdm
 
-    from softness_bayes.results.stages import Stage
+    from softness_bayes.results.assembly import Stage
     from softness_bayes.sampler.sampling import Progress
 
 

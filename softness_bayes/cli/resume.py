@@ -61,8 +61,8 @@ def command(
     files and the number of lost steps are reported.
     """
     from softness_bayes.checkpoints.checkpoint import Checkpoint
+    from softness_bayes.provenance import versions
     from softness_bayes.results.request import Request
-    from softness_bayes.results.versions import versions
     from softness_bayes.supplied import require_trusted
 
     checkpoint = Checkpoint.open(directory, salvage=True)

@@ -80,13 +80,6 @@ def reading(*directories: Path) -> Iterator[list[Result]]:
     from softness_bayes.results.result import Result
 
     results = [Result.load(directory, trust_code=trusts_code()) for directory in directories]
-    for result in results:
-        if not result.verified:
-            click.echo(
-                f"note: {result.source}: written by an earlier version without checksums, so later changes of "
-                "the file cannot be detected",
-                err=True,
-            )
     try:
         yield results
     except KeyError as error:

@@ -220,7 +220,7 @@ def run(
     from softness_bayes.model.build import ExperimentModel
     from softness_bayes.model.pressed import people_note
     from softness_bayes.model.reach import reach_of
-    from softness_bayes.results.versions import versions
+    from softness_bayes.provenance import versions
     from softness_bayes.runs.kept import model_of, sample_kept
 
     out, (options, how) = checkpoint.directory, request

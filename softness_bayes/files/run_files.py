@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 POSTERIOR, SUMMARY, NONFINITE = "posterior.nc", "summary.csv", "nonfinite.csv"
 """Files of a run; the last, if there is one, holds the points at which the density could not be computed."""
 
@@ -34,17 +32,8 @@ RATERS = "raters"
 FABRIC_RATINGS = "fabric_ratings"
 """The table of rated and predicted softness of every fabric under every load."""
 
-TABLES: Mapping[str, str | list[str]] = {
-    "directions": "direction",
-    "predictive_checks": ["law", "quantity"],
-    FABRIC_RATINGS: ["load", "fabric"],
-    MODULI: "fabric",
-    MODULUS_ERRORS: "quantity",
-    FINGERS: ["participant", "quantity"],
-    ANSWERS: ["participant", "quantity"],
-    RATERS: "participant",
-}
-"""Further tables of a result by the name of their file, with the columns that identify a row."""
+TABLES = ("directions", "predictive_checks", FABRIC_RATINGS, MODULI, MODULUS_ERRORS, FINGERS, ANSWERS, RATERS)
+"""Further tables of a result by the name of their file."""
 
 FILES = (POSTERIOR, SUMMARY, NONFINITE, *(f"{name}.csv" for name in TABLES))
 """Every file that a run may leave beside its checkpoint."""

@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from softness_bayes.results.target import Target
 
 
-class Answers:
+class Answers(Stored):
     """Methods of a `Result` that evaluate its model at new touches."""
 
     def predict(
-        self: Stored,
+        self,
         fabrics: Fabrics | None = None,
         loads: Sequence[Load] | None = None,
         draws: int = ANSWER_DRAWS,
@@ -86,7 +86,7 @@ class Answers:
         return joined(tables, len(pressed))
 
     def rank(
-        self: Stored,
+        self,
         fabrics: Fabrics | None = None,
         loads: Sequence[Load] | None = None,
         draws: int = ANSWER_DRAWS,
@@ -106,7 +106,7 @@ class Answers:
         return rank(self, self.fabrics if fabrics is None else fabrics, pressed, draws, seed)
 
     def target(
-        self: Stored,
+        self,
         rating: float,
         loads: Sequence[Load] | None = None,
         tensile_modulus: float | None = None,

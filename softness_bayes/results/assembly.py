@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from enum import Enum
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,11 +47,15 @@ from softness_bayes.results.draws import (
 )
 from softness_bayes.results.exact import begin_comparison, exactness_stats, unchecked
 from softness_bayes.results.groups import Groups, Variable, evenly, merged, named, sampled_groups, tree_of
-from softness_bayes.results.modulus_shifts import modulus_shifts
-from softness_bayes.results.plate import plate_attributes, plate_groups
-from softness_bayes.results.predictions import illustration_groups, prediction_group, turning_groups
-from softness_bayes.results.replicates import Replicates, draw_replicates, predictive_groups, prior_groups
-from softness_bayes.results.stages import Beginning, Listener, Stage, unheard
+from softness_bayes.results.predictions import illustration_groups, modulus_shifts, prediction_group, turning_groups
+from softness_bayes.results.replicates import (
+    Replicates,
+    draw_replicates,
+    plate_attributes,
+    plate_groups,
+    predictive_groups,
+    prior_groups,
+)
 from softness_bayes.results.summary import reweighted, summarise
 from softness_bayes.sampler.chains import Chains
 from softness_bayes.sampler.workers import Workers
@@ -64,6 +69,45 @@ Array = NDArray[np.float64]
 
 ERROR_DRAWS = 32
 """Posterior draws at which the scene is compared with a finer one."""
+
+
+class Stage(Enum):
+    """A stage after sampling, in order of execution; the value describes it."""
+
+    REPLICATES = "replicated data"
+    LEFT_OUT = "each rating given all others (leave-one-out)"
+    PREDICTIONS = "predictions and turning points"
+    EXACT = "accuracy of the fast model"
+    CHECKS = "checks of residuals"
+    TABLES = "tables"
+    FILES = "files"
+    FIGURES = "figures"
+
+    @property
+    def number(self) -> int:
+        """Number of the stage, from 1."""
+        return [*Stage].index(self) + 1
+
+    def __str__(self) -> str:
+        return f"after sampling, {self.number} of {len(Stage)}: {self.value}"
+
+
+Listener = Callable[[Stage], None]
+"""Function called at the start of each stage."""
+
+
+def unheard(_: Stage) -> None:
+    """Do nothing."""
+
+
+class Beginning(Protocol):
+    """Work that starts as soon as some groups of a result are available, such as drawing figures."""
+
+    def begin_walk(self, tree: xr.DataTree) -> None:
+        """Receive the posterior draws, before anything is computed from them."""
+
+    def begin_usual(self, tree: xr.DataTree) -> None:
+        """Receive all groups, before tables are computed from them."""
 
 
 class Assembled(NamedTuple):

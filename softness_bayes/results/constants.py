@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,15 @@ from softness_bayes.parameters.fabric_moduli import FabricModuli
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.results.draws import RatedDraws
 from softness_bayes.results.groups import Variable
-from softness_bayes.results.noise_curves import stored_curves
-from softness_bayes.results.plate import plate_coordinates
+from softness_bayes.results.replicates import plate_coordinates
+from softness_bayes.touch.neuron.firing import CurveError, RateCurve
+from softness_bayes.touch.neuron.fixed_channels import Firing, FixedChannels
+from softness_bayes.touch.neuron.membrane import Channels, Membrane
+from softness_bayes.touch.neuron.noise import make_known
 from softness_bayes.touch.scene import Scene
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 RATERS_OF_CELLS = "raters"
 """Name of the variable with the number of raters per cell."""
@@ -29,6 +35,19 @@ RATERS_OF_CELLS = "raters"
 RATING_AS_FILED, RATING_LOW, RATING_HIGH = "rating_as_filed", "rating_low", "rating_high"
 """Names of the variables for ratings as in the file, including 0, and for the ends of the intervals that they
 represent."""
+
+COEFFICIENTS = "noise_curve_coefficients"
+"""Name of the variable with the coefficients of the curves, in `constant_data`; the others are named in `_UNITS`."""
+
+_AXIS = "noise_curve"
+_UNITS = {
+    "noise_curve_rheobase": "µA/cm²",
+    "noise_curve_onset_rate": "Hz",
+    "noise_curve_max_current": "µA/cm²",
+    "noise_curve_error": "Hz",
+    "noise_curve_relative_error": "",
+    "noise_curve_onset_error": "Hz",
+}
 
 
 def held_parameters(space: ParameterSpace) -> dict[str, Variable]:
@@ -125,3 +144,36 @@ def coordinates(draws: RatedDraws, grid: Scene) -> dict[str, NDArray[Any]]:
 def _uncertain(moduli: FabricModuli) -> NDArray[Any]:
     """Return the names of the fabrics whose modulus is sampled."""
     return np.array([moduli.names[k] for k in moduli.uncertain])
+
+
+def stored_curves(firing: Firing) -> dict[str, Variable]:
+    """Return the rate curves averaged over noise, whose simulation takes minutes; empty without noise."""
+    curves = firing.averaged if isinstance(firing, FixedChannels) else ()
+    if not curves:
+        return {}
+    rows = [(curve.rheobase, curve.onset_rate, curve.max_current, *curve.error) for curve in curves]
+    columns = zip(_UNITS.items(), np.array(rows, dtype=float).T, strict=True)
+    found = {name: Variable(column, (_AXIS,), unit) for (name, unit), column in columns}
+    coefficients = np.stack([curve.coefficients for curve in curves])
+    return {**found, COEFFICIENTS: Variable(coefficients, (_AXIS, "noise_curve_term"))}
+
+
+def restore_curves(constant: xr.Dataset, noise: float, membrane: Membrane) -> None:
+    """Make the averaged curves of a stored run known, if it has any.
+
+    Parameters
+    ----------
+    constant
+        The group `constant_data`.
+    noise
+        Strength of the run's white-noise current [µA/cm² sqrt(ms)].
+    membrane
+        The run's membrane.
+    """
+    if COEFFICIENTS not in constant:
+        return
+    channels = Channels(*(float(constant[name]) for name in Channels._fields))
+    columns = [constant[name].values for name in _UNITS]
+    for coefficients, rheobase, onset_rate, limit, *error in zip(constant[COEFFICIENTS].values, *columns, strict=True):
+        curve = RateCurve(np.array(rheobase), np.array(onset_rate), coefficients, float(limit), CurveError(*error))
+        make_known(noise, channels, membrane, curve)

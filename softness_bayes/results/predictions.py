@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checking.agreement import TYPICAL
+from softness_bayes.checking.checks import MODULUS_STEP
 from softness_bayes.checking.inflection import find_inflection, response_curves, turning_points
+from softness_bayes.checking.modulus_errors import directions, posterior_shift, scores, shift_table
+from softness_bayes.model.other_moduli import rates_of_other_moduli
 from softness_bayes.results.draws import REWEIGHT_DRAWS, RatedDraws
-from softness_bayes.results.groups import Groups, Variable, merged, named, turning_variables
+from softness_bayes.results.groups import Groups, Variable, evenly, merged, named, turning_variables
 from softness_bayes.results.pictures import membrane_illustration, touch_illustration
 from softness_bayes.results.replicates import Replicates
 from softness_bayes.touch.scene import Scene
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 
@@ -22,6 +29,12 @@ TURNING = 4000
 
 ILLUSTRATED = 64
 """Number of posterior draws whose touches are stored in detail."""
+
+SHIFT_DRAWS = 1000
+"""Number of posterior draws from which the shifts are estimated."""
+
+SHIFTED = ("b", "m", "sigma_0", "gamma")
+"""Parameters whose shifts are reported, if they are sampled."""
 
 
 def prediction_group(draws: RatedDraws, grid: Scene, error: float) -> dict[str, Variable]:
@@ -104,3 +117,35 @@ def illustration_groups(draws: RatedDraws, drawn: Replicates, turn: Array) -> tu
     touch, along = touch_illustration(drawn.receptors, draws.scene, touched, turn)
     membrane, currents = membrane_illustration(drawn.trains(), draws.scene, fired)
     return merged(touch, membrane), {**along, **currents}
+
+
+def modulus_shifts(draws: RatedDraws, inflection: Mapping[str, Variable]) -> pd.DataFrame | None:
+    """Return the table of `shift_table` for the skin, the receptors' threshold, gamma and the turning points.
+
+    Parameters
+    ----------
+    draws
+        The draws of the run.
+    inflection
+        The group `inflection`, at the points of `turning_draws`.
+
+    Returns
+    -------
+    DataFrame or None
+        None if no modulus is taken as exact.
+    """
+    space, design = draws.posterior.space, draws.ratings.design
+    exact = np.setdiff1d(np.arange(design.n_fabrics), () if space.moduli is None else space.moduli.uncertain)
+    if not exact.size:
+        return None
+    points = turning_draws(draws)
+    index = evenly(points.shape, int(draws.share * SHIFT_DRAWS))
+    theta = points[index]
+    signs, share = directions(exact.astype(np.intp), design.n_fabrics)
+    rates = rates_of_other_moduli(draws.posterior, theta, MODULUS_STEP)
+    score = scores(draws.ratings, rates, draws.posterior.rating_parameters(theta), signs)
+    quantities = {name: np.log(np.abs(theta[:, space.names.index(name)])) for name in SHIFTED if name in space.names}
+    modulus = inflection["inflection_e_fab_kpa"].values[index]
+    for name, where in zip(draws.load_groups.names, modulus.T, strict=True):
+        quantities[f"turning point at {name}"] = np.log(where)
+    return shift_table([*quantities], [posterior_shift(values, score, share) for values in quantities.values()])

@@ -16,8 +16,7 @@ from softness_bayes.likelihood.scales import Scale
 from softness_bayes.plotting.style import USUAL, Style
 from softness_bayes.ranges import RANKED
 from softness_bayes.results.fitted import Fitted
-from softness_bayes.results.rating_table import limits
-from softness_bayes.results.reasons import reasons
+from softness_bayes.results.rating_table import limits, reasons
 from softness_bayes.results.stored import Stored
 from softness_bayes.touch.contact import Load
 

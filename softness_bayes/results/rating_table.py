@@ -1,20 +1,26 @@
-"""Predicted ratings as table columns: typical rater, new rater, and mean of several raters."""
+"""Predicted ratings as table columns, with reasons for unusual predictions.
+
+Reasons are silence, a contact beyond Hertz's geometry, and fabrics or loads outside the rated range.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.data import Fabrics
+from softness_bayes.data.ratings import LOAD_COLUMNS
 from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.likelihood.design import IndexArray
+from softness_bayes.parameters.fabric_moduli import KPA
 from softness_bayes.ranges import PANEL
+from softness_bayes.readable import number, percent
 from softness_bayes.results.fitted import Fitted
-from softness_bayes.results.reasons import reasons
 from softness_bayes.results.stored import Stored
+from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.scene import Scene
 
 if TYPE_CHECKING:
@@ -28,6 +34,12 @@ LIMITS = {"_low": 0.05, "_low_50": 0.25, "": 0.5, "_high_50": 0.75, "_high": 0.9
 
 ROOM = 2_000_000
 """Largest number of draws × touches predicted at once; some twenty arrays of this size exist then."""
+
+NOTICED = 0.05
+"""Share of draws above which a remark is made."""
+
+_SAME = 1e-6  # relative difference below which a value is at the end of a range
+_HELD = {Indentation: "indentation", Force: "force"}  # field of the contact held constant by a load
 
 
 def parts_of(fabrics: Fabrics, loads: int, draws: int = ANSWER_DRAWS) -> list[Fabrics]:
@@ -86,7 +98,7 @@ def rating_columns(
     -------
     DataFrame
         A row per condition: typical_rating, new_rater_rating and mean_rating, each with the limits of its 50 % and
-        90 % intervals beside it; raters; the fields of `reasons.Reasons`.
+        90 % intervals beside it; raters; the fields of `Reasons`.
 
     Raises
     ------
@@ -125,3 +137,94 @@ def limits(values: Array, alike: IndexArray | None = None) -> dict[str, Array]:
         for group in np.flatnonzero(np.bincount(alike) > 1):
             found[:, alike == group] = np.quantile(values[:, alike == group], levels)[:, None]
     return dict(zip(LIMITS, found, strict=True))
+
+
+class Reasons(NamedTuple):
+    """Reasons for the predictions of some conditions, each of shape (conditions,)."""
+
+    p_silent: Array
+    """Share of the draws in which no receptor fires."""
+    p_beyond_half_radius: Array
+    """Share of the draws whose contact radius exceeds R/2, where Hertz's geometry is questionable."""
+    p_beyond_radius: Array
+    """Share of the draws whose contact radius is R or more, where it is invalid."""
+    beyond_moduli: NDArray[np.str_]
+    """"below" or "above" if E_fab lies outside the rated moduli, otherwise empty."""
+    beyond_loads: NDArray[np.str_]
+    """"below" or "above" if the load lies outside the rated loads, otherwise empty."""
+    remarks: NDArray[np.str_]
+    """All reasons as text."""
+
+
+def reasons(fitted: Fitted, scene: Scene, rate: Array, modulus: Array | None = None) -> Reasons:
+    """Return the reasons for predictions of the conditions of a scene.
+
+    A force is compared with the forces of the rated touches, an indentation with their indentations. If the rated loads
+    are of the other kind, medians over the draws are used.
+
+    Parameters
+    ----------
+    fitted
+        The run.
+    scene, rate
+        The conditions, and their response at the draws, shape (draws, conditions).
+    modulus
+        E_fab [Pa] of each fabric at each draw; by default that of the scene.
+    """
+    touch, rated = fitted.touch, fitted.posterior.scene
+    if not isinstance(rated, Scene):
+        raise TypeError("expected the posterior of a compiled scene")
+    own = fitted.posterior.space.modulus(fitted.theta)
+    extent = scene.contact(touch, modulus).radius / scene.fingertip(touch).radius
+    silent, half, whole = ((found.mean(axis=0)) for found in (rate == 0, extent > 0.5, extent >= 1.0))
+    asked = scene.modulus if modulus is None else np.median(modulus, axis=0)[scene.fabric]
+    moduli = _Span.of((rated.modulus if own is None else np.median(own, axis=0)) / KPA, "kPa")
+    beyond_moduli, contact = moduli.beyond(asked / KPA), rated.contact(touch, own)
+    beyond_loads, loads = np.full(scene.n_conditions, "", beyond_moduli.dtype), []
+    for k, load in enumerate(scene.loads):
+        entry = next(entry for entry in LOAD_COLUMNS if isinstance(load, entry.kind))
+        held = np.median(getattr(contact, _HELD[entry.kind]), axis=0)
+        loads.append(_Span.of(held / entry.column.factor, entry.column.unit))
+        beyond_loads[scene.load == k] = loads[k].beyond(np.array(entry.value(load) / entry.column.factor))
+    words = []
+    for k in range(scene.n_conditions):
+        said = [
+            f"no receptor fires in {percent(silent[k])} of the draws" if silent[k] >= NOTICED else "",
+            _hertz(half[k], whole[k]),
+            f"E_fab {beyond_moduli[k]} the rated range ({moduli})" if beyond_moduli[k] else "",
+            f"load {beyond_loads[k]} the rated range ({loads[scene.load[k]]})" if beyond_loads[k] else "",
+        ]
+        words.append("; ".join(one for one in said if one))
+    return Reasons(silent, half, whole, beyond_moduli, beyond_loads, np.array(words, str))
+
+
+class _Span(NamedTuple):
+    """The range of rated values."""
+
+    low: float
+    high: float
+    unit: str
+
+    @classmethod
+    def of(cls, values: Array, unit: str) -> _Span:
+        return cls(float(values.min()), float(values.max()), unit)
+
+    def beyond(self, values: Array) -> NDArray[np.str_]:
+        """Return "below" or "above" for values outside the range, otherwise an empty text."""
+        return np.select(
+            [values < self.low * (1.0 - _SAME), values > self.high * (1.0 + _SAME)], ["below", "above"], ""
+        )
+
+    def __str__(self) -> str:
+        return f"{number(self.low)} to {number(self.high)} {self.unit}"
+
+
+def _hertz(questionable: float, meaningless: float) -> str:
+    """Describe the share of draws in which the contact is outside the range of Hertz's theory."""
+    if meaningless >= NOTICED:
+        return f"contact radius above R, where Hertz's geometry is meaningless, in {percent(meaningless)} of the draws"
+    if questionable >= NOTICED:
+        return (
+            f"contact radius above R/2, where Hertz's geometry is questionable, in {percent(questionable)} of the draws"
+        )
+    return ""

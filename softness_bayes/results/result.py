@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,33 +12,21 @@ from numpy.typing import NDArray
 
 from softness_bayes import arviz_bridge
 from softness_bayes.checking.inflection import Curves, Inflection, turning_table
-from softness_bayes.checking.layout import loads_in
 from softness_bayes.data.columns import LOAD_CV
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import write_outputs
-from softness_bayes.files.run_files import ANSWERS, FINGERS, MODULI, MODULUS_ERRORS, POSTERIOR, RUN, SUMMARY, TABLES
+from softness_bayes.files.run_files import ANSWERS, FINGERS, MODULI, MODULUS_ERRORS, POSTERIOR, RUN, SUMMARY
 from softness_bayes.files.spreadsheet import csv_of
 from softness_bayes.kinds import require_kind
-from softness_bayes.likelihood.scales import Scale
-from softness_bayes.provenance import Provenance, is_first_look
+from softness_bayes.provenance import is_first_look
 from softness_bayes.results.answers import Answers
-from softness_bayes.results.read_back import (
-    curves_in,
-    fabrics_in,
-    named_values,
-    turning_points_in,
-)
 from softness_bayes.results.result_file import SUMMARY_TABLE, content_of, read
-from softness_bayes.results.words import html_of, load_sentence
-from softness_bayes.touch.contact import Finger, Load
 from softness_bayes.touch.load_groups import LoadGroups, groups_of
-from softness_bayes.touch.readings import Readings
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from softness_bayes.data import Fabrics
     from softness_bayes.plotting.plots import Plots
 
 Array = NDArray[np.float64]
@@ -46,85 +34,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Result(Answers):
-    """Draws, predictions and provenance of one run.
-
-    Parameters
-    ----------
-    tree
-        The groups of ``posterior.nc``, with the provenance in its attributes.
-    table
-        The summary, one row per parameter.
-    tables
-        Further tables by name, from `TABLES`.
-    verified
-        Whether the checksums show that it is unchanged since it was written; False for a file without checksums.
-    source
-        The file that it was read from, for messages.
-    """
-
-    tree: xr.DataTree
-    table: pd.DataFrame
-    tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
-    verified: bool = True
-    source: str = "result"
-
-    @property
-    def attributes(self) -> dict[str, Any]:
-        """Provenance as stored: schema, versions, command, seed, digests, readings, verdict.
-
-        A missing attribute raises an `InputError`.
-        """
-        from softness_bayes.results.lookup import Named
-
-        return Named({str(name): value for name, value in self.tree.attrs.items()}, "attribute", self.source)
-
-    @property
-    def provenance(self) -> Provenance:
-        """Provenance as typed records: settings, end of the run, findings of checks."""
-        return Provenance(self.attributes)
-
-    def group(self, name: str) -> xr.Dataset:
-        """Return one group of ``posterior.nc`` as a dataset.
-
-        Raises
-        ------
-        InputError
-            If the result has no such group. The dataset raises it for a missing variable.
-        """
-        from softness_bayes.results.lookup import Group, MissingError
-
-        if name not in self.tree.children:
-            raise MissingError(f"{self.source}: no group '{name}'; it has {', '.join(self.tree.children)}")
-        return Group.of(self.tree[name].to_dataset(), f"{self.source}: group '{name}'")
-
-    @property
-    def has_ratings(self) -> bool:
-        """True if the run was on ratings, alone or with compression data."""
-        return "rating" in self.group("observed_data")
-
-    @property
-    def has_compression(self) -> bool:
-        """True if the run was on compression data, alone or with ratings."""
-        return "plate_force_n" in self.group("observed_data")
-
-    def _require_ratings(self) -> None:
-        if not self.has_ratings:
-            raise InputError(
-                "result: this run has compression data only; without ratings there are no loads, response "
-                "curves or turning points"
-            )
-
-    @property
-    def finger(self) -> Finger:
-        """The finger of the run."""
-        from softness_bayes.model.fingers import finger_of
-
-        return finger_of(self.provenance.asked.options.get("finger", {}))
-
-    @property
-    def readings(self) -> Readings:
-        """The readings of the run."""
-        return self.provenance.readings
+    """Draws, predictions and provenance of one run."""
 
     @property
     def is_first_look(self) -> bool:
@@ -134,23 +44,6 @@ class Result(Answers):
     def labelled(self, table: pd.DataFrame) -> pd.DataFrame:
         """Return a table with a column `preliminary`, True in every row, if the chains have not converged."""
         return table if self.provenance.ending.converged else table.assign(preliminary=True)
-
-    @property
-    def scale(self) -> Scale:
-        """The scale of the ratings."""
-        return self.provenance.rating_model.rating_scale
-
-    @property
-    def loads(self) -> tuple[Load, ...]:
-        """The loads of the data.
-
-        Raises
-        ------
-        InputError
-            If the run had no ratings, as for all members that depend on the response.
-        """
-        self._require_ratings()
-        return loads_in(self.group("constant_data"))
 
     @property
     def load_groups(self) -> LoadGroups:
@@ -187,16 +80,6 @@ class Result(Answers):
         self._require_ratings()
         return tuple(check_sentences(self.tables["predictive_checks"]))
 
-    def values(self, size: int | None = None) -> dict[str, Array]:
-        """Return every parameter of the model by name, in natural units: draws, or the fixed value.
-
-        Parameters
-        ----------
-        size
-            Number of draws, evenly spaced over the run; by default all.
-        """
-        return named_values(self.group("posterior"), self.group("constant_data"), size)
-
     def curves(self) -> Curves:
         """Return the stored response as a function of E_fab, for each draw and each load or group of loads.
 
@@ -205,7 +88,7 @@ class Result(Answers):
         """
         self._require_ratings()
         stored = self.group("predictions")
-        modulus, *others = curves_in(stored)
+        modulus, *others = _curves_in(stored)
         return Curves(modulus, *(values for values in others))
 
     def typical_ratings(self) -> Array:
@@ -217,14 +100,14 @@ class Result(Answers):
     def inflections(self) -> Inflection:
         """Return the turning points (maxima) of the response for each draw, under the loads of `curves`."""
         self._require_ratings()
-        draws = self._turning("inflection" if "inflection" in self.tree.children else "predictions")
+        draws = self._turning("inflection")
         flat: list[Any] = [values.reshape(-1, values.shape[-1]) for values in draws]
         return Inflection(*flat)
 
     def _turning(self, group: str) -> Inflection:
         """Return the turning points of a group, with fields of shape (chains, draws, shown loads)."""
         stored = self.group(group)
-        return turning_points_in(stored)
+        return _turning_points_in(stored)
 
     @property
     def least_drop(self) -> float:
@@ -244,23 +127,9 @@ class Result(Answers):
         """
         self._require_ratings()
         names = self.load_groups.names
-        if "inflection" not in self.tree.children:  # result of an earlier version
-            return turning_table(self._turning("predictions"), names)
         drawn, prior = (self._turning(name) for name in ("inflection", "prior_inflection"))
         ensemble = self.group("inflection").coords.get(arviz_bridge.ENSEMBLE)
         return turning_table(drawn, names, prior, None if ensemble is None else ensemble.values)
-
-    @property
-    def fabrics(self) -> Fabrics:
-        """The fabrics of the data, with moduli computed under the readings of the run.
-
-        Raises
-        ------
-        InputError
-            If the run had no ratings.
-        """
-        self._require_ratings()
-        return fabrics_in(self.group("constant_data"), self.provenance.rating_data.digest_fabrics)
 
     @property
     def moduli_assumed(self) -> bool:
@@ -304,7 +173,20 @@ class Result(Answers):
                 "by all its ratings"
             )
         given = self.provenance.asked.options.get("load_cv") is not None or LOAD_CV.name in self.group("constant_data")
-        return load_sentence(self.load_cv, given)
+        cv = self.load_cv
+        if cv.any():
+            low, high = cv[cv > 0].min(), cv.max()
+            size = f"{high:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
+            return (
+                f"loads: the model includes relative errors of {size}, independent for each rating, for "
+                f"{(cv > 0).sum()} of {cv.size} ratings"
+            )
+        if given:
+            return "loads: exact, as stated"
+        return (
+            "loads: treated as exact, because no errors were given (--load-cv 0.05, or a column load_cv); any "
+            "errors become part of the rating noise, which is the same for every touch"
+        )
 
     @property
     def moduli(self) -> pd.DataFrame | None:
@@ -339,7 +221,11 @@ class Result(Answers):
         columns += ["e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high"]
         tables = {"where the response turns over": self.inflection()[columns]} if self.has_ratings else {}
         tables["parameters"] = self.summary()
-        return html_of(said, tables)
+        lines = [f"<p><strong>{escape(line)}</strong></p>" for line in said]
+        for title, table in tables.items():
+            html = table.to_html(float_format="{:.4g}".format, na_rep="–", border=0)
+            lines.append(f"<p>{title}</p>{html}")
+        return "\n".join(lines)
 
     def save(self, directory: str | Path) -> None:
         """Write ``posterior.nc`` and the tables to a directory, either all of them or none.
@@ -390,11 +276,35 @@ class Result(Answers):
         path = path / POSTERIOR if path.is_dir() else path
         if not path.is_file():
             raise InputError(f"{path}: no such file; expected the {POSTERIOR} of a run")
-        tree, tables, verified = read(path, {SUMMARY_TABLE: "parameter", **TABLES}, verify, trust_code)
+        tree, tables = read(path, verify, trust_code)
         summary = tables.pop(SUMMARY_TABLE)
-        found = cls(tree, summary, Named(tables, "table", str(path)), verified, str(path))
+        found = cls(tree, summary, Named(tables, "table", str(path)), verify, str(path))
         if noise := tree.attrs.get("noise"):
-            from softness_bayes.results.noise_curves import restore_curves
+            from softness_bayes.results.constants import restore_curves
 
             restore_curves(found.group("constant_data"), float(noise), found.readings.membrane)
         return found
+
+
+def _curves_in(predictions: xr.Dataset) -> Curves:
+    """Return the response as a function of E_fab for each draw, from the group `predictions`."""
+    stored = predictions.isel(chain=0)
+    return Curves(
+        stored["e_fab_kpa"].values * 1e3,
+        stored["total_rate"].values,
+        stored["e_skin_kpa"].values * 1e3,
+        stored["contact_force_n"].values,
+        stored["contact_radius_mm"].values * 1e-3,
+    )
+
+
+def _turning_points_in(stored: xr.Dataset) -> Inflection:
+    """Return the turning points stored in a group, with fields of shape (chains, draws, loads)."""
+    return Inflection(
+        stored["inflection_outcome"].values,
+        stored["inflection_e_fab_kpa"].values * 1e3,
+        stored["inflection_ratio"].values,
+        stored["inflection_force_n"].values,
+        stored["inflection_drop"].values,
+        stored["inflection_inside"].values.astype(bool),
+    )

@@ -18,8 +18,7 @@ from softness_bayes.model.other_touches import OtherTouches
 from softness_bayes.parameters.fabric_moduli import KPA
 from softness_bayes.readable import number
 from softness_bayes.results.fitted import Fitted
-from softness_bayes.results.rating_table import limits
-from softness_bayes.results.reasons import reasons
+from softness_bayes.results.rating_table import limits, reasons
 from softness_bayes.results.stored import Stored
 from softness_bayes.touch.contact import PLATE_LENGTH, FabricModulus, Load
 

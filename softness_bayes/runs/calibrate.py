@@ -25,7 +25,7 @@ from softness_bayes.model.build import build
 from softness_bayes.model.fingers import values_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Posterior
-from softness_bayes.results.from_result import experiment_of, options_of
+from softness_bayes.results.fitted import experiment_of, options_of
 from softness_bayes.results.request import Request, RunOptions
 from softness_bayes.results.result import Result
 from softness_bayes.runs.calibrated import Calibrated

@@ -18,8 +18,7 @@ from softness_bayes.errors import InputError, WorkersLostError
 from softness_bayes.files.json_text import parse_json
 from softness_bayes.files.outputs import require_directory
 from softness_bayes.files.whole import write_whole
-from softness_bayes.provenance import VERSION
-from softness_bayes.results.versions import versions
+from softness_bayes.provenance import VERSION, versions
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -14,7 +14,7 @@ from softness_bayes.checking.exactness import largest_pareto_k
 from softness_bayes.errors import InputError
 from softness_bayes.kinds import require_kind, require_mapping
 from softness_bayes.results.constants import RATING_HIGH, RATING_LOW
-from softness_bayes.results.from_result import differences, experiment_of
+from softness_bayes.results.fitted import differences, experiment_of
 from softness_bayes.results.result import Result
 from softness_bayes.runs.left_out import LEAVE, Leave, LeftOut
 from softness_bayes.sampler.diagnostics import Goal

@@ -18,7 +18,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.likelihood.group_conditionals import block_log_likelihood
 from softness_bayes.model.build import build
 from softness_bayes.model.posterior import Posterior
-from softness_bayes.results.from_result import experiment_of, options_of
+from softness_bayes.results.fitted import experiment_of, options_of
 from softness_bayes.results.result import Result
 from softness_bayes.sampler.sampling import Settings, sample_until
 from softness_bayes.sampler.workers import Workers, available_processors

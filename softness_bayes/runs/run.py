@@ -33,15 +33,14 @@ from softness_bayes.provenance import (
     RatingSettings,
     attributes_of,
     family_of,
+    versions,
 )
-from softness_bayes.results.assembly import assembled
+from softness_bayes.results.assembly import Beginning, Listener, Stage, assembled, unheard
 from softness_bayes.results.draws import FIRST_SHARE
-from softness_bayes.results.raters import rater_table, with_covariates
 from softness_bayes.results.request import Request, RunOptions
 from softness_bayes.results.result import Result
 from softness_bayes.results.result_file import SCHEMA
-from softness_bayes.results.stages import Beginning, Listener, Stage, unheard
-from softness_bayes.results.versions import versions
+from softness_bayes.results.summary import rater_table, with_covariates
 from softness_bayes.sampler.chains import RunState
 from softness_bayes.sampler.sampling import Progress, progress_of, sampled_of, walk
 from softness_bayes.sampler.workers import Workers, one_thread

@@ -402,6 +402,9 @@ class Scene:
         def chunks() -> Iterator[tuple[TouchParameters, Array | None, Drive]]:
             for vectors, own in several:
                 drive = Drive(vectors.alpha, vectors.beta, vectors.sigma_0, self.rates.curves(vectors))
+                if vectors.b.size <= rows:
+                    yield vectors, own, drive
+                    continue
                 for start in range(0, vectors.b.size, rows):
                     k = slice(start, start + rows)
                     some = TouchParameters(*(value[k] for value in vectors))

@@ -16,7 +16,7 @@ from softness_bayes.cli.printed import print_result
 from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.report import page
 from softness_bayes.report.cards import Standing, cards
-from softness_bayes.results.from_result import options_of
+from softness_bayes.results.fitted import options_of
 from softness_bayes.runs.run import sample
 from support import report_runs
 from support.made_ratings import LAY, PLAIN, STEEP, ratings, tree

@@ -6,7 +6,6 @@ more (a process of their own, a full disk, a run under way) and the tests that t
 
 import ast
 import errno
-import lzma
 import os
 import stat
 import threading
@@ -19,15 +18,16 @@ import h5py
 import pytest
 
 from softness_bayes.data import delimited
+from softness_bayes.results import result_file
 from support.command_line import call
 from support.paths import ROOT
+from support.small_result import small_result
 
 RATINGS = "participant,fabric,indentation_mm,rating\nP1,voile,1,5.5\nP1,denim,1,8\nP2,voile,1,3\nP2,denim,1,7\n"
 FABRICS = "fabric,tensile_modulus_mpa,thickness_mm\nvoile,3.2,0.22\ndenim,33,0.68\n"
 FORCES = "participant,indentation_mm,force_n\nP1,1,0.5\nP1,2,1.5\n"
 CHECK = ("check", "--data", "ratings.csv")
 SAMPLE = ("sample", *CHECK[1:], "--max-steps", "5", "--no-figures", "--out", "new")
-OLD = ROOT / "tests" / "old_results" / "schema_2" / "posterior.nc.xz"
 
 Make = Callable[[Path], object]
 
@@ -67,15 +67,19 @@ def in_place_of(name: str, make: Callable[[Path], object]) -> Make:
 
 
 def result(change: Callable[[Path], object]) -> Make:
-    """A result of an earlier version in a folder `old`, changed."""
+    """A result in a folder `old`, changed."""
 
     def made(folder: Path) -> None:
-        (folder / "old").mkdir()
-        path = folder / "old" / "posterior.nc"
-        path.write_bytes(lzma.decompress(OLD.read_bytes()))
-        change(path)
+        small_result().save(folder / "old")
+        change(folder / "old" / "posterior.nc")
 
     return made
+
+
+def of_a_later_version(path: Path) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(result_file, "SCHEMA", 99)
+        small_result().save(path.parent)
 
 
 def rewritten(change: Callable[[h5py.File], object]) -> Callable[[Path], None]:
@@ -436,7 +440,7 @@ KINDS = (
     Kind("a result of another program", nothing, ("results/posterior.nc",), ("report", "results")),
     Kind(
         "a result of a later version",
-        result(rewritten(lambda file: file.attrs.modify("schema_version", 99))),
+        result(of_a_later_version),
         ("posterior.nc", "99"),
         REPORT,
     ),
@@ -500,7 +504,7 @@ ELSEWHERE = {
     "a run that another process holds": "cli/test_cli_runs.py::test_a_run_in_use_is_refused_with_5",
     "a run whose data have changed": "cli/test_cli_runs.py::test_what_changed_is_named",
     "a damaged checkpoint": "checkpoints/test_checkpoint.py::test_a_damaged_checkpoint_is_refused",
-    "a result that was edited": "results/test_integrity.py::test_a_change_is_named_and_can_be_accepted",
+    "a result that was edited": "results/test_integrity.py::test_a_change_is_refused_and_can_be_accepted",
     "a file changed since it was written": "files/test_outputs.py::test_force_replaces_a_run_and_what_belongs_to_it",
     "an input that is also the output": "files/test_outputs.py::test_no_verb_replaces_its_own_input",
     "many problems at once": "data/test_faults.py::test_the_first_twenty_are_shown_and_all_are_counted",

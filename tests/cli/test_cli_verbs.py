@@ -11,8 +11,8 @@ import pandas as pd
 import pytest
 
 from softness_bayes.plotting import figures
+from softness_bayes.results.assembly import Stage
 from softness_bayes.results.result import Result
-from softness_bayes.results.stages import Stage
 from softness_bayes.runs.drawing import RUN_FORMATS
 from softness_bayes.touch.readings import MENDED
 from support.command_line import FIXED, HELD, QUICK, TOUCH, call, refused, run

@@ -14,7 +14,7 @@ from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.plotting import FIGURES, USUAL
 from softness_bayes.plotting.data import data_of
-from softness_bayes.results.from_result import experiment_of, options_of
+from softness_bayes.results.fitted import experiment_of, options_of
 from softness_bayes.results.result import Result
 from softness_bayes.touch.readings import MENDED
 from support.command_line import call, refused

@@ -30,7 +30,7 @@ from softness_bayes.model.simulated_forces import simulate_compression
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.parameters.priors import HalfNormal
 from softness_bayes.results import request
-from softness_bayes.results.from_result import differences, experiment_of, options_of
+from softness_bayes.results.fitted import differences, experiment_of, options_of
 from softness_bayes.results.result import Result
 from softness_bayes.runs.comparison import clustered_error, compare, stacking_weights
 from softness_bayes.runs.left_out import LEAVE, Leave, LeftOut, leave_by_weights

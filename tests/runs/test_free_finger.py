@@ -15,7 +15,7 @@ from softness_bayes.model.simulated_forces import simulate_compression
 from softness_bayes.parameters.priors import Normal, Uniform
 from softness_bayes.report.page import report_page
 from softness_bayes.results.exact import exact_log_likelihood
-from softness_bayes.results.from_result import options_of
+from softness_bayes.results.fitted import options_of
 from softness_bayes.results.result import Result
 from softness_bayes.runs.calibration_scene import CalibrationScene
 from softness_bayes.runs.replicate import replicate

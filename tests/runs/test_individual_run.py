@@ -22,7 +22,7 @@ from softness_bayes.model.simulated_forces import simulate_compression
 from softness_bayes.model.understanding import warnings
 from softness_bayes.parameters.priors import HalfNormal, Normal
 from softness_bayes.report.page import report_page
-from softness_bayes.results.from_result import experiment_of, options_of
+from softness_bayes.results.fitted import experiment_of, options_of
 from softness_bayes.results.result import Result
 from softness_bayes.runs.run import sample
 from softness_bayes.touch.fingers import FingerFamily, FingerGrid

@@ -13,7 +13,7 @@ from softness_bayes.likelihood import uncertain_loads
 from softness_bayes.model.build import build
 from softness_bayes.report.cards import input_errors_of
 from softness_bayes.report.page import report_page
-from softness_bayes.results.from_result import experiment_of, options_of
+from softness_bayes.results.fitted import experiment_of, options_of
 from softness_bayes.results.result import Result
 from softness_bayes.runs.run import sample
 from support.command_line import FIXED, QUICK, TOUCH, call, refused

@@ -16,8 +16,7 @@ from softness_bayes.plotting.figures import FIGURES, drawn, figures_of
 from softness_bayes.plotting.style import USUAL
 from softness_bayes.report.conclusion import conclude, facts_of
 from softness_bayes.report.page import report_page
-from softness_bayes.results.fitted import Fitted
-from softness_bayes.results.from_result import experiment_of, options_of
+from softness_bayes.results.fitted import Fitted, experiment_of, options_of
 from softness_bayes.results.result import Result
 from softness_bayes.runs.drawing import FIRST_FIGURES, _needed
 from softness_bayes.runs.run import sample

@@ -61,7 +61,6 @@ LONGEST = (
     "likelihood/test_magnitude.py",
     "docs/test_architecture.py",
     "checkpoints/test_under_faults.py",
-    "results/test_old_schemas.py",
     "cli/test_cli_design.py",
     "results/test_ranking.py",
 )

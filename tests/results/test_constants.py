@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from softness_bayes.results.noise_curves import restore_curves, stored_curves
+from softness_bayes.results.constants import restore_curves, stored_curves
 from softness_bayes.touch.neuron import noise as module
 from softness_bayes.touch.neuron.firing import CurveError, RateCurve
 from softness_bayes.touch.neuron.fixed_channels import LARGEST_CURRENT, FixedChannels
