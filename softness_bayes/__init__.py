@@ -102,7 +102,7 @@ _HOMES = {
     "Ratings": "data",
     "Readings": "touch.readings",
     "Result": "results.result",
-    "RunOptions": "results.request",
+    "RunOptions": "results.run_options",
     "STUDENT": "likelihood.error_laws",
     "MAGNITUDE": "likelihood.scales",
     "PAIRS": "likelihood.scales",

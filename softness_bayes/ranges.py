@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass, replace
 from numbers import Integral, Real
 
@@ -69,10 +70,10 @@ ANY = Range()
 
 @dataclass(frozen=True)
 class Count:
-    """Whole numbers from `low` to `high`, both included."""
+    """Whole numbers from `low` to `high`, both included; without `high` there is no limit."""
 
     low: int
-    high: int
+    high: int = sys.maxsize
 
     def require(self, name: str, value: int) -> None:
         """Raise an error for a number outside the range.
@@ -86,7 +87,7 @@ class Count:
             raise InputError(f"{name} is {_written(value)}, expected {self}")
 
     def __str__(self) -> str:
-        return f"a whole number from {self.low} to {self.high}"
+        return f"a whole number from {self.low}" + ("" if self.high == sys.maxsize else f" to {self.high}")
 
 
 def _written(value: object) -> str:
@@ -111,6 +112,8 @@ PRIOR_DRAWS = Count(0, 100_000)
 """Prior draws behind the probabilities of claims."""
 STEPS = Count(1, 1_000_000_000)
 """Steps of each ensemble."""
+SEEDS = Count(0)
+"""Seeds of random numbers."""
 PROCESSES = Count(1, 256)
 """Parallel processes."""
 ACCURACIES = Range(1e-6, 1e-2)

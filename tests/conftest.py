@@ -14,7 +14,6 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from softness_bayes.results import pictures
-from softness_bayes.results import request as request_module
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch import stress_table
 from softness_bayes.touch.neuron import fixed_channels, noise, spikes
@@ -119,7 +118,10 @@ def one_field(once):
 def brief_pilot():
     """Learn little in the pilot walk, and run two ensembles: for runs whose draws nobody judges."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(request_module, "Settings", functools.partial(Settings, pilot=(20, 20), optima=1, ensembles=2))
+        patch.setattr(
+            "softness_bayes.sampler.sampling.Settings",
+            functools.partial(Settings, pilot=(20, 20), optima=1, ensembles=2),
+        )
         yield
 
 

@@ -18,7 +18,7 @@ from support.paths import ROOT
 LAYERS = (
     {"errors"},
     {"defaults", "files", "imports", "kinds", "ranges", "readable"},
-    {"arviz_bridge", "supplied", "touch.neuron"},
+    {"arviz_bridge", "options", "supplied", "touch.neuron"},
     {"touch", "sampler"},
     {"data", "parameters"},
     {"likelihood"},
@@ -26,7 +26,7 @@ LAYERS = (
     {"checking"},
     {"model", "plotting"},
     {"bench", "checkpoints", "claims", "results"},
-    {"cli.options", "report", "runs"},
+    {"report", "runs"},
     {"explore"},
     {"cli", "tools"},
     {"__main__"},

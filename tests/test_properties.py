@@ -16,7 +16,7 @@ from scipy import integrate
 from softness_bayes.data import Fabrics, Ratings, write_fabrics, write_ratings
 from softness_bayes.data.columns import BEARABLE, FINGERTIP, SOLID
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.directions import INVERSE, SOFTNESS
+from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel, RatingParameters
 from softness_bayes.parameters.priors import HalfNormal, LogNormal, Normal, Uniform
 from softness_bayes.touch.contact import Force, Indentation
@@ -230,7 +230,7 @@ def test_likelihood_knows_no_order(case, random):
 
 
 @FEW
-@given(rated(), in_decades(1e-6, 1e6), st.sampled_from([SOFTNESS, INVERSE]))
+@given(rated(), in_decades(1e-6, 1e6), st.sampled_from([RISES, FALLS]))
 def test_likelihood_knows_no_unit_of_ratings(case, factor, direction):
     """With the prior's centre in the same unit the density changes by the Jacobian alone."""
     design, ratings, rate, parameters = case

@@ -79,7 +79,7 @@ def test_families_are_read_without_what_only_begins_like_them():
 
 
 def test_what_runs_without_ratings_lack_has_a_default_and_all_else_is_missed():
-    former = Provenance(Named({"direction": "inverse"}, "attribute", "old.nc"))
+    former = Provenance(Named({"direction": "falls-with-firing"}, "attribute", "old.nc"))
     known = dataclasses.replace(
         former.direction, direction_rises=0.5, direction_rises_se=0.1
     )  # NaN differs from itself

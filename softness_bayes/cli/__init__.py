@@ -15,39 +15,66 @@ from softness_bayes import __version__
 from softness_bayes.cli.advice import of_input, of_usage
 from softness_bayes.cli.interrupts import guarded, tell_kept
 from softness_bayes.cli.streams import open_closed_streams, tolerant_streams
-from softness_bayes.cli.terminal import visible_streams
 from softness_bayes.errors import InputError, NumericalError, ResourceError, SoftnessError
 
 STARTED = time.monotonic()
 """Time [s] at which the command began, after Python itself had started."""
 
-VERBS: Mapping[str, str] = {
-    "demo": "Run a complete small example, from tables to a report, in seconds.",
-    "new": "Write tables and scripts to start from into DIR.",
-    "check": "Validate data files and show how they are read.",
-    "plan": "Show how 'sample' would evaluate the model with the same options: stages, nodes, errors and cost.",
-    "sample": "Sample the posterior of skin, transduction and rating parameters given ratings.",
-    "status": "Show the progress of a run without disturbing it.",
-    "resume": "Continue a run that was interrupted or has ended.",
-    "plot": "Draw the figures of a finished run.",
-    "simulate": "Simulate ratings of fabrics from given parameters.",
-    "report": "Write a one-page report of a finished run, to read, print or send.",
-    "readings": "List and explain the readings of the model's equations.",
-    "priors": "List and explain the parameters and their priors, the prior distributions and the sets of priors.",
-    "figures": "List and explain the figures of a finished run.",
-    "compare": "Rank finished runs by how well they predict held-out data.",
-    "predict": "Predict contact, stress, firing and ratings for fabrics under loads.",
-    "rank": "Rank fabrics by predicted softness: the typical rater rates softer fabrics higher.",
-    "target": "Find the effective moduli that give a desired rating, and the probability that one exists.",
-    "explore": "Open an interactive page that shows how the response depends on each parameter.",
-    "claims": "Test which of the paper's claims hold under which readings of its equations.",
-    "bench": "Measure time and error of the forward model on this machine, and of other ways to compute it.",
-    "study": "Fit many tables separately, then pool parameters across them.",
-    "calibrate": "Test the inference by simulation: whether credible intervals have their stated coverage.",
+GROUPS: Mapping[str, Mapping[str, str]] = {
+    "Start": {
+        "demo": "Run a complete small example, from tables to a report, in seconds.",
+        "new": "Write tables and scripts to start from into DIR.",
+        "check": "Validate data files and show how they are read, how precise the design is, and what a run costs.",
+        "list": "List and explain readings, priors or figures.",
+    },
+    "Fit": {
+        "sample": "Sample the posterior of skin, transduction and rating parameters given ratings.",
+        "status": "Show the progress of a run without disturbing it.",
+        "resume": "Continue a run that was interrupted or has ended.",
+        "study": "Fit many tables separately, then pool parameters across them.",
+    },
+    "Answers": {
+        "report": "Write a one-page report of a finished run, to read, print or send.",
+        "plot": "Draw the figures of a finished run.",
+        "predict": "Predict contact, stress, firing and ratings for fabrics under loads.",
+        "rank": "Rank fabrics by predicted softness: the typical rater rates softer fabrics higher.",
+        "target": "Find the effective moduli that give a desired rating, and the probability that one exists.",
+        "explore": "Open an interactive page that shows how the response depends on each parameter.",
+    },
+    "Trust": {
+        "compare": "Rank finished runs by how well they predict held-out data.",
+        "simulate": "Simulate ratings of fabrics from given parameters.",
+        "calibrate": "Test the inference by simulation: whether credible intervals have their stated coverage.",
+        "bench": "Measure time and error of the forward model on this machine, and of other ways to compute it.",
+    },
+    "Paper": {
+        "claims": "Test which of the paper's claims hold under which readings of its equations.",
+    },
 }
-"""Command -> its one-line help; `softness_bayes.cli.<verb>` holds the click command `command`."""
+"""Commands and their one-line helps, by the question that they answer."""
 
-PRINTING = ("check", "plan", "status", "readings", "priors", "figures", "predict", "target")
+VERBS: Mapping[str, str] = {verb: text for group in GROUPS.values() for verb, text in group.items()}
+"""Command -> its one-line help."""
+
+HOMES: Mapping[str, str] = {
+    "demo": "start.demo",
+    "new": "start.new",
+    "list": "listing.command",
+    "status": "resume.status",
+    "plot": "report.plot",
+    "target": "rank.target",
+}
+"""Verb -> place of its click command, for those that are not `softness_bayes.cli.<verb>.command`."""
+
+FORMER: Mapping[str, str] = {
+    "plan": "check --cost",
+    "readings": "list readings",
+    "priors": "list priors",
+    "figures": "list figures",
+}
+"""Commands that had another name -> what does the same now."""
+
+PRINTING = ("check", "status", "list", "predict", "target")
 """Commands that print their result unless --out is given; the others write files."""
 
 TYPED = f"{__name__}.typed"
@@ -67,13 +94,16 @@ class VerbGroup(click.Group):
         """Import a command."""
         if name not in VERBS:
             return None
-        command: click.Command = importlib.import_module(f"{__name__}.{name}").command
-        return command
+        module, command = HOMES.get(name, f"{name}.command").split(".")
+        found: click.Command = getattr(importlib.import_module(f"{__name__}.{module}"), command)
+        return found
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Return the command and its arguments; the error for an unknown command suggests the closest name."""
+        if args and args[0] in FORMER:
+            ctx.fail(f"No such command '{args[0]}'. It is now '{ctx.command_path} {FORMER[args[0]]}'.")
         if args and args[0] not in VERBS and not args[0].startswith("-"):
             near = difflib.get_close_matches(args[0], VERBS, n=1)
             advice = (
@@ -83,23 +113,25 @@ class VerbGroup(click.Group):
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the commands and their one-line helps."""
-        with formatter.section("Commands"):
-            formatter.write_dl(list(VERBS.items()))
+        """Write the commands and their one-line helps, by group."""
+        for group, verbs in GROUPS.items():
+            with formatter.section(group):
+                formatter.write_dl(list(verbs.items()), col_max=12)
 
     def main(self, args: Sequence[str] | None = None, *more: Any, **extra: Any) -> Any:
         """Run the command line; handle signals, closed output streams and invisible characters."""
         open_closed_streams()
-        with guarded(last=args is None), tolerant_streams() as out, visible_streams():
+        with guarded(last=args is None), tolerant_streams() as out:
             try:
                 return super().main(args, *more, **extra)
             except SystemExit as end:
-                said = f"standard output: {out.lost}; the printed output is incomplete"
-                if out.lost and not end.code and _prints(sys.argv[1:] if args is None else args):
-                    click.echo(f"error: {said}", err=True)
+                if not out.lost:
+                    raise
+                failed = not end.code and _prints(sys.argv[1:] if args is None else args)
+                lost = f"standard output: {out.lost}; the printed output is incomplete"
+                click.echo(f"{'error' if failed else 'warning'}: {lost}", err=True)
+                if failed:
                     raise SystemExit(2) from None
-                if out.lost:
-                    click.echo(f"warning: {said}", err=True)
                 raise
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:

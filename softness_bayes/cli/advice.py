@@ -1,17 +1,22 @@
-"""Suggestions of working commands, printed as the last line of common errors."""
+"""Suggestions of working commands, printed as the last line of common errors.
+
+They use the files in the working directory: readable tables and finished runs.
+"""
 
 from __future__ import annotations
 
 import os
 import re
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
+from types import MappingProxyType
 
 import click
 
-from softness_bayes.cli.at_hand import fabrics_at_hand, is_run, kind_of, ratings_at_hand, runs_at_hand, vacant
-from softness_bayes.files.run_files import CHECKPOINT
+from softness_bayes.errors import SoftnessError
+from softness_bayes.files.run_files import CHECKPOINT, POSTERIOR
 
 PROGRAM = "softness-bayes"
 TRY = "try: "
@@ -22,7 +27,6 @@ RATINGS, FABRICS, RUN, OTHER, NEW, OUT = "{ratings}", "{fabrics}", "{run}", "{ot
 
 WORKS: Mapping[str, tuple[str, ...]] = {
     "check": ("--data", RATINGS),
-    "plan": ("--data", RATINGS),
     "sample": ("--data", RATINGS, "--out", OUT),
     "status": (RUN,),
     "resume": (RUN,),
@@ -35,14 +39,15 @@ WORKS: Mapping[str, tuple[str, ...]] = {
     "target": (RUN, "--rating", "20", "--force-n", "1"),
     "explore": (RUN,),
     "new": (NEW,),
+    "list": ("readings",),
 }
 """Command -> arguments with which it works."""
 
 LISTS: Mapping[str, str] = {
-    "--reading": "readings",
-    "--readings": "readings",
-    "--prior": "priors",
-    "--priors": "priors",
+    "--reading": "list readings",
+    "--readings": "list readings",
+    "--prior": "list priors",
+    "--priors": "list priors",
 }
 """Option -> command that lists its possible values."""
 
@@ -55,7 +60,7 @@ def of_usage(error: click.UsageError, typed: Sequence[str]) -> str:
         listing = LISTS.get(option) or (f"{verb} --help" if verb in WORKS else "")
         return f"{TRY}{PROGRAM} {listing}" if listing else ""
     extra = re.search(r"unexpected extra arguments? \(([^ ]+)\)", error.format_message())
-    if extra and verb is not None and verb in ("check", "plan", "sample") and os.path.isfile(extra[1]):
+    if extra and verb is not None and verb in ("check", "sample") and os.path.isfile(extra[1]):
         return f"{TRY}{shlex.join([PROGRAM, verb, '--data', extra[1]])}"
     return f"{TRY}{shlex.join([PROGRAM, *_working(verb, typed)])}" if verb is not None and verb in WORKS else ""
 
@@ -78,12 +83,12 @@ def _working(verb: str, typed: Sequence[str] = ()) -> list[str]:
     Runs that were named on the command line are preferred to others.
     """
     words = WORKS[verb]
-    runs = [*dict.fromkeys([*filter(is_run, typed), *runs_at_hand()])] if RUN in words else []
+    runs = [*dict.fromkeys([*filter(is_run, typed), *finished_runs()])] if RUN in words else []
     if RUN in words and len(runs) < 1 + (OTHER in words):
-        return _working("sample") if ratings_at_hand() is not None else ["demo"]
+        return _working("sample") if readable_ratings() is not None else ["demo"]
     names: dict[str, str | None] = {
-        RATINGS: ratings_at_hand() if RATINGS in words else None,
-        FABRICS: fabrics_at_hand() if FABRICS in words else None,
+        RATINGS: readable_ratings() if RATINGS in words else None,
+        FABRICS: readable_fabrics() if FABRICS in words else None,
         RUN: next(iter(runs), None),
         OTHER: next(iter(runs[1:]), None),
         NEW: vacant("my-study"),
@@ -114,7 +119,7 @@ def _fabrics(match: re.Match[str], typed: Sequence[str]) -> list[str]:
         return []
     data = typed[typed.index("--data") + 1] if "--data" in typed[:-1] else ""
     named = re.search(r"--column rating=('[^']*'|\S+) takes", match.string)
-    found = fabrics_at_hand(data, {"rating": named[1].strip("'")} if named else {})
+    found = readable_fabrics(data, {"rating": named[1].strip("'")} if named else {})
     return [PROGRAM, "new", vacant("my-study")] if found is None else ["--fabrics", found]
 
 
@@ -131,12 +136,12 @@ def _other_kind(match: re.Match[str], typed: Sequence[str]) -> list[str]:
     if "--data" not in typed[:-1] or "--column rating=" in match.string.replace("--column rating=...", ""):
         return []
     at = typed.index("--data")
-    option, others = kind_of(typed[at + 1]), [*typed[:at], *typed[at + 2 :]]
+    option, others = option_of_table(typed[at + 1]), [*typed[:at], *typed[at + 2 :]]
     if option == "--compression" and option not in typed:
         return [PROGRAM, *others, option, typed[at + 1]]
     if option != "--fabrics" or option in typed:
         return []
-    rated = ratings_at_hand(typed[at + 1])
+    rated = readable_ratings(typed[at + 1])
     return (
         [PROGRAM, "new", vacant("my-study")]
         if rated is None
@@ -167,7 +172,7 @@ def _sampled(match: re.Match[str], typed: Sequence[str]) -> list[str]:
     home = match[1].removesuffix("/posterior.nc")
     if Path(home, CHECKPOINT).is_dir():
         return [PROGRAM, "resume", home]
-    ratings = ratings_at_hand()
+    ratings = readable_ratings()
     return [PROGRAM, "demo"] if ratings is None else [PROGRAM, "sample", "--data", ratings, "--out", vacant(home)]
 
 
@@ -192,6 +197,104 @@ ADVICE: Sequence[tuple[str, Callable[[re.Match[str], Sequence[str]], list[str]]]
     (r"^(.+): no run to continue or to report on", _sampled),
     (r"\.(csv|tsv|txt|xlsx|parquet): No such file or directory", _started),
     (r"^compare: 1 result", _compared),
-    (r"^figures: there is no ", _instead("figures")),
+    (r"^figures: there is no ", _instead("list", "figures")),
 )
 """Patterns of messages, with words to add to the typed command or with a command that replaces it."""
+
+MOST_EXAMINED = 30
+"""Largest number of files or directories that are examined."""
+
+LARGEST = 1_000_000
+"""Size of the largest table that is read [bytes]."""
+
+_TABLES = (".csv", ".tsv", ".txt", ".xlsx", ".parquet")
+
+
+def readable_ratings(fabrics: str | None = None) -> str | None:
+    """Return the name of a table of ratings that can be sampled without further options, None if there is none.
+
+    Parameters
+    ----------
+    fabrics
+        A table of fabrics to use with it, if any.
+    """
+    from softness_bayes.data import read_experiment
+
+    return _first(_tables("ratings.csv"), lambda path: len(read_experiment(path, fabrics).ratings) > 0)
+
+
+def readable_fabrics(rated: str = "", columns: Mapping[str, str] = MappingProxyType({})) -> str | None:
+    """Return the name of a table of fabrics, or None if there is none.
+
+    If a table of ratings is given, the table must contain all rated fabrics.
+
+    Parameters
+    ----------
+    rated
+        The table of ratings.
+    columns
+        Names of its columns, in the form accepted by `Ratings.read`.
+    """
+    from softness_bayes.data import Fabrics, Ratings
+
+    names: set[str] = set()
+    for depth in (2.0, None) if rated else ():  # a common load for all ratings, or loads from the table
+        with suppress(SoftnessError, OSError):
+            names |= {*Ratings.read(rated, columns=columns, indentation_mm=depth).fabrics}
+    return _first(_tables("fabrics.csv"), lambda path: names <= {*Fabrics.read(path).names})
+
+
+def option_of_table(path: str) -> str:
+    """Return `--compression` or `--fabrics` for a table of forces or of fabrics, an empty text for any other."""
+    from softness_bayes.data import Compression, Fabrics
+
+    for option, table in (("--compression", Compression), ("--fabrics", Fabrics)):
+        with suppress(SoftnessError, OSError):
+            table.read(path)
+            return option
+    return ""
+
+
+def finished_runs() -> list[str]:
+    """Return the names of directories with a finished run, `results` first."""
+    found = [entry.name for entry in _entries() if is_run(entry.path)]
+    return sorted(found, key=lambda name: (name != "results", name))
+
+
+def is_run(path: str) -> bool:
+    """Return True if a directory of this name contains a finished run."""
+    return os.path.isfile(os.path.join(path, POSTERIOR))
+
+
+def vacant(name: str) -> str:
+    """Return the given name if it is unused, else the first unused name of the form NAME-2, NAME-3 and so on."""
+    return next(one for one in (name, *(f"{name}-{k}" for k in range(2, 10_000))) if not os.path.lexists(one))
+
+
+def _tables(usual: str) -> list[str]:
+    found = [
+        entry.name
+        for entry in _entries()
+        if entry.name.lower().endswith(_TABLES) and entry.is_file() and entry.stat().st_size <= LARGEST
+    ]
+    return sorted(found, key=lambda name: (name != usual, name))
+
+
+def _entries() -> Iterator[os.DirEntry[str]]:
+    try:
+        with os.scandir(".") as entries:
+            yield from sorted((one for one in entries if one.name[0] not in "-."), key=lambda one: one.name)[
+                :MOST_EXAMINED
+            ]
+    except OSError:
+        return
+
+
+def _first(names: Sequence[str], holds: Callable[[str], bool]) -> str | None:
+    for name in names:
+        try:
+            if holds(name):
+                return name
+        except (SoftnessError, OSError, ArithmeticError, ValueError):
+            continue
+    return None

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options.run import force
+from softness_bayes.cli.options import force, out
 
 if TYPE_CHECKING:
     from softness_bayes.bench.peers import Peer
@@ -28,14 +28,7 @@ PEERS = {"solvers": "scipy", "brian": "brian2", "jax_cells": "diffrax"}
 @click.command()
 @click.option("--quick", is_flag=True, help="A trial run: few draws and small tables.")
 @click.option("--scale", is_flag=True, help="Measure instead whole runs on growing tables: time and memory.")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    metavar="DIR",
-    default=Path("bench"),
-    show_default=True,
-    help="Directory to write to.",
-)
+@out("bench", "Directory to write to.")
 @force
 def command(quick: bool, scale: bool, out: Path, force: bool) -> None:
     """Measure time and error of the likelihood on this machine, and of other ways to compute the response.

@@ -4,26 +4,23 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING
 
 import click
 from click.core import ParameterSource
 
-from softness_bayes.cli.design_lines import design_lines
+from softness_bayes.cli.design import design_lines
 from softness_bayes.cli.interrupts import keeping
-from softness_bayes.cli.options.model import ModelChoice, model_choice
-from softness_bayes.cli.options.ratings import rating_scale
-from softness_bayes.cli.options.run import dask, seed, trust_code
-from softness_bayes.cli.options.tables import decimal, load_options
-from softness_bayes.cli.options.values import whole
+from softness_bayes.cli.options import FILE, collected, dask, flag, load_options, model_options, out, trust_code, whole
+from softness_bayes.cli.progress import Count
 from softness_bayes.cli.running import executor_of, reading, warn_of_unconverged
 from softness_bayes.errors import InputError, NotConvergedError, NumericalError
-from softness_bayes.ranges import PARTICIPANTS, PROCESSES, REPLICATES, STEPS
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.ranges import PARTICIPANTS, REPLICATES
 from softness_bayes.readable import some_of
+from softness_bayes.results.run_options import DataFiles, RunOptions
 
 if TYPE_CHECKING:
-    from tqdm import tqdm
-
     from softness_bayes.checking.calibration import Replicate
     from softness_bayes.data.tables import Marks
     from softness_bayes.runs.calibrated import Calibrated
@@ -40,42 +37,38 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--like",
-    type=click.Path(path_type=Path),
+    type=FILE,
     metavar="DIR",
     help="Calibrate over the posterior of this run instead of the prior, with the design and the model of the run.",
 )
-@click.option(
-    "--fabrics", type=click.Path(path_type=Path), metavar="FILE", help="Fabric table (CSV); by default eight fabrics."
-)
-@decimal
-@load_options(True, ". Repeatable.")
+@click.option("--fabrics", type=FILE, metavar="FILE", help="Fabric table (CSV); by default eight fabrics.")
+@flag(DataFiles, "decimal")
+@load_options(". Repeatable.")
 @click.option(
     "--design",
     is_flag=True,
     help="Predict the posterior widths for this design without simulating; nothing is written.",
 )
 @click.option("--participants", type=whole(PARTICIPANTS), default=20, show_default=True, help="Number of raters.")
-@model_choice
-@rating_scale
-@click.option(
-    "--max-steps",
-    type=whole(STEPS),
-    default=10_000,
-    show_default=True,
-    help="Largest number of steps of each ensemble; a replicate that has not converged by then is ranked in another "
-    "way (see above).",
-)
-@click.option(
-    "--processes",
-    type=whole(PROCESSES),
-    metavar="N",
-    help="Number of replicates run in parallel; by default one for each core. Ranks do not depend on it.",
+@model_options
+@collected(
+    "run",
+    RunOptions,
+    *("max_steps", "processes", "seed"),
+    max_steps={
+        "default": 10_000,
+        "help": "Largest number of steps of each ensemble; a replicate that has not converged by then is ranked in "
+        "another way (see above).",
+    },
+    processes={
+        "help": "Number of replicates run in parallel; by default one for each core. Ranks do not depend on it."
+    },
 )
 @dask
 @click.option(
     "--from",
     "earlier",
-    type=click.Path(path_type=Path),
+    type=FILE,
     metavar="DIR",
     help="Also take the replicates of an earlier calibration of the same problem from this directory, or from the "
     "ranks.csv and manifest.json kept of it; it is only read.",
@@ -86,15 +79,7 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Evaluate the finished replicates and run no more; the verdict stays open and names those that are missing.",
 )
-@seed
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    metavar="DIR",
-    default=Path("calibration"),
-    show_default=True,
-    help="Directory to write to; a calibration there that was begun with the same options is continued.",
-)
+@out("calibration", "Directory to write to; a calibration there that was begun with the same options is continued.")
 @trust_code
 def command(
     replicates: int,
@@ -105,14 +90,11 @@ def command(
     force_n: tuple[float, ...],
     design: bool,
     participants: int,
-    model: ModelChoice,
-    scale: str,
-    max_steps: int,
-    processes: int | None,
+    model: ModelOptions,
+    run: RunOptions,
     dask: str | None,
     earlier: Path | None,
     so_far: bool,
-    seed: int,
     out: Path,
 ) -> None:
     """Test the inference by simulation: whether credible intervals have their stated coverage.
@@ -141,9 +123,7 @@ def command(
     Exit code 3: some replicates are missing; 4: not calibrated.
     """
     from softness_bayes.data import Fabrics, loads_of
-    from softness_bayes.likelihood.scales import scale_named
     from softness_bayes.model.understanding import foreseen
-    from softness_bayes.results.request import RunOptions
     from softness_bayes.runs.calibrate import (
         calibrate,
         calibrate_like,
@@ -154,7 +134,6 @@ def command(
 
     if so_far and earlier is not None:
         raise InputError("--from: cannot be combined with --finished, which writes no replicates")
-    run = RunOptions(max_steps=max_steps, processes=processes, seed=seed)
     if like is not None:
         _require_no_design()
         with reading(like) as (result,):
@@ -166,16 +145,19 @@ def command(
             loads_of(indentation_mm, force_n) or USUAL_LOADS,
             participants,
         )
-        options = model.options(scale=scale_named(scale))
         if design:
-            for line in design_lines(foreseen(*scene.planned(options))):
+            for line in design_lines(foreseen(*scene.planned(model))):
                 click.echo(line)
             return
-        begin, end = partial(calibrate, scene, options), partial(finished, scene, options)
-    bar = _Bar(replicates)
+        begin, end = partial(calibrate, scene, model), partial(finished, scene, model)
+    bar = Count(replicates, "replicate", "calibrating")
+
+    def show(finished: int, one: Replicate) -> None:
+        bar.show(finished, f"last one {one.steps} steps, autocorrelation time {one.tau:.0f}")
+
     with keeping(lambda: _kept(out, replicates)), executor_of(None if so_far else dask, out) as executor:
         try:
-            judge = end if so_far else partial(begin, progress=bar.show, executor=executor, earlier=earlier)
+            judge = end if so_far else partial(begin, progress=show, executor=executor, earlier=earlier)
             found = judge(run, replicates, out)
         finally:
             bar.close()
@@ -239,25 +221,3 @@ def _kept(out: Path, asked: int) -> str:
     if not finished:
         return ""
     return f"{some_of(finished, asked, 'replicate')} saved in {out}: the same command runs the others"
-
-
-class _Bar:
-    """Progress over replicates on the terminal."""
-
-    def __init__(self, total: int) -> None:
-        self._total = total
-        self._bar: tqdm[NoReturn] | None = None
-
-    def show(self, finished: int, one: Replicate) -> None:
-        """Move the bar to the number of finished replicates."""
-        if self._bar is None:
-            from tqdm import tqdm
-
-            self._bar = tqdm(total=self._total, unit="replicate", desc="calibrating", leave=False, dynamic_ncols=True)
-        self._bar.update(finished - self._bar.n)
-        self._bar.set_postfix_str(f"last one {one.steps} steps, autocorrelation time {one.tau:.0f}")
-
-    def close(self) -> None:
-        """Clear the line."""
-        if self._bar is not None:
-            self._bar.close()

@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.design_lines import design_lines
-from softness_bayes.cli.options.model import ReadingChoice, readings
-from softness_bayes.cli.options.ratings import categories, rating_scale, slider
-from softness_bayes.cli.options.run import force
-from softness_bayes.cli.options.tables import DataFiles, data_files
+from softness_bayes.cli.design import cost_lines, design_lines
+from softness_bayes.cli.options import FILE, collected, data_files, flagged, force
 from softness_bayes.defaults import MOST_SHOWN
 from softness_bayes.errors import InputError
+from softness_bayes.model.options import ModelOptions
 from softness_bayes.readable import counted
 
 if TYPE_CHECKING:
@@ -24,8 +22,8 @@ if TYPE_CHECKING:
     from softness_bayes.data import Compression, Experiment, Ratings
     from softness_bayes.model.as_given import AsGiven
     from softness_bayes.model.direction import DirectionChoice
-    from softness_bayes.model.options import ModelOptions
     from softness_bayes.parameters.fabric_moduli import FabricModuli
+    from softness_bayes.results.run_options import DataFiles
 
 CHECK = "check"
 """Command under which the figure is listed in the record of written files."""
@@ -36,33 +34,27 @@ PRIOR_DRAWS = 200
 
 @click.command()
 @data_files
-@rating_scale
-@slider
-@categories
-@readings
+@collected("model", ModelOptions, *flagged(ModelOptions))
 @click.option(
     "--design",
     is_flag=True,
     help="Predict how precise the design is: expected posterior widths, and the changes that would help most.",
 )
+@click.option(
+    "--cost",
+    is_flag=True,
+    help="Show how 'sample' would evaluate the model with the same options: stages, nodes, errors and cost.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print all of it as JSON instead of text.")
 @click.option(
     "--figure",
-    type=click.Path(path_type=Path),
+    type=FILE,
     metavar="FILE",
     help="Draw data and fabrics beside the response that the prior predicts (.png, .pdf or .svg).",
 )
 @force
 def command(
-    files: DataFiles,
-    scale: str,
-    slider_ends: tuple[float, float],
-    n_categories: int | None,
-    choice: ReadingChoice,
-    design: bool,
-    as_json: bool,
-    figure: Path | None,
-    force: bool,
+    files: DataFiles, model: ModelOptions, design: bool, cost: bool, as_json: bool, figure: Path | None, force: bool
 ) -> None:
     """Validate data files and show how they are read.
 
@@ -73,56 +65,61 @@ def command(
     indentor, if the rows of other indentors are to be left out. Errors name file, row, column and value. E_fab is
     shown under the chosen reading. For ratings, `check` also reports whether they rise or fall with stiffness. With
     --design it predicts in some seconds, before any sampling, how precisely every parameter will be known.
+
+    With --cost, errors are the largest over draws of the prior and conditions: of the response, relative to the peak
+    of each draw, and of log(N/N_ref + eps). Costs are the time per parameter vector in batches of 64, measured on this
+    machine.
     """
     from softness_bayes.data import Compression
-    from softness_bayes.likelihood.scales import scale_named
     from softness_bayes.model.as_given import as_given
-    from softness_bayes.model.build import choose_direction
-    from softness_bayes.model.options import ModelOptions
+    from softness_bayes.model.build import build, choose_direction
     from softness_bayes.model.reach import reach_of
     from softness_bayes.model.understanding import foreseen, understood, warnings
 
+    if cost and as_json:
+        raise InputError("check: --cost is printed as text: omit --json")
     if figure is not None:
         _require_figure(figure, files, force)
     experiment = files.read()
     if isinstance(experiment, Compression):
-        _forces_alone(experiment, design or figure is not None, as_json)
+        _forces_alone(experiment, design or cost or figure is not None, as_json)
         return
-    readings, of_scale = choice.resolve(), scale_named(scale)
-    asked = ModelOptions(readings=readings, scale=of_scale, slider_ends=slider_ends, n_categories=n_categories)
-    reached = reach_of(experiment, asked)
+    reached = reach_of(experiment, model)
     if not as_json:
         if reached:
             click.echo(f"warning: {reached}\n")
-        _show_tables(experiment, asked)
-    given = as_given(experiment.ratings, asked)
-    found = warnings(experiment, asked, given)
+        _show_tables(experiment, model)
+    given = as_given(experiment.ratings, model)
+    found = warnings(experiment, model, given)
     noted = [*experiment.notes, *([reached] if reached else []), *found]
-    direction = choose_direction(experiment, asked, given)
-    told = foreseen(experiment, asked) if design else None
+    direction = choose_direction(experiment, model, given)
+    expected = foreseen(experiment, model) if design else None
     if as_json:
-        every = understood(experiment, asked, given, direction, noted)
-        click.echo(json.dumps(every | {"design": told}, indent=1, ensure_ascii=False))
+        every = understood(experiment, model, given, direction, noted)
+        click.echo(json.dumps(every | {"design": expected}, indent=1, ensure_ascii=False))
     else:
         _show_model(given, direction, found)
-        for line in [] if told is None else ["", *design_lines(told)]:
+        for line in [] if expected is None else ["", *design_lines(expected)]:
+            click.echo(line)
+        for line in ["", *cost_lines(build(experiment, model))] if cost else []:
             click.echo(line)
     if figure is not None:
-        _draw(figure, experiment, asked, given)
+        _draw(figure, experiment, model, given)
         click.echo(f"drawn in {figure}", err=True)
 
 
-def _show_tables(experiment: Experiment, asked: ModelOptions) -> None:
+def _show_tables(experiment: Experiment, model: ModelOptions) -> None:
     """Print a description of the data: ratings, fabrics, forces and notes."""
     import numpy as np
 
     from softness_bayes.model.build import moduli_of
 
-    moduli = moduli_of(experiment, asked)
+    moduli = moduli_of(experiment, model)
     modulus = np.array(moduli.middle) / 1e3
-    for line in (*_summary(experiment, modulus, asked), "", *_fabric_table(experiment, moduli)):
+    for line in (*_summary(experiment, modulus, model), "", *_fabric_table(experiment, moduli)):
         click.echo(line)
-    if exact := len(moduli.laws) - len(moduli.uncertain):
+    exact = len(moduli.laws) - len(moduli.uncertain)
+    if exact and model.modulus_cv is None:
         click.echo(
             f"warning: {'the' if moduli.known else exact} moduli are given without errors. If measured moduli "
             "are treated as exact, the intervals are too narrow. Add a column effective_modulus_cv (or "
@@ -151,7 +148,7 @@ def _forces_alone(compression: Compression, more: bool, as_json: bool) -> None:
     from softness_bayes.model.understanding import SCHEMA, understood_forces
 
     if more:
-        raise InputError("check: --design and --figure need ratings: give --data, or omit them")
+        raise InputError("check: --design, --cost and --figure need ratings: give --data, or omit them")
     if as_json:
         known = {"schema": SCHEMA, "forces": understood_forces(compression), "notes": list(compression.notes)}
         click.echo(json.dumps(known, indent=1, ensure_ascii=False))
@@ -171,7 +168,7 @@ def _require_figure(figure: Path, files: DataFiles, force: bool) -> None:
     require_outputs(figure.parent, [figure.name], CHECK, force, files.paths)
 
 
-def _draw(figure: Path, experiment: Experiment, asked: ModelOptions, given: AsGiven) -> None:
+def _draw(figure: Path, experiment: Experiment, model: ModelOptions, given: AsGiven) -> None:
     """Draw data and fabrics with the response predicted by the prior."""
     import numpy as np
 
@@ -184,13 +181,13 @@ def _draw(figure: Path, experiment: Experiment, asked: ModelOptions, given: AsGi
 
     ratings = experiment.ratings
     groups = groups_of(ratings.loads)
-    grid, response, modulus = prior_responses(experiment, asked, groups.at.tolist(), PRIOR_DRAWS)
+    grid, response, modulus = prior_responses(experiment, model, groups.at.tolist(), PRIOR_DRAWS)
     pairs, of_rating = np.unique(groups.of[ratings.load] * len(ratings.fabrics) + ratings.fabric, return_inverse=True)
     load, fabric = np.divmod(pairs, len(ratings.fabrics))
     observed = observed_ratings(
-        given.said.values, of_rating, ratings.participant, modulus[fabric], load, scale=asked.scale
+        given.said.values, of_rating, ratings.participant, modulus[fabric], load, scale=model.scale
     )
-    drawn = design_figure(grid, response, observed, groups, scale=asked.scale)
+    drawn = design_figure(grid, response, observed, groups, scale=model.scale)
     suffix = figure.suffix.lstrip(".")
     write_outputs(figure.parent, files_of(drawn, figure.stem, (suffix,)), CHECK)
 
@@ -209,7 +206,7 @@ def _show_compression(compression: Compression) -> None:
         click.echo(f"{name:14}{text}")
 
 
-def _summary(experiment: Experiment, modulus: NDArray[np.float64], asked: ModelOptions) -> list[str]:
+def _summary(experiment: Experiment, modulus: NDArray[np.float64], model: ModelOptions) -> list[str]:
     """Return lines on participants, fabrics (moduli in kPa), loads and the rating scale."""
     import numpy as np
 
@@ -230,14 +227,14 @@ def _summary(experiment: Experiment, modulus: NDArray[np.float64], asked: ModelO
         "conditions": f"{len(conditions.fabric)} of {pairs} pairs of fabric and load; "
         f"{rated} of {len(ratings.participants) * pairs} with each participant",
     }
-    if wide := wide_contacts(ratings.loads, asked.finger):
+    if wide := wide_contacts(ratings.loads, model.finger):
         lines["contact"] = wide
-    if asked.scale.own_units:
-        told = raters_told(ratings)
+    if model.scale.own_units:
+        raters = raters_told(ratings)
         lines["tau"] = (
             f"several {'participants' if ratings.cells is None else 'raters'}: the spread of their rating scales (tau) "
             "can be estimated"
-            if told > 1
+            if raters > 1
             else "means without standard deviations: the spread of raters' scales (tau) cannot be estimated"
             if ratings.cells is not None
             else "one participant: the spread of rating scales between participants (tau) cannot be estimated"

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options.model import fix, prior
-from softness_bayes.cli.options.run import dask, force, out, seed
-from softness_bayes.cli.options.tables import column, decimal, load_options
-from softness_bayes.cli.options.values import named, whole
+from softness_bayes.cli.options import FILE, by_name, dask, flag, force, load_options, out, seed, whole
 from softness_bayes.cli.running import executor_of
 from softness_bayes.errors import InputError
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.options import ByName
 from softness_bayes.ranges import PRIOR_DRAWS
+from softness_bayes.results.run_options import DataFiles
 
 if TYPE_CHECKING:
     from softness_bayes.data import Fabrics, Ratings
@@ -34,13 +34,11 @@ CLAIMS, MADE = "claims", ("claims.csv", "claims.md", "claims_loads.csv")
     metavar="SET",
     help="Named set of readings: mended, printed or hertz. Repeatable; by default all three.",
 )
-@click.option(
+@by_name(
+    ByName("PLACE=NAME"),
     "--reading",
     "overrides",
-    multiple=True,
-    callback=named(str),
-    metavar="PLACE=NAME",
-    help="Another reading of one equation of the model, in every set, such as pressure=hertz. Repeatable.",
+    "Another reading of one equation of the model, in every set, such as pressure=hertz. Repeatable.",
 )
 @click.option(
     "--priors",
@@ -49,23 +47,23 @@ CLAIMS, MADE = "claims", ("claims.csv", "claims.md", "claims_loads.csv")
     metavar="SET",
     help="Named set of priors: default or in-vivo. Repeatable; by default both.",
 )
-@fix
-@prior
+@flag(ModelOptions, "fix")
+@flag(ModelOptions, "priors")
 @click.option(
     "--data",
-    type=click.Path(path_type=Path),
+    type=FILE,
     metavar="FILE",
     help="Table of ratings (CSV) that the claims are tested against.",
 )
 @click.option(
     "--fabrics",
-    type=click.Path(path_type=Path),
+    type=FILE,
     metavar="FILE",
     help="Fabric set (CSV); by default that of --data, or twelve moduli over the range of real cloth.",
 )
-@column
-@decimal
-@load_options(True, ". Repeatable; by default 1, 1.5, 2 and 3 mm and 0.5, 1, 2 and 4 N, or those of --data.")
+@flag(DataFiles, "columns")
+@flag(DataFiles, "decimal")
+@load_options(". Repeatable; by default 1, 1.5, 2 and 3 mm and 0.5, 1, 2 and 4 N, or those of --data.")
 @click.option(
     "--draws",
     type=whole(PRIOR_DRAWS),
@@ -75,13 +73,13 @@ CLAIMS, MADE = "claims", ("claims.csv", "claims.md", "claims_loads.csv")
 )
 @dask
 @seed
-@out
+@out()
 @force
 def command(
     reading_sets: tuple[str, ...],
     overrides: dict[str, str],
     prior_sets: tuple[str, ...],
-    fixed: dict[str, float],
+    fix: dict[str, float],
     priors: dict[str, Prior],
     data: Path | None,
     fabrics: Path | None,
@@ -117,7 +115,7 @@ def command(
             ratings,
             draws,
             seed,
-            fixed,
+            fix,
             priors,
             executor,
         )

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import click
 
-from softness_bayes.cli.options.run import dask, trust_code
-from softness_bayes.cli.options.values import whole
+from softness_bayes.cli.options import FILE, dask, out, trust_code, whole
 from softness_bayes.cli.running import executor_of, reading
 from softness_bayes.defaults import LEFT_OUT
 from softness_bayes.ranges import STEPS
@@ -17,7 +16,7 @@ COMPARE, COMPARISON = "compare", "compare.csv"
 
 
 @click.command()
-@click.argument("directories", metavar="RESULT_DIR...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("directories", metavar="RESULT_DIR...", nargs=-1, required=True, type=FILE)
 @click.option(
     "--leave",
     "left_out",
@@ -34,14 +33,7 @@ COMPARE, COMPARISON = "compare", "compare.csv"
     "not converged.",
 )
 @dask
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    metavar="DIR",
-    default=Path("."),
-    show_default=True,
-    help=f"Directory to write {COMPARISON} to.",
-)
+@out(".", f"Directory to write {COMPARISON} to.")
 @click.option("--force", is_flag=True, help=f"Replace an existing {COMPARISON}.")
 @trust_code
 def command(

@@ -8,28 +8,20 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options.model import ReadingChoice, finger, fix, prior, prior_set, readings
-from softness_bayes.cli.options.run import trust_code
-from softness_bayes.cli.options.tables import RequestedTouches, touches_or_example
-from softness_bayes.cli.options.values import FILE, whole
+from softness_bayes.cli.options import FILE, Touches, collected, touches, trust_code, typed, whole
 from softness_bayes.cli.running import reading, warn_of_unconverged
-from softness_bayes.defaults import PRIOR_SET
 from softness_bayes.errors import InputError
+from softness_bayes.model.options import ModelOptions
 from softness_bayes.ranges import PORTS
 
 if TYPE_CHECKING:
     from softness_bayes.explore.subject import Subject
-    from softness_bayes.parameters.priors import Prior
 
 
 @click.command()
 @click.argument("directory", type=FILE, required=False, metavar="[DIR]")
-@touches_or_example
-@fix
-@prior
-@prior_set
-@readings
-@finger
+@touches("six example fabrics", "indentations of 1, 2 and 3 mm")
+@collected("model", ModelOptions, "fix", "priors", "prior_set", "readings", "finger")
 @click.option(
     "--port",
     type=whole(PORTS),
@@ -42,12 +34,8 @@ if TYPE_CHECKING:
 @trust_code
 def command(
     directory: Path | None,
-    touches: RequestedTouches,
-    fixed: dict[str, float],
-    priors: dict[str, Prior],
-    prior_set: str,
-    choice: ReadingChoice,
-    finger: dict[str, float],
+    touches: Touches,
+    model: ModelOptions,
     port: int,
     show: bool,
 ) -> None:
@@ -61,7 +49,7 @@ def command(
     from softness_bayes.explore.picture import picture
     from softness_bayes.explore.server import listening, serve
 
-    def told(address: str) -> None:
+    def show_address(address: str) -> None:
         click.echo(address)
         click.echo("Ctrl-C ends it", err=True)
         if show:
@@ -69,15 +57,15 @@ def command(
 
     with listening(port) as opened:
         if directory is None:
-            subject = _of_priors(touches, fixed, priors, prior_set, choice, finger)
+            subject = _of_priors(touches, model)
         else:
-            if touches.asked or fixed or priors or finger or not choice.is_default or prior_set != PRIOR_SET:
+            if touches.given or typed("fix", "priors", "prior_set", "readings", "readings_set", "finger"):
                 raise InputError(
                     "DIR has its own fabrics, loads, priors, readings and finger: omit the options for these, or DIR"
                 )
             subject = _of_run(directory)
         picture(subject, subject.start)  # compiles the scene, and refuses now what the page could not draw
-        serve(subject, opened, told)
+        serve(subject, opened, show_address)
 
 
 def _of_run(directory: Path) -> Subject:
@@ -88,16 +76,8 @@ def _of_run(directory: Path) -> Subject:
         return of_run(result)
 
 
-def _of_priors(
-    touches: RequestedTouches,
-    fixed: dict[str, float],
-    priors: dict[str, Prior],
-    prior_set: str,
-    choice: ReadingChoice,
-    finger: dict[str, float],
-) -> Subject:
+def _of_priors(touches: Touches, model: ModelOptions) -> Subject:
     from softness_bayes.explore.subject import EXAMPLE_LOADS, example_fabrics, of_priors
-    from softness_bayes.model.fingers import finger_of
 
     fabrics, loads = touches.among(example_fabrics(), EXAMPLE_LOADS)
-    return of_priors(fabrics, loads, choice.resolve(), prior_set, priors, fixed, finger_of(finger))
+    return of_priors(fabrics, loads, model.readings, model.prior_set, model.priors, model.fix, model.finger)

@@ -9,20 +9,22 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options.model import (
-    ReadingChoice,
-    accuracy,
-    finger,
-    prior_set,
-    readings,
+from softness_bayes.cli.options import (
+    FILE,
+    Touches,
+    collected,
+    seed,
     set_values,
+    table_out,
+    touches,
+    trust_code,
+    typed,
+    whole,
 )
-from softness_bayes.cli.options.run import seed, trust_code
-from softness_bayes.cli.options.tables import RequestedTouches, touches
-from softness_bayes.cli.options.values import whole
 from softness_bayes.cli.running import reading, warn_of_unconverged
-from softness_bayes.defaults import ANSWER_DRAWS, PRIOR_SET
+from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.errors import InputError
+from softness_bayes.model.options import ModelOptions
 from softness_bayes.ranges import PANEL
 from softness_bayes.readable import counted, percent
 
@@ -42,15 +44,12 @@ REACHED = 16
 
 
 @click.command()
-@touches
+@touches()
 @set_values
-@prior_set
-@readings
-@finger
-@accuracy
+@collected("model", ModelOptions, "prior_set", "readings", "finger", "accuracy")
 @click.option(
     "--posterior",
-    type=click.Path(path_type=Path),
+    type=FILE,
     metavar="DIR",
     help="A finished run: parameters are draws of its posterior. Each quantity is given as its median and, in "
     "NAME_low and NAME_high, its 90 % credible interval. Ratings are predicted too.",
@@ -62,21 +61,12 @@ REACHED = 16
     help="With --posterior: predict the mean rating of N new raters; by default as many as in the run.",
 )
 @seed
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
-    metavar="FILE",
-    help="CSV file to write; by default the table is printed, to five digits.",
-)
-@click.option("--force", is_flag=True, help="Replace the file --out if 'predict' wrote it.")
+@table_out("predict")
 @trust_code
 def command(
-    touches: RequestedTouches,
+    touches: Touches,
     values: dict[str, float],
-    prior_set: str,
-    choice: ReadingChoice,
-    finger: dict[str, float],
-    accuracy: float,
+    model: ModelOptions,
     posterior: Path | None,
     raters: int | None,
     seed: int,
@@ -93,7 +83,6 @@ def command(
     """
     from softness_bayes.files.outputs import require_outputs, write_outputs
     from softness_bayes.files.spreadsheet import PRINTED, csv_of
-    from softness_bayes.model.fingers import finger_of
     from softness_bayes.model.prediction import prediction_table
     from softness_bayes.model.reach import reach_of_priors
     from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
@@ -107,18 +96,17 @@ def command(
                 "--raters needs --posterior, because only a finished run predicts ratings: give "
                 "--posterior, or omit --raters"
             )
-        chosen = choice.resolve()
-        named = usual_values(chosen, prior_set, values)
-        parameters, compiled = touch_parameters(named), partial(scene_of, fabrics, loads, named, chosen)
-        scene = _accurate(partial(compiled, finger=finger_of(finger)), named, parameters, accuracy)
+        named = usual_values(model.readings, model.prior_set, values)
+        parameters, compiled = touch_parameters(named), partial(scene_of, fabrics, loads, named, model.readings)
+        scene = _accurate(partial(compiled, finger=model.finger), named, parameters, model.accuracy)
         table, scenes = prediction_table(fabrics, scene, parameters), [scene]
-        reached = reach_of_priors(fabrics, loads, chosen, prior_set, values, finger_of(finger))
+        reached = reach_of_priors(fabrics, loads, model.readings, model.prior_set, values, model.finger)
     else:
-        if finger or not choice.is_default or prior_set != PRIOR_SET:
+        if typed("finger", "readings", "readings_set", "prior_set"):
             raise InputError(
                 "--posterior has its own readings, priors and finger: omit --finger, --priors and --reading"
             )
-        table, scenes, parameters, reached = _of_run(posterior, values, fabrics, loads, accuracy, raters, seed)
+        table, scenes, parameters, reached = _of_run(posterior, values, fabrics, loads, model.accuracy, raters, seed)
     if reached:
         click.echo(f"warning: {reached}", err=True)
     if out is None:

@@ -122,3 +122,33 @@ class Figures:
         if self._bar is not None:
             self._bar.n += 1
             self._bar.set_description_str(f"figure {self._bar.n} of {of}: {name}")
+
+
+class Count:
+    """Progress over the parts of a command on the terminal, such as tables or replicates.
+
+    Parameters
+    ----------
+    total, unit, description
+        Number of parts, their name, and what happens to them.
+    """
+
+    def __init__(self, total: int, unit: str, description: str) -> None:
+        self._total, self._unit, self._description = total, unit, description
+        self._bar: tqdm[NoReturn] | None = None
+
+    def show(self, finished: int, last: str) -> None:
+        """Move the bar to the number of finished parts; `last` describes the last one."""
+        if self._bar is None:
+            from tqdm import tqdm
+
+            self._bar = tqdm(
+                total=self._total, unit=self._unit, desc=self._description, leave=False, dynamic_ncols=True
+            )
+        self._bar.update(finished - self._bar.n)
+        self._bar.set_postfix_str(last)
+
+    def close(self) -> None:
+        """Clear the line."""
+        if self._bar is not None:
+            self._bar.close()

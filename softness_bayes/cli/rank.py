@@ -1,4 +1,4 @@
-"""`softness-bayes rank`: fabrics in the order of their predicted softness."""
+"""`softness-bayes rank` and `softness-bayes target`: fabrics by predicted softness, and those of a wished rating."""
 
 from __future__ import annotations
 
@@ -7,20 +7,22 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options.run import seed, trust_code
-from softness_bayes.cli.options.tables import RequestedTouches, touches_of_run
-from softness_bayes.cli.options.values import FILE
+from softness_bayes.cli.options import FILE, Touches, load_options, seed, table_out, touches, trust_code
 from softness_bayes.cli.running import reading, warn_of_unconverged
 from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.errors import InputError
-from softness_bayes.readable import some_of
+from softness_bayes.readable import chance, counted, number, percent, some_of
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from softness_bayes.results.ranking import Ranking
 
 RANK, FORMATS = "rank", ("png", "pdf")
 ORDER, PLACES, PAIRS, AGREEMENT, FIGURE = "ranking.csv", "places.csv", "pairs.csv", "agreement.csv", "ranking"
 MADE = (ORDER, PLACES, PAIRS, *(f"{FIGURE}.{suffix}" for suffix in FORMATS))
+
+_SOUGHT = (("thickness_mm", "thickness", "mm"), ("tensile_modulus_mpa", "tensile modulus", "MPa"))
 
 SHOWN = 20
 """Largest number of printed rows; of longer tables, the first and the last rows are printed."""
@@ -28,7 +30,7 @@ SHOWN = 20
 
 @click.command()
 @click.argument("directory", type=FILE, metavar="DIR")
-@touches_of_run
+@touches("the fabrics of the run", "as rated")
 @click.option(
     "--against",
     type=FILE,
@@ -39,9 +41,7 @@ SHOWN = 20
 @click.option("--out", type=FILE, metavar="OUT", help=f"Directory to write to; by default DIR/{FIGURE}.")
 @click.option("--force", is_flag=True, help="Replace the files that 'rank' wrote there.")
 @trust_code
-def command(
-    directory: Path, touches: RequestedTouches, against: Path | None, seed: int, out: Path | None, force: bool
-) -> None:
+def command(directory: Path, touches: Touches, against: Path | None, seed: int, out: Path | None, force: bool) -> None:
     """Rank fabrics by predicted softness: the typical rater rates softer fabrics higher.
 
     For each load the tables give the probability of each rank of every fabric, and of the order of every pair. Fabrics
@@ -98,3 +98,98 @@ def _show(found: Ranking) -> None:
                 f"no receptor fires for {silent} in most draws"
             )
         click.echo()
+
+
+@click.command()
+@click.argument("directory", type=FILE, metavar="DIR")
+@click.option(
+    "--rating", type=float, required=True, metavar="X", help="Rating of the typical rater, on the scale of the data."
+)
+@load_options(" of the touch. Repeatable; by default as rated.")
+@click.option(
+    "--tensile-modulus-mpa",
+    type=float,
+    metavar="MPA",
+    help="Tensile modulus of the fabric; the command then finds its thickness.",
+)
+@click.option(
+    "--thickness-mm",
+    type=float,
+    metavar="MM",
+    help="Thickness of the fabric; the command then finds its tensile modulus.",
+)
+@click.option(
+    "--poisson-ratio",
+    type=float,
+    metavar="NU",
+    help="Poisson ratio of the fabric; by default the median of the rated fabrics.",
+)
+@seed
+@table_out("target")
+@trust_code
+def target(
+    directory: Path,
+    rating: float,
+    indentation_mm: tuple[float, ...],
+    force_n: tuple[float, ...],
+    tensile_modulus_mpa: float | None,
+    thickness_mm: float | None,
+    poisson_ratio: float | None,
+    seed: int,
+    out: Path | None,
+    force: bool,
+) -> None:
+    """Find the effective moduli that give a desired rating, and the probability that one exists.
+
+    The table has one row for each load and solution: if the response turns over, a softer and a stiffer fabric can have
+    the same rating. Medians and limits are over the draws in which the solution exists. Moduli are searched from a
+    tenth of the smallest rated modulus to ten times the largest. DIR is a run of 'sample'.
+    """
+    from softness_bayes.data import loads_of
+    from softness_bayes.data.columns import TENSILE_MODULUS, THICKNESS
+    from softness_bayes.files.outputs import require_outputs, write_outputs
+    from softness_bayes.files.spreadsheet import PRINTED, csv_of
+    from softness_bayes.results.target import Cloth
+
+    if out is not None:
+        require_outputs(out.parent, [out.name], "target", force)
+    given = ((TENSILE_MODULUS, tensile_modulus_mpa), (THICKNESS, thickness_mm))
+    tensile, thick = (None if value is None else value * column.factor for column, value in given)
+    cloth = Cloth(tensile, thick, poisson_ratio)
+    cloth.require()
+    loads = loads_of(indentation_mm, force_n)
+    with reading(directory) as (result,):
+        warn_of_unconverged(result)
+        if not result.has_ratings:
+            raise InputError(f"{directory}: a run without ratings cannot predict ratings")
+        found = result.target(rating, loads or None, *cloth, draws=ANSWER_DRAWS, seed=seed)
+    table = result.labelled(found.table)
+    if out is None:
+        click.echo(csv_of(table, index=False, digits=PRINTED), nl=False)
+    else:
+        write_outputs(out.parent, {out.name: csv_of(table, index=False)}, "target")
+        click.echo(f"{out}: {counted(len(table), 'row')}", err=True)
+    for load, rows in table.groupby("load", sort=False):
+        click.echo(f"{load}: {_reach(rows)}", err=True)
+
+
+def _reach(rows: pd.DataFrame) -> str:
+    """Return in words whether the rating can be reached under one load, and at which moduli."""
+    one = rows.iloc[0]
+    reach = f"a rating of {one['rating']:g} is reachable with probability {chance(one['p_reachable'])}"
+    span = (
+        f"the ratings of the typical rater range from {number(one['least_rating'])} to {number(one['largest_rating'])}"
+    )
+    if not one["p_solution"]:
+        return f"{reach}: {span}"
+    ways = []
+    for _, row in rows.iterrows():
+        found = [f"E_fab {_interval(row, 'e_fab_kpa')} kPa"]
+        found += [f"{words} {_interval(row, name)} {unit}" for name, words, unit in _SOUGHT if name in rows]
+        said = f"where the rating {row['with_modulus']} with the modulus, in {percent(row['p_solution'])} of the draws"
+        ways.append(f"{', '.join(found)}, {said}")
+    return f"{reach}: {'; or '.join(ways)}"
+
+
+def _interval(row: pd.Series, name: str) -> str:
+    return f"{number(row[name])} ({number(row[f'{name}_low'])} to {number(row[f'{name}_high'])})"

@@ -1,4 +1,4 @@
-"""`softness-bayes report`: one page about a finished run."""
+"""`softness-bayes report` and `softness-bayes plot`: one page about a finished run, and its figures."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from softness_bayes.cli.options.run import own_figures, trust_code
+from softness_bayes.cli.options import FILE, complete_figures, own_figures, trust_code
 from softness_bayes.cli.progress import Figures
 from softness_bayes.cli.running import reading
 
@@ -14,10 +14,10 @@ REPORT = "report.html"
 
 
 @click.command()
-@click.argument("directory", type=click.Path(path_type=Path), metavar="DIR")
+@click.argument("directory", type=FILE, metavar="DIR")
 @click.option(
     "--out",
-    type=click.Path(path_type=Path),
+    type=FILE,
     metavar="FILE",
     help=f"File to write; by default {REPORT} in DIR. An earlier report by this command is replaced, unless "
     "the file has been edited.",
@@ -52,3 +52,65 @@ def command(
         path = write_report(shown, out or home / REPORT, own_figures, title, author, progress.show)
     click.echo(f"written to {path} ({path.stat().st_size / 1e6:.1f} MB)")
     click.echo(result.provenance.verdict)
+
+
+@click.command()
+@click.argument("directory", type=FILE, metavar="DIR")
+@click.option(
+    "--figures",
+    "names",
+    multiple=True,
+    shell_complete=complete_figures,
+    metavar="NAME",
+    help="Draw only this figure: one that 'list figures' shows, or a custom one such as mymodule:mine. Repeatable. "
+    "By default all figures for which the run has data.",
+)
+@click.option("--all", "every", is_flag=True, help="Also draw the posterior of all pairs of parameters.")
+@click.option(
+    "--format",
+    "formats",
+    multiple=True,
+    default=("png", "pdf", "csv"),
+    show_default=True,
+    metavar="FORMAT",
+    help="Format of the files: png, pdf or svg, or csv for the data that a figure shows. Repeatable.",
+)
+@click.option(
+    "--style",
+    "style_file",
+    type=FILE,
+    metavar="FILE",
+    help="Style file of matplotlib (.mplstyle), applied on top of the default style. The width in its "
+    "figure.figsize is the width of the page: 'figure.figsize: 3.4, 3' for one column.",
+)
+@click.option("--out", type=FILE, metavar="DIR", help="Directory to write to; by default DIR/figures.")
+@trust_code
+def plot(
+    directory: Path,
+    names: tuple[str, ...],
+    every: bool,
+    formats: tuple[str, ...],
+    style_file: Path | None,
+    out: Path | None,
+) -> None:
+    """Draw the figures of a finished run.
+
+    All data for the figures are stored in DIR: the model is not run, and DIR may come from another machine. A note
+    names figures for which the run has no data.
+    """
+    from softness_bayes.plotting.figures import draw_figures, every_figure, figure_named, figures_of, require_figures
+    from softness_bayes.plotting.style import USUAL, Style, require_formats
+
+    require_figures(names)
+    require_formats(formats)
+    style = USUAL if style_file is None else Style.read(style_file)
+    if out is None:
+        out = (directory if directory.is_dir() else directory.parent) / "figures"
+    with Figures() as progress, reading(directory) as (result,):
+        chosen = [*dict.fromkeys(names)] or figures_of(result, every)
+        paths = draw_figures(result, out, chosen, tuple(dict.fromkeys(formats)), style, told=progress.show)
+    for path in paths:
+        click.echo(str(path))
+    for name in () if names else every_figure():
+        if reason := figure_named(name).lacks(result):
+            click.echo(f"note: no {name}: {reason}", err=True)

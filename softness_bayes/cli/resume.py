@@ -1,51 +1,46 @@
-"""`softness-bayes resume`: continuation of a run that was interrupted, or that ended."""
+"""`softness-bayes status` and `softness-bayes resume`: progress of a run, and its continuation."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from softness_bayes.cli.options.run import max_time, no_figures, processes, trust_code, trusts_code
-from softness_bayes.cli.options.values import whole
-from softness_bayes.cli.running import Sampling, command_line, recorded_files
+from softness_bayes.cli.options import FILE, collected, flag, no_figures, trust_code, trusts_code, whole
+from softness_bayes.cli.running import Sampling, command_line, in_numbers, needed
 from softness_bayes.cli.sample import require_drawn, run
 from softness_bayes.errors import InputError
+from softness_bayes.files.asked import read_asked
 from softness_bayes.ranges import STEPS
+from softness_bayes.readable import counted, some_of
+from softness_bayes.results.run_options import DataFiles, RunOptions
 
 if TYPE_CHECKING:
     from softness_bayes.checkpoints.status import Status
-    from softness_bayes.results.request import RunOptions
+    from softness_bayes.runs.calibration_files import CalibrationProgress
 
 
 @click.command(cls=Sampling)
-@click.argument("directory", type=click.Path(path_type=Path), metavar="DIR")
+@click.argument("directory", type=FILE, metavar="DIR")
 @click.option(
     "--more-steps",
     type=whole(STEPS),
     metavar="N",
     help="Run at least this many further steps, even if the run has converged.",
 )
-@max_time
-@processes
-@click.option(
-    "--data", type=click.Path(path_type=Path), metavar="FILE", help="New path of the ratings, if they were moved."
-)
-@click.option(
-    "--fabrics", type=click.Path(path_type=Path), metavar="FILE", help="New path of the fabrics, if they were moved."
-)
-@click.option(
-    "--compression", type=click.Path(path_type=Path), metavar="FILE", help="New path of the forces, if they were moved."
-)
+@collected("limits", RunOptions, "max_seconds", "processes")
+@flag(DataFiles, "data", help="New path of the ratings, if they were moved.")
+@flag(DataFiles, "fabrics", help="New path of the fabrics, if they were moved.")
+@flag(DataFiles, "compression", help="New path of the forces, if they were moved.")
 @no_figures
 @trust_code
 def command(
     directory: Path,
     more_steps: int | None,
-    max_time: float,
-    processes: int | None,
+    limits: RunOptions,
     data: Path | None,
     fabrics: Path | None,
     compression: Path | None,
@@ -81,7 +76,11 @@ def command(
         click.echo(f"{directory}: {verdict.sentence()} Its results are complete; use --more-steps to continue it.")
         return
     model, how = Request.from_record(checkpoint.request["options"])
-    how = replace(_continued(how, status, more_steps), max_seconds=max_time, processes=processes or how.processes)
+    how = replace(
+        _continued(how, status, more_steps),
+        max_seconds=limits.max_seconds,
+        processes=limits.processes or how.processes,
+    )
     now, then = versions(), checkpoint.request["versions"]
     names = [name for name in now if now[name] != then.get(name)]
     if changed := [f"{name.removeprefix('version_')} {then.get(name)} (now {now[name]})" for name in names]:
@@ -89,26 +88,20 @@ def command(
             f"note: the run was started with {', '.join(changed)}: draws may differ from those of an uninterrupted run",
             err=True,
         )
-    files = recorded_files(checkpoint.request["files"], directory)
-    files = replace(
-        files,
-        data=data or files.data,
-        fabrics=fabrics or files.fabrics,
-        compression=compression or files.compression,
-    )
-    moved = []
-    for option, given in (("data", data), ("fabrics", fabrics), ("compression", compression)):
-        moved += [] if given is None else [f"--{option}", str(given)]
-        path = getattr(files, option)
+    given = {"data": data, "fabrics": fabrics, "compression": compression}
+    moved: dict[str, Any] = {name: path for name, path in given.items() if path is not None}
+    files = replace(DataFiles.recorded_in(directory, checkpoint.request["files"]), **moved)
+    for name in given:
+        path = getattr(files, name)
         if path is not None and not path.exists():
             raise InputError(
                 f"{path}: no such file, and the run was started with it; if it was moved, give its new path "
-                f"with --{option}"
+                f"with --{name}"
             )
     wanted = checkpoint.request["figures"] and not no_figures
     own = checkpoint.request.get("own_figures", []) if wanted else None
     require_drawn(own)
-    run(checkpoint, files, files.read(), Request(model, how), own, moved)
+    run(checkpoint, files, files.read(), Request(model, how), own, DataFiles(**moved).words())
 
 
 def _is_whole(directory: Path) -> bool:
@@ -135,3 +128,95 @@ def _continued(options: RunOptions, status: Status, more_steps: int | None) -> R
     if status.written and status.steps >= status.max_steps:
         return replace(options, max_steps=status.steps + options.max_steps)
     return options
+
+
+@click.command()
+@click.argument("directory", type=FILE, metavar="DIR")
+def status(directory: Path) -> None:
+    """Show the progress of a run without disturbing it.
+
+    Prints the number of steps, the result of the last check of the chains, the verdict, and whether a process is
+    running it. Reads one small file of DIR, which the run replaces every few seconds. For a study it prints one line
+    for each run that has begun; for a calibration the numbers of finished replicates and of those that are left.
+    """
+    from softness_bayes.checkpoints.status import read_status
+    from softness_bayes.files.run_files import CHECKPOINT, MANIFEST, RUNS
+    from softness_bayes.runs.calibration_files import is_calibration, progress_of
+
+    if is_calibration(directory):
+        _of_a_calibration(directory, progress_of(directory))
+        return
+
+    if (directory / RUNS).is_dir() and not (directory / CHECKPOINT).exists():
+        begun = sorted(path.parent.parent for path in (directory / RUNS).glob(f"*/{CHECKPOINT}/{MANIFEST}"))
+        _of_a_study(directory, {path.name: read_status(path) for path in begun})
+        return
+    status = read_status(directory)
+    click.echo(f"{directory}: {_what(status)}")
+    togo = f", about {status.missing} to go" if status.missing else ""
+    click.echo(f"steps: {status.steps} in {status.seconds:.0f} s{togo}")
+    if status.failures:
+        click.echo(f"the density could not be computed at {counted(status.failures, 'point')}, listed in nonfinite.csv")
+    if status.verdict is None:
+        click.echo("convergence has not been checked yet")
+        return
+    click.echo(f"at step {status.verdict.steps}: {in_numbers(status.verdict, status.seconds)}")
+    if not status.verdict.converged and status.steps:
+        click.echo(needed(status.verdict, status.seconds / status.steps))
+    click.echo(status.verdict.sentence())
+
+
+def _of_a_calibration(directory: Path, found: CalibrationProgress) -> None:
+    """Print the numbers of finished replicates and of those that are left."""
+    left = found.asked - found.finished
+    size = counted(found.finished, "replicate is", "replicates are")
+    if found.asked:
+        size = some_of(found.finished, found.asked, "replicate")
+    click.echo(f"{directory}: {size} finished, {found.unconverged} did not converge")
+    if found.running:
+        seconds = "" if math.isnan(found.seconds) else f", about {found.seconds:.0f} s to go"
+        click.echo(f"a process is running it{seconds}")
+    elif left:
+        click.echo(f"interrupted, no process is running it; the same 'softness-bayes calibrate' runs the other {left}")
+    else:
+        click.echo("no process is running it")
+
+
+def _of_a_study(directory: Path, runs: dict[str, Status]) -> None:
+    """Print the numbers of tables of a study by their state, and the progress of each run."""
+    from softness_bayes.runs.study_progress import refused_tables, seconds_left
+
+    done = [name for name, one in runs.items() if one.ended and one.written and not one.running]
+    good = sum((verdict := runs[name].verdict) is not None and verdict.converged for name in done)
+    under_way = sum(one.running for one in runs.values())
+    refused = [name for name in refused_tables(directory) if name not in runs]
+    asked = max(read_asked(directory).tasks, len(runs))
+    waiting = max(asked - len(runs) - len(refused), 0)
+    left = seconds_left(directory, done, asked - len(refused))
+    click.echo(
+        f"{directory}: {counted(len(done), 'run')} ended ({good} converged), {under_way} running, "
+        f"{len(runs) - len(done) - under_way} interrupted, {waiting} not begun"
+        + (f"; {counted(len(refused), 'table was', 'tables were')} refused ({', '.join(refused)})" if refused else "")
+        + ("" if math.isnan(left) or not under_way else f"; about {left:.0f} s to go")
+    )
+    for name, one in runs.items():
+        rate = one.seconds / max(one.steps, 1)
+        togo = f", about {one.missing * rate:.0f} s to go" if one.missing and one.steps else ""
+        click.echo(f"{name}: {_what(one)}; {counted(one.steps, 'step')} in {one.seconds:.0f} s{togo}")
+
+
+def _what(status: Status) -> str:
+    """Return the state of a run: under way, ended or interrupted."""
+    if status.running:
+        return "a process is running it" + (", in its pilot phase" if status.piloting else "")
+    if status.ended and status.written and status.quick:
+        return (
+            "a first look (--quick), before the chains have converged; 'softness-bayes resume' continues it "
+            "to the full run"
+        )
+    if status.ended and status.written:
+        return "it has ended and its results are written"
+    return (
+        "interrupted, no process is running it; 'softness-bayes resume' "
+        f"continues{' its pilot phase' * status.piloting}"
+    )

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import math
-import os
 import shlex
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options.run import trusts_code
-from softness_bayes.cli.options.tables import DataFiles
+from softness_bayes.cli.options import trusts_code
 from softness_bayes.errors import InputError
 from softness_bayes.files.command_line import portable
 
@@ -23,8 +21,6 @@ if TYPE_CHECKING:
 
     from softness_bayes.results.result import Result
     from softness_bayes.sampler.diagnostics import Verdict
-
-_PATHS = ("data", "fabrics", "compression")
 
 
 class Sampling(click.Command):
@@ -122,27 +118,3 @@ def _time(seconds: float) -> str:
     if seconds < 100:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} minutes" if seconds < 6000 else f"{seconds / 3600:.1f} hours"
-
-
-def recorded_files(record: dict[str, Any], directory: Path) -> DataFiles:
-    """Return the input files of the run in a directory."""
-    home, paths = directory.resolve(), {name: record[name] for name in _PATHS}
-    found = {name: None if path is None else Path(os.path.normpath(home / path)) for name, path in paths.items()}
-    return DataFiles(**{**record, **found})
-
-
-def record_of(files: DataFiles, directory: Path) -> dict[str, Any]:
-    """Return file paths for JSON, relative to the run's directory, so that the run and its files can move together."""
-    home, paths = directory.resolve(), {name: getattr(files, name) for name in _PATHS}
-    # the file may be a link; the table of fabrics is in the directory of the link
-    found = {name: None if path is None else path.parent.resolve() / path.name for name, path in paths.items()}
-    return {
-        **{name: None if path is None else os.path.relpath(path, home) for name, path in found.items()},
-        "columns": dict(files.columns),
-        "indentation_mm": files.indentation_mm,
-        "force_n": files.force_n,
-        "decimal": files.decimal,
-        **({"drop_zeros": True} if files.drop_zeros else {}),
-        **({"wide": True} if files.wide else {}),
-        **({} if files.round_load is None else {"round_load": files.round_load}),
-    }

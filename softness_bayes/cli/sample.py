@@ -9,80 +9,37 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from click.core import ParameterSource
 
 from softness_bayes.cli.interrupts import keeping
-from softness_bayes.cli.options.model import ModelChoice, model_choice
-from softness_bayes.cli.options.ratings import rating_scale
-from softness_bayes.cli.options.run import force, max_time, no_figures, out, own_figures, processes, seed
-from softness_bayes.cli.options.tables import DataFiles, data_files
-from softness_bayes.cli.options.values import Number, whole
-from softness_bayes.cli.printed import print_result
+from softness_bayes.cli.options import collected, data_files, flagged, force, no_figures, out, own_figures, typed
 from softness_bayes.cli.progress import Bar
-from softness_bayes.cli.running import Sampling, command_line, record_of
-from softness_bayes.defaults import MAX_STEPS, NOISE
+from softness_bayes.cli.running import Sampling, command_line
+from softness_bayes.cli.summary import print_result
 from softness_bayes.errors import InputError, NotConvergedError
-from softness_bayes.ranges import NOISES, STEPS
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.results.run_options import DataFiles, RunOptions, refused_without_ratings
 
 if TYPE_CHECKING:
     from softness_bayes.checkpoints.checkpoint import Checkpoint
     from softness_bayes.data import Compression, Experiment
     from softness_bayes.model.build import ExperimentModel
-    from softness_bayes.model.options import ModelOptions
     from softness_bayes.results.request import Request
 
 
 @click.command(cls=Sampling)
 @data_files
-@model_choice
-@rating_scale
-@click.option(
-    "--noise",
-    type=Number(NOISES),
-    default=NOISE,
-    show_default=True,
-    metavar="STRENGTH",
-    help="White-noise current on every membrane [µA/cm² √ms]. Its mean effect is found by simulation, which "
-    "takes minutes. Needs --fix for c_Na, c_K, c_L and c_A.",
-)
-@click.option(
-    "--exact-reweight",
-    is_flag=True,
-    help="Weight the draws by the exact likelihood (Pareto-smoothed); summary and predictions use the weighted draws.",
-)
-@click.option(
-    "--max-steps",
-    type=whole(STEPS),
-    default=MAX_STEPS,
-    show_default=True,
-    help="Largest number of steps of each ensemble; the run then ends even if it has not converged.",
-)
-@click.option(
-    "--quick",
-    is_flag=True,
-    help="A first look: the run ends at the first check of the chains, before it has converged, with few "
-    "figures and without the comparison with the exact model. 'resume' continues it to the full run.",
-)
-@max_time
-@processes
+@collected("model", ModelOptions, *flagged(ModelOptions))
+@collected("how", RunOptions, *flagged(RunOptions))
 @no_figures
 @own_figures
-@seed
-@out
+@out()
 @force
 def command(
     files: DataFiles,
-    model: ModelChoice,
-    scale: str,
-    noise: float,
-    exact_reweight: bool,
-    max_steps: int,
-    quick: bool,
-    max_time: float,
-    processes: int | None,
+    model: ModelOptions,
+    how: RunOptions,
     no_figures: bool,
     own_figures: tuple[str, ...],
-    seed: int,
     out: Path,
     force: bool,
 ) -> None:
@@ -106,27 +63,17 @@ def command(
     """
     from softness_bayes.checkpoints.checkpoint import Checkpoint
     from softness_bayes.data import Compression
-    from softness_bayes.likelihood.scales import scale_named
-    from softness_bayes.results.request import Request, RunOptions
+    from softness_bayes.results.request import Request
 
     data = files.read()
     if isinstance(data, Compression):
-        model = _model_of_forces(model)
-    options = model.options(scale=scale_named(scale), noise=noise)
-    if _evaluated(data, options):
+        model = _model_of_forces(model, how)
+    if _evaluated(data, model):
         return
-    how = RunOptions(
-        exact_reweight=exact_reweight,
-        max_steps=max_steps,
-        max_seconds=max_time,
-        processes=processes,
-        seed=seed,
-        command=command_line(),
-        quick=quick,
-    )
     drawn = None if no_figures else own_figures
     require_drawn(drawn)
-    run(Checkpoint.create(out, force, inputs=files.paths), files, data, Request(options, how), drawn)
+    request = Request(model, replace(how, command=command_line()))
+    run(Checkpoint.create(out, force, inputs=files.paths), files, data, request, drawn)
 
 
 def require_drawn(own: Sequence[str] | None) -> None:
@@ -146,7 +93,7 @@ def require_drawn(own: Sequence[str] | None) -> None:
         require_figures([*own, *installed(OWN_FIGURES)])
 
 
-def _model_of_forces(model: ModelChoice) -> ModelChoice:
+def _model_of_forces(model: ModelOptions, how: RunOptions) -> ModelOptions:
     """Return the model of compression data alone, with wide priors unless others were requested.
 
     Raises
@@ -154,14 +101,10 @@ def _model_of_forces(model: ModelChoice) -> ModelChoice:
     InputError
         If an option for ratings was given.
     """
-    source = click.get_current_context().get_parameter_source
-    of_ratings = ("scale", "direction", "accuracy", "noise", "exact_reweight", "errors", "resolution")
-    if any(source(name) is not ParameterSource.DEFAULT for name in of_ratings):
-        raise InputError(
-            "--ratings, --direction, --accuracy, --noise, --exact-reweight, --errors and --resolution need "
-            "ratings: give --data, or omit them"
-        )
-    if source("prior_set") is not ParameterSource.DEFAULT:
+    if flags := refused_without_ratings(model, how):
+        needs, them = ("needs", "it") if len(flags) == 1 else ("need", "them")
+        raise InputError(f"{' and '.join(flags)} {needs} ratings: give --data, or omit {them}")
+    if typed("prior_set"):
         return model
     click.echo(
         "note: without ratings the default is --priors wide, which is weakly informative about the skin", err=True
@@ -237,7 +180,7 @@ def run(
     bar = Bar()
     with keeping(lambda: _kept(checkpoint, bar.drawing, moved)), checkpoint:
         decided = request._replace(model=model.options)
-        asked = {"files": record_of(files, out), "options": decided.record(), "figures": own_figures is not None}
+        asked = {"files": files.record_in(out), "options": decided.record(), "figures": own_figures is not None}
         asked |= {"own_figures": list(own_figures)} if own_figures else {}
         checkpoint.request = {**asked, "versions": versions()}
         bar.begin(0.0 if checkpoint.status is None else checkpoint.status.seconds)

@@ -11,34 +11,52 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from softness_bayes import __version__
-from softness_bayes.cli.options.model import ReadingChoice, accuracy, finger, load_cv, prior_set, readings, set_values
-from softness_bayes.cli.options.ratings import categories, direction, rating_scale, resolution, simulated_errors
-from softness_bayes.cli.options.run import force, out, seed
-from softness_bayes.cli.options.tables import RequestedTouches, touches
-from softness_bayes.cli.options.values import Number, whole
+from softness_bayes.cli.options import (
+    NumberIn,
+    Touches,
+    collected,
+    force,
+    out,
+    seed,
+    set_values,
+    touches,
+    whole,
+)
+from softness_bayes.defaults import ERRORS
+from softness_bayes.likelihood.directions import RATING_DIRECTIONS, RISES
+from softness_bayes.model.options import ModelOptions
 from softness_bayes.ranges import FINGERS, PARTICIPANTS, SLOPES, TYPICAL_RATINGS
 from softness_bayes.readable import counted, percent
 
 if TYPE_CHECKING:
     from softness_bayes.data import Fabrics
     from softness_bayes.model.simulation import Simulation
-    from softness_bayes.touch.contact import Finger, Load
-    from softness_bayes.touch.readings import Readings
+    from softness_bayes.touch.contact import Load
     from softness_bayes.touch.scene import Discretisation
 
 RATINGS, FABRICS, COMPRESSION, TRUTH = "ratings.csv", "fabrics.csv", "compression.csv", "truth.json"
 
 
 @click.command()
-@touches
+@touches()
 @set_values
-@prior_set
-@readings
-@finger
-@load_cv
-@simulated_errors
-@resolution
-@categories
+@collected(
+    "model",
+    ModelOptions,
+    *("prior_set", "readings", "finger", "load_cv", "errors", "resolution", "n_categories", "scale", "direction"),
+    "accuracy",
+    errors={
+        "choices": ERRORS,
+        "default": ERRORS[0],
+        "help": "Distribution of the errors of log ratings: normal, student (Student's t, nu by --set) or lapses "
+        "(--set lapse=0.03).",
+    },
+    direction={
+        "choices": RATING_DIRECTIONS,
+        "default": RISES.name,
+        "help": "Whether ratings rise or fall with the response.",
+    },
+)
 @click.option("--participants", type=whole(PARTICIPANTS), default=30, show_default=True, help="Number of raters.")
 @click.option(
     "--missing",
@@ -48,13 +66,13 @@ RATINGS, FABRICS, COMPRESSION, TRUTH = "ratings.csv", "fabrics.csv", "compressio
     help="Share of ratings that are missing at random.",
 )
 @click.option(
-    "--typical-rating", type=Number(TYPICAL_RATINGS), metavar="Y", help="exp(mu); by default the centre of its prior."
+    "--typical-rating", type=NumberIn(TYPICAL_RATINGS), metavar="Y", help="exp(mu); by default the centre of its prior."
 )
-@rating_scale
-@direction
-@accuracy
 @click.option(
-    "--slope", type=Number(SLOPES), metavar="C1", help="c1 of standardised ratings; by default the median of its prior."
+    "--slope",
+    type=NumberIn(SLOPES),
+    metavar="C1",
+    help="c1 of standardised ratings; by default the median of its prior.",
 )
 @click.option(
     "--fingers",
@@ -64,24 +82,15 @@ RATINGS, FABRICS, COMPRESSION, TRUTH = "ratings.csv", "fabrics.csv", "compressio
     help="Number of fingers pressed by a rigid flat plate to 0.5, 1, 1.5 and 2 mm, for compression.csv.",
 )
 @seed
-@out
+@out()
 @force
 def command(
-    touches: RequestedTouches,
+    touches: Touches,
     values: dict[str, float],
-    prior_set: str,
-    choice: ReadingChoice,
-    finger: dict[str, float],
-    load_cv: float | None,
-    errors: str,
-    resolution: float | None,
-    n_categories: int | None,
+    model: ModelOptions,
     participants: int,
     missing: float,
     typical_rating: float | None,
-    scale: str,
-    direction: str,
-    accuracy: float,
     slope: float | None,
     fingers: int,
     seed: int,
@@ -100,48 +109,50 @@ def command(
 
     from softness_bayes.data import SIMULATE, fabrics_csv, ratings_csv
     from softness_bayes.files.outputs import require_outputs, write_outputs
-    from softness_bayes.likelihood.directions import direction_named
-    from softness_bayes.likelihood.error_laws import error_law_named
-    from softness_bayes.likelihood.scales import scale_named
-    from softness_bayes.model.fingers import finger_of
     from softness_bayes.model.scenes import usual_values
     from softness_bayes.model.simulation import simulate_ratings
     from softness_bayes.parameters.declared import PLATE_PARAMETERS
 
+    assert model.direction is not None, "simulated ratings have a direction and an error law"
+    assert model.errors is not None, "simulated ratings have a direction and an error law"
     made = [RATINGS, FABRICS, TRUTH, *([COMPRESSION] if fingers else [])]
     require_outputs(out, made, SIMULATE, force, touches.inputs)
     fabrics, loads = touches.read()
-    chosen, touching = choice.resolve(), finger_of(finger)
-    usual = usual_values(chosen, prior_set, values, fingers or None)
+    usual = usual_values(model.readings, model.prior_set, values, fingers or None)
     simulation = simulate_ratings(
         np.random.default_rng(seed),
         fabrics,
         loads,
         {name: value for name, value in usual.items() if name not in PLATE_PARAMETERS},
-        chosen,
+        model.readings,
         participants,
         missing,
         None if typical_rating is None else math.log(typical_rating),
-        direction_named(direction),
-        scale_named(scale),
+        model.direction,
+        model.scale,
         slope,
-        _resolution(fabrics, loads, usual, chosen, touching, accuracy),
-        touching,
-        load_cv or 0.0,
-        error_law_named(errors),
-        resolution or 0.0,
-        n_categories,
+        _resolution(fabrics, loads, usual, model),
+        model.finger,
+        model.load_cv or 0.0,
+        model.errors,
+        model.resolution or 0.0,
+        model.n_categories,
     )
     contents = {RATINGS: ratings_csv(simulation.ratings, fabrics), FABRICS: fabrics_csv(fabrics)}
     story = _truth(simulation, fabrics.names, loads)
-    story |= {"seed": seed, "readings": chosen.names, "ratings": scale, "direction": direction}
-    asked = {"finger": finger, "load_cv": load_cv, "errors": "" if errors == "normal" else errors}
-    asked |= {"resolution": resolution, "n_categories": n_categories}
-    story |= {name: value for name, value in asked.items() if value}
+    stored = model.record()
+    story |= {
+        "seed": seed,
+        "readings": stored["readings"],
+        "ratings": stored["scale"],
+        "direction": stored["direction"],
+    }
+    more = {name: stored[name] for name in ("finger", "load_cv", "errors", "resolution", "n_categories")}
+    story |= {name: value for name, value in more.items() if value and value != ERRORS[0]}
     story |= {"version": __version__, "simulated": True}
     pressed = ""
     if fingers:
-        contents[COMPRESSION], count, effects = _forces(seed, usual, chosen, fingers, touching)
+        contents[COMPRESSION], count, effects = _forces(seed, usual, model, fingers)
         story["truth"] |= {name: usual[name] for name in PLATE_PARAMETERS}
         story |= effects
         pressed = f", and {counted(count, 'force')} on {counted(fingers, 'finger')}"
@@ -155,28 +166,25 @@ def command(
 
 
 def _resolution(
-    fabrics: Fabrics,
-    loads: tuple[Load, ...],
-    values: Mapping[str, float],
-    readings: Readings,
-    finger: Finger,
-    accuracy: float,
+    fabrics: Fabrics, loads: tuple[Load, ...], values: Mapping[str, float], model: ModelOptions
 ) -> Discretisation:
     """Return a discretisation that achieves the accuracy at these parameters."""
     from softness_bayes.model.scenes import scene_of, touch_parameters
     from softness_bayes.touch.accuracy import PRESETS, choose, given_draws
 
     choice = choose(
-        lambda discretisation: scene_of(fabrics, loads, values, readings, discretisation=discretisation, finger=finger),
+        lambda discretisation: scene_of(
+            fabrics, loads, values, model.readings, discretisation=discretisation, finger=model.finger
+        ),
         given_draws(values, touch_parameters(values)),
-        accuracy,
+        model.accuracy,
         PRESETS[1:],
     )
     return choice.discretisation
 
 
 def _forces(
-    seed: int, values: Mapping[str, float], readings: Readings, fingers: int, shape: Finger
+    seed: int, values: Mapping[str, float], model: ModelOptions, fingers: int
 ) -> tuple[str, int, dict[str, Any]]:
     """Return the table of forces on simulated fingers, the number of rows, and the finger effects for JSON."""
     import numpy as np
@@ -185,7 +193,7 @@ def _forces(
     from softness_bayes.model.simulated_forces import simulate_compression
 
     # a separate random stream, so that the ratings are the same with and without simulated fingers
-    made = simulate_compression(np.random.default_rng([seed, 1]), values, readings, fingers, shape=shape)
+    made = simulate_compression(np.random.default_rng([seed, 1]), values, model.readings, fingers, shape=model.finger)
     names = made.compression.participants
     effects = {"log_b_effect": made.log_b_effect, "m_effect": made.m_effect}
     of_each = {name: dict(zip(names, effect.tolist(), strict=True)) for name, effect in effects.items()}

@@ -1,18 +1,36 @@
-"""Tolerance of closed or full standard streams: `| head` prints no error, and a finished run still succeeds."""
+"""Standard streams of the command line: closed or full ones are tolerated, and invisible characters are escaped.
+
+`| head` prints no error, and a finished run still succeeds. Names of files cannot control the terminal.
+"""
 
 from __future__ import annotations
 
 import errno
 import io
 import os
+import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
+# keeps line ends, tabs and the carriage returns of progress bars; escapes direction marks and zero-width characters
+_UNSEEN = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u061c\u200b-\u200f\u202a-\u202e\u2060-\u2069\ufeff]")
+
+
+def visible(text: str) -> str:
+    """Return a text with an escape for each character that controls a terminal or is invisible."""
+    return _UNSEEN.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
+
 
 class Tolerant:
-    """A text stream that discards text after its first write error, and otherwise acts like the stream."""
+    """A text stream that escapes invisible characters, and discards text after its first write error.
+
+    Parameters
+    ----------
+    stream
+        The stream that it writes to.
+    """
 
     def __init__(self, stream: Any) -> None:
         self._stream = stream
@@ -24,10 +42,10 @@ class Tolerant:
     def write(self, text: str) -> int:
         """Write, or discard."""
         try:
-            return int(self._stream.write(text))
+            self._stream.write(visible(text))
         except OSError as error:
             self._give_up(error)
-            return len(text)
+        return len(text)
 
     def flush(self) -> None:
         """Flush, or do nothing."""
@@ -65,7 +83,7 @@ def open_closed_streams() -> None:
 
 @contextmanager
 def tolerant_streams() -> Iterator[Tolerant]:
-    """Make standard output and error tolerant inside the ``with`` block; yield the output stream."""
+    """Make standard output and error tolerant and their text visible inside the ``with`` block; yield the output."""
     before = sys.stdout, sys.stderr
     for stream in before:
         if isinstance(stream, io.TextIOWrapper):

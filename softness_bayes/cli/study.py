@@ -4,37 +4,30 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING
 
 import click
 
 from softness_bayes.cli.interrupts import keeping
-from softness_bayes.cli.options.model import ModelChoice, model_choice, spreads
-from softness_bayes.cli.options.ratings import rating_scale
-from softness_bayes.cli.options.run import dask, max_time, seed
-from softness_bayes.cli.options.tables import DataFiles, reading_options
-from softness_bayes.cli.options.values import FILE, whole
-from softness_bayes.cli.running import command_line, executor_of, record_of
-from softness_bayes.defaults import MAX_STEPS
+from softness_bayes.cli.options import FILE, collected, dask, model_options, out, reading_options, spreads
+from softness_bayes.cli.progress import Count
+from softness_bayes.cli.running import command_line, executor_of
 from softness_bayes.errors import InputError, NotConvergedError, NumericalError
-from softness_bayes.ranges import PROCESSES, STEPS
+from softness_bayes.model.options import ModelOptions
 from softness_bayes.readable import some_of
+from softness_bayes.results.run_options import DataFiles, RunOptions
 
 if TYPE_CHECKING:
-    from tqdm import tqdm
-
     from softness_bayes.data import Compression, Experiment
     from softness_bayes.data.lists import Listed
     from softness_bayes.parameters.priors import Prior
     from softness_bayes.runs.study import Study
-    from softness_bayes.runs.table_fit import TableOutcome
 
 
 @click.command()
 @click.argument("source", metavar="TABLES", type=FILE)
 @reading_options
-@model_choice
-@rating_scale
+@model_options
 @click.option(
     "--pool",
     "pooled",
@@ -43,45 +36,28 @@ if TYPE_CHECKING:
     help="Parameters to pool, such as b,m; by default b, m and sigma_0, if they are sampled.",
 )
 @spreads
-@click.option(
-    "--max-steps",
-    type=whole(STEPS),
-    default=MAX_STEPS,
-    show_default=True,
-    help="Largest number of steps of each ensemble; a fit then ends even if it has not converged. The same "
-    "command with more steps continues it.",
-)
-@max_time
-@click.option(
-    "--processes",
-    type=whole(PROCESSES),
-    metavar="N",
-    help="Number of fits run in parallel; by default one for each core. Draws do not depend on it.",
+@collected(
+    "run",
+    RunOptions,
+    *("max_steps", "max_seconds", "processes", "seed"),
+    max_steps={
+        "help": "Largest number of steps of each ensemble; a fit then ends even if it has not converged. The same "
+        "command with more steps continues it."
+    },
+    processes={"help": "Number of fits run in parallel; by default one for each core. Draws do not depend on it."},
 )
 @dask
 @click.option("--figures", is_flag=True, help="Also draw the figures of every fit ('plot' can draw them later).")
-@seed
-@click.option(
-    "--out",
-    type=FILE,
-    metavar="DIR",
-    default=Path("study"),
-    show_default=True,
-    help="Directory to write to; a study there is continued.",
-)
+@out("study", "Directory to write to; a study there is continued.")
 def command(
     source: Path,
     files: DataFiles,
-    model: ModelChoice,
-    scale: str,
+    model: ModelOptions,
     pooled: str,
     spreads: dict[str, Prior],
-    max_steps: int,
-    max_time: float,
-    processes: int | None,
+    run: RunOptions,
     dask: str | None,
     figures: bool,
-    seed: int,
     out: Path,
 ) -> None:
     """Fit many tables separately, then pool parameters across them.
@@ -100,8 +76,6 @@ def command(
     """
     from softness_bayes.data.lists import list_tables
     from softness_bayes.files.run_files import RUNS
-    from softness_bayes.likelihood.scales import scale_named
-    from softness_bayes.results.request import RunOptions
     from softness_bayes.runs.study import study
     from softness_bayes.runs.table_fit import Kept
 
@@ -110,23 +84,22 @@ def command(
         raise InputError(f"{source}: one table only, {listed[0].name}; a study has at least two, 'sample' fits one")
     tables, refused = _read(listed, files)
     kept = {
-        one.name: Kept(record_of(_files_of(one, files), out / RUNS / one.name), figures)
+        one.name: Kept(_files_of(one, files).record_in(out / RUNS / one.name), figures)
         for one in listed
         if one.name in tables
     }
-    run = RunOptions(max_steps=max_steps, max_seconds=max_time, processes=processes, seed=seed, command=command_line())
-    bar = _Bar(len(listed))
+    bar = Count(len(listed), "table", "fitting")
     hint = f"finished fits, and all steps of the others, are saved in {out}: the same command continues"
     with keeping(lambda: hint), executor_of(dask, out) as executor:
         try:
             found = study(
                 tables,
                 out,
-                model.options(scale=scale_named(scale)),
-                run,
+                model,
+                replace(run, command=command_line()),
                 [name.strip() for name in pooled.split(",") if name.strip()],
                 spreads,
-                bar.show,
+                lambda finished, one: bar.show(finished, f"{one.table} {one.outcome}"),
                 refused,
                 kept,
                 executor,
@@ -173,25 +146,3 @@ def _end(found: Study) -> None:
         )
     if found.failed:
         raise NumericalError(f"not pooled: {', '.join(found.failed)}; see above")
-
-
-class _Bar:
-    """Progress over tables on the terminal."""
-
-    def __init__(self, total: int) -> None:
-        self._total = total
-        self._bar: tqdm[NoReturn] | None = None
-
-    def show(self, finished: int, one: TableOutcome) -> None:
-        """Move the bar to the number of finished tables."""
-        if self._bar is None:
-            from tqdm import tqdm
-
-            self._bar = tqdm(total=self._total, unit="table", desc="fitting", leave=False, dynamic_ncols=True)
-        self._bar.update(finished - self._bar.n)
-        self._bar.set_postfix_str(f"{one.table} {one.outcome}")
-
-    def close(self) -> None:
-        """Clear the line."""
-        if self._bar is not None:
-            self._bar.close()

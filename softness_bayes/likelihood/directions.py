@@ -15,17 +15,14 @@ class RatingDirection:
 
     name: str
     sign: float
-    former: str
-    """Name in earlier versions, still accepted everywhere."""
 
 
-RISES = RatingDirection("rises-with-firing", +1.0, "softness")
+RISES = RatingDirection("rises-with-firing", +1.0)
 """Direction in the paper: softness is proportional to the response."""
-FALLS = RatingDirection("falls-with-firing", -1.0, "inverse")
+FALLS = RatingDirection("falls-with-firing", -1.0)
 """Usual direction of softness ratings: stiffer fabrics cause more firing and are rated less soft."""
-FREE = RatingDirection("free", +1.0, "free")
+FREE = RatingDirection("free", +1.0)
 """Either direction with prior probability 1/2, given by the sign of the exponent gamma."""
-SOFTNESS, INVERSE = RISES, FALLS  # their former names
 RATING_DIRECTIONS: Mapping[str, RatingDirection] = MappingProxyType(
     {direction.name: direction for direction in (RISES, FALLS)}
 )
@@ -33,7 +30,7 @@ RATING_DIRECTIONS: Mapping[str, RatingDirection] = MappingProxyType(
 
 
 def direction_named(name: str) -> RatingDirection:
-    """Return a direction by its name, or by its name in earlier versions.
+    """Return a direction by its name.
 
     Raises
     ------
@@ -41,6 +38,6 @@ def direction_named(name: str) -> RatingDirection:
         If there is none of that name.
     """
     for direction in (*RATING_DIRECTIONS.values(), FREE):
-        if name in (direction.name, direction.former):
+        if name == direction.name:
             return direction
     raise InputError(f"direction: {name!r} is not known, expected {' or '.join([*RATING_DIRECTIONS, FREE.name])}")

@@ -13,9 +13,8 @@ from softness_bayes.checking.individual import modulus_laws
 from softness_bayes.data import Compression, Experiment, Fabrics, Ratings
 from softness_bayes.data.columns import GEOMETRIC_SD, LOAD_CV, RESOLUTION
 from softness_bayes.data.forms import AggregatedCells
-from softness_bayes.defaults import ACCURACY
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.error_laws import NORMAL, error_law_named
+from softness_bayes.likelihood.error_laws import NORMAL
 from softness_bayes.likelihood.scales import name_of_scale
 from softness_bayes.model.build import build
 from softness_bayes.model.fabric_moduli import fabric_moduli
@@ -29,11 +28,11 @@ from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS, KPA, FabricModuli
 from softness_bayes.parameters.priors import LogNormal, LogUniform
 from softness_bayes.results.constants import RATERS_OF_CELLS, RATING_AS_FILED
-from softness_bayes.results.lookup import Named
+from softness_bayes.results.request import Request
 from softness_bayes.results.stored import Stored
 from softness_bayes.touch.contact import Load
 from softness_bayes.touch.parameters import TouchParameters
-from softness_bayes.touch.scene import Discretisation, Scene
+from softness_bayes.touch.scene import Scene
 
 Array = NDArray[np.float64]
 
@@ -229,36 +228,12 @@ def _compression_of(result: Stored) -> Compression:
 
 
 def options_of(result: Stored) -> ModelOptions:
-    """Return the options of the model from which a result was sampled."""
-    found, constant = result.provenance, result.group("constant_data")
-    asked = Named(found.asked.options, "option", f"{result.source}: attribute 'options'")
-    taken, priors = found.direction, found.priors
-    decided = {
-        "direction": not taken.direction_asked,
-        "discretisation": asked.get("accuracy") is not None,
-        "errors": bool(asked.get("errors_decided")),
-    }
-    return ModelOptions(
+    """Return the options of the model from which a result was sampled, with all its priors and fixed values."""
+    constant, priors = result.group("constant_data"), result.provenance.priors
+    return replace(
+        Request.of(result).model,
         fix={name: float(constant[name]) for name in EVERY_PARAMETER if name in constant},
         priors={name: priors[name] for name in EVERY_PARAMETER if name in priors},
-        prior_set=found.asked.prior_set,
-        readings=result.readings,
-        direction=taken.direction,
-        scale=result.scale,
-        finger=result.finger,
-        modulus_cv=asked.get("modulus_cv"),
-        load_cv=asked.get("load_cv"),
-        shared_load_cv=asked.get("shared_load_cv"),
-        unknown_modulus=result.provenance.asked.unknown_modulus,
-        individual=tuple(asked.get("individual") or ()),
-        discretisation=Discretisation(**asked["discretisation"]),
-        accuracy=asked.get("accuracy") or ACCURACY,
-        errors=error_law_named(found.rating_model.rating_errors),
-        resolution=asked.get("resolution"),
-        n_categories=asked.get("n_categories"),
-        slider_ends=tuple(asked.get("slider_ends") or (0.0, 1.0)),
-        noise=found.rating_model.noise,
-        decided=frozenset(name for name, so in decided.items() if so),
     )
 
 

@@ -10,8 +10,8 @@ from softness_bayes.data import Compression, Experiment
 from softness_bayes.model.build import ExperimentModel, SkinModel, build, build_skin
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.results.assembly import Listener, Stage, unheard
-from softness_bayes.results.request import RunOptions
 from softness_bayes.results.result import Result
+from softness_bayes.results.run_options import RunOptions
 from softness_bayes.runs.plate import sample_skin_model
 from softness_bayes.runs.run import sample_model
 from softness_bayes.sampler.sampling import Progress

@@ -12,7 +12,7 @@ from softness_bayes.checking.agreement import TYPICAL, HighestRated, explain, fa
 from softness_bayes.checking.check_table import check_table
 from softness_bayes.checking.layout import Layout
 from softness_bayes.checking.sentences import fit_faults, fit_sentence
-from softness_bayes.cli.printed import print_result
+from softness_bayes.cli.summary import print_result
 from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.report import page
 from softness_bayes.report.cards import Standing, cards

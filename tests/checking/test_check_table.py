@@ -27,7 +27,7 @@ def test_the_layout_comes_back(rng):
     np.testing.assert_array_equal(found.load, LAY.load)
     np.testing.assert_allclose(found.modulus, MODULUS)
     assert found.sign == 1
-    assert layout_of(tree(rng, direction="inverse")).sign == -1
+    assert layout_of(tree(rng, direction="falls-with-firing")).sign == -1
 
 
 def test_moduli_that_are_sampled_stand_where_the_ratings_put_them(rng):

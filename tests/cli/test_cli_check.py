@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import importlib
 import os
 import subprocess
 import sys
@@ -9,10 +8,10 @@ from pathlib import Path
 import click
 import pytest
 
-from softness_bayes.cli import VERBS, main
-from softness_bayes.cli.options import model, tables
-from softness_bayes.cli.options import run as run_options
+from softness_bayes.cli import FORMER, VERBS, main
+from softness_bayes.cli.options import flag, force, out, seed, set_values, touches
 from softness_bayes.errors import InputError, SoftnessError
+from softness_bayes.model.options import ModelOptions
 from support.command_line import call, run
 from support.paths import ROOT, SHARED
 
@@ -34,7 +33,7 @@ def test_help_lists_the_verbs_without_importing_them():
     program = (
         "import sys; from softness_bayes.cli import main, VERBS\n"
         "main(['--help'], standalone_mode=False)\n"
-        "heavy = {'numpy', 'pandas', *(f'softness_bayes.cli.{verb}' for verb in VERBS)}\n"
+        "heavy = {'numpy', 'pandas', *(f'softness_bayes.cli.{verb}' for verb in [*VERBS, 'options'])}\n"
         "print([m for m in sys.modules if m in heavy])"
     )
     done = subprocess.run(
@@ -50,7 +49,7 @@ def test_help_lists_the_verbs_without_importing_them():
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_help_of_a_verb_needs_no_heavy_library_and_agrees_with_the_list(verb):
+def test_help_of_a_verb_needs_no_heavy_library_and_explains_every_option(verb):
     heavy = ("numpy", "pandas", "scipy", "xarray", "arviz", "emcee", "matplotlib", "corner")
     program = (
         "import sys; from softness_bayes.cli import main\n"
@@ -65,8 +64,7 @@ def test_help_of_a_verb_needs_no_heavy_library_and_agrees_with_the_list(verb):
         check=True,
     )
     assert done.stdout.splitlines()[-1] == "[]"
-    command = importlib.import_module(f"softness_bayes.cli.{verb}").command
-    assert command.help.partition("\n")[0] == VERBS[verb]
+    command = main.get_command(None, verb)
     for option in command.params:
         if isinstance(option, click.Argument):
             assert option.make_metavar(click.Context(command)) in done.stdout
@@ -201,25 +199,29 @@ def invoke(option, *arguments: str) -> dict:
     return received
 
 
+FIX, PRIOR = flag(ModelOptions, "fix"), flag(ModelOptions, "priors")
+
+
 def test_options_hand_over_values():
-    assert invoke(model.set_values, "--set", "b=80", "--set", "m = 2e0") == {"values": {"b": 80.0, "m": 2.0}}
-    assert invoke(model.fix, "--fix", "b=80") == {"fixed": {"b": 80.0}}
-    assert invoke(run_options.seed, "--seed", "7") == {"seed": 7}
-    assert invoke(run_options.out) == {"out": Path("results")}
-    assert invoke(run_options.force, "--force") == {"force": True}
-    assert invoke(model.prior_set) == {"prior_set": "default"}
-    assert invoke(model.prior) == {"priors": {}}
+    assert invoke(set_values, "--set", "b=80", "--set", "m = 2e0") == {"values": {"b": 80.0, "m": 2.0}}
+    assert invoke(FIX, "--fix", "b=80") == {"fix": {"b": 80.0}}
+    assert invoke(seed, "--seed", "7") == {"seed": 7}
+    assert invoke(out()) == {"out": Path("results")}
+    assert invoke(force, "--force") == {"force": True}
+    assert invoke(flag(ModelOptions, "prior_set")) == {"prior_set": "default"}
+    assert invoke(PRIOR) == {"priors": {}}
 
 
 @pytest.mark.parametrize(
     ("option", "arguments", "problem"),
     [
-        (model.set_values, ["--set", "b"], "expected NAME=VALUE, got 'b'"),
-        (model.set_values, ["--set", "=1"], "expected NAME=VALUE, got '=1'"),
-        (model.set_values, ["--set", "b=high"], "b: expected a finite number, got 'high'"),
-        (model.fix, ["--fix", "b=nan"], "b: expected a finite number, got 'nan'"),
-        (model.fix, ["--fix", "b=1", "--fix", "b=2"], "'b' is given twice"),
-        (run_options.seed, ["--seed", "-1"], "-1 is not in the range x>=0"),
+        (set_values, ["--set", "b"], "expected NAME=VALUE, got 'b'"),
+        (set_values, ["--set", "=1"], "expected NAME=VALUE, got '=1'"),
+        (set_values, ["--set", "b=high"], "b: expected a finite number, got 'high'"),
+        (FIX, ["--fix", "b=nan"], "b: expected a finite number, got 'nan'"),
+        (FIX, ["--fix", "b=1", "--fix", "b=2"], "'b' is given twice"),
+        (seed, ["--seed", "-1"], "-1 is not in the range x>=0"),
+        (PRIOR, ["--prior", "b=cauchy(1)"], "b: "),
     ],
 )
 def test_options_refuse_what_they_cannot_read(option, arguments, problem):
@@ -227,21 +229,21 @@ def test_options_refuse_what_they_cannot_read(option, arguments, problem):
         invoke(option, *arguments)
 
 
-def test_priors_are_values_before_they_reach_a_verb():
-    pytest.importorskip("softness_bayes.parameters.priors")
-    priors = invoke(model.prior, "--prior", "b=lognormal(100,0.5)")["priors"]
-    assert {name: str(prior) for name, prior in priors.items()} == {"b": "lognormal(100,0.5)"}
-    with pytest.raises(click.BadParameter, match="b: "):
-        invoke(model.prior, "--prior", "b=cauchy(1)")
+@pytest.mark.parametrize("former", FORMER)
+def test_a_command_that_was_renamed_names_the_new_one(former):
+    done = call(former, "--data", "x.csv")
+    assert done.returncode == 2
+    assert f"It is now 'softness-bayes {FORMER[former]}'." in done.stderr
+    assert main.get_command(None, FORMER[former].split()[0]) is not None
 
 
 def test_fabrics_and_loads(tmp_path):
     path = tmp_path / "cloth.csv"
     path.write_text(FABRICS.replace("fabric", "id"))
     arguments = ["--fabrics", str(path), "--column", "fabric=id", "--indentation-mm", "2", "--force-n", "1"]
-    touches = invoke(tables.touches, *arguments, "--indentation-mm", "1")["touches"]
-    fabrics, loads = touches.read()
+    asked = invoke(touches(), *arguments, "--indentation-mm", "1")["touches"]
+    fabrics, loads = asked.read()
     assert fabrics.names == ("a", "b", "c")
     assert [str(load) for load in loads] == ["1 mm", "2 mm", "1 N"]
     with pytest.raises(InputError, match="--indentation-mm or --force-n"):
-        invoke(tables.touches, "--fabrics", str(path))["touches"].read()
+        invoke(touches(), "--fabrics", str(path))["touches"].read()

@@ -91,7 +91,7 @@ def test_figure_is_drawn_and_never_over_another_file(told, tmp_path):
 
 
 def test_lines_of_a_design(told):
-    from softness_bayes.cli.design_lines import design_lines
+    from softness_bayes.cli.design import design_lines
 
     design = json.loads(told[0].stdout)["design"]
     lines = design_lines(design | {"not_foreseen": ["nu"]})
@@ -107,7 +107,7 @@ def test_lines_of_a_design(told):
 def test_design_of_forces_alone_is_refused(tmp_path):
     (tmp_path / "plate.csv").write_text("participant,indentation_mm,force_n\nP1,1,0.2\nP1,2,0.9\n", encoding="utf-8")
     done = CliRunner().invoke(main, ["check", "--compression", str(tmp_path / "plate.csv"), "--design"])
-    assert (done.exit_code, "--design and --figure need ratings" in done.stderr) == (2, True)
+    assert (done.exit_code, "--design, --cost and --figure need ratings" in done.stderr) == (2, True)
     told = CliRunner().invoke(main, ["check", "--compression", str(tmp_path / "plate.csv"), "--json"])
     assert json.loads(told.stdout)["forces"]["count"] == 2
 

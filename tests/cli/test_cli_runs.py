@@ -21,8 +21,8 @@ from softness_bayes.checkpoints.status import Status, read_status
 from softness_bayes.cli.resume import _continued
 from softness_bayes.files.lock import Lock
 from softness_bayes.likelihood.magnitude import LogRatings
-from softness_bayes.results.request import RunOptions
 from softness_bayes.results.result import Result
+from softness_bayes.results.run_options import RunOptions
 from softness_bayes.touch import scene
 from support.command_line import FIXED, call, few_ratings, refused
 from support.full_disk import fill_disk
@@ -174,7 +174,7 @@ def test_what_changed_is_named(killed, copied):
 
     refused(asked("priors", {"gamma": "lognormal(2,0.3)"}), "prior of gamma lognormal(1,0.3) (now lognormal(2,0.3))")
     refused(asked("seed", 4), "seed 3 (now 4)")
-    refused(asked("direction", "inverse"), "direction rises-with-firing (now falls-with-firing)")
+    refused(asked("direction", "falls-with-firing"), "direction rises-with-firing (now falls-with-firing)")
     readings = json.loads(kept[manifest])["request"]["options"]["readings"]
     refused(asked("readings", {**readings, "pressure": "hertz"}), "reading of pressure attenuated (now hertz)")
     resolution = json.loads(kept[manifest])["request"]["options"]["discretisation"]

@@ -14,7 +14,7 @@ from support.command_line import call, refused
 @pytest.mark.parametrize(
     ("typed", "begun", "expected"),
     [
-        ((), "read", ["readings"]),
+        ((), "cal", ["calibrate"]),
         (("sample", "--reading"), "pressure=", [f"pressure={name}" for name in ALTERNATIVES["pressure"]]),
         (("sample", "--reading"), "pre", ["pressure="]),
         (("sample", "--readings"), "", [*NAMED_READINGS]),
@@ -24,7 +24,8 @@ from support.command_line import call, refused
         (("sample", "--finger"), "receptor", ["receptor_depth_mm="]),
         (("sample", "--errors"), "st", ["student"]),
         (("plot", "results", "--figures"), "rating", ["rating", "rating_ratio"]),
-        (("readings",), "mem", ["membrane"]),
+        (("list",), "pri", ["priors"]),
+        (("list", "readings"), "mem", ["membrane"]),
     ],
 )
 def test_the_shell_completes_values(typed, begun, expected):
@@ -38,18 +39,18 @@ def test_a_misspelt_command_names_the_nearest():
 
 
 def test_the_lists_come_from_the_tables():
-    said = call("readings").stdout
+    said = call("list", "readings").stdout
     for place, values in ALTERNATIVES.items():
         assert f"{place}:\n" in said
         for name, value in values.items():
             assert value.meaning, (place, name)
             assert value.meaning[:40] in said
-    assert "hertz" in call("readings", "pressure").stdout
-    refused(call("readings", "presure"), "no place 'presure'; expected one of fabric_modulus")
-    said = call("priors").stdout
+    assert "hertz" in call("list", "readings", "pressure").stdout
+    refused(call("list", "readings", "presure"), "no place 'presure'; expected one of fabric_modulus")
+    said = call("list", "priors").stdout
     for name, parameter in EVERY_PARAMETER.items():
         assert f"  {name} " in said
         assert str(parameter.prior) in said
     assert all(law in said for law in LAWS)
-    said = call("figures").stdout
+    said = call("list", "figures").stdout
     assert all(f"  {name} " in said and drawing.shows in said for name, drawing in FIGURES.items())

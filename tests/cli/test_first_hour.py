@@ -8,15 +8,15 @@ import sys
 
 import pytest
 
-from softness_bayes.cli import demo
-from softness_bayes.cli.new import EXAMPLE
+from softness_bayes.cli import start
+from softness_bayes.cli.start import EXAMPLE
 from softness_bayes.data import read_experiment
 from softness_bayes.results.result import Result
 from support.command_line import HELD, call, few_ratings, refused
 from support.paths import ROOT
 from support.report_runs import quickly
 
-BRIEF = {**demo.HELD, **{name: HELD[name] for name in ("b", "sigma_0", "tau")}}
+BRIEF = {**start.HELD, **{name: HELD[name] for name in ("b", "sigma_0", "tau")}}
 
 
 def test_templates_are_read_as_they_are_and_say_that_they_are_examples(tmp_path):
@@ -52,8 +52,8 @@ def test_every_command_of_the_shell_script_is_one(tmp_path):
 
 
 def test_the_demo_goes_from_tables_to_a_report_and_owns_up_to_too_few_steps(tmp_path, few_pictures, monkeypatch):
-    monkeypatch.setattr(demo, "HELD", BRIEF)
-    monkeypatch.setattr(demo, "STEPS", 4)
+    monkeypatch.setattr(start, "HELD", BRIEF)
+    monkeypatch.setattr(start, "STEPS", 4)
     with quickly():
         done = call("demo", "demo", "--processes", "1", cwd=tmp_path)
     assert done.returncode == 3, done.stderr
@@ -61,9 +61,9 @@ def test_the_demo_goes_from_tables_to_a_report_and_owns_up_to_too_few_steps(tmp_
     result = Result.load(tmp_path / "demo" / "results")
     assert result.provenance.ending.steps == 4
     page = (tmp_path / "demo" / "results" / "report.html").read_text(encoding="utf-8")
-    assert demo.TITLE in page
+    assert start.TITLE in page
     assert "Not converged" in page
-    assert done.stdout.startswith(demo.TITLE)
+    assert done.stdout.startswith(start.TITLE)
     assert "this was an EXAMPLE" in done.stdout
     assert "$ softness-bayes sample --data demo/ratings.csv" in done.stdout
     refused(call("demo", "demo", cwd=tmp_path), "results exists")
@@ -92,12 +92,12 @@ BEGINNERS = {
     ("check", "--data", "nope.csv"): "softness-bayes check --data ratings.csv",
     ("sample", "--data", "bare.csv"): ("softness-bayes sample --data bare.csv --fabrics cloth.csv --indentation-mm 2"),
     ("sample", "--data", "ratings.csv", "--out", "full"): "softness-bayes sample --data ratings.csv --out full-2",
-    ("sample", "--data", "ratings.csv", "--prior", "b=80"): "softness-bayes priors",
-    ("sample", "--data", "ratings.csv", "--reading", "presure=hertz"): "softness-bayes readings",
+    ("sample", "--data", "ratings.csv", "--prior", "b=80"): "softness-bayes list priors",
+    ("sample", "--data", "ratings.csv", "--reading", "presure=hertz"): "softness-bayes list readings",
     ("report",): "softness-bayes sample --data ratings.csv --out results",
     ("report", "nowhere"): "softness-bayes sample --data ratings.csv --out nowhere",
     ("plot", "full"): "softness-bayes sample --data ratings.csv --out full-2",
-    ("plot", "full", "--figures", "ratng"): "softness-bayes figures",
+    ("plot", "full", "--figures", "ratng"): "softness-bayes list figures",
     ("resume", "full"): "softness-bayes sample --data ratings.csv --out full-2",
     ("status", "full"): "softness-bayes sample --data ratings.csv --out full-2",
     ("predict",): "softness-bayes sample --data ratings.csv --out results",

@@ -33,7 +33,7 @@ NASTY = (
 NAMES = (*EVERY_PARAMETER, "q", "B", "b ", "σ", "c_na", "", ",", ";", "load")
 DATA = ("--data", str(ROOT / "data" / "ratings.csv"))
 PREDICT = ("predict", "--fabrics", str(ROOT / "data" / "fabrics.csv"), "--accuracy", "0.01", "--force-n", "1")
-VERBS = {"--set": (PREDICT,), "--fix": (("check", *DATA), ("plan", *DATA, "--accuracy", "0.01"))}
+VERBS = {"--set": (PREDICT,), "--fix": (("check", *DATA), ("check", "--cost", *DATA, "--accuracy", "0.01"))}
 REFUSED, NO_NUMBERS = 2, 4
 
 

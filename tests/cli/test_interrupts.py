@@ -207,17 +207,14 @@ def test_calibrate_ends_at_once_and_says_how_to_go_on(tmp_path):
 RATED = ["--data", "ratings.csv"]
 CLOTH = ["--fabrics", DATA / "fabrics.csv", "--indentation-mm", "2"]
 ALL_VERBS = {
-    "check": ["--design", *RATED],
-    "plan": RATED,
+    "check": ["--design", "--cost", *RATED],
     "sample": [*RATED, "--out", "out", *SAMPLE],
     "resume": ["run", "--more-steps", "200"],
     "status": ["run"],
     "plot": ["run", "--out", "figures"],
     "simulate": [*CLOTH, "--out", "simulated"],
     "report": ["run", "--out", "page.html"],
-    "readings": [],
-    "priors": [],
-    "figures": [],
+    "list": ["readings"],
     "compare": ["run", "run-2", "--out", "compared"],
     "predict": ["--posterior", "run", *CLOTH],
     "rank": ["run", "--out", "ranked"],
@@ -484,7 +481,7 @@ def test_verbs_whose_result_is_printed_are_known():
     """Of a new verb this must be decided: what it prints may be all that it does."""
     printing = {verb for verb in VERBS if _prints([verb])}
     files = {"demo", "new", "sample", "resume", "plot", "simulate", "report", "compare", "rank"}
-    assert printing == {"check", "plan", "status", "readings", "priors", "figures", "predict", "target"}
+    assert printing == {"check", "status", "list", "predict", "target"}
     assert {*VERBS} - printing == files | {"claims", "bench", "study", "calibrate", "explore"}
     assert not _prints(["predict", "--posterior", "results", "--out=table.csv"])
     assert _prints(["sample", "--help"])

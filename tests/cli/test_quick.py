@@ -14,8 +14,8 @@ from softness_bayes.plotting.figures import FIGURES
 from softness_bayes.report.conclusion import conclude, facts_of
 from softness_bayes.report.page import report_page
 from softness_bayes.report.repeat import repetition
-from softness_bayes.results.request import RunOptions
 from softness_bayes.results.result import Result
+from softness_bayes.results.run_options import RunOptions
 from softness_bayes.runs.drawing import FIRST_FIGURES
 from softness_bayes.sampler.sampling import FIRST_LOOK
 from support.command_line import FIXED, call, few_ratings, refused

@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from softness_bayes.cli import main
-from softness_bayes.cli.terminal import visible
+from softness_bayes.cli.streams import visible
 from softness_bayes.data import Fabrics, Ratings, read_experiment
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import MAGNITUDE

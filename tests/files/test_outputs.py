@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import contextlib
 import errno
-import importlib
 import json
 import os
 import re
@@ -17,9 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from softness_bayes.cli import VERBS
-from softness_bayes.cli.options.tables import DataFiles
-from softness_bayes.cli.running import record_of, recorded_files
+from softness_bayes.cli import VERBS, main
 from softness_bayes.errors import InputError
 from softness_bayes.files import whole
 from softness_bayes.files.command_line import endings, portable
@@ -28,6 +25,7 @@ from softness_bayes.files.outputs import require_outputs, survey, write_outputs
 from softness_bayes.files.run_files import FILES
 from softness_bayes.files.whole import write_whole
 from softness_bayes.results.result import Result
+from softness_bayes.results.run_options import DataFiles
 from support.command_line import TOUCH, call, refused
 from support.full_disk import fill_disk
 from support.modules import MODULES
@@ -79,14 +77,13 @@ WRITERS = {
     "plot": (["RUN", "--figures", "prior", "--format", "png"], False, ["prior.png"]),
     "report": (["RUN"], True, ["report.html"]),
 }
-WITHOUT = {"check", "plan", "status", "resume", "readings", "priors", "figures", "new", "demo", "explore"}
+WITHOUT = {"check", "status", "resume", "list", "new", "demo", "explore"}
 """Verbs that write nothing, or one figure (`check`); `resume`, which has no --out; `new` and `demo`, which replace
 nothing (test_first_hour)."""
 
 
 def options(verb):
-    command = importlib.import_module(f"softness_bayes.cli.{verb}").command
-    return {parameter.name for parameter in command.params}
+    return {parameter.name for parameter in main.get_command(None, verb).params}
 
 
 def test_every_verb_that_writes_has_a_row():
@@ -409,14 +406,14 @@ def test_paths_are_kept_from_the_run_on(tmp_path):
     (tmp_path / "store" / "v3.csv").write_text("table")
     (tmp_path / "study" / "ratings.csv").symlink_to(tmp_path / "store" / "v3.csv")
     (tmp_path / "study" / "out").symlink_to(tmp_path / "store")
-    files = DataFiles(tmp_path / "study" / "ratings.csv", None, {}, None, None, None)
+    files = DataFiles(tmp_path / "study" / "ratings.csv")
     for out in (tmp_path / "study" / "run", tmp_path / "study" / "out"):
-        record = record_of(files, out)
+        record = files.record_in(out)
         assert not os.path.isabs(record["data"])
-        assert recorded_files(json.loads(json.dumps(record)), out) == files
-    record = record_of(files, tmp_path / "study" / "run")
+        assert DataFiles.recorded_in(out, json.loads(json.dumps(record))) == files
+    record = files.record_in(tmp_path / "study" / "run")
     (tmp_path / "study").rename(tmp_path / "moved")
-    assert recorded_files(record, tmp_path / "moved" / "run").data == tmp_path / "moved" / "ratings.csv"
+    assert DataFiles.recorded_in(tmp_path / "moved" / "run", record).data == tmp_path / "moved" / "ratings.csv"
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from scipy.stats import kstest, multivariate_normal, norm
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.directions import INVERSE, RATING_DIRECTIONS, SOFTNESS
+from softness_bayes.likelihood.directions import FALLS, RATING_DIRECTIONS, RISES
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel, RatingParameters
 
 DEFAULT = RatingModel()
@@ -134,7 +134,7 @@ def test_direction_changes_the_sign_of_the_exponent():
     _, design, _ = lab(rng)
     rate = np.geomspace(1, 100, design.n_conditions)
     point = RatingParameters(1.0, 0.3, 0.1)
-    for direction, other in ((SOFTNESS, INVERSE), (INVERSE, SOFTNESS)):
+    for direction, other in ((RISES, FALLS), (FALLS, RISES)):
         model = RatingModel(direction)
         effects = model.draw_effects(rng, point, (), design.n_participants, design.n_fabrics)
         ratings = model.draw_ratings(rng, design, model.drive(design, rate, point), point, effects)

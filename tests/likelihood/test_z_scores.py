@@ -15,7 +15,7 @@ from scipy.stats import halfnorm, kstest, multivariate_normal, norm
 from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.directions import INVERSE, RATING_DIRECTIONS, SOFTNESS
+from softness_bayes.likelihood.directions import FALLS, RATING_DIRECTIONS, RISES
 from softness_bayes.likelihood.magnitude import RatingParameters
 from softness_bayes.likelihood.models import rating_model
 from softness_bayes.likelihood.scales import (
@@ -34,7 +34,6 @@ from softness_bayes.model.posterior import LEAST_FIRING
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.plotting import FIGURES, USUAL, observed_ratings
-from softness_bayes.results import request
 from softness_bayes.runs.run import sample
 from softness_bayes.sampler.sampling import Settings, sample_until
 from softness_bayes.sampler.workers import Workers
@@ -140,7 +139,7 @@ def test_ratings_without_some_of_them(rng):
 def test_a_batch_is_its_points_one_by_one(rng):
     ratings, design, _ = lab(rng)
     rates, varsigma = rng.gamma(1, 10, (30, 6)), rng.uniform(0.1, 2, 30)
-    observed = StandardisedRatings(ratings, design, StandardisedModel(INVERSE))
+    observed = StandardisedRatings(ratings, design, StandardisedModel(FALLS))
     batch = observed.log_likelihood(rates, error(varsigma))
     alone = observed.log_likelihood_loo(rates, error(varsigma))
     assert batch.shape == (30,)
@@ -229,7 +228,7 @@ def values():
     return usual_values(MENDED, given={"sigma_0": 7.0, "varsigma": 0.4})
 
 
-def simulated(values, direction=SOFTNESS, **options):
+def simulated(values, direction=RISES, **options):
     rng = np.random.default_rng(5)
     made = simulate_ratings(rng, CLOTH, LOADS, values, direction=direction, scale=STANDARDISED, **options)
     return made, Experiment(made.ratings, CLOTH, ())
@@ -295,7 +294,7 @@ def test_names_of_scales_and_what_suits_them(values):
 
 
 # each scale with one direction, and those with a closed form, which are fast, with the other one too
-MADE_FROM = [*((scale, INVERSE) for scale in RATING_SCALES.values()), (MAGNITUDE, SOFTNESS), (STANDARDISED, SOFTNESS)]
+MADE_FROM = [*((scale, FALLS) for scale in RATING_SCALES.values()), (MAGNITUDE, RISES), (STANDARDISED, RISES)]
 
 
 @pytest.mark.parametrize(
@@ -303,14 +302,16 @@ MADE_FROM = [*((scale, INVERSE) for scale in RATING_SCALES.values()), (MAGNITUDE
     # most other tests of runs are of magnitude estimates that rise with the response
     # and runs on categories, which take longest, are also among those of the other scales
     [
-        pytest.param(*made, marks=[pytest.mark.slow] * (made in ((MAGNITUDE, SOFTNESS), (CATEGORIES, INVERSE))))
+        pytest.param(*made, marks=[pytest.mark.slow] * (made in ((MAGNITUDE, RISES), (CATEGORIES, FALLS))))
         for made in MADE_FROM
     ],
     ids=[f"{s.name}-{d.name}" for s, d in MADE_FROM],
 )
 def test_a_run_says_what_its_ratings_were_made_from(values, monkeypatch, scale, direction):
     """Parameters, replicates and the curve of a typical rating are those of the table."""
-    monkeypatch.setattr(request, "Settings", functools.partial(Settings, pilot=(15,), optima=1, ensembles=2))
+    monkeypatch.setattr(
+        "softness_bayes.sampler.sampling.Settings", functools.partial(Settings, pilot=(15,), optima=1, ensembles=2)
+    )
     given = values | {"sigma_0": 6.0, "alpha": 21.5, "gamma": 0.9, "tau": 0.3}
     rng = np.random.default_rng(6)
     ratings = simulate_ratings(rng, CLOTH, LOADS[1:], given, participants=10, direction=direction, scale=scale).ratings
@@ -400,7 +401,7 @@ class Upside(StandardisedRatings):
     """Negative control: the line is taken to run the other way."""
 
     def log_likelihood(self, *arguments):
-        other = StandardisedModel(INVERSE)
+        other = StandardisedModel(FALLS)
         return StandardisedRatings(self.values, self.design, other).log_likelihood(*arguments)
 
 

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.directions import INVERSE
+from softness_bayes.likelihood.directions import FALLS
 from softness_bayes.model import simulation as study
 from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
 from softness_bayes.model.simulation import simulate_ratings
@@ -92,7 +92,7 @@ def test_parameters_reach_the_scene_in_si():
 # simulated ratings
 
 
-@pytest.mark.parametrize(("direction", "sign"), [({}, 1), ({"direction": INVERSE}, -1)], ids=["softness", "inverse"])
+@pytest.mark.parametrize(("direction", "sign"), [({}, 1), ({"direction": FALLS}, -1)], ids=["softness", "inverse"])
 def test_moments_of_simulated_ratings(values, direction, sign):
     n, mu = 4000, 2.5
     simulation = simulate(1, values, participants=n, mu=mu, **direction)

@@ -11,7 +11,7 @@ from scipy import integrate
 from scipy.stats import kstest, norm
 
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.directions import INVERSE
+from softness_bayes.likelihood.directions import FALLS
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.parameters.choice import parameter_space
@@ -59,7 +59,7 @@ def test_one_free_parameter_equals_quadrature():
     moved = marginal(grid + draws.std() / 6, np.exp(density - density.max()))
     assert kstest(draws, moved).pvalue < 1e-3
     y = posterior.observation
-    other = posterior.with_term(LogRatings(y.values, y.design, RatingModel(INVERSE)))
+    other = posterior.with_term(LogRatings(y.values, y.design, RatingModel(FALLS)))
     density = log_density(other, grid[:, None])
     assert kstest(draws, marginal(grid, np.exp(density - density.max()))).pvalue < 1e-3
 

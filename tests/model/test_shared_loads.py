@@ -148,4 +148,4 @@ def test_the_record_keeps_it():
     asked = options(shared_load_cv=0.03)
     assert ModelOptions.from_record(asked.record()).shared_load_cv == 0.03
     assert asked.choices()["shared_load_cv"] == "0.03"
-    assert "shared_load_cv" not in options().record()
+    assert "shared_load_cv" not in options().choices()

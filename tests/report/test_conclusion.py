@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from softness_bayes.checking.agreement import HighestRated
-from softness_bayes.cli.printed import print_result
+from softness_bayes.cli.summary import print_result
 from softness_bayes.report.conclusion import Facts, Skin, Turn, conclude, facts_of
 from support.report_runs import converged
 

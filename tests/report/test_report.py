@@ -21,10 +21,9 @@ from numpy.testing import assert_allclose
 from softness_bayes.checking.sentences import exactness_sentence
 from softness_bayes.checking.turning_check import turns_reproduced
 from softness_bayes.cli import main, sample
-from softness_bayes.cli.options.tables import DataFiles
 from softness_bayes.errors import InputError
 from softness_bayes.files.spreadsheet import table_of
-from softness_bayes.likelihood.directions import INVERSE
+from softness_bayes.likelihood.directions import FALLS
 from softness_bayes.parameters.priors import LogNormal
 from softness_bayes.plotting.figures import figures_of
 from softness_bayes.readable import chance, number
@@ -37,6 +36,7 @@ from softness_bayes.report.repeat import repetition
 from softness_bayes.report.tables import MOST_FABRICS
 from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
+from softness_bayes.results.run_options import DataFiles
 from softness_bayes.touch.readings import CLASSICAL
 from support.report_runs import EVIL, OPTIONS, PERSON, RUNS, TYPED, converged
 
@@ -360,7 +360,7 @@ def repeated(command, monkeypatch, directory):
         sample, "run", lambda checkpoint, files, data, request, figures: caught.append((files, request))
     )
     # there are no data to look at
-    monkeypatch.setattr("softness_bayes.cli.options.tables.DataFiles.read", lambda files: None)
+    monkeypatch.setattr(DataFiles, "read", lambda files: None)
     monkeypatch.setattr(sample, "_evaluated", lambda data, options: False)
     monkeypatch.chdir(directory)
     program, *words = shlex.split(command)
@@ -376,7 +376,7 @@ ASKED = {
         priors={"m": LogNormal(2.5, 0.2)},
         prior_set="in-vivo",
         readings=CLASSICAL.override({"pressure": "attenuated"}),
-        direction=INVERSE,
+        direction=FALLS,
         noise=0.25,
         exact_reweight=True,
         max_steps=123,
@@ -422,7 +422,7 @@ def test_every_option_of_the_files_is_repeated(made, monkeypatch, tmp_path):
     (command,) = repetition(replace(result, tree=tree)).commands
     files, _ = repeated(command, monkeypatch, tmp_path)
     assert files == repeated(f"{typed} --max-steps 40", monkeypatch, tmp_path)[0]
-    empty = DataFiles(None, None, {}, None, None, None)
+    empty = DataFiles()
     assert all(getattr(files, one.name) != getattr(empty, one.name) for one in fields(DataFiles))
 
 

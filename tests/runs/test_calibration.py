@@ -36,7 +36,7 @@ from softness_bayes.cli import main
 from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError, LockedError
 from softness_bayes.files.lock import Lock
-from softness_bayes.likelihood.directions import INVERSE
+from softness_bayes.likelihood.directions import FALLS
 from softness_bayes.likelihood.error_laws import STUDENT
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.scales import RATING_SCALES, SLIDER
@@ -44,7 +44,8 @@ from softness_bayes.model import understanding
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.plotting.calibration import rank_ecdf_figure
-from softness_bayes.results.request import Request, RunOptions
+from softness_bayes.results.request import Request
+from softness_bayes.results.run_options import RunOptions
 from softness_bayes.runs.calibrate import RANKED, calibrate, finished
 from softness_bayes.runs.calibrated import LONG, Calibrated
 from softness_bayes.runs.calibration_scene import CalibrationScene
@@ -279,7 +280,7 @@ def narrowed(observation):
 
 
 def wrong_sign(observation):
-    return LogRatings(observation.values, observation.design, RatingModel(INVERSE))
+    return LogRatings(observation.values, observation.design, RatingModel(FALLS))
 
 
 def fits(assume, count, processes=1):

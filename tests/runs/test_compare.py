@@ -17,7 +17,7 @@ from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.defaults import LEFT_OUT
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.directions import INVERSE
+from softness_bayes.likelihood.directions import FALLS
 from softness_bayes.likelihood.error_laws import ERROR_LAWS
 from softness_bayes.likelihood.group_conditionals import block_log_likelihood
 from softness_bayes.likelihood.magnitude import LogRatings, RatingParameters
@@ -29,7 +29,6 @@ from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulated_forces import simulate_compression
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.parameters.priors import HalfNormal
-from softness_bayes.results import request
 from softness_bayes.results.fitted import differences, experiment_of, options_of
 from softness_bayes.results.result import Result
 from softness_bayes.runs.comparison import clustered_error, compare, stacking_weights
@@ -59,7 +58,9 @@ BRIEF = Settings(ensembles=2, max_steps=60, processes=1, pilot=(20,), optima=1, 
 def quickly():
     """Learn little in the pilot walk, and run two ensembles."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(request, "Settings", functools.partial(Settings, pilot=(15,), optima=1, ensembles=2))
+        patch.setattr(
+            "softness_bayes.sampler.sampling.Settings", functools.partial(Settings, pilot=(15,), optima=1, ensembles=2)
+        )
         yield
 
 
@@ -165,7 +166,7 @@ def results(experiment):
     return {
         "right": sample(experiment, **options),
         "as good": sample(experiment, **options | {"fix": HELD | {"b": 100.5}}),
-        "upside down": sample(experiment, **options | {"direction": INVERSE}),
+        "upside down": sample(experiment, **options | {"direction": FALLS}),
     }
 
 

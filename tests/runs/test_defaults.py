@@ -1,55 +1,106 @@
 """One set of defaults: the command line's options are those of the dataclasses, and both faces draw the same."""
 
 import json
+from pathlib import Path
 
+import click
 import pytest
 from click.testing import CliRunner
 
 from softness_bayes import read_experiment, sample
 from softness_bayes.cli import main
-from softness_bayes.cli.calibrate import command as calibrate_verb
-from softness_bayes.cli.plan import command as plan_verb
-from softness_bayes.cli.sample import command as sample_verb
-from softness_bayes.likelihood.scales import MAGNITUDE
+from softness_bayes.cli.options import collected, flagged
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.directions import FALLS
+from softness_bayes.likelihood.error_laws import LAPSES
+from softness_bayes.likelihood.scales import SLIDER
 from softness_bayes.model import build as building
+from softness_bayes.model.fingers import finger_of
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.parameters.fabric_moduli import UNKNOWN_MODULUS
-from softness_bayes.results.request import Request, RunOptions
+from softness_bayes.parameters.priors import LogNormal
+from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
-from softness_bayes.touch.contact import Finger
+from softness_bayes.results.run_options import DataFiles, RunOptions
+from softness_bayes.touch.readings import CLASSICAL
 from softness_bayes.touch.scene import Discretisation
 from support.command_line import HELD, few_ratings
 from support.report_runs import quickly
 
-IN_WORDS = {
-    "direction": ("auto", None),
-    "errors": ("auto", None),
-    "scale": ("magnitude", MAGNITUDE),
-    "finger": ({}, Finger()),
-    "unknown_modulus": (None, UNKNOWN_MODULUS),
+EVERY = (ModelOptions, RunOptions, DataFiles)
+
+OTHERS: dict[str, object] = {
+    "fix": {"m": 2.0},
+    "priors": {"b": LogNormal(100.0, 0.5)},
+    "prior_set": "in-vivo",
+    "readings": CLASSICAL.override({"membrane": "printed"}),
+    "direction": FALLS,
+    "finger": finger_of({"receptor_depth_mm": 0.6, "radius_mm": 7.0}),
+    "modulus_cv": 0.15,
+    "unknown_modulus": LogNormal(50.0, 1.0),
+    "load_cv": 0.05,
+    "shared_load_cv": 1 / 30,
+    "individual": ("b", "sigma_0"),
+    "errors": LAPSES,
+    "resolution": 0.5,
+    "slider_ends": (0.0, 100.0),
+    "n_categories": 7,
+    "accuracy": 2e-4,
+    "scale": SLIDER,
+    "noise": 0.25,
+    "exact_reweight": True,
+    "max_steps": 123,
+    "quick": True,
+    "max_seconds": 90.0,
+    "processes": 3,
+    "seed": 99,
+    "data": Path("r.csv"),
+    "compression": Path("c.csv"),
+    "fabrics": Path("f.csv"),
+    "columns": {"rating": "softness"},
+    "decimal": {"ratings": ",", "fabrics": "."},
+    "indentation_mm": 2.0,
+    "force_n": 1.5,
+    "round_load": 0.05,
+    "drop_zeros": True,
+    "wide": True,
 }
-"""Defaults that a word, or none, stands for at the command line, and what they are in Python."""
+"""For every option that the command line has, a value that is not its default."""
 
-NAMES = {"fixed": "fix", "max_time": "max_seconds"}
-"""Options whose name is another in Python."""
-
-
-def faces(verb):
-    """Return the defaults of a verb's options that have a counterpart in Python, both of them by name."""
-    typed, here = verb.make_context(verb.name, []).params, Request()
-    names = {NAMES.get(name, name): value for name, value in typed.items()}
-    return {name: (value, getattr(part, name)) for name, value in names.items() for part in here if hasattr(part, name)}
+FLAGGED = [(kind, name) for kind in EVERY for name, one in kind.declared.items() if one.flag]
 
 
-def test_defaults_of_the_command_line_are_those_of_python():
-    found = faces(sample_verb)
-    assert {"accuracy", "noise", "max_steps", "seed", "prior_set", "processes", "exact_reweight", "fix"} <= found.keys()
-    for name, (typed, python) in found.items():
-        assert (typed, python) == IN_WORDS.get(name, (python, python)), name
-    for verb in (plan_verb, calibrate_verb):
-        for name in ("accuracy", "prior_set", "fix"):
-            typed, python = faces(verb)[name]
-            assert typed == python
+def typed(kind, *words):
+    """Return the options of a class that a command with these words receives."""
+    received = []
+    command = click.command()(collected("it", kind, *flagged(kind))(lambda it: received.append(it)))
+    command.main([*words], standalone_mode=False)
+    return received[0]
+
+
+@pytest.mark.parametrize("kind", EVERY)
+def test_a_command_without_options_has_the_defaults_of_python(kind):
+    assert typed(kind) == kind()
+    assert OTHERS.keys() == {name for _, name in FLAGGED}
+
+
+@pytest.mark.parametrize(("kind", "name"), FLAGGED, ids=[name for _, name in FLAGGED])
+def test_an_option_is_the_same_in_python_on_the_command_line_and_in_a_record(kind, name):
+    """What is written is read back, so that the command which repeats a run is that of the run."""
+    options = kind(**{name: OTHERS[name]})
+    assert options != kind()
+    assert typed(kind, *options.words()) == options
+    assert kind.from_record(json.loads(json.dumps(options.record()))) == options
+    assert options.changed().keys() == {name}
+    assert name in kind.__doc__
+
+
+@pytest.mark.parametrize("kind", EVERY)
+def test_a_record_that_lacks_an_option_or_has_an_unknown_one_is_refused(kind):
+    record = kind().record()
+    first = next(iter(record))
+    for wrong in (record | {"colour": 1}, {name: value for name, value in record.items() if name != first}):
+        with pytest.raises(InputError, match="options of a run that this version cannot read"):
+            kind.from_record(wrong)
 
 
 def drawn(directory, seed):
@@ -104,25 +155,3 @@ def test_an_unknown_option_is_refused():
 def test_single_options_go_where_they_belong():
     asked = Request(ModelOptions(noise=1.0), RunOptions(seed=2)).with_options(fix={"m": 2.0}, max_steps=5)
     assert asked == (ModelOptions(noise=1.0, fix={"m": 2.0}), RunOptions(seed=2, max_steps=5))
-
-
-BEFORE = """{"fix": {"m": 2.0}, "priors": {"b": "lognormal(100,0.5)"}, "readings": {"fabric_modulus": "printed",
-"skin_displacement": "printed", "pressure": "attenuated", "stress_kernel": "line", "stress_component": "vertical",
-"membrane": "connor-stevens", "receptor_density": "consistent"}, "direction": "rises-with-firing",
-"scale": "magnitude", "discretisation": {"nodes": 8, "saturation": 9.0, "field_tolerance": 0.0001, "rate_nodes": 18},
-"direction_decided": true, "prior_set": "default", "accuracy": 0.001, "noise": 0.0,
-"exact_reweight": false, "max_steps": 60, "max_seconds": Infinity, "min_steps": 0, "processes": null, "seed": 4,
-"command": "softness-bayes sample"}"""
-"""What a run recorded before the options of model and run were told apart."""
-
-
-def test_records_of_earlier_runs_read_and_come_out_as_they_were():
-    record = json.loads(BEFORE)
-    model, run = Request.from_record(record)
-    assert model.discretisation == Discretisation(8, 9.0, 1e-4, 18)
-    assert (model.kept_accuracy, model.decided) == (1e-3, {"direction", "discretisation"})
-    assert (run.seed, run.max_steps, run.command) == (4, 60, "softness-bayes sample")
-    assert json.loads(json.dumps(Request(model, run).record())) == record
-    given = Request.from_record({**record, "accuracy": None, "direction": None, "direction_decided": False})
-    assert given.model.kept_accuracy is None
-    assert given.record() == {**record, "accuracy": None, "direction": None, "direction_decided": False}

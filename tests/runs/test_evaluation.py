@@ -9,7 +9,7 @@ from softness_bayes.data import Compression, read_experiment
 from softness_bayes.errors import InputError
 from softness_bayes.model.build import build, build_skin
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.results.request import RunOptions
+from softness_bayes.results.run_options import RunOptions
 from softness_bayes.runs.evaluation import evaluate
 from softness_bayes.runs.plate import sample_skin
 from softness_bayes.runs.run import sample

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from softness_bayes.checking import inflection
-from softness_bayes.cli.printed import print_result
+from softness_bayes.cli.summary import print_result
 from softness_bayes.data import Experiment
 from softness_bayes.data.ratings import Ratings
 from softness_bayes.files.run_files import MODULUS_ERRORS

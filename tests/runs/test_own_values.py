@@ -223,9 +223,9 @@ def test_entry_points_of_installed_packages_have_short_names(monkeypatch):
     # results name the value itself, which stays when the package names it anew
     assert Readings(pressure=MILD).names["pressure"] == f"{OWN}:MILD"
     assert str(parse_prior("gamma(4,0.05)")) == f"{OWN}:Gamma(4,0.05)"
-    assert "mild" in call("readings", "pressure").stdout
-    assert "skin" in call("figures").stdout
-    assert "gamma" in call("priors").stdout
+    assert "mild" in call("list", "readings", "pressure").stdout
+    assert "skin" in call("list", "figures").stdout
+    assert "gamma" in call("list", "priors").stdout
 
 
 @pytest.fixture
@@ -251,7 +251,7 @@ def test_a_membrane_of_an_installed_package_passes_through_every_verb(own_packag
     few_ratings(tmp_path)
     (tmp_path / "fabrics.csv").write_text("fabric,effective_modulus_kpa\nfelt,300\n")
     touch = ["--fabrics", "fabrics.csv", "--force-n", "1"]
-    assert "leaks:LEAKY" in call("readings", "membrane").stdout
+    assert "leaks:LEAKY" in call("list", "readings", "membrane").stdout
     with quickly():
         for out, given in (("own", ["--reading", "membrane=leaky"]), ("plain", [])):
             done = call("sample", "--data", "ratings.csv", "--out", out, *given, *FIXED, *QUICK, cwd=tmp_path)

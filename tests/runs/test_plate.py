@@ -21,9 +21,8 @@ from softness_bayes.model.simulated_forces import simulate_compression
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.parameters.priors import LogNormal
 from softness_bayes.plotting import FIGURES, USUAL, figures_of
-from softness_bayes.results import request
-from softness_bayes.results.request import RunOptions
 from softness_bayes.results.result import Result
+from softness_bayes.results.run_options import RunOptions
 from softness_bayes.runs.plate import WIDE, sample_skin
 from softness_bayes.runs.run import sample
 from softness_bayes.sampler.sampling import Settings
@@ -42,7 +41,10 @@ SAMPLED = ("b", "m", "tau_b", "tau_m", "varsigma_f")
 def quickly():
     """Learn little in the pilot walk, and run two ensembles."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(request, "Settings", functools.partial(Settings, pilot=(60, 60), optima=1, ensembles=2))
+        patch.setattr(
+            "softness_bayes.sampler.sampling.Settings",
+            functools.partial(Settings, pilot=(60, 60), optima=1, ensembles=2),
+        )
         yield
 
 
@@ -336,7 +338,7 @@ def test_check_says_what_was_understood():
     [
         ([], "no data: give ratings with --data"),
         (["--compression", "nowhere.csv"], "nowhere.csv"),
-        (["--compression", DATA / "compression.csv", "--direction", "inverse"], "need ratings"),
+        (["--compression", DATA / "compression.csv", "--direction", "falls-with-firing"], "--direction needs ratings"),
         (["--compression", DATA / "compression.csv", "--force-n", "1"], "need ratings"),
         (
             ["--compression", DATA / "compression.csv", "--fix", "alpha=20"],

@@ -10,10 +10,10 @@ import pytest
 
 from softness_bayes.checking.calibration import DRAWS, Calibration
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.directions import INVERSE
+from softness_bayes.likelihood.directions import FALLS
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.parameters.declared import PARAMETERS
-from softness_bayes.results.request import RunOptions
+from softness_bayes.results.run_options import RunOptions
 from softness_bayes.runs import replicate as replicates
 from softness_bayes.runs.calibrate import _like, calibrate_like, finished_like
 from softness_bayes.runs.calibration_files import MANIFEST
@@ -67,7 +67,7 @@ def test_mistakes_are_seen(rng, mistake):
 
 
 def wrong_sign(observation):
-    return LogRatings(observation.values, observation.design, RatingModel(INVERSE))
+    return LogRatings(observation.values, observation.design, RatingModel(FALLS))
 
 
 class Powered(LogRatings):

@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from softness_bayes.data import Experiment, Fabrics
-from softness_bayes.likelihood.directions import INVERSE
+from softness_bayes.likelihood.directions import FALLS
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
@@ -49,7 +49,7 @@ def overweighted(right: LogRatings) -> LogRatings:
 
 def wrong_sign(right: LogRatings) -> LogRatings:
     """Negative control: ratings that fall with the response."""
-    return LogRatings(right.values, right.design, RatingModel(INVERSE))
+    return LogRatings(right.values, right.design, RatingModel(FALLS))
 
 
 def unchanged(right: LogRatings) -> LogRatings:

@@ -17,7 +17,7 @@ from softness_bayes.model import scenes
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulated_forces import simulate_compression
 from softness_bayes.model.simulation import simulate_ratings
-from softness_bayes.results import draws, exact, pictures, predictions, request
+from softness_bayes.results import draws, exact, pictures, predictions
 from softness_bayes.results.result import Result
 from softness_bayes.runs import plate
 from softness_bayes.runs.plate import sample_skin
@@ -53,7 +53,9 @@ def quickly() -> Iterator[None]:
         np.array(18.0), np.array(0.0), np.array([14.0, 4.0, -0.8, 0.3]), 60.0, CurveError(0.01, 1e-5, 1e-4)
     )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(request, "Settings", functools.partial(Settings, pilot=(8,), optima=1, ensembles=2))
+        patch.setattr(
+            "softness_bayes.sampler.sampling.Settings", functools.partial(Settings, pilot=(8,), optima=1, ensembles=2)
+        )
         patch.setattr(fixed_channels, "known_curve", lambda *_: curve)
         patch.setattr(fixed_channels, "averaged_curve", lambda *_: curve)
         patch.setattr(pictures, "spike_times", lambda *_: np.array([12.0, 30.0, 48.0]))

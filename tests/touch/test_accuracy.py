@@ -167,7 +167,7 @@ def test_where_a_bound_on_every_rate_is_too_much_two_curves_are_compared(scenes)
 
 def test_plan_prints_stages_errors_cost_and_the_ladder():
     held = [part for name, value in HELD.items() for part in ("--fix", f"{name}={value}")]
-    done = call("plan", "--data", RATINGS, "--accuracy", "1e-2", *held)
+    done = call("check", "--cost", "--data", RATINGS, "--accuracy", "1e-2", *held)
     assert done.returncode == 0, done.stderr
     for said in ("stress field", "population", "firing rates", "sum", "µs for each parameter vector", "left out:"):
         assert said in done.stdout
@@ -176,6 +176,8 @@ def test_plan_prints_stages_errors_cost_and_the_ladder():
 
 
 def test_plan_refuses_what_is_out_of_reach_or_range():
-    refused(call("plan", "--data", RATINGS, "--accuracy", "1e-5"), "accuracy 1e-05 cannot be reached", "fix c_Na")
-    assert call("plan", "--data", RATINGS, "--accuracy", "0.5").returncode == 2
-    refused(call("plan", "--compression", RATINGS.parent / "compression.csv"), "give --data")
+    refused(
+        call("check", "--cost", "--data", RATINGS, "--accuracy", "1e-5"), "accuracy 1e-05 cannot be reached", "fix c_Na"
+    )
+    assert call("check", "--cost", "--data", RATINGS, "--accuracy", "0.5").returncode == 2
+    refused(call("check", "--cost", "--compression", RATINGS.parent / "compression.csv"), "give --data")

@@ -1,0 +1,487 @@
+"""Declaration of options, each in one place: for Python, the command line, and the record of a run.
+
+A class of options is a frozen dataclass derived from `Options`. Each of its fields is declared by `option`, with its
+kind of value, its default, its flag and its help. Keywords and checks in Python, options of commands, their help, the
+record in results and checkpoints, and the command that repeats a run all follow from this declaration.
+
+This module and the modules that declare options import no numerical library before a value needs it, so that ``--help``
+is fast.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import numbers as numeric
+import os
+import re
+import textwrap
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, ClassVar, Self, TypeVar
+
+from softness_bayes.errors import InputError
+from softness_bayes.kinds import numbers, refuse, require_kind
+from softness_bayes.ranges import Count, Range
+
+Described = TypeVar("Described", bound="Options")
+
+AUTO = "auto"
+"""The word that leaves a choice to the data; in Python and in records it is None."""
+
+
+class Kind:
+    """Kind of values of an option: texts, unless a subclass says otherwise.
+
+    A subclass whose values are not JSON data redefines `store` and `restore`, one whose values are not texts
+    `parse` and `write`.
+    """
+
+    metavar = "TEXT"
+    """The value in the help of the command line."""
+    repeated = False
+    """True if the option may be given several times; `parse` then takes all texts, and `write` returns all."""
+    choices: Sequence[str] = ()
+    """Words that the value may be, if there are few."""
+    group = ""
+    """Group of entry points from which a value that is not among the choices may come."""
+
+    def accept(self, name: str, value: Any) -> Any:
+        """Return a value given in Python in its final form.
+
+        Raises
+        ------
+        InputError
+            Naming the option, if it cannot have this value.
+        """
+        require_kind(name, value, str, "a text")
+        return value
+
+    def parse(self, text: Any) -> Any:
+        """Return the value of a text on the command line, or raise InputError with what was expected."""
+        return text
+
+    def write(self, value: Any) -> Any:
+        """Return the text of a value on the command line; `parse` is the inverse."""
+        return str(value)
+
+    def store(self, value: Any) -> Any:
+        """Return a value as JSON data."""
+        return value
+
+    def restore(self, stored: Any) -> Any:
+        """Return the value of JSON data; the inverse of `store`."""
+        return stored
+
+    def require_storable(self, name: str, value: Any) -> None:
+        """Raise an error for a value that `restore` could not find again, such as a custom law without a module."""
+
+    def complete(self, incomplete: str) -> Iterable[str]:
+        """Return the words that a shell may offer."""
+        return ()
+
+    def sets(self) -> Iterable[str]:
+        """Return the names of starting points, for an option that has a flag for them."""
+        return ()
+
+
+@dataclass(frozen=True)
+class Number(Kind):
+    """Numbers in a range."""
+
+    range: Range
+    metavar: str = "X"
+
+    def accept(self, name: str, value: Any) -> Any:
+        """Return a number in the range."""
+        self.range.require(name, value)
+        return value
+
+    def parse(self, text: str) -> float:
+        """Return a number; the command line checks the range before."""
+        return float(text)
+
+    def write(self, value: float) -> str:
+        """Return the shortest text of the number."""
+        return repr(float(value))
+
+
+@dataclass(frozen=True)
+class Whole(Kind):
+    """Whole numbers in a range."""
+
+    range: Count
+    metavar: str = "N"
+
+    def accept(self, name: str, value: Any) -> Any:
+        """Return a whole number in the range."""
+        self.range.require(name, value)
+        return value
+
+    def parse(self, text: str) -> int:
+        """Return a whole number; the command line checks the range before."""
+        return int(text)
+
+
+class Duration(Kind):
+    """Times [s], on the command line in seconds, minutes or hours."""
+
+    metavar = "TIME"
+
+    def accept(self, name: str, value: Any) -> Any:
+        """Return a number of seconds; it may be infinite."""
+        require_kind(name, value, numeric.Real, "a number of seconds")
+        return value
+
+    def parse(self, text: str) -> float:
+        """Return the seconds of a text such as 90, 90s, 10m or 2h."""
+        match = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([smh]?)", text.strip())
+        if match is None:
+            raise InputError(f"expected a time such as 90, 90s, 10m or 2h, got {text!r}")
+        return float(match[1]) * {"": 1, "s": 1, "m": 60, "h": 3600}[match[2]]
+
+
+class Flag(Kind):
+    """True or False; on the command line, the flag alone."""
+
+    def accept(self, name: str, value: Any) -> Any:
+        """Return a truth value."""
+        return bool(value)
+
+
+class Numbers(Kind):
+    """Two numbers, the lower one first."""
+
+    metavar = "LOW,HIGH"
+    _EXPECTED = "two numbers, the lower one first, as in (0, 100)"
+
+    def accept(self, name: str, value: Any) -> tuple[float, float]:
+        """Return two numbers in their order."""
+        if numbers(name, value, self._EXPECTED).shape != (2,) or not -1e100 < value[0] < value[1] < 1e100:
+            refuse(name, value, self._EXPECTED)
+        return tuple(value)
+
+    def parse(self, text: str) -> tuple[float, float]:
+        """Return the numbers of a text such as 0,100."""
+        try:
+            low, high = (float(part) for part in text.split(","))
+        except ValueError:
+            raise InputError(f"{text!r}, expected two numbers, as in 0,100") from None
+        if not -1e100 < low < high < 1e100:
+            raise InputError(f"{text!r}, expected the lower end first, as in 0,100")
+        return low, high
+
+    def write(self, value: Sequence[float]) -> str:
+        """Return the numbers, separated by a comma."""
+        return ",".join(repr(number).removesuffix(".0") for number in value)
+
+    def store(self, value: Sequence[float]) -> list[float]:
+        """Return the numbers as a list."""
+        return list(value)
+
+    def restore(self, stored: Sequence[float]) -> tuple[float, ...]:
+        """Return the numbers of a list."""
+        return tuple(stored)
+
+
+class Names(Kind):
+    """Several names, separated by commas on the command line."""
+
+    metavar = "NAMES"
+
+    def accept(self, name: str, value: Any) -> Any:
+        """Return a tuple of names."""
+        require_kind(name, value, tuple, "a tuple of names, such as ('b',)")
+        return value
+
+    def parse(self, text: str) -> tuple[str, ...]:
+        """Return the names of a text such as b,m."""
+        return tuple(name.strip() for name in text.split(",") if name.strip())
+
+    def write(self, value: Sequence[str]) -> str:
+        """Return the names, separated by commas."""
+        return ",".join(value)
+
+    def store(self, value: Sequence[str]) -> list[str]:
+        """Return the names as a list."""
+        return list(value)
+
+    def restore(self, stored: Sequence[str]) -> tuple[str, ...]:
+        """Return the names of a list."""
+        return tuple(stored)
+
+
+class ByName(Kind):
+    """Values by name, given as NAME=VALUE, once for each name."""
+
+    metavar = "NAME=VALUE"
+    repeated = True
+    such_as = "{'rating': 'softness'}"
+
+    def __init__(self, metavar: str = "") -> None:
+        self.metavar = metavar or self.metavar
+
+    def accept(self, name: str, value: Any) -> Any:
+        """Return values by name."""
+        require_kind(name, value, Mapping, f"a mapping, as in {self.such_as}")
+        return dict(value)
+
+    def parse(self, texts: Sequence[str]) -> Any:
+        """Return the values of texts such as b=80."""
+        values: dict[str, Any] = {}
+        for text in texts:
+            name, _, value = (part.strip() for part in text.partition("="))
+            if not (name and value):
+                raise InputError(f"expected NAME=VALUE, got {text!r}")
+            if name in values:
+                raise InputError(f"{name!r} is given twice")
+            try:
+                values[name] = self.parse_value(value)
+            except ValueError as error:
+                raise InputError(f"{name}: {error}") from None
+        if values:
+            self.check(values)
+        return values
+
+    def write(self, value: Any) -> list[str]:
+        """Return one text for each name."""
+        return [f"{name}={self.write_value(one)}" for name, one in value.items()]
+
+    def parse_value(self, text: str) -> Any:
+        """Return one value."""
+        return text
+
+    def write_value(self, value: Any) -> str:
+        """Return the text of one value."""
+        return str(value)
+
+    def check(self, values: dict[str, Any]) -> None:
+        """Raise InputError if the values of the command line do not suit their names."""
+
+
+class NumbersByName(ByName):
+    """Numbers by name."""
+
+    such_as = "{'m': 2.0}"
+
+    def parse_value(self, text: str) -> float:
+        """Return a finite number."""
+        return finite(text)
+
+    def write_value(self, value: float) -> str:
+        """Return the shortest text of the number."""
+        return repr(float(value))
+
+
+class FilePath(Kind):
+    """Paths of files."""
+
+    metavar = "FILE"
+
+    def accept(self, name: str, value: Any) -> Path:
+        """Return the path."""
+        require_kind(name, value, (str, os.PathLike), "a path")
+        return Path(value)
+
+    def parse(self, text: str) -> Path:
+        """Return the path."""
+        return Path(text)
+
+    def store(self, value: Path) -> str:
+        """Return the path as text."""
+        return str(value)
+
+    def restore(self, stored: str) -> Path:
+        """Return the path of a text."""
+        return Path(stored)
+
+
+@dataclass(frozen=True)
+class Option:
+    """Declaration of one option.
+
+    Parameters
+    ----------
+    name
+        Keyword in Python, and name in records.
+    kind
+        Its values. If the default is None, None is allowed as well.
+    make
+        Makes the default value, which may need a numerical library.
+    flag
+        Flag on the command line; empty if the option is for Python alone.
+    help
+        Description of the option.
+    shown
+        Whether the help states the default.
+    spelled
+        Whether a command that repeats a run states the option even where it has the default.
+    needs_ratings
+        Whether only a model of ratings has the option.
+    affects_draws
+        Whether the option changes the draws in a way that neither the data nor the parameters of the model show.
+    set_flag, set_help
+        Flag that names a starting point, which the values of `flag` change; empty if there is none.
+    """
+
+    name: str
+    kind: Kind
+    make: Callable[[], Any]
+    flag: str = ""
+    help: str = ""
+    shown: bool = False
+    spelled: bool = False
+    needs_ratings: bool = False
+    affects_draws: bool = False
+    set_flag: str = ""
+    set_help: str = ""
+
+    @cached_property
+    def default(self) -> Any:
+        """The default value."""
+        return self.make()
+
+    def accept(self, value: Any) -> Any:
+        """Return a value given in Python in its final form, as `Kind.accept`."""
+        return None if value is None and self.default is None else self.kind.accept(self.name, value)
+
+    def written(self, value: Any) -> str:
+        """Return a value in words."""
+        if value is None:
+            return AUTO if AUTO in self.kind.choices else ""
+        text = self.kind.write(value)
+        return text if isinstance(text, str) else ", ".join(text)
+
+    def words(self, value: Any) -> list[str]:
+        """Return the words of a command line that give this value."""
+        if isinstance(self.kind, Flag):
+            return [self.flag] * value
+        if value is None:
+            return [self.flag, AUTO] if AUTO in self.kind.choices else []
+        texts = self.kind.write(value)
+        return [word for text in ([texts] if isinstance(texts, str) else texts) for word in self.word_pair(text)]
+
+    def word_pair(self, text: str) -> tuple[str, str]:
+        """Return the flag and the text of one value; the name of a starting point has a flag of its own."""
+        return (self.set_flag if self.set_flag and "=" not in text else self.flag), text
+
+
+def option(
+    kind: Kind,
+    default: Any = None,
+    flag: str = "",
+    help: str = "",
+    *,
+    default_factory: Callable[[], Any] | None = None,
+    **more: Any,
+) -> Any:
+    """Return a field of a class of options; arguments as for `Option`, and `default_factory` as for a dataclass."""
+    declared = {"kind": kind, "flag": flag, "help": help, **more}
+    if default_factory is not None:
+        return dataclasses.field(default_factory=default_factory, metadata=declared)
+    return dataclasses.field(default=default, metadata=declared)
+
+
+def described(options: type[Described]) -> type[Described]:
+    """Collect the declarations of a class of options, and add them to its docstring."""
+    found = {}
+    for field in dataclasses.fields(options):  # type: ignore[arg-type]
+        given = field.default_factory is dataclasses.MISSING
+        make: Any = partial(_given, field.default) if given else field.default_factory
+        found[field.name] = Option(field.name, make=make, **field.metadata)
+    lines = [options.__doc__ or "", "", "    Parameters", "    ----------"]
+    for name, one in found.items():
+        flag = f" (`{one.flag}`)" if one.flag else ""
+        lines += [f"    {name}", *textwrap.wrap(f"{one.help}{flag}", 112, initial_indent=_IN, subsequent_indent=_IN)]
+    options.__doc__ = "\n".join([*lines, "    "])
+    options.declared = MappingProxyType(found)
+    return options
+
+
+def _given(value: Any) -> Any:
+    return value
+
+
+_IN = " " * 8
+
+
+class Options:
+    """Base of frozen dataclasses whose fields are declared by `option`; the decorator `described` collects them."""
+
+    declared: ClassVar[Mapping[str, Option]] = MappingProxyType({})
+    """The declarations, by name."""
+
+    def __post_init__(self) -> None:
+        for name, one in self.declared.items():
+            object.__setattr__(self, name, one.accept(getattr(self, name)))
+
+    def record(self) -> dict[str, Any]:
+        """Return these options as JSON data; `from_record` is the inverse."""
+        values = {name: getattr(self, name) for name in self.declared}
+        return {
+            name: None if value is None else self.declared[name].kind.store(value) for name, value in values.items()
+        }
+
+    @classmethod
+    def from_record(cls, record: Mapping[str, Any]) -> Self:
+        """Return the options of a record.
+
+        Raises
+        ------
+        InputError
+            If an option is missing, unknown or invalid.
+        """
+        options = cls.declared
+        if record.keys() != options.keys():
+            wrong = sorted(record.keys() ^ options.keys())[0]
+            raise InputError(f"options of a run that this version cannot read: {wrong!r} is missing or unknown")
+        try:
+            values = {
+                name: None if value is None else options[name].kind.restore(value) for name, value in record.items()
+            }
+            return cls(**values)
+        except (AttributeError, InputError, KeyError, TypeError, ValueError) as error:
+            raise InputError(f"options of a run that this version cannot read: {error}") from None
+
+    def changed(self) -> dict[str, str]:
+        """Return the options that differ from their defaults, with their values in words."""
+        return {
+            name: one.written(value)
+            for name, one in self.declared.items()
+            if (value := getattr(self, name)) != one.default
+        }
+
+    def words(self, *names: str) -> list[str]:
+        """Return the words of a command line that give these options, those with their defaults left out.
+
+        Parameters
+        ----------
+        names
+            The options to give; by default all that have a flag.
+        """
+        found = []
+        for name in names or self.declared:
+            one, value = self.declared[name], getattr(self, name)
+            if one.flag and (one.spelled or value != one.default):
+                found += one.words(value)
+        return found
+
+
+def finite(text: str) -> float:
+    """Return a text as a finite number.
+
+    Raises
+    ------
+    InputError
+        If the text is not one.
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(f"expected a finite number, got {text!r}")
+    return value

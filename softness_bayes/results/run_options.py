@@ -1,0 +1,291 @@
+"""Options of a run beside its model: its files and its limits, each declared once."""
+
+from __future__ import annotations
+
+import math
+import numbers
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+from softness_bayes.defaults import MAX_STEPS, SEED
+from softness_bayes.errors import InputError, quoted
+from softness_bayes.kinds import require_kind
+from softness_bayes.options import (
+    ByName,
+    Duration,
+    FilePath,
+    Flag,
+    Kind,
+    Number,
+    Options,
+    Whole,
+    described,
+    option,
+)
+from softness_bayes.ranges import LOAD_STEPS, PROCESSES, SEEDS, STEPS, Count
+
+if TYPE_CHECKING:
+    from softness_bayes.data import Compression, Experiment
+    from softness_bayes.data.tables import Marks
+    from softness_bayes.sampler.sampling import Settings
+
+
+@described
+@dataclass(frozen=True)
+class RunOptions(Options):
+    """Limits of the sampler, and its seed."""
+
+    exact_reweight: bool = option(
+        Flag(),
+        False,
+        "--exact-reweight",
+        "Weight the draws by the exact likelihood (Pareto-smoothed); summary and predictions use the weighted draws.",
+        needs_ratings=True,
+    )
+    max_steps: int = option(
+        Whole(STEPS, ""),
+        MAX_STEPS,
+        "--max-steps",
+        "Largest number of steps of each ensemble; the run then ends even if it has not converged.",
+        shown=True,
+        spelled=True,
+    )
+    quick: bool = option(
+        Flag(),
+        False,
+        "--quick",
+        "A first look: the run ends at the first check of the chains, before it has converged, with few "
+        "figures and without the comparison with the exact model. 'resume' continues it to the full run.",
+    )
+    max_seconds: float = option(
+        Duration(),
+        math.inf,
+        "--max-time",
+        "Longest time of the run, such as 90 (seconds), 10m or 2h; it then ends even if it has not "
+        "converged. By default no limit.",
+    )
+    processes: int | None = option(
+        Whole(PROCESSES),
+        None,
+        "--processes",
+        "Processes that share the ensembles; by default one for each core. Draws do not depend on it.",
+    )
+    seed: int = option(
+        Whole(SEEDS, ""),
+        SEED,
+        "--seed",
+        "Seed of the random numbers: the same seed gives the same results.",
+        shown=True,
+        spelled=True,
+    )
+    min_steps: int = option(
+        Whole(Count(0, STEPS.high)),
+        0,
+        help="Smallest number of steps of each ensemble, even if the run has converged earlier.",
+    )
+    command: str = option(Kind(), "", help="The command line, for the record.")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.quick and self.exact_reweight:
+            raise InputError("quick: a first look does not use the exact likelihood; omit exact_reweight or quick")
+
+    @property
+    def settings(self) -> Settings:
+        """Settings of the sampler."""
+        from softness_bayes.sampler.sampling import FIRST_LOOK, Settings
+
+        return Settings(
+            max_steps=min(self.max_steps, FIRST_LOOK) if self.quick else self.max_steps,
+            max_seconds=self.max_seconds,
+            min_steps=self.min_steps,
+            processes=self.processes,
+        )
+
+
+class Load(Kind):
+    """A load of all ratings, in the unit of the column that tables may have for it."""
+
+    def __init__(self, column: str, unit: str) -> None:
+        self.column, self.metavar = column, unit
+
+    def accept(self, name: str, value: Any) -> Any:
+        """Return a number in the range of the column."""
+        from softness_bayes.data.columns import NUMBERS
+
+        require_kind(name, value, numbers.Real, "a number")
+        NUMBERS[self.column].parse(repr(float(value)))
+        return value
+
+    def parse(self, text: str) -> float:
+        """Return a number in the range of the column."""
+        try:
+            return float(self.accept(self.column, float(text)))
+        except ValueError as error:
+            invalid = "could not convert" in str(error)
+            raise InputError(f"{text!r} is not a valid float." if invalid else str(error)) from None
+
+
+class DecimalMarks(Kind):
+    """The decimal mark of all tables, or marks by table."""
+
+    metavar = "[TABLE=]MARK"
+    repeated = True
+
+    def accept(self, name: str, value: Any) -> Any:
+        """Return the mark or the marks; the readers of tables check them."""
+        return value
+
+    def parse(self, texts: Sequence[str]) -> Marks:
+        """Return the one mark, or table -> mark."""
+        from softness_bayes.data.tables import MARKED, MARKS
+
+        marks: dict[str, str] = {}
+        for text in texts:
+            table, _, mark = text.rpartition("=")
+            if mark not in MARKS or table not in ("", *MARKED):
+                raise InputError(
+                    f"expected a comma or a point, or TABLE=MARK for one of {', '.join(MARKED)}, got {quoted(text)}"
+                )
+            if marks.setdefault(table, mark) != mark or ("" in marks and len(marks) > 1):
+                raise InputError(f"two decimal marks for one table: {' and '.join(texts)}")
+        return marks.get("", marks or None)
+
+    def write(self, value: Marks) -> list[str]:
+        """Return the one mark, or a text for each table."""
+        return [f"{table}={mark}" for table, mark in value.items()] if isinstance(value, Mapping) else [str(value)]
+
+
+@described
+@dataclass(frozen=True)
+class DataFiles(Options):
+    """The files of an experiment, and how to read them."""
+
+    data: Path | None = option(FilePath(), None, "--data", "Table of ratings (CSV, Excel or Parquet).")
+    compression: Path | None = option(
+        FilePath(),
+        None,
+        "--compression",
+        "Forces of a rigid flat plate on fingerpads (participant, indentation_mm, force_n), with or without ratings.",
+    )
+    fabrics: Path | None = option(
+        FilePath(),
+        None,
+        "--fabrics",
+        "Fabric table; by default columns of the ratings, a sheet of their workbook, or a fabrics.csv in the "
+        "same folder.",
+        needs_ratings=True,
+    )
+    columns: Mapping[str, str] = option(
+        ByName("NAME=ACTUAL"),
+        flag="--column",
+        default_factory=dict,
+        help="Name of a column in your files, such as rating=softness.",
+    )
+    decimal: Marks = option(
+        DecimalMarks(),
+        None,
+        "--decimal",
+        "Decimal mark of the files (, or .), if their numbers do not show it; the other mark then separates "
+        "thousands. If tables differ: ratings=, or fabrics=. or compression=, each with its mark.",
+    )
+    indentation_mm: float | None = option(
+        Load("indentation_mm", "mm"),
+        None,
+        "--indentation-mm",
+        "Indentation [mm] of all ratings, if the table has no column for it.",
+        needs_ratings=True,
+    )
+    force_n: float | None = option(
+        Load("force_n", "N"),
+        None,
+        "--force-n",
+        "Contact force [N] of all ratings, if the table has no column for it.",
+        needs_ratings=True,
+    )
+    round_load: float | None = option(
+        Number(LOAD_STEPS, "STEP"),
+        None,
+        "--round-load",
+        "Round loads to multiples of STEP (in N and mm) and report which were merged; by default loads "
+        "are used as measured.",
+        needs_ratings=True,
+    )
+    drop_zeros: bool = option(
+        Flag(),
+        False,
+        "--drop-zeros",
+        "Leave out ratings of 0 instead of treating them as censored.",
+        needs_ratings=True,
+    )
+    wide: bool = option(
+        Flag(),
+        False,
+        "--wide",
+        "The table has one column per fabric, or per fabric and load (cotton_2mm). Needed only if the "
+        "headers do not show it.",
+        needs_ratings=True,
+    )
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """The files that may be read, the fabrics beside the ratings among them."""
+        from softness_bayes.data import FABRICS_BESIDE
+
+        beside = None if self.data is None else self.data.with_name(FABRICS_BESIDE)
+        return tuple(path for path in (self.data, self.fabrics, self.compression, beside) if path is not None)
+
+    def read(self) -> Experiment | Compression:
+        """Return the experiment, with compression data if there are any; or compression data alone.
+
+        Raises
+        ------
+        InputError
+            If neither table is given, or an option for ratings without ratings.
+        """
+        from softness_bayes.data import Compression, read_experiment
+
+        if self.data is not None:
+            how = {name: getattr(self, name) for name in DataFiles.declared}
+            del how["data"]
+            return read_experiment(self.data, how.pop("fabrics"), compression_path=how.pop("compression"), **how)
+        if self.compression is None:
+            raise InputError("no data: give ratings with --data, a plate's forces with --compression, or both")
+        if refused_without_ratings(self):
+            raise InputError(
+                "--fabrics, --indentation-mm, --force-n, --round-load, --drop-zeros and --wide need ratings: "
+                "give --data, or omit them"
+            )
+        return Compression.read(self.compression, columns=self.columns, decimal=self.decimal)
+
+    def record_in(self, directory: Path) -> dict[str, Any]:
+        """Return a record with paths relative to a directory, so that a run and its files can move together."""
+        home, record = directory.resolve(), self.record()
+        for name, path in self._files().items():
+            # the file may be a link; the table of fabrics is in the directory of the link
+            record[name] = os.path.relpath(path.parent.resolve() / path.name, home)
+        return record
+
+    @classmethod
+    def recorded_in(cls, directory: Path, record: Mapping[str, Any]) -> Self:
+        """Return the files of a record with paths relative to a directory."""
+        files, home = cls.from_record(record), directory.resolve()
+        here: dict[str, Any] = {name: os.path.normpath(home / path) for name, path in files._files().items()}
+        return replace(files, **here)
+
+    def _files(self) -> dict[str, Path]:
+        paths = {name: getattr(self, name) for name in ("data", "compression", "fabrics")}
+        return {name: path for name, path in paths.items() if path is not None}
+
+
+def refused_without_ratings(*given: Options) -> list[str]:
+    """Return the flags of options that differ from their defaults although only a model of ratings has them."""
+    return [
+        one.flag
+        for options in given
+        for name, one in options.declared.items()
+        if one.needs_ratings and getattr(options, name) != one.default
+    ]
