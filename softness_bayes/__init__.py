@@ -62,8 +62,8 @@ if TYPE_CHECKING:
     from softness_bayes.touch.contact import solve_contact as solve_contact
     from softness_bayes.touch.neuron.fixed_channels import FixedChannels as FixedChannels
     from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS as PAPER_CHANNELS
-    from softness_bayes.touch.neuron.onset import rheobase as rheobase
     from softness_bayes.touch.neuron.rate import firing_rate as firing_rate
+    from softness_bayes.touch.neuron.rate import rheobase as rheobase
     from softness_bayes.touch.neuron.spikes import spike_times as spike_times
     from softness_bayes.touch.readings import ALTERNATIVES as ALTERNATIVES
     from softness_bayes.touch.readings import NAMED_READINGS as NAMED_READINGS
@@ -123,7 +123,7 @@ _HOMES = {
     "rank_ecdf_figure": "plotting.calibration",
     "read_experiment": "data",
     "receptor_current": "touch.receptors",
-    "rheobase": "touch.neuron.onset",
+    "rheobase": "touch.neuron.rate",
     "sample": "runs.run",
     "sample_skin": "runs.plate",
     "scene_of": "model.scenes",

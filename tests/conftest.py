@@ -18,7 +18,7 @@ from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch import stress_table
 from softness_bayes.touch.neuron import fixed_channels, noise, spikes
 from softness_bayes.touch.neuron.firing import CurveError, RateCurve
-from softness_bayes.touch.neuron.onset import Onset
+from softness_bayes.touch.neuron.rate import Onset
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.stress_table import StressTable
 from support.longer import file_of, mark_longer

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.bench.peers import Peer
-from softness_bayes.touch.neuron.equilibrium import rest
+from softness_bayes.touch.neuron.cells import rest
 from softness_bayes.touch.neuron.limit_cycle import SPIKE_VOLTAGE
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels
 

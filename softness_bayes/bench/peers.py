@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.bench.precision import CHANNELS, MEDIANS, Effort, Point, model_of
 from softness_bayes.model.scenes import touch_parameters
-from softness_bayes.touch.neuron.onset import rheobase
-from softness_bayes.touch.neuron.rate import firing_rate
+from softness_bayes.touch.neuron.rate import firing_rate, rheobase
 
 Array = NDArray[np.float64]
 

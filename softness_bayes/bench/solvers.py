@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from softness_bayes.bench.peers import Peer
-from softness_bayes.touch.neuron.equilibrium import rest
+from softness_bayes.touch.neuron.cells import Cells, rest
 from softness_bayes.touch.neuron.gating import open_fractions
 from softness_bayes.touch.neuron.limit_cycle import SPIKE_VOLTAGE
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels
-from softness_bayes.touch.neuron.vector_field import Cells
 
 Array = NDArray[np.float64]
 ONE = Channels(*(np.atleast_1d(c) for c in PAPER_CHANNELS))

@@ -23,16 +23,14 @@ from threadpoolctl import threadpool_limits
 
 from softness_bayes.errors import NumericalError
 from softness_bayes.touch import neuron
-from softness_bayes.touch.neuron.equilibrium import fold, rest
+from softness_bayes.touch.neuron.cells import Cells, fold, rest
 from softness_bayes.touch.neuron.firing import CurveError, exact_curve
 from softness_bayes.touch.neuron.limit_cycle import steady_orbit
 from softness_bayes.touch.neuron.membrane import Channels
-from softness_bayes.touch.neuron.onset import Onset, onset
 from softness_bayes.touch.neuron.polynomials import TotalDegree
-from softness_bayes.touch.neuron.rate import simulated
+from softness_bayes.touch.neuron.rate import Onset, onset, simulated
 from softness_bayes.touch.neuron.surface import ERRORS, TABLES, FiringSurface
 from softness_bayes.touch.neuron.surface_design import DESIGNS, Border, SurfaceInputs
-from softness_bayes.touch.neuron.vector_field import Cells
 
 FloatArray = NDArray[np.float64]
 Say = Callable[[str], None]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -72,22 +72,6 @@ class Finger:
             )
 
 
-class Fingertip(Protocol):
-    """Shape of a fingertip: one number each (`Finger`), or arrays (`Fingertips`)."""
-
-    @property
-    def radius(self) -> float | Array:
-        """Fingertip radius R [m]."""
-
-    @property
-    def receptor_depth(self) -> float | Array:
-        """Depth z of the receptors [m]."""
-
-    @property
-    def poisson_ratio(self) -> float:
-        """Poisson ratio of the skin [-]."""
-
-
 class Fingertips(NamedTuple):
     """The fingertips of a batch of parameter vectors, which differ in radius and depth alone."""
 
@@ -98,9 +82,9 @@ class Fingertips(NamedTuple):
     poisson_ratio: float
     """Poisson ratio of the skin [-]."""
 
-    def take(self, rows: NDArray[np.intp] | slice) -> Fingertips:
-        """Return the fingertips of some rows."""
-        return self._replace(radius=self.radius[rows], receptor_depth=self.receptor_depth[rows])
+
+Fingertip = Finger | Fingertips
+"""The shape of a fingertip: one number each, or arrays."""
 
 
 def fingertips(finger: Finger, radius: ArrayLike, receptor_depth: ArrayLike) -> Fingertips:

@@ -24,8 +24,7 @@ from scipy.optimize import brentq
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.contact import Contact, Finger, solve_contact
 from softness_bayes.touch.neuron.membrane import Channels, Membrane
-from softness_bayes.touch.neuron.onset import rheobase
-from softness_bayes.touch.neuron.rate import firing_rate
+from softness_bayes.touch.neuron.rate import firing_rate, rheobase
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.receptors import Density, kink_distances, receptor_current
 from softness_bayes.touch.scene import Response, Scene

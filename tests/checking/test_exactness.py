@@ -11,8 +11,7 @@ from softness_bayes.touch.neuron import firing
 from softness_bayes.touch.neuron.firing import exact_curves
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels
-from softness_bayes.touch.neuron.onset import Onset, onset
-from softness_bayes.touch.neuron.rate import firing_rate
+from softness_bayes.touch.neuron.rate import Onset, firing_rate, onset
 from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.scene import Scene
 from support.fake_scene import fake_posterior

@@ -7,7 +7,7 @@ import json
 import numpy as np
 
 from softness_bayes.touch.neuron.membrane import HODGKIN_HUXLEY, Channels
-from softness_bayes.touch.neuron.onset import Onset, onset
+from softness_bayes.touch.neuron.rate import Onset, onset
 from softness_bayes.touch.neuron.surface import FiringSurface
 from support.paths import REFERENCE
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
+from importlib import resources
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,10 +13,10 @@ from numpy.polynomial import chebyshev, polynomial
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError, NumericalError
+from softness_bayes.files.json_text import parse_json
 from softness_bayes.touch.neuron.limit_cycle import TOLERANCE, Budget, StepsSpentError
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane
-from softness_bayes.touch.neuron.onset import onset
-from softness_bayes.touch.neuron.rate import firing_rate
+from softness_bayes.touch.neuron.rate import firing_rate, onset
 
 FloatArray = NDArray[np.float64]
 
@@ -259,7 +261,7 @@ def exact_curves(
     nodes : int
         Number of nodes.
     expected : array_like, optional
-        Expected rheobases [µA/cm²], as for :func:`~.onset.onset`.
+        Expected rheobases [µA/cm²], as for :func:`~.rate.onset`.
     tolerance : float
         Tolerance of the rates, as for :func:`~.rate.firing_rate`.
     """
@@ -297,3 +299,51 @@ def _without_constant(coefficients: FloatArray, s_max: float) -> tuple[float, Fl
     value = polynomial.polyval(-1.0, coefficients)
     quotient, _ = polynomial.polydiv(coefficients - value * (np.arange(coefficients.size) == 0), [1.0, 1.0])
     return float(value), np.append(quotient * (2.0 / s_max), 0.0)
+
+
+CURVES = "known_curves.json"
+"""File of the curves, written by `tools.curve_build`."""
+
+
+def known_curve(channels: Channels, membrane: Membrane, max_current: float, nodes: int) -> RateCurve:
+    """Return the shipped curve if there is one; otherwise compute it by `exact_curve` with the same arguments."""
+    kept = (
+        None if any(np.ndim(value) for value in channels) else _kept().get(key(channels, membrane, max_current, nodes))
+    )
+    return exact_curve(channels, membrane, max_current, nodes) if kept is None else kept
+
+
+def key(channels: Channels, membrane: Membrane, max_current: float, nodes: int) -> str:
+    """Return a text key with everything that determines a curve, including all constants of the membrane."""
+    multipliers = ", ".join(f"{name} {float(value)!r}" for name, value in channels._asdict().items())
+    return f"{multipliers}, to {float(max_current)!r} µA/cm², {nodes} nodes, {membrane!r}"
+
+
+def text_of(curves: dict[str, RateCurve]) -> str:
+    """Return the content of the file, with full precision."""
+    fields = {
+        name: {
+            "rheobase": float(curve.rheobase),
+            "onset_rate": float(curve.onset_rate),
+            "coefficients": curve.coefficients.tolist(),
+            "max_current": float(curve.max_current),
+            "error": list(curve.error),
+        }
+        for name, curve in curves.items()
+    }
+    return json.dumps(fields, indent=1) + "\n"
+
+
+@cache
+def _kept() -> dict[str, RateCurve]:
+    text = resources.files("softness_bayes.touch.neuron").joinpath(CURVES).read_text(encoding="utf-8")
+    return {
+        name: RateCurve(
+            np.array(found["rheobase"]),
+            np.array(found["onset_rate"]),
+            np.array(found["coefficients"]),
+            found["max_current"],
+            CurveError(*found["error"]),
+        )
+        for name, found in parse_json(text).items()
+    }

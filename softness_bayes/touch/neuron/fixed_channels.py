@@ -9,8 +9,7 @@ import numpy as np
 
 from softness_bayes.errors import NumericalError
 from softness_bayes.kinds import require_kind, require_members
-from softness_bayes.touch.neuron.firing import RateCurve
-from softness_bayes.touch.neuron.known_curves import known_curve
+from softness_bayes.touch.neuron.firing import RateCurve, known_curve
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Driven, Membrane
 from softness_bayes.touch.neuron.noise import averaged_curve
 

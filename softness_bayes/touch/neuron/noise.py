@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError
 from softness_bayes.ranges import NOISES
-from softness_bayes.touch.neuron.firing import CurveError, RateCurve, exact_curve
-from softness_bayes.touch.neuron.known_curves import key
+from softness_bayes.touch.neuron.firing import CurveError, RateCurve, exact_curve, key
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane
 from softness_bayes.touch.neuron.spikes import firing_statistics
 

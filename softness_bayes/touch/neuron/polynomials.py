@@ -6,7 +6,6 @@ Values at neighbouring points are then contiguous in memory, for coefficients an
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -19,32 +18,20 @@ Array = NDArray[np.float64]
 def chebyshev_values(x: Array, order: int) -> Array:
     """Return T_k(x), k < order, along a new first axis."""
     basis = np.empty((order, *x.shape))
-    basis[0], basis[1:2] = 1.0, x
-    for last, new in _doubled(basis):
-        np.multiply(2.0 * basis[last], basis[1 : len(new) + 1], out=new)
-        new -= basis[last - len(new) : last][::-1]
+    basis[0], basis[1:2], twice = 1.0, x, 2.0 * x
+    for k in range(2, order):
+        np.multiply(twice, basis[k - 1], out=basis[k])
+        basis[k] -= basis[k - 2]
     return basis
 
 
 def monomials(x: Array, order: int) -> Array:
     """Return x^k, k < order, along a new first axis."""
     basis = np.empty((order, *x.shape))
-    basis[0], basis[1:2] = 1.0, x
-    for last, new in _doubled(basis):
-        np.multiply(basis[last], basis[1 : len(new) + 1], out=new)
+    basis[0] = 1.0
+    for k in range(1, order):
+        np.multiply(x, basis[k - 1], out=basis[k])
     return basis
-
-
-def _doubled(basis: Array) -> Iterator[tuple[int, Array]]:
-    """Yield the last known order n and the following ones, up to 2n, of which order n + k follows from n, k and n - k.
-
-    T_(n+k) = 2 T_n T_k - T_(n-k), and x^(n+k) = x^n x^k: few calls, each with much to do.
-    """
-    last = 1
-    while last < len(basis) - 1:
-        new = basis[last + 1 : 2 * last + 1]
-        yield last, new
-        last += len(new)
 
 
 def clenshaw(coefficients: Array, x: Array) -> Array:

@@ -15,10 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import solve_ivp
 
 from softness_bayes.errors import InputError, NumericalError
-from softness_bayes.touch.neuron.equilibrium import rest
+from softness_bayes.touch.neuron.cells import Cells, rest
 from softness_bayes.touch.neuron.limit_cycle import SPIKE_VOLTAGE
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane, lanes
-from softness_bayes.touch.neuron.vector_field import Cells
 
 FloatArray = NDArray[np.float64]
 Current = Callable[[float], float] | float

@@ -132,24 +132,10 @@ class FiringSurface:
                 matrix += coefficient * (share if exponent.max() == 2 else share - np.diag(np.diag(share)))
         return gradient, matrix
 
-    @cached_property
-    def _plane_below_border(self) -> tuple[float, FloatArray]:
-        """Intercept and slopes of a lower bound, linear in the place, of `before_corner`, from the bounds of T_k."""
-        exponents = self._border_terms.exponents
-        order = exponents.sum(axis=0)
-        slopes = np.insert(exponents[:, order == 1] @ self.border[order == 1], 1, -1.0)
-        return float(self.border[order == 0].sum() - np.abs(self.border[order > 1]).sum()), slopes
-
     def corner(self, place: FloatArray) -> NDArray[np.bool_]:
         """Return True for points of shape (axes, n) in the corner or in the safety strip beside it."""
-        found = np.zeros(place.shape[1], dtype=bool)
-        if self.design.border is not None:
-            # the polynomial is evaluated only where the plane below it does not decide
-            intercept, slopes = self._plane_below_border
-            near = np.flatnonzero(slopes @ place < self.design.border.margin - intercept)
-            if near.size:
-                found[near] = self.before_corner(place[:, near]) < self.design.border.margin
-        return found
+        border = self.design.border
+        return np.zeros(place.shape[1], dtype=bool) if border is None else self.before_corner(place) < border.margin
 
     def rheobase_shift(self, channels: Channels) -> FloatArray:
         """Return the rheobase relative to that at the box's centre [µA/cm²], to second order."""

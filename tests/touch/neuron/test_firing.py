@@ -21,8 +21,7 @@ from softness_bayes.touch.neuron.membrane import (
     Channels,
     Membrane,
 )
-from softness_bayes.touch.neuron.onset import Onset
-from softness_bayes.touch.neuron.rate import firing_rate
+from softness_bayes.touch.neuron.rate import Onset, firing_rate
 from support.onsets import CORNER, EXACT_ENOUGH, HODGKIN_HUXLEY_OWN
 
 

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from softness_bayes.tools.curve_build import CASES
-from softness_bayes.touch.neuron import known_curves
-from softness_bayes.touch.neuron.firing import RateCurve, exact_curve
-from softness_bayes.touch.neuron.known_curves import key, known_curve, text_of
+from softness_bayes.touch.neuron import firing as known_curves
+from softness_bayes.touch.neuron.firing import RateCurve, exact_curve, key, known_curve, text_of
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, PRINTED
 from softness_bayes.touch.neuron.rate import firing_rate
 from support.onsets import EXACT_ENOUGH

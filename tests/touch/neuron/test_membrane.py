@@ -14,8 +14,8 @@ from scipy.integrate import solve_ivp
 
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.neuron import limit_cycle
-from softness_bayes.touch.neuron.equilibrium import fold, rest, steady_state
-from softness_bayes.touch.neuron.limit_cycle import steady_orbit
+from softness_bayes.touch.neuron.cells import Cells, fold, rest, steady_state
+from softness_bayes.touch.neuron.limit_cycle import steady_orbit, step, travel
 from softness_bayes.touch.neuron.membrane import (
     CONNOR_STEVENS,
     HODGKIN_HUXLEY,
@@ -26,11 +26,8 @@ from softness_bayes.touch.neuron.membrane import (
     Membrane,
     steady_current,
 )
-from softness_bayes.touch.neuron.onset import Onset, onset, rheobase
-from softness_bayes.touch.neuron.rate import firing_rate
-from softness_bayes.touch.neuron.rosenbrock import step, travel
+from softness_bayes.touch.neuron.rate import Onset, firing_rate, onset, rheobase
 from softness_bayes.touch.neuron.surface import FiringSurface
-from softness_bayes.touch.neuron.vector_field import Cells
 from support.onsets import CORNER, EXACT_ENOUGH, HODGKIN_HUXLEY_OWN, search_births
 from support.paths import REFERENCE
 

@@ -5,12 +5,11 @@ import pytest
 
 from softness_bayes.errors import InputError
 from softness_bayes.touch.neuron import spikes
-from softness_bayes.touch.neuron.equilibrium import rest
+from softness_bayes.touch.neuron.cells import Cells, rest
 from softness_bayes.touch.neuron.limit_cycle import SPIKE_VOLTAGE
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, HODGKIN_HUXLEY, PAPER_CHANNELS, Channels
 from softness_bayes.touch.neuron.rate import firing_rate
 from softness_bayes.touch.neuron.spikes import firing_statistics, spike_times
-from softness_bayes.touch.neuron.vector_field import Cells
 
 
 def test_intervals_of_a_constant_current_are_those_of_the_exact_rate() -> None:

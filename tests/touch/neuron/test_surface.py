@@ -12,7 +12,7 @@ from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.tools import surface_build
 from softness_bayes.touch.neuron import firing
 from softness_bayes.touch.neuron import surface as module
-from softness_bayes.touch.neuron.equilibrium import fold
+from softness_bayes.touch.neuron.cells import fold
 from softness_bayes.touch.neuron.firing import exact_curves
 from softness_bayes.touch.neuron.membrane import (
     CONNOR_STEVENS,
@@ -22,9 +22,8 @@ from softness_bayes.touch.neuron.membrane import (
     Channels,
     Membrane,
 )
-from softness_bayes.touch.neuron.onset import Onset
 from softness_bayes.touch.neuron.polynomials import TotalDegree
-from softness_bayes.touch.neuron.rate import firing_rate
+from softness_bayes.touch.neuron.rate import Onset, firing_rate
 from softness_bayes.touch.neuron.surface import ERRORS, TABLES, FiringSurface
 from softness_bayes.touch.neuron.surface_design import DESIGNS
 from softness_bayes.touch.parameters import TouchParameters
@@ -232,14 +231,6 @@ def test_the_printed_membrane_is_silent_where_alpha_is_expected() -> None:
     assert (firing_rate(38.0, channels, PRINTED) == 0.0).all()
     # negative control
     assert firing_rate(60.0, PAPER_CHANNELS, PRINTED) > 0.0
-
-
-def test_a_plane_decides_where_no_corner_is_near(connor_stevens: FiringSurface, rng: np.random.Generator) -> None:
-    place = rng.uniform(-1.0, 1.0, (4, 20_000))
-    place[:, :2000] = np.array([[-1.0], [1.0], [-1.0], [-1.0]]) * rng.uniform(0.8, 1.0, (4, 2000))
-    inside = connor_stevens.before_corner(place) < DESIGNS["connor-stevens"].border.margin
-    np.testing.assert_array_equal(connor_stevens.corner(place), inside)
-    assert 100 < inside.sum() < 10_000
 
 
 def test_the_quick_rheobase_is_that_of_second_order(surface: FiringSurface, rng: np.random.Generator) -> None:
