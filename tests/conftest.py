@@ -21,8 +21,7 @@ from softness_bayes.touch.neuron.firing import CurveError, RateCurve
 from softness_bayes.touch.neuron.rate import Onset
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.stress_table import StressTable
-from support.longer import file_of, mark_longer
-from support.longest import LONGEST
+from support.longer import mark_longer
 from support.once import Kept, made_once
 from support.paths import SHARED
 from support.randomness import SEED, generator_of
@@ -41,13 +40,8 @@ def pytest_collection() -> None:
 
 @pytest.hookimpl(tryfirst=True)  # before pytest leaves out what is slow
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Mark the tests of `longer.txt` as slow.
-
-    Begin with the files that take longest, so that none is left to a single process at the end.
-    """
+    """Mark the tests of `longer.txt` as slow."""
     mark_longer(config, items)
-    place = {name: k for k, name in enumerate(LONGEST)}
-    items.sort(key=lambda item: place.get(file_of(item), len(place)))
 
 
 def pytest_collection_finish() -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Mapping, Sequence
+from graphlib import TopologicalSorter
 from itertools import pairwise
 from pathlib import Path
 
@@ -22,61 +23,47 @@ BOX, GAP, ROW = 146, 16, 56
 Imports = Mapping[str, frozenset[str]]
 
 
-def _modules() -> dict[str, Path]:
-    """Return the files of all modules below the package itself, by dotted name."""
-    found = {}
-    for path in sorted(PACKAGE.rglob("*.py")):
-        parts = [part for part in path.relative_to(PACKAGE).with_suffix("").parts if part != "__init__"]
-        if parts and parts != [START]:
-            found[".".join(parts)] = path
-    return found
-
-
-def _room(name: str, modules: Mapping[str, Path]) -> str:
-    """Return the room of a module: its folder, or itself at the package's top."""
-    return name if modules[name].name == "__init__.py" else name.rpartition(".")[0] or name
-
-
 def imports() -> Imports:
     """Return the rooms that each room imports."""
-    modules = _modules()
+    rooms: dict[str, str] = {}
+    paths: dict[str, Path] = {}
+    for path in sorted(PACKAGE.rglob("*.py")):
+        name = ".".join(part for part in path.relative_to(PACKAGE).with_suffix("").parts if part != "__init__")
+        if name and name != START:
+            rooms[name] = name if path.name == "__init__.py" else name.rpartition(".")[0] or name
+            paths[name] = path
+    found: dict[str, set[str]] = {room: set() for room in rooms.values()}
     own = f"{softness_bayes.__name__}."
-    found: dict[str, set[str]] = {_room(name, modules): set() for name in modules}
-    for name, path in modules.items():
+    for name, path in paths.items():
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom) and node.module:
                 for alias in node.names:
-                    full = f"{node.module}.{alias.name}".removeprefix(own)
-                    target = full if full in modules else node.module.removeprefix(own)
-                    if target in modules and _room(target, modules) != _room(name, modules):
-                        found[_room(name, modules)].add(_room(target, modules))
-    return {name: frozenset(others) for name, others in found.items()}
+                    full, module = f"{node.module}.{alias.name}".removeprefix(own), node.module.removeprefix(own)
+                    found[rooms[name]].add(rooms.get(full, rooms.get(module, rooms[name])))
+    return {room: frozenset(others - {room}) for room, others in found.items()}
+
+
+def below(imported: Imports) -> dict[str, frozenset[str]]:
+    """Return all rooms that each room reaches through imports."""
+    found: dict[str, frozenset[str]] = {}
+    for name in TopologicalSorter(imported).static_order():
+        found[name] = imported[name].union(*(found[other] for other in imported[name]))
+    return found
 
 
 def floors(imported: Imports) -> list[list[str]]:
     """Return the rooms floor by floor, the highest first."""
     heights: dict[str, int] = {}
-
-    def height(name: str) -> int:
-        if name not in heights:
-            heights[name] = 1 + max(map(height, imported[name]), default=-1)
-        return heights[name]
-
-    top = max(map(height, imported))
-    return [[name for name in sorted(imported) if heights[name] == floor] for floor in range(top, -1, -1)]
+    for name in TopologicalSorter(imported).static_order():
+        heights[name] = 1 + max((heights[other] for other in imported[name]), default=-1)
+    return [[n for n in sorted(imported) if heights[n] == floor] for floor in range(max(heights.values()), -1, -1)]
 
 
 def needed(imported: Imports) -> dict[str, list[str]]:
     """Return the direct imports that are not implied by a path through other rooms."""
-    below: dict[str, frozenset[str]] = {}
-
-    def all_below(name: str) -> frozenset[str]:
-        if name not in below:
-            below[name] = imported[name].union(*map(all_below, imported[name]))
-        return below[name]
-
+    every = below(imported)
     return {
-        name: sorted(other for other in others if not any(other in all_below(way) for way in others - {other}))
+        name: sorted(other for other in others if not any(other in every[way] for way in others))
         for name, others in imported.items()
     }
 
