@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from functools import partial
 from html import escape
 from typing import Any
 
@@ -63,8 +63,7 @@ class Page:
     """
 
     def __init__(self, subject: Subject, document: Document) -> None:
-        self.subject, self.state = subject, subject.start
-        self._document = document
+        self.subject, self._document = subject, document
         self._quiet = False  # true while one change of a widget sets others
         self._waiting = False  # true if the state will be drawn soon
         loads: list[Any] = [(str(k), title(load)) for k, load in enumerate(subject.loads)]
@@ -72,61 +71,51 @@ class Page:
         self.load = Select(title="load", options=loads, name="load", width=310)
         self.fabric = Select(title="fabric", options=[*names, ("", ANY)], name="fabric", width=310)
         low, high = (rounded(end / KPA) for end in subject.ends)
-        self.modulus = Span(MODULUS, "modulus of the fabric", "kPa", low, high, self.state.modulus_kpa, True)
-        self.sliders = {span.name: _slider(span) for span in (self.modulus, *subject.spans)}
+        modulus = Span(MODULUS, "modulus of the fabric", "kPa", low, high, subject.start.modulus_kpa, True)
+        self.spans = {span.name: span for span in (modulus, *subject.spans)}
+        self.sliders = {name: _slider(span) for name, span in self.spans.items()}
         self.reset = Button(label="reset", name="reset")
         self.said = Div(name="said", sizing_mode="stretch_width")
         self.charts = Charts(subject)
-        self._move_to(subject.start)
-        self._listen()
+        for name, widget in {"load": self.load, "fabric": self.fabric, **self.sliders}.items():
+            widget.on_change("value", partial(self._on_change, name))
+        self.reset.on_click(self._start)
+        self._start()
         document.title = TITLE
         document.add_root(self._layout())
 
-    def _listen(self) -> None:
-        for span in self.subject.spans:
-            self.sliders[span.name].on_change("value", self._on_parameter(span))
-        self.sliders[MODULUS].on_change("value", lambda _attr, _old, new: self._on_modulus(self.modulus.value(new)))
-        self.load.on_change("value", lambda _attr, _old, new: self._to(replace(self.state, load=int(new))))
-        self.fabric.on_change("value", lambda _attr, _old, new: self._on_fabric(new))
-        self.reset.on_click(lambda: self._move_to(self.subject.start))
+    @property
+    def state(self) -> State:
+        """The settings of all widgets."""
+        values = {name: span.value(self.sliders[name].value) for name, span in self.spans.items()}
+        kpa, fabric = values.pop(MODULUS), self.fabric.value
+        return State(values, int(self.load.value), int(fabric) if fabric else None, kpa)
 
-    def _on_parameter(self, span: Span) -> Any:
-        def moved(_attr: str, _old: float, new: float) -> None:
-            self._to(replace(self.state, values={**self.state.values, span.name: span.value(new)}))
-
-        return moved
-
-    def _on_modulus(self, kpa: float) -> None:
-        """Switch to the unnamed fabric: a named fabric has a fixed modulus."""
-        if self._quiet:
-            return
-        self._quiet, self.fabric.value, self._quiet = True, "", False
-        self._to(replace(self.state, fabric=None, modulus_kpa=kpa))
-
-    def _on_fabric(self, chosen: str) -> None:
-        if self._quiet:
-            return
-        if not chosen:
-            self._move_to(replace(self.state, fabric=None))
-            return
-        kpa = rounded(float(self.subject.fabrics.effective_modulus[int(chosen)]) / KPA)
-        self._move_to(replace(self.state, fabric=int(chosen), modulus_kpa=kpa))
-
-    def _move_to(self, state: State) -> None:
-        """Set all sliders and choices to a state, and draw it once."""
+    def _start(self) -> None:
+        """Set all widgets to the initial state, and draw it once."""
+        start = self.subject.start
         self._quiet = True
-        self.load.value, self.fabric.value = str(state.load), "" if state.fabric is None else str(state.fabric)
-        self.sliders[MODULUS].value = self.modulus.place(state.modulus_kpa)
-        for span in self.subject.spans:
-            self.sliders[span.name].value = span.place(state.values[span.name])
+        self.load.value, self.fabric.value = str(start.load), str(start.fabric)
+        for name, span in self.spans.items():
+            self.sliders[name].value = span.place(span.start)
         self._quiet = False
-        self._to(state)
+        self._draw()
 
-    def _to(self, state: State) -> None:
-        """Draw a state; in a browser with the changes of the next 25 ms, so that a drag does not queue."""
+    def _on_change(self, name: str, _attribute: str, _old: object, _new: object) -> None:
+        """Draw the new state; a named fabric has a fixed modulus, and another modulus belongs to none."""
         if self._quiet:
             return
-        self.state = state
+        self._quiet = True
+        if name == MODULUS:
+            self.fabric.value = ""
+        elif name == "fabric" and self.fabric.value:
+            kpa = float(self.subject.fabrics.effective_modulus[int(self.fabric.value)]) / KPA
+            self.sliders[MODULUS].value = self.spans[MODULUS].place(rounded(kpa))
+        self._quiet = False
+        self._draw()
+
+    def _draw(self) -> None:
+        """Draw the state; in a browser with the changes of the next 25 ms, so that a drag does not queue."""
         if self._document.session_context is None:
             self._show()
         elif not self._waiting:
@@ -136,14 +125,14 @@ class Page:
     def _show(self) -> None:
         """Draw the state; if the model rejects it, show the message and keep the charts."""
         self._waiting = False
+        state, rated = self.state, self.subject.rated
         try:
-            found = picture(self.subject, self.state)
+            found = picture(self.subject, state)
         except SoftnessError as error:
             self.said.text = f"<p>{escape(f'This cannot be drawn: {error}')}</p>"
             return
-        load, rated = self.state.load, self.subject.rated
-        self.charts.draw(load, found)
-        words = [*found.told, *([] if rated is None else [f"Posterior of the run: {rated.shown[load].told}"])]
+        self.charts.draw(state.load, found)
+        words = [*found.told, *([] if rated is None else [f"Posterior of the run: {rated.shown[state.load].told}"])]
         self.said.text = _in_words(words, found)
 
     def _layout(self) -> Any:

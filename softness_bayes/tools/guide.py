@@ -14,7 +14,6 @@ from html import unescape
 from pathlib import Path
 
 import softness_bayes
-from softness_bayes.tools.links import unresolved
 
 NAME = softness_bayes.__name__
 CLONE = Path(softness_bayes.__file__).parents[1]
@@ -143,6 +142,25 @@ def _with_reference(text: str, root: str, reference: Collection[str], directory:
         return match[0]
 
     return re.sub(r"(?<!\">)<code>([a-z_]+(?:\.\w+)+)</code>", led, text)
+
+
+def unresolved(pages: Iterable[Path]) -> list[str]:
+    """Return the links of some pages within a site whose target file or anchor is missing, each with its page."""
+    found = []
+    for path in pages:
+        for link in re.findall(r'\b(?:href|src)="([^"]+)"', path.read_text(encoding="utf-8")):
+            file, _, anchor = unescape(link).partition("#")
+            if ":" in file.partition("/")[0]:
+                continue  # of another host
+            target = (path.parent / file).resolve() if file else path.resolve()
+            known = target.is_file() and (not anchor or target.suffix != ".html" or _has(target, anchor))
+            found += [] if known else [f"{path.name}: {link}"]
+    return found
+
+
+def _has(page: Path, anchor: str) -> bool:
+    """Return whether a page has an anchor."""
+    return bool(re.search(rf'\b(?:id|name)="{re.escape(anchor)}"', page.read_text(encoding="utf-8")))
 
 
 def lead_to_guide(directory: Path, reference: Iterable[str]) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from softness_bayes.tools import guide
 from softness_bayes.tools.api_pages import TEMPLATES, modules
-from softness_bayes.tools.links import unresolved
+from softness_bayes.tools.guide import unresolved
 
 REFERENCE = {f"{name.replace('.', '/')}.html" for name in (*modules(), "softness_bayes.touch.readings")}
 

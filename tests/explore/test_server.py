@@ -142,9 +142,9 @@ def test_a_slider_redraws_and_reset_goes_back(page, of_medians):
 
 def test_fabric_and_modulus_follow_each_other(page):
     page.fabric.value = "2"
-    assert page.modulus.value(page.sliders["E_fab"].value) == pytest.approx(900.0, rel=1e-4)
+    assert page.spans["E_fab"].value(page.sliders["E_fab"].value) == pytest.approx(900.0, rel=1e-4)
     assert "canvas, 900 kPa" in page.said.text
-    page.sliders["E_fab"].value = page.modulus.place(300.0)
+    page.sliders["E_fab"].value = page.spans["E_fab"].place(300.0)
     assert (page.fabric.value, page.state.fabric, page.state.modulus_kpa) == ("", None, 300.0)
     assert page.fabric.options[-1][1] == ANY
     page.load.value = "0"
