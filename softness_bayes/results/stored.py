@@ -1,4 +1,4 @@
-"""What a finished run stored: its groups and provenance, from which data, model and answers are computed."""
+"""Groups and provenance that a finished run stored, from which data, model and answers are computed."""
 
 from __future__ import annotations
 
