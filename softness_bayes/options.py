@@ -88,6 +88,18 @@ class Kind:
         return ()
 
 
+class Named(Kind):
+    """Values whose text on the command line is also their record."""
+
+    def store(self, value: Any) -> Any:
+        """Return the text of a value."""
+        return self.write(value)
+
+    def restore(self, stored: Any) -> Any:
+        """Return the value of a text."""
+        return self.parse(stored)
+
+
 @dataclass(frozen=True)
 class Number(Kind):
     """Numbers in a range."""
@@ -276,7 +288,7 @@ class NumbersByName(ByName):
         return repr(float(value))
 
 
-class FilePath(Kind):
+class FilePath(Named):
     """Paths of files."""
 
     metavar = "FILE"
@@ -289,14 +301,6 @@ class FilePath(Kind):
     def parse(self, text: str) -> Path:
         """Return the path."""
         return Path(text)
-
-    def store(self, value: Path) -> str:
-        """Return the path as text."""
-        return str(value)
-
-    def restore(self, stored: str) -> Path:
-        """Return the path of a text."""
-        return Path(stored)
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from softness_bayes.options import (
     AUTO,
     ByName,
     Kind,
+    Named,
     Names,
     Number,
     Numbers,
@@ -64,7 +65,7 @@ class FixedValues(NumbersByName):
         return [f"{name}=" for name in EVERY_PARAMETER]
 
 
-class Law(Kind):
+class Law(Named):
     """Prior distributions, in written form or as laws."""
 
     metavar = "PRIOR"
@@ -80,14 +81,6 @@ class Law(Kind):
         from softness_bayes.parameters.priors import parse_prior
 
         return parse_prior(text)
-
-    def store(self, value: Prior) -> str:
-        """Return the written form."""
-        return str(value)
-
-    def restore(self, stored: str) -> Prior:
-        """Return the law of a written form."""
-        return self.parse(stored)
 
     def require_storable(self, name: str, value: Prior) -> None:
         """Raise an error for a law that its written form does not determine."""
@@ -240,7 +233,7 @@ class ReadingsByPlace(ByName):
         return [f"{name}=" for name in ALTERNATIVES]
 
 
-class Direction(Kind):
+class Direction(Named):
     """Directions of ratings with the response."""
 
     choices = (AUTO, FREE.name, *RATING_DIRECTIONS)
@@ -257,12 +250,6 @@ class Direction(Kind):
     def write(self, value: RatingDirection) -> str:
         """Return the name."""
         return value.name
-
-    store = write
-
-    def restore(self, stored: str) -> RatingDirection:
-        """Return the direction of a name."""
-        return direction_named(stored)
 
 
 class FingerValues(NumbersByName):
@@ -325,7 +312,7 @@ class Differing(Names):
         return tuple(self.accept("individual", super().parse(text)))
 
 
-class Errors(Kind):
+class Errors(Named):
     """Error laws of ratings."""
 
     choices = (AUTO, *ERRORS)
@@ -340,22 +327,16 @@ class Errors(Kind):
 
     def parse(self, text: str) -> ErrorLaw | None:
         """Return the law of a name."""
-        return None if text == AUTO else self.restore(text)
+        from softness_bayes.likelihood.error_laws import error_law_named
+
+        return None if text == AUTO else error_law_named(text)
 
     def write(self, value: ErrorLaw) -> str:
         """Return the name."""
         return value.name
 
-    store = write
 
-    def restore(self, stored: str) -> ErrorLaw:
-        """Return the law of a name."""
-        from softness_bayes.likelihood.error_laws import error_law_named
-
-        return error_law_named(stored)
-
-
-class RatingScale(Kind):
+class RatingScale(Named):
     """Scales of ratings, custom ones by their importable name."""
 
     choices = tuple(RATING_SCALES)
@@ -373,12 +354,6 @@ class RatingScale(Kind):
     def write(self, value: Scale) -> str:
         """Return the name."""
         return name_of_scale(value)
-
-    store = write
-
-    def restore(self, stored: str) -> Scale:
-        """Return the scale of a name."""
-        return scale_named(stored)
 
     def require_storable(self, name: str, value: Scale) -> None:
         """Raise an error for a custom scale without an importable name."""
