@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from softness_bayes.data import Compression, Experiment, Ratings
-    from softness_bayes.model.as_given import AsGiven
     from softness_bayes.model.direction import DirectionChoice
+    from softness_bayes.model.interpretation import Interpretation
     from softness_bayes.parameters.fabric_moduli import FabricModuli
     from softness_bayes.results.run_options import DataFiles
 
@@ -71,8 +71,8 @@ def command(
     machine.
     """
     from softness_bayes.data import Compression
-    from softness_bayes.model.as_given import as_given
     from softness_bayes.model.build import build, choose_direction
+    from softness_bayes.model.interpretation import interpret
     from softness_bayes.model.reach import reach_of
     from softness_bayes.model.understanding import foreseen, understood, warnings
 
@@ -89,22 +89,22 @@ def command(
         if reached:
             click.echo(f"warning: {reached}\n")
         _show_tables(experiment, model)
-    given = as_given(experiment.ratings, model)
-    found = warnings(experiment, model, given)
+    meaning = interpret(experiment.ratings, model)
+    found = warnings(experiment, model, meaning)
     noted = [*experiment.notes, *([reached] if reached else []), *found]
-    direction = choose_direction(experiment, model, given)
+    direction = choose_direction(experiment, model, meaning)
     expected = foreseen(experiment, model) if design else None
     if as_json:
-        every = understood(experiment, model, given, direction, noted)
+        every = understood(experiment, model, meaning, direction, noted)
         click.echo(json.dumps(every | {"design": expected}, indent=1, ensure_ascii=False))
     else:
-        _show_model(given, direction, found)
+        _show_model(meaning, direction, found)
         for line in [] if expected is None else ["", *design_lines(expected)]:
             click.echo(line)
         for line in ["", *cost_lines(build(experiment, model))] if cost else []:
             click.echo(line)
     if figure is not None:
-        _draw(figure, experiment, model, given)
+        _draw(figure, experiment, model, meaning)
         click.echo(f"drawn in {figure}", err=True)
 
 
@@ -133,11 +133,11 @@ def _show_tables(experiment: Experiment, model: ModelOptions) -> None:
         click.echo(f"note: {note}")
 
 
-def _show_model(given: AsGiven, direction: DirectionChoice, found: list[str]) -> None:
+def _show_model(meaning: Interpretation, direction: DirectionChoice, found: list[str]) -> None:
     """Print warnings, and the meaning and direction of the ratings."""
     for note in found:
         click.echo(f"note: {note}")
-    click.echo(f"\nWhat do the numbers say?\n{given.note}\n{given.errors_note}")
+    click.echo(f"\nWhat do the numbers say?\n{meaning.note}\n{meaning.errors_note}")
     click.echo("\nDo ratings rise or fall with stiffness?")
     for line in direction.evidence.lines:
         click.echo(line)
@@ -168,7 +168,7 @@ def _require_figure(figure: Path, files: DataFiles, force: bool) -> None:
     require_outputs(figure.parent, [figure.name], CHECK, force, files.paths)
 
 
-def _draw(figure: Path, experiment: Experiment, model: ModelOptions, given: AsGiven) -> None:
+def _draw(figure: Path, experiment: Experiment, model: ModelOptions, meaning: Interpretation) -> None:
     """Draw data and fabrics with the response predicted by the prior."""
     import numpy as np
 
@@ -185,7 +185,7 @@ def _draw(figure: Path, experiment: Experiment, model: ModelOptions, given: AsGi
     pairs, of_rating = np.unique(groups.of[ratings.load] * len(ratings.fabrics) + ratings.fabric, return_inverse=True)
     load, fabric = np.divmod(pairs, len(ratings.fabrics))
     observed = observed_ratings(
-        given.said.values, of_rating, ratings.participant, modulus[fabric], load, scale=model.scale
+        meaning.intervals.values, of_rating, ratings.participant, modulus[fabric], load, scale=model.scale
     )
     drawn = design_figure(grid, response, observed, groups, scale=model.scale)
     suffix = figure.suffix.lstrip(".")

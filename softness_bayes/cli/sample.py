@@ -174,9 +174,9 @@ def run(
         if said := reach_of(model.experiment, model.options):
             click.echo(f"warning: {said}", err=True)
         click.echo(_direction_note(model), err=True)
-        people = people_note(model.experiment, model.options)
-        for said in (model.given.note, model.given.errors_note, *([] if people is None else [people])):
-            click.echo(f"note: {said}", err=True)
+        meaning, people = model.interpretation, people_note(model.experiment, model.options)
+        for note in (meaning.note, meaning.errors_note, *([] if people is None else [people])):
+            click.echo(f"note: {note}", err=True)
     bar = Bar()
     with keeping(lambda: _kept(checkpoint, bar.drawing, moved)), checkpoint:
         decided = request._replace(model=model.options)

@@ -22,11 +22,11 @@ from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.likelihood.ratings import SKIN, RatingParameters, RatingsLikelihood, RatingsModel
 from softness_bayes.likelihood.scales import MAGNITUDE, STANDARDISED
 from softness_bayes.likelihood.spreads import RaterSpreads, SpreadModel
-from softness_bayes.model.as_given import AsGiven, as_given
 from softness_bayes.model.direction import DRAWS, DirectionChoice, evidence_of
 from softness_bayes.model.fabric_moduli import fabric_moduli
 from softness_bayes.model.fingers import box_of_priors, require_one_source
 from softness_bayes.model.individual import answers_of, differing, family_of, fingers_of, grid_of, spreads_of
+from softness_bayes.model.interpretation import Interpretation, interpret
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.other_loads import beside, touched_in
 from softness_bayes.model.posterior import Density, Posterior
@@ -69,7 +69,7 @@ class ExperimentModel:
         The direction of the ratings, and the evidence of the data.
     resolution
         Reason for the discretisation; None if it was given.
-    given
+    interpretation
         Interpretation of the ratings, and their error law.
     """
 
@@ -79,7 +79,7 @@ class ExperimentModel:
     scene: Scene
     direction: DirectionChoice
     resolution: ChosenResolution | None
-    given: AsGiven
+    interpretation: Interpretation
 
 
 @dataclass(frozen=True)
@@ -129,13 +129,13 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
         )
     if fingers_of(options.individual) and (freed := sorted(SHAPE_PARAMETERS.keys() & options.priors.keys())):
         raise InputError(f"individual: raters' own fingers and a prior of {freed[0]} cannot be combined")
-    given = as_given(experiment.ratings, options)
+    meaning = interpret(experiment.ratings, options)
     if options.errors is None:
-        options = options.decide(errors=given.law)
-    chosen = choose_direction(experiment, options, given)
+        options = options.decide(errors=meaning.law)
+    chosen = choose_direction(experiment, options, meaning)
     if options.direction is None:
         options = options.decide(direction=chosen.direction)
-    space, resolution = space_of(experiment, options, given), None
+    space, resolution = space_of(experiment, options, meaning), None
     moduli = moduli_of(experiment, options)
     compiled = _compiler(experiment, options, space)
     if options.discretisation is None:
@@ -143,8 +143,10 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
         options = options.decide(discretisation=resolution.discretisation)
     assert options.discretisation is not None
     scene = compiled(options.discretisation)
-    model, design = _model_of(options, given, chosen.direction), design_of(experiment)
-    observation = model.observe(given.said.values, design, None if given.said.exact else given.said)
+    model, design = _model_of(options, meaning, chosen.direction), design_of(experiment)
+    observation = model.observe(
+        meaning.intervals.values, design, None if meaning.intervals.exact else meaning.intervals
+    )
     others, fingers = None, None
     observation = _with_load_errors(observation, experiment, options)
     if observation.load_errors is not None:
@@ -164,7 +166,7 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
     )
     if options.scale.model is not None:
         _try_own(observation, posterior)
-    return ExperimentModel(experiment, options, posterior, scene, chosen, resolution, given)
+    return ExperimentModel(experiment, options, posterior, scene, chosen, resolution, meaning)
 
 
 def _with_load_errors(observed: RatingsLikelihood, experiment: Experiment, options: ModelOptions) -> RatingsLikelihood:
@@ -219,10 +221,12 @@ def build_skin(compression: Compression, options: ModelOptions) -> SkinModel:
     return SkinModel(compression, replace(options, discretisation=Discretisation()), posterior)
 
 
-def choose_direction(experiment: Experiment, options: ModelOptions, given: AsGiven | None = None) -> DirectionChoice:
+def choose_direction(
+    experiment: Experiment, options: ModelOptions, meaning: Interpretation | None = None
+) -> DirectionChoice:
     """Return the requested direction, or the one inferred from the data, with the evidence of the data.
 
-    The interpretation of the ratings may be `given` if it is already known.
+    The interpretation of the ratings may be given as `meaning` if it is already known.
 
     Raises
     ------
@@ -230,8 +234,8 @@ def choose_direction(experiment: Experiment, options: ModelOptions, given: AsGiv
         If a rating does not suit the scale.
     """
     ratings, conditions = experiment.ratings, experiment.ratings.conditions
-    given = given or as_given(ratings, options)
-    space = space_of(experiment, options, given)
+    meaning = meaning or interpret(ratings, options)
+    space = space_of(experiment, options, meaning)
     # noise smooths the onset of the rate curve, which does not change the order but takes minutes
     coarse = replace(COARSE, rate_nodes=(options.discretisation or COARSE).rate_nodes)
     scene = _compiler(experiment, replace(options, noise=0.0), space)(coarse)
@@ -243,13 +247,13 @@ def choose_direction(experiment: Experiment, options: ModelOptions, given: AsGiv
         layout, share = merge(layout, groups.of)
         rate = rate @ share
     known = np.array([bool(basis) for basis in experiment.fabrics.basis])
-    evidence = evidence_of(layout, given.said.values, rate, known, groups.names)
+    evidence = evidence_of(layout, meaning.intervals.values, rate, known, groups.names)
     asked = options.direction is not None and "direction" not in options.decided
     return DirectionChoice(options.direction or evidence.direction or RISES, asked, evidence)
 
 
-def space_of(experiment: Experiment, options: ModelOptions, given: AsGiven | None = None) -> ParameterSpace:
-    """Return the parameters of an experiment's model, before `_bent`; `given` as in `choose_direction`.
+def space_of(experiment: Experiment, options: ModelOptions, meaning: Interpretation | None = None) -> ParameterSpace:
+    """Return the parameters of an experiment's model, before `_bent`; `meaning` as in `choose_direction`.
 
     Raises
     ------
@@ -262,8 +266,8 @@ def space_of(experiment: Experiment, options: ModelOptions, given: AsGiven | Non
             "radius is given a prior, but the model of compression data needs a known radius: omit the prior "
             "or the compression data"
         )
-    given = given or as_given(experiment.ratings, options)
-    needs = _model_of(replace(options, errors=given.law), given).needs
+    meaning = meaning or interpret(experiment.ratings, options)
+    needs = _model_of(replace(options, errors=meaning.law), meaning).needs
     return parameter_space(
         fix=options.fix,
         priors=options.priors,
@@ -279,7 +283,7 @@ def space_of(experiment: Experiment, options: ModelOptions, given: AsGiven | Non
     )
 
 
-def _model_of(options: ModelOptions, given: AsGiven, direction: RatingDirection = RISES) -> RatingsModel:
+def _model_of(options: ModelOptions, meaning: Interpretation, direction: RatingDirection = RISES) -> RatingsModel:
     """Return the observation model of the ratings, for an error law already chosen.
 
     Raises
@@ -289,12 +293,12 @@ def _model_of(options: ModelOptions, given: AsGiven, direction: RatingDirection 
     """
     if not options.individual:
         assert options.errors is not None
-        model: Any = rating_model(options.scale, direction, options.errors, given.said.exact)
-        model = replace(model, categories=given.categories) if given.categories else model
-        return replace(model, raters=given.raters) if given.raters else model
+        model: Any = rating_model(options.scale, direction, options.errors, meaning.intervals.exact)
+        model = replace(model, categories=meaning.categories) if meaning.categories else model
+        return replace(model, raters=meaning.raters) if meaning.raters else model
     if answers := answers_of(options.individual):
         assert options.errors is not None
-        plain = given.said.exact and "omega" not in options.priors
+        plain = meaning.intervals.exact and "omega" not in options.priors
         return own_model(options.scale, answers, direction, options.errors, plain)
     if options.scale is not MAGNITUDE:
         what = differing(options.individual)

@@ -111,7 +111,7 @@ class _Foresight:
         self.model, self.planned = model, planned
         self.posterior: Posterior = model.posterior
         self.space = self.posterior.space
-        self.rounding = _rounding(model.given.said, model.options.scale.additive)
+        self.rounding = _rounding(model.interpretation.intervals, model.options.scale.additive)
         rng = np.random.default_rng(0)
         few = TRUTHS * CONDITIONS // max(model.scene.n_conditions, CONDITIONS)
         drawn = self._scores(self.space.draw_prior(rng, TRUTHS - 1))

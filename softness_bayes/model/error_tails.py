@@ -24,15 +24,15 @@ LEAST_FREE = 1e-3
 law."""
 
 
-def law_of(ratings: Ratings, said: Stated, scale: Scale) -> tuple[ErrorLaw, str]:
+def law_of(ratings: Ratings, intervals: Stated, scale: Scale) -> tuple[ErrorLaw, str]:
     """Return Student's t if the residuals of participants and conditions have heavy tails, else normal; and why.
 
     Censored ratings have no residual: a 0 is some number below a limit, and any number in its place may lie far out.
     """
-    conditions, known = ratings.conditions, ~said.censored
+    conditions, known = ratings.conditions, ~intervals.censored
     left_out = "" if known.all() else f", without {counted(int((~known).sum()), 'censored rating')}"
     rated, of_row = np.unique(conditions.of_rating[known], return_inverse=True)
-    values, fabric = said.values[known], conditions.fabric[rated]
+    values, fabric = intervals.values[known], conditions.fabric[rated]
     design = Design(of_row, ratings.participant[known], fabric, len(ratings.participants))
     layout = Layout(design, np.ones(design.n_conditions), conditions.load[rated], scale=scale)
     groups, within = groups_of(ratings.loads), ""

@@ -61,7 +61,7 @@ class Planned(NamedTuple):
 
 def as_it_is(model: ExperimentModel) -> Planned:
     """Return the design of an experiment."""
-    design, lists = design_of(model.experiment), model.given.said.lists
+    design, lists = design_of(model.experiment), model.interpretation.intervals.lists
     compared = None if lists is None else Comparisons.of_rows(lists, design.condition)
     return Planned("", design, model.scene, len(model.experiment.fabrics.names), compared)
 

@@ -13,11 +13,11 @@ from softness_bayes.data import LOAD_COLUMNS, Compression, Experiment, Ratings
 from softness_bayes.data.oddities import oddities
 from softness_bayes.data.ratings import with_few_loads
 from softness_bayes.likelihood.scales import CATEGORIES, PAIRS, RANKS
-from softness_bayes.model.as_given import AsGiven
 from softness_bayes.model.build import COARSE, build, design_of, moduli_of
 from softness_bayes.model.design_information import Expected, foresee
 from softness_bayes.model.direction import DirectionChoice
 from softness_bayes.model.hypothetical import as_it_is, others
+from softness_bayes.model.interpretation import Interpretation
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.pressed import people_note
 from softness_bayes.model.trend import odd_raters
@@ -35,7 +35,7 @@ LIMITS = (0.1, 0.5, 0.9)
 """Reported quantiles over true parameter vectors."""
 
 
-def warnings(experiment: Experiment, options: ModelOptions, given: AsGiven) -> list[str]:
+def warnings(experiment: Experiment, options: ModelOptions, meaning: Interpretation) -> list[str]:
     """Return warnings about odd or wrong values in the ratings, besides the notes from reading the files."""
     ratings = experiment.ratings
     moduli = np.array(moduli_of(experiment, options).middle)
@@ -43,7 +43,7 @@ def warnings(experiment: Experiment, options: ModelOptions, given: AsGiven) -> l
         design_of(experiment), moduli[ratings.conditions.fabric], ratings.conditions.load, scale=options.scale
     )
     groups = groups_of(ratings.loads)
-    odd = odd_raters(merge(layout, groups.of)[0] if groups.merged else layout, given.said.values)
+    odd = odd_raters(merge(layout, groups.of)[0] if groups.merged else layout, meaning.intervals.values)
     names = ratings.participants
     found = [
         f"looks wrong: {names[k]} rates against all others (rank correlation {r:+.2f} with their means): was "
@@ -58,7 +58,11 @@ def warnings(experiment: Experiment, options: ModelOptions, given: AsGiven) -> l
 
 
 def understood(
-    experiment: Experiment, options: ModelOptions, given: AsGiven, direction: DirectionChoice, notes: list[str]
+    experiment: Experiment,
+    options: ModelOptions,
+    meaning: Interpretation,
+    direction: DirectionChoice,
+    notes: list[str],
 ) -> dict[str, Any]:
     """Return the full interpretation of an experiment as JSON data.
 
@@ -66,7 +70,7 @@ def understood(
     ----------
     experiment, options
         The tables and the requested options.
-    given, direction
+    meaning, direction
         Interpretation of the numbers, and their direction.
     notes
         Notes from reading the files, and `warnings`.
@@ -75,7 +79,7 @@ def understood(
     pairs = len(ratings.fabrics) * len(ratings.loads)
     cells = len(set(zip(ratings.participant.tolist(), conditions.of_rating.tolist(), strict=True)))
     answers = np.bincount(ratings.participant)
-    steps = [float(given.said.step[ratings.participant == k].max()) for k in range(len(ratings.participants))]
+    steps = [float(meaning.intervals.step[ratings.participant == k].max()) for k in range(len(ratings.participants))]
     return {
         "schema": SCHEMA,
         "source": ratings.source,
@@ -109,9 +113,9 @@ def understood(
         "model": {
             "scale": options.scale.name,
             "readings": dict(options.readings.names),
-            "numbers": given.note,
-            "errors": given.law.name,
-            "errors_because": given.errors_note,
+            "numbers": meaning.note,
+            "errors": meaning.law.name,
+            "errors_because": meaning.errors_note,
             "direction": direction.direction.name,
             "direction_because": direction.evidence.lines,
         },

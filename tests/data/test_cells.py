@@ -7,7 +7,7 @@ from softness_bayes.data import Ratings, ratings_csv
 from softness_bayes.data.forms import conversion_error, conversion_note
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import AGGREGATED, MAGNITUDE
-from softness_bayes.model.as_given import as_given
+from softness_bayes.model.interpretation import interpret
 from softness_bayes.model.options import ModelOptions
 from support.refusals import refusal
 
@@ -106,11 +106,11 @@ def test_single_ratings_beside_such_columns_stay_single_ratings(file):
 def test_the_scale_is_asked_for_by_name(file):
     cells, single = Ratings.read(file(GEOMETRIC)), Ratings.read(file("fabric,force_n,rating\na,1,5\nb,1,6\n"))
     with pytest.raises(InputError, match=r"means of 20 raters, which are aggregated.*add --ratings aggregated"):
-        as_given(cells, ModelOptions(scale=MAGNITUDE))
+        interpret(cells, ModelOptions(scale=MAGNITUDE))
     with pytest.raises(InputError, match=r"geometric means of n raters: expected the columns geometric_mean"):
-        as_given(single, ModelOptions(scale=AGGREGATED))
-    given = as_given(cells, ModelOptions(scale=AGGREGATED))
-    assert given.raters == 20
-    assert given.note == (
+        interpret(single, ModelOptions(scale=AGGREGATED))
+    meaning = interpret(cells, ModelOptions(scale=AGGREGATED))
+    assert meaning.raters == 20
+    assert meaning.note == (
         "ratings: geometric means of 20 raters each, 2 of them with the standard deviation of their log ratings"
     )

@@ -134,7 +134,7 @@ def test_forces_of_a_plate_tell_of_the_skin(model, rng):
 def test_coarser_numbers_tell_less():
     rating = np.round(np.exp(np.random.default_rng(2).normal(1.5, 0.8, (6, 6, 2))) + 0.5)
     fine, coarse = (built(data=experiment(rating), errors=NORMAL, resolution=step) for step in (0.0, 1.0))
-    assert coarse.given.said.exact is False
+    assert coarse.interpretation.intervals.exact is False
     one, two = (foresee(model, as_it_is(model)) for model in (fine, coarse))
     assert np.median(two.bits[:, None]) < np.median(one.bits)
 

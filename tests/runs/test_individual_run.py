@@ -13,8 +13,8 @@ from softness_bayes.checking.individual import POPULATION
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import STANDARDISED
 from softness_bayes.model import individual
-from softness_bayes.model.as_given import as_given
 from softness_bayes.model.build import build, design_of
+from softness_bayes.model.interpretation import interpret
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.pressed import people_note
 from softness_bayes.model.scenes import usual_values
@@ -150,7 +150,7 @@ def test_the_notes_say_who_was_pressed():
     assert people_note(experiment(), alike) is None
     assert "rated and pressed (2 of 5 raters); each is one person" in people_note(whole, alike)
     assert "without --individual b all raters have the typical finger" in people_note(whole, ModelOptions())
-    said = warnings(whole, ModelOptions(), as_given(whole.ratings, ModelOptions()))
+    said = warnings(whole, ModelOptions(), interpret(whole.ratings, ModelOptions()))
     assert any("2 of 5 raters" in line for line in said)
     others = replace(whole.compression, participants=("F1", "F2", "F3", "F4"))
     assert "treated as different people" in people_note(whole._replace(compression=others), alike)

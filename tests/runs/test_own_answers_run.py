@@ -100,7 +100,7 @@ def test_they_combine_with_zeros_heavy_tails_and_deviations_of_fabrics():
     with quickly():
         model = build(with_zeros(), ModelOptions(fix=OPTIONS["fix"], **COMBINED))
         posterior = model.posterior
-        assert "ratings of 0 are censored" in model.given.note
+        assert "ratings of 0 are censored" in model.interpretation.note
         assert {"tau_gamma", "omega", "nu"} <= {*posterior.names}
         theta = posterior.space.draw_prior(np.random.default_rng(2), 3)
         assert np.isfinite(posterior.log_likelihood(theta)).all()

@@ -30,10 +30,10 @@ MOST_STEPS = 5
 """Largest number of different grid steps listed by name."""
 
 
-class AsGiven(NamedTuple):
+class Interpretation(NamedTuple):
     """The intervals represented by ratings, and their error law."""
 
-    said: Stated
+    intervals: Stated
     law: ErrorLaw
     note: str
     """Interpretation of the numbers, as a sentence."""
@@ -45,7 +45,7 @@ class AsGiven(NamedTuple):
     """Number of raters averaged in each rating; 0 for ratings by single raters."""
 
 
-def as_given(ratings: Ratings, options: ModelOptions) -> AsGiven:
+def interpret(ratings: Ratings, options: ModelOptions) -> Interpretation:
     """Return the interpretation of ratings and their error law, as requested or as inferred from the table.
 
     Raises
@@ -55,20 +55,20 @@ def as_given(ratings: Ratings, options: ModelOptions) -> AsGiven:
     """
     options.scale.require(ratings)
     if options.scale in (RANKS, PAIRS):
-        return _as_places(ratings, options)
+        return _of_lists(ratings, options)
     if ratings.paired:
         raise InputError(
             f"{ratings.source}: the rows are pairs of fabrics (column fabric_2), which are {PAIRS.name}, not "
             f"{options.scale.name} ratings; add --ratings {PAIRS.name}"
         )
     if (ratings.cells is not None) != (options.scale is AGGREGATED):
-        raise InputError(_of_cells(ratings, options))
+        raise InputError(_wrong_cells(ratings, options))
     if options.scale.model is not None:
-        return _as_modelled(ratings, options)
-    alone = _closed_form_alone(ratings, options)
+        return _with_custom_model(ratings, options)
+    alone = _needs_closed_form(ratings, options)
     # steps of 0 request exact numbers, which the closed form supports
-    asked = bool(options.resolution) or (ratings.resolution is not None and bool(np.nansum(ratings.resolution)))
-    if alone and (asked or options.errors not in (None, NORMAL)):
+    rounded = bool(options.resolution) or (ratings.resolution is not None and bool(np.nansum(ratings.resolution)))
+    if alone and (rounded or options.errors not in (None, NORMAL)):
         raise InputError(
             f"ratings: {alone} need exact numbers with normal errors; omit --resolution and --errors, and "
             "remove a column resolution"
@@ -78,28 +78,28 @@ def as_given(ratings: Ratings, options: ModelOptions) -> AsGiven:
             f"{ratings.source}: {(ratings.rating <= 0).sum()} ratings are 0, and {alone} need ratings above 0; "
             "leave these out with --drop-zeros, or omit that option"
         )
-    said = _said_of(ratings, options, 0.0 if alone else options.resolution)
+    intervals = _intervals_of(ratings, options, 0.0 if alone else options.resolution)
     if options.errors is not None:
         law, why = options.errors, options.errors.meaning + ("" if "errors" in options.decided else ", as asked")
     elif alone:
         law, why = NORMAL, f"normal, as {alone} need"
     else:
-        law, why = law_of(ratings, said, options.scale)
+        law, why = law_of(ratings, intervals, options.scale)
     count = _count_of(ratings, options)
     raters = 0 if ratings.cells is None else ratings.cells.raters
-    note = f"ratings: {count} ordered categories" if count else _of_numbers(ratings, said, alone)
+    note = f"ratings: {count} ordered categories" if count else _numbers_note(ratings, intervals, alone)
     if ratings.cells is not None:
-        note = f"ratings: geometric means of {raters} raters each, {_told_of_spreads(ratings.cells)}"
-    return AsGiven(said, law, note, f"errors: {why}", count, raters)
+        note = f"ratings: geometric means of {raters} raters each, {_spreads_note(ratings.cells)}"
+    return Interpretation(intervals, law, note, f"errors: {why}", count, raters)
 
 
-def _told_of_spreads(cells: AggregatedCells) -> str:
+def _spreads_note(cells: AggregatedCells) -> str:
     if cells.geometric_sd is None:
         return "without standard deviations, so they do not inform the spread of raters' scales (tau)"
     return f"{int(np.isfinite(cells.geometric_sd).sum())} of them with the standard deviation of their log ratings"
 
 
-def _of_cells(ratings: Ratings, options: ModelOptions) -> str:
+def _wrong_cells(ratings: Ratings, options: ModelOptions) -> str:
     """Return the reason for which cell means, or single ratings, do not fit the requested scale."""
     if ratings.cells is None:
         return (
@@ -112,7 +112,7 @@ def _of_cells(ratings: Ratings, options: ModelOptions) -> str:
     )
 
 
-def _as_modelled(ratings: Ratings, options: ModelOptions) -> AsGiven:
+def _with_custom_model(ratings: Ratings, options: ModelOptions) -> Interpretation:
     """Return exact numbers with the error law of a custom observation model."""
     name, law = options.scale.name, rating_model(options.scale).error
     if options.resolution is not None or ratings.resolution is not None or options.errors not in (None, law):
@@ -121,9 +121,9 @@ def _as_modelled(ratings: Ratings, options: ModelOptions) -> AsGiven:
             "--errors, and remove a column resolution"
         )
     none = np.zeros(len(ratings))
-    said = Stated(ratings.rating, none, none, np.full(len(ratings), np.inf))
+    intervals = Stated(ratings.rating, none, none, np.full(len(ratings), np.inf))
     note = f"ratings: {options.scale.meaning}, as defined by the custom model of {name}"
-    return AsGiven(said, law, note, f"errors: {law.meaning}, as defined by that model")
+    return Interpretation(intervals, law, note, f"errors: {law.meaning}, as defined by that model")
 
 
 def stated(ratings: Ratings, resolution: float | None = None) -> Stated:
@@ -170,7 +170,7 @@ def stated_on_slider(ratings: Ratings, ends: tuple[float, float], resolution: fl
     return Stated(values, step, limit, most, 1.0)
 
 
-def _as_places(ratings: Ratings, options: ModelOptions) -> AsGiven:
+def _of_lists(ratings: Ratings, options: ModelOptions) -> Interpretation:
     """Return ratings as places in lists, each expressed as the share of the list below it.
 
     Raises
@@ -215,15 +215,17 @@ def _as_places(ratings: Ratings, options: ModelOptions) -> AsGiven:
         )
     tied = int((count[of_row.ravel()] > 1).sum())
     zero = np.zeros(own.size)
-    said = Stated(shares(own, lists), zero, zero, zero + np.inf, lists=lists)
+    intervals = Stated(shares(own, lists), zero, zero, zero + np.inf, lists=lists)
     if options.scale is PAIRS:
-        return _as_pairs(ratings, options, said, sizes, tied // 2)
+        return _of_pairs(ratings, options, intervals, sizes, tied // 2)
     note = f"ratings: places in {sizes.size} lists of {_span(sizes)} touches; a larger number is a higher place"
     note += f"; {tied} places are tied, and do not inform the order within ties" if tied else ""
-    return AsGiven(said, GUMBEL, note, f"errors: {GUMBEL.meaning}")
+    return Interpretation(intervals, GUMBEL, note, f"errors: {GUMBEL.meaning}")
 
 
-def _as_pairs(ratings: Ratings, options: ModelOptions, said: Stated, sizes: NDArray[np.intp], tied: int) -> AsGiven:
+def _of_pairs(
+    ratings: Ratings, options: ModelOptions, intervals: Stated, sizes: NDArray[np.intp], tied: int
+) -> Interpretation:
     """Return ratings as answers to pairs, given the sizes of their lists.
 
     Raises
@@ -241,7 +243,9 @@ def _as_pairs(ratings: Ratings, options: ModelOptions, said: Stated, sizes: NDAr
     note += f"; {tied} of them are ties, and contain no information" if tied else ""
     law = options.errors or NORMAL
     more = "; --errors lapses also models guesses" if law == NORMAL else ""
-    return AsGiven(said, law, note, f"errors: {law.meaning}, so that an answer is a probit of the difference{more}")
+    return Interpretation(
+        intervals, law, note, f"errors: {law.meaning}, so that an answer is a probit of the difference{more}"
+    )
 
 
 def _span(sizes: NDArray[np.intp]) -> str:
@@ -303,7 +307,7 @@ def _count_of(ratings: Ratings, options: ModelOptions) -> int:
     return count
 
 
-def _said_of(ratings: Ratings, options: ModelOptions, resolution: float | None) -> Stated:
+def _intervals_of(ratings: Ratings, options: ModelOptions, resolution: float | None) -> Stated:
     if options.scale is CATEGORIES:
         return stated(replace(ratings, resolution=None), 0.0)
     if options.scale is SLIDER:
@@ -313,7 +317,7 @@ def _said_of(ratings: Ratings, options: ModelOptions, resolution: float | None) 
     return stated(ratings, resolution)
 
 
-def _closed_form_alone(ratings: Ratings, options: ModelOptions) -> str:
+def _needs_closed_form(ratings: Ratings, options: ModelOptions) -> str:
     """Return the requested features that need exact ratings with normal errors, in words; empty if none."""
     if options.scale is STANDARDISED:
         return f"{options.scale.name} ratings"
@@ -328,12 +332,12 @@ def _closed_form_alone(ratings: Ratings, options: ModelOptions) -> str:
     return ""
 
 
-def _of_numbers(ratings: Ratings, said: Stated, alone: str) -> str:
-    if said.exact:
+def _numbers_note(ratings: Ratings, intervals: Stated, alone: str) -> str:
+    if intervals.exact:
         return "ratings: treated as exact numbers" + (f", as {alone} need" if alone else "")
     people = len(ratings.participants)
     step = np.zeros(people)
-    np.maximum.at(step, ratings.participant, said.step)
+    np.maximum.at(step, ratings.participant, intervals.step)
     parts, zeros = [], int((ratings.rating == 0).sum())
     if step.any():
         sizes, counts = np.unique(step[step > 0], return_counts=True)
@@ -344,8 +348,8 @@ def _of_numbers(ratings: Ratings, said: Stated, alone: str) -> str:
             f"{some_of(int(counts.sum()), people, 'participant', 'rounds', 'round')} their answers to steps of "
             f"{', '.join(named)}; each rating counts as the interval that rounds to it"
         )
-    if np.isfinite(said.end):
-        low, high = (said.values < said.limit).sum(), (said.values > said.most).sum()
+    if np.isfinite(intervals.end):
+        low, high = (intervals.values < intervals.limit).sum(), (intervals.values > intervals.most).sum()
         parts.append(f"{low} lie at the slider's lower end and {high} at the upper one; these are censored")
     elif zeros:
         one = "rating of 0 is censored: it counts as a number below the smallest that its participant uses"

@@ -12,8 +12,8 @@ from softness_bayes.errors import InputError
 from softness_bayes.likelihood.directions import FALLS, FREE, RISES
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
 from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, PAIRS, RANKS, SLIDER, STANDARDISED
-from softness_bayes.model.as_given import as_given, stated, stated_on_slider
 from softness_bayes.model.build import build
+from softness_bayes.model.interpretation import interpret, stated, stated_on_slider
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_ratings
@@ -115,7 +115,7 @@ def test_exact_simulated_numbers_keep_the_closed_form():
     experiment, _ = simulated()
     model = build(experiment, QUICK)
     assert type(model.posterior.observation).__name__ == "LogRatings"
-    assert model.given.note == "ratings: treated as exact numbers"
+    assert model.interpretation.note == "ratings: treated as exact numbers"
     assert (model.options.errors, "errors" in model.options.decided) == (NORMAL, True)
     assert ModelOptions.from_record(model.options.record()) == model.options
     assert "omega" in model.posterior.space.held
@@ -127,10 +127,10 @@ def test_whole_numbers_are_intervals_and_zeros_are_kept():
     assert (experiment.ratings.rating % 1 == 0).all()
     model = build(experiment, QUICK)
     assert model.posterior.observation.ends is not None
-    assert "round their answers to steps of 1 (1" in model.given.note
+    assert "round their answers to steps of 1 (1" in model.interpretation.note
     assert (
         f"{(experiment.ratings.rating == 0).sum()} ratings of 0 are censored: they count as numbers below"
-        in model.given.note
+        in model.interpretation.note
     )
     theta = model.posterior.space.draw_prior(np.random.default_rng(1), 20)
     value = model.posterior.log_likelihood(theta)
@@ -147,7 +147,7 @@ def test_laws_have_their_parameters(errors, extra):
     model = build(experiment, replace(QUICK, errors=errors))
     assert tuple(n for n in model.posterior.names if n in ("nu", "lapse")) == extra
     assert tuple(n for n in made.truth if n in ("nu", "lapse")) == extra
-    assert model.given.errors_note == f"errors: {errors.meaning}, as asked"
+    assert model.interpretation.errors_note == f"errors: {errors.meaning}, as asked"
     again = ModelOptions.from_record(model.options.record())
     assert again.errors is errors
 
@@ -156,12 +156,12 @@ def test_the_table_decides_between_normal_and_heavy_tails():
     """Tails of many tables: normal errors are hardly ever taken for heavy ones, clear outliers always are."""
     heavy = normal = 0
     for seed in range(12):
-        heavy += as_given(simulated(seed, 20, errors=STUDENT, values={"nu": 2.5})[0].ratings, QUICK).law is STUDENT
-        normal += as_given(simulated(seed, 20)[0].ratings, QUICK).law is NORMAL
+        heavy += interpret(simulated(seed, 20, errors=STUDENT, values={"nu": 2.5})[0].ratings, QUICK).law is STUDENT
+        normal += interpret(simulated(seed, 20)[0].ratings, QUICK).law is NORMAL
     assert (heavy, normal) == (12, 12)
     few = simulated(0, 2, errors=STUDENT, values={"nu": 2.5})[0].ratings
-    assert as_given(few, QUICK).law is NORMAL
-    assert "too few ratings" in as_given(few, QUICK).errors_note
+    assert interpret(few, QUICK).law is NORMAL
+    assert "too few ratings" in interpret(few, QUICK).errors_note
 
 
 @pytest.mark.parametrize("count", [1, 24])
@@ -172,9 +172,9 @@ def test_zeros_are_no_heavy_tails(count):
         table = simulated(seed, 20)[0].ratings
         silent = np.zeros(len(table), bool)
         silent[np.random.default_rng(seed).choice(len(table), count, replace=False)] = True
-        given = as_given(replace(table, rating=np.where(silent, 0.0, table.rating)), replace(QUICK, resolution=0.0))
-        assert f"without {counted(count, 'censored rating')}" in given.errors_note
-        laws.append(given.law)
+        meaning = interpret(replace(table, rating=np.where(silent, 0.0, table.rating)), replace(QUICK, resolution=0.0))
+        assert f"without {counted(count, 'censored rating')}" in meaning.errors_note
+        laws.append(meaning.law)
     assert laws == [NORMAL] * 6
 
 
@@ -185,7 +185,7 @@ def test_conditions_that_hardly_repeat_are_no_heavy_tails():
     for seed in range(12):
         rng = np.random.default_rng(seed)
         own = {"load": rng.integers(len(loads), size=len(table)), "rating": np.exp(rng.normal(2.0, 0.4, len(table)))}
-        students += as_given(replace(table, loads=loads, **own), QUICK).law is STUDENT
+        students += interpret(replace(table, loads=loads, **own), QUICK).law is STUDENT
     assert students == 0
 
 
@@ -199,7 +199,7 @@ def test_fabrics_may_deviate_whatever_the_ratings_are(scale, errors):
     own = replace(QUICK, scale=scale, errors=errors, priors={"omega": HalfNormal(0.5)})
     model = build(experiment, own)
     assert model.options.errors is errors
-    assert "exact" not in model.given.note
+    assert "exact" not in model.interpretation.note
     assert "omega" in model.posterior.names
     theta = model.posterior.space.draw_prior(np.random.default_rng(1), 5)
     value = model.posterior.log_likelihood(theta)
@@ -224,10 +224,10 @@ def test_what_has_no_model_is_refused():
         build(some, replace(QUICK, individual=("b",), resolution=1.0))
     scores = np.resize([-1.0, 0.5, 1.0], len(some.ratings))
     with pytest.raises(InputError, match="standardised ratings need exact numbers"):
-        as_given(replace(some.ratings, rating=scores), ModelOptions(scale=STANDARDISED, errors=LAPSES))
+        interpret(replace(some.ratings, rating=scores), ModelOptions(scale=STANDARDISED, errors=LAPSES))
     silent = replace(some.ratings, rating=np.zeros(len(some.ratings)))
     with pytest.raises(InputError, match="expected ratings above 0, got none"):
-        as_given(silent, QUICK)
+        interpret(silent, QUICK)
     with pytest.raises(InputError, match=r"simulate: resolution is 1\.0, expected none for standardised ratings"):
         simulated(scale=STANDARDISED, resolution=1.0)
 
@@ -284,7 +284,7 @@ def test_a_slider_is_simulated_and_fitted():
     assert (experiment.ratings.rating <= 1).all()
     model = build(experiment, replace(QUICK, scale=SLIDER))
     assert made.truth["mu"] == 1.5
-    assert "at the slider's lower end" in model.given.note
+    assert "at the slider's lower end" in model.interpretation.note
     theta = model.posterior.space.draw_prior(np.random.default_rng(1), 10)
     assert np.isfinite(model.posterior.log_likelihood(theta)).all()
     percent = replace(experiment.ratings, rating=100.0 * experiment.ratings.rating)
@@ -302,7 +302,7 @@ def test_categories_are_simulated_and_fitted():
     options = replace(QUICK, scale=CATEGORIES, n_categories=5)
     model = build(experiment, options)
     assert tuple(n for n in model.posterior.names if n.startswith("gap_")) == ("gap_2", "gap_3", "gap_4")
-    assert model.given.note == "ratings: 5 ordered categories"
+    assert model.interpretation.note == "ratings: 5 ordered categories"
     theta = model.posterior.space.draw_prior(np.random.default_rng(1), 10)
     value = model.posterior.log_likelihood(theta)
     assert np.isfinite(value).all()
@@ -331,7 +331,7 @@ def test_orders_are_simulated_and_fitted():
     assert observed.model.direction is FALLS  # of the data
     assert {"tau", "omega"}.isdisjoint(built.posterior.space.names)
     assert np.unique(observed.lists).size == 16
-    assert "places in 16 lists of" in built.given.note
+    assert "places in 16 lists of" in built.interpretation.note
     values = observed.values[observed.lists == 0]
     assert values.min() == 0.0
     assert values.max() == 1.0
@@ -340,7 +340,7 @@ def test_orders_are_simulated_and_fitted():
 def test_lists_may_be_named():
     made = ranked().ratings
     named = replace(made, lists=made.participant)
-    said = as_given(named, replace(QUICK, scale=RANKS)).said
+    said = interpret(named, replace(QUICK, scale=RANKS)).intervals
     assert (said.lists == made.participant).all()
 
 
@@ -355,7 +355,7 @@ def test_lists_may_be_named():
 )
 def test_what_is_no_order_is_refused(change, message):
     with pytest.raises(InputError, match=message):
-        as_given(replace(ranked().ratings, **change), replace(QUICK, scale=RANKS))
+        interpret(replace(ranked().ratings, **change), replace(QUICK, scale=RANKS))
 
 
 @pytest.mark.parametrize(
@@ -368,7 +368,7 @@ def test_what_is_no_order_is_refused(change, message):
 )
 def test_orders_have_no_options_of_numbers(options, message):
     with pytest.raises(InputError, match=message):
-        as_given(ranked().ratings, replace(QUICK, scale=RANKS, **options))
+        interpret(ranked().ratings, replace(QUICK, scale=RANKS, **options))
 
 
 def test_pairs_are_simulated_and_fitted():
@@ -381,12 +381,12 @@ def test_pairs_are_simulated_and_fitted():
     assert {"tau", "mu", "omega"}.isdisjoint(made.truth)
     built = build(Experiment(made.ratings, CLOTH, ()), replace(QUICK, scale=PAIRS, errors=LAPSES))
     assert built.posterior.names == ("b", "m", "alpha", "beta", "sigma_0", "gamma", "varsigma", "eps", "lapse")
-    assert "answers to" in built.given.note
-    assert as_given(made.ratings, replace(QUICK, scale=PAIRS)).law is NORMAL
+    assert "answers to" in built.interpretation.note
+    assert interpret(made.ratings, replace(QUICK, scale=PAIRS)).law is NORMAL
     with pytest.raises(InputError, match="pairs have no --errors"):
-        as_given(made.ratings, replace(QUICK, scale=PAIRS, errors=STUDENT))
+        interpret(made.ratings, replace(QUICK, scale=PAIRS, errors=STUDENT))
     with pytest.raises(InputError, match="a list holds 6 touches, expected pairs"):
-        as_given(ranked().ratings, replace(QUICK, scale=PAIRS))
+        interpret(ranked().ratings, replace(QUICK, scale=PAIRS))
     lines = np.repeat(np.arange(2, 2 + len(made.ratings) // 2), 2)
     with pytest.raises(InputError, match="which are pairs, not magnitude ratings; add --ratings pairs"):
-        as_given(replace(made.ratings, rows=lines), QUICK)
+        interpret(replace(made.ratings, rows=lines), QUICK)
