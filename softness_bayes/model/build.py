@@ -110,7 +110,7 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
         Ratings and fabrics; compression data if there are any.
     options
         Choices of the model. If no direction is given, it is inferred from the data; if no discretisation is given, it
-        is the cheapest one that meets the accuracy.
+        is the coarsest preset that meets the accuracy.
 
     Raises
     ------
