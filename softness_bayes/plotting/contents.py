@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from softness_bayes.parameters.priors import Prior
-    from softness_bayes.plotting.drawable import Drawable
+    from softness_bayes.plotting.drawing import Drawable
     from softness_bayes.touch.contact import Load
 
 Array = NDArray[np.float64]

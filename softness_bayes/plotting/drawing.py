@@ -1,23 +1,59 @@
-"""Definition of one figure of a finished run: its content and required data, including custom figures."""
+"""One figure of a finished run: what it reads of the run, its content and required data, also of custom figures."""
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from softness_bayes.errors import InputError
 from softness_bayes.plotting.style import USUAL, Style
 
 if TYPE_CHECKING:
+    import numpy as np
+    import xarray as xr
     from matplotlib.figure import Figure
+    from numpy.typing import NDArray
 
+    from softness_bayes.checking.inflection import Curves, Inflection
     from softness_bayes.likelihood.scales import Scale
-    from softness_bayes.plotting.drawable import Drawable
+    from softness_bayes.touch.contact import Load
 
 FIRST_LOOK = "first look: not converged"
 """Note on every figure of a run that ended at its first convergence check."""
+
+
+class Drawable(Protocol):
+    """Interface of a finished run that the figures use; `Result` implements it."""
+
+    @property
+    def tree(self) -> xr.DataTree:
+        """The groups of the result."""
+
+    @property
+    def is_first_look(self) -> bool:
+        """True if the run ended on purpose before convergence."""
+
+    @property
+    def scale(self) -> Scale:
+        """The scale of the ratings."""
+
+    @property
+    def loads(self) -> tuple[Load, ...]:
+        """The loads of the data."""
+
+    def group(self, name: str) -> xr.Dataset:
+        """Return one group."""
+
+    def curves(self) -> Curves:
+        """Return the response against E_fab for each draw, under each load or group of loads."""
+
+    def typical_ratings(self) -> NDArray[np.float64]:
+        """Return the rating that a typical participant gives along these curves, shape (draws, loads, points)."""
+
+    def inflections(self) -> Inflection:
+        """Return the turning points of the response for each draw, under the same loads."""
 
 
 @dataclass(frozen=True)

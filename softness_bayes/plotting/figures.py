@@ -17,7 +17,7 @@ from softness_bayes.sampler.workers import Workers
 from softness_bayes.supplied import FORM, installed, is_supplied, supplied
 
 if TYPE_CHECKING:
-    from softness_bayes.plotting.drawable import Drawable
+    from softness_bayes.plotting.drawing import Drawable
 
 CURVES = VariableSource("predictions/total_rate", "the run had no ratings, so it has no response curves")
 REPLICATES = VariableSource("posterior_predictive/rating_of_new_participants", "it has no replicated ratings")

@@ -15,7 +15,7 @@ from softness_bayes.plotting.style import USUAL, Style
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from softness_bayes.plotting.drawable import Drawable
+    from softness_bayes.plotting.drawing import Drawable
 
 
 class Plots:

@@ -16,6 +16,7 @@ from softness_bayes.plotting.panels import (
     MODULUS_LABEL,
     RATIO_LABEL,
     Array,
+    RatioAxis,
     check_loads,
     draw_bands,
     grid_of_panels,
@@ -23,7 +24,6 @@ from softness_bayes.plotting.panels import (
     number_ticks,
     title,
 )
-from softness_bayes.plotting.ratio import RatioAxis
 from softness_bayes.plotting.style import USUAL, Style
 from softness_bayes.touch.contact import Load
 from softness_bayes.touch.load_groups import LoadGroup

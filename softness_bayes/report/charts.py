@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.checking.inflection import PERCENTS
 from softness_bayes.likelihood.scales import Scale
-from softness_bayes.plotting.panels import TINTS, title
+from softness_bayes.plotting.panels import TINTS, RatioAxis, title
 from softness_bayes.plotting.rating import observed_ratings
 from softness_bayes.plotting.style import USUAL
 from softness_bayes.readable import chance, number
@@ -84,14 +84,15 @@ def shown(result: Result) -> dict[str, list[Shown]]:
     typical = result.typical_ratings()
     fabric = result.group("constant_data")["effective_modulus_kpa"].values
     names = [str(name) for name in result.group("constant_data")["fabric"].values]
-    modulus, ratio = curves.modulus * 1e-3, curves.modulus / curves.skin_modulus
+    modulus = curves.modulus * 1e-3
     found: dict[str, list[Shown]] = {axis.name: [] for axis in AXES}
     for k, load in enumerate(groups.called):
         row, observed = table.loc[str(load)], _observed(result, groups.of == k)
         turns = {"e_fab": _turn(row, "e_fab_kpa"), "ratio": _turn(row, "ratio")}
+        on = RatioAxis.of(curves.modulus, curves.skin_modulus[:, k])
         layouts = {
             "e_fab": (modulus, curves.total_rate[:, k], typical[:, k], fabric),
-            "ratio": _on_ratio(modulus, ratio[:, k], curves.total_rate[:, k], typical[:, k], fabric),
+            "ratio": (on.grid, on.carry(curves.total_rate[:, k]), on.carry(typical[:, k]), on.place(1e3 * fabric)),
         }
         for axis in AXES:
             x, rate, rating, place = layouts[axis.name]
@@ -107,15 +108,6 @@ def shown(result: Result) -> dict[str, list[Shown]]:
                 )
             )
     return found
-
-
-def _on_ratio(modulus: Array, ratio: Array, rate: Array, rating: Array, fabric: Array) -> tuple[Array, ...]:
-    """Return a common grid of E_fab / E_skin that all draws reach, curves on it, and the fabrics' median ratios."""
-    own = np.log(ratio)
-    grid = np.linspace(own[:, 0].max(), own[:, -1].min(), modulus.size)
-    on_grid = [np.stack([np.interp(grid, x, y) for x, y in zip(own, z, strict=True)]) for z in (rate, rating)]
-    place = np.median([np.interp(np.log(fabric), np.log(modulus), x) for x in own], axis=0)
-    return np.exp(grid), *on_grid, np.exp(place)
 
 
 def _band(x: Array, draws: Array) -> dict[str, list[float]]:
