@@ -9,7 +9,7 @@ from softness_bayes.plotting import FIGURES, USUAL, contents
 from softness_bayes.results import result
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.load_groups import NEAR, LoadGroup, LoadGroups, groups_of
-from support.figures import finished_run
+from support.figures import TURNING, finished_run
 
 
 def test_few_are_all_shown_and_many_keep_their_ends():
@@ -71,8 +71,9 @@ def merged(monkeypatch):
     for module in (contents, result):
         monkeypatch.setattr(module, "groups_of", lambda loads: both)
     made = finished_run()
-    stored = made.tree["predictions"].to_dataset()
-    made.tree["predictions"].dataset = stored.isel(load=[1]).drop_vars("load").rename_dims(load=LOAD_GROUP)
+    for group in ("predictions", *TURNING):
+        stored = made.tree[group].to_dataset()
+        made.tree[group].dataset = stored.isel(load=[1]).drop_vars("load").rename_dims(load=LOAD_GROUP)
     return made
 
 

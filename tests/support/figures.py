@@ -57,6 +57,10 @@ def drawn(figure: Figure) -> Figure:
     return figure
 
 
+TURNING = ("inflection", "prior_inflection")
+"""Groups with the turning points of many draws of posterior and prior."""
+
+
 def finished_run() -> Result:
     """Return a result of two parameters, three fabrics and two loads, as a run stores it."""
     rng = np.random.default_rng(9)
@@ -77,6 +81,7 @@ def finished_run() -> Result:
             "posterior": {name: np.exp(rng.standard_normal((8, 60))) for name in ("b", "gamma", "mu")},
             "prior": {name: np.exp(rng.standard_normal((1, 90))) for name in ("b", "gamma")},
             "predictions": {name: values[None] for name, values in (lines | places).items()},
+            **{group: {name: values[None] for name, values in places.items()} for group in TURNING},
             "observed_data": {"rating": np.exp(rng.standard_normal(24))},
             "constant_data": {
                 "effective_modulus_kpa": FABRICS / 1e3,
