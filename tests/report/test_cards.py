@@ -43,7 +43,7 @@ def fit(share=0.8, p_value=1e-6, against=False):
 def exactness(sd):
     theta = np.random.default_rng(1).standard_normal((300, 1))
     compared = compare_likelihoods(("b",), theta, np.zeros(300), sd * theta[:, 0])
-    return fast_model_card(compared, NumericalErrors(1e-4, 1e-4, "numbers", sd, sd, 1.0, 0.1, False))
+    return fast_model_card(compared, NumericalErrors(1e-4, 1e-4, "numbers", sd, sd, 1.0, 0.1, False, 0.05))
 
 
 def turning(*reproduced):
