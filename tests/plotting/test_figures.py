@@ -90,7 +90,12 @@ def whole_run() -> Result:
     for name, child in more.children.items():
         dataset = child.to_dataset()
         tree[name] = tree[name].to_dataset().merge(dataset) if name in tree.children else dataset
-    found = {"direction": "softness", "rating_scale": "magnitude", "schema_version": 1, "verdict": "Converged <fine>."}
+    found = {
+        "direction": "rises-with-firing",
+        "rating_scale": "magnitude",
+        "schema_version": 1,
+        "verdict": "Converged <fine>.",
+    }
     tree.attrs.update(found)
     summary = pd.DataFrame({"mean": [1.23456, 2.0]}, index=pd.Index(["b", "gamma"], name="parameter"))
     return Result(tree, summary, {"predictive_checks": check_table(tree)})

@@ -88,7 +88,7 @@ LEVELLED_NAMES = [f"levelled_{name}" for name in ("turns_over", "e_fab_kpa", "dr
 BY_ROW = ("rating", NEW_PARTICIPANTS, "participant_index", "fabric_index", "load_index", "loo_pit", EXCESS)
 
 
-def tree(rng, seen=STEEP, assumed=STEEP, direction="softness"):
+def tree(rng, seen=STEEP, assumed=STEEP, direction="rises-with-firing"):
     """The groups of a result whose model assumes some rates, with data made at others."""
     filed = ratings(rng, LAY.design, seen)
     same, other = tables(rng, LAY, filed, assumed, REPLICATES)
