@@ -5,7 +5,9 @@ Names are imported on first use, so that ``import softness_bayes`` is fast.
 
 from __future__ import annotations
 
+import ast
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
@@ -73,77 +75,22 @@ if TYPE_CHECKING:
     from softness_bayes.touch.scene import Scene as Scene
     from softness_bayes.touch.stress import stress as stress
 
-_HOMES = {
-    "AGGREGATED": "likelihood.scales",
-    "ALTERNATIVES": "touch.readings",
-    "CATEGORIES": "likelihood.scales",
-    "CalibrationScene": "runs.calibration_scene",
-    "Compression": "data",
-    "Discretisation": "touch.scene",
-    "Experiment": "data",
-    "FALLS": "likelihood.directions",
-    "FREE": "likelihood.directions",
-    "Fabrics": "data",
-    "Finger": "touch.contact",
-    "FixedChannels": "touch.neuron.fixed_channels",
-    "Force": "touch.contact",
-    "HalfNormal": "parameters.priors",
-    "Indentation": "touch.contact",
-    "LAPSES": "likelihood.error_laws",
-    "InputError": "errors",
-    "LogNormal": "parameters.priors",
-    "ModelOptions": "model.options",
-    "NAMED_READINGS": "touch.readings",
-    "NORMAL": "likelihood.error_laws",
-    "PAPER_CHANNELS": "touch.neuron.membrane",
-    "PARAMETERS": "parameters.declared",
-    "Plots": "plotting.plots",
-    "RISES": "likelihood.directions",
-    "Ratings": "data",
-    "Readings": "touch.readings",
-    "Result": "results.result",
-    "RunOptions": "results.run_options",
-    "STUDENT": "likelihood.error_laws",
-    "MAGNITUDE": "likelihood.scales",
-    "PAIRS": "likelihood.scales",
-    "RANKS": "likelihood.scales",
-    "SLIDER": "likelihood.scales",
-    "Scene": "touch.scene",
-    "Style": "plotting.style",
-    "calibrate": "runs.calibrate",
-    "calibrate_like": "runs.calibrate",
-    "claims_table": "claims.report",
-    "compare": "runs.comparison",
-    "build": "model.build",
-    "evaluate_claims": "claims",
-    "firing_rate": "touch.neuron.rate",
-    "parameter_space": "parameters.choice",
-    "pool_results": "runs.population",
-    "prediction_table": "model.prediction",
-    "rank_ecdf_figure": "plotting.calibration",
-    "read_experiment": "data",
-    "receptor_current": "touch.receptors",
-    "rheobase": "touch.neuron.rate",
-    "sample": "runs.run",
-    "sample_skin": "runs.plate",
-    "scene_of": "model.scenes",
-    "simulate_compression": "model.simulated_forces",
-    "simulate_ratings": "model.simulation",
-    "solve_contact": "touch.contact",
-    "spike_times": "touch.neuron.spikes",
-    "stress": "touch.stress",
-    "study": "runs.study",
-    "touch_parameters": "model.scenes",
-    "usual_values": "model.scenes",
-}
 
+def _homes() -> dict[str, str]:
+    """Return the module of every public name: those above are the only list."""
+    tree = ast.parse(Path(__file__).read_text(encoding="utf-8"))
+    imported = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    return {one.asname: str(node.module) for node in imported for one in node.names if one.asname}
+
+
+_HOMES = _homes()
 __all__ = ["__version__", *_HOMES]
 
 
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    return getattr(import_module(_HOMES[name]), name)
 
 
 def __dir__() -> list[str]:

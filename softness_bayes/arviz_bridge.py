@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
 from softness_bayes.files.whole import write_whole
-from softness_bayes.imports import without
 
 if TYPE_CHECKING:
     import xarray
@@ -191,8 +190,7 @@ def netcdf(tree: xarray.DataTree, ending: Callable[[memoryview], bytes] | None =
         Function of the content that returns bytes to append to it, which readers ignore.
     """
     content = io.BytesIO()
-    # xarray imports these wherever they are installed, and needs them for arrays on other machines alone
-    with without("dask", "distributed"), _opened(content, "w") as file:
+    with _opened(content, "w") as file:
         tree.to_netcdf(file, engine="h5netcdf")
     if ending is not None:
         with content.getbuffer() as whole:
@@ -290,9 +288,7 @@ def _enough(chains: ArrayLike) -> bool:
 
 
 def _arviz() -> Any:
-    # ArviZ copies bokeh's descriptions when it is imported, which takes a third of the time of the import
-    with without("bokeh"):
-        import arviz
+    import arviz
 
     return arviz
 
