@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from softness_bayes.data.columns import key
-from softness_bayes.data.delimited import content_of, text_sheet
+from softness_bayes.data.delimited import LARGEST, content_of, text_sheet
 from softness_bayes.data.faults import listing
 from softness_bayes.data.headers import Sought, understood
 from softness_bayes.data.sheets import MOST_CELLS, Sheet, SheetNumber, sheet_of
@@ -237,9 +237,21 @@ def _parquet(path: Path, content: bytes) -> Sheet:
     import pandas as pd
 
     try:
+        import pyarrow
+        import pyarrow.parquet
+
+        about = pyarrow.parquet.ParquetFile(io.BytesIO(content)).metadata
+        size = sum(about.row_group(k).total_byte_size for k in range(about.num_row_groups))
+        if about.num_rows * about.num_columns > MOST_CELLS or size > LARGEST:
+            raise InputError(
+                f"{path}: {about.num_rows} rows of {about.num_columns} columns with {size >> 20} MB, expected at most "
+                f"{MOST_CELLS} cells and {LARGEST >> 20} MB"
+            )
         frame = pd.read_parquet(io.BytesIO(content), engine="pyarrow")
     except ImportError:
         raise InputError(f"{path}: Parquet files are read with pyarrow, which is not installed: {INSTALL}") from None
+    except InputError:
+        raise
     except Exception as error:  # pyarrow has errors of many kinds
         raise InputError(f"{path}: not a Parquet file that can be read ({type(error).__name__})") from None
     return _frame_sheet(frame, str(path), path.name, hashlib.sha256(content).hexdigest())

@@ -15,8 +15,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.parameters.coordinates import Coordinate, Coordinates, walked
 from softness_bayes.parameters.declared import EVERY_PARAMETER, PARAMETERS, Parameter
 from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS, FabricModuli
-from softness_bayes.parameters.joint_prior import Laws
-from softness_bayes.parameters.priors import Prior
+from softness_bayes.parameters.priors import Laws, Prior
 from softness_bayes.ranges import Range
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.neuron.surface import FiringSurface

@@ -124,6 +124,16 @@ def test_a_rare_method_of_compression_is_refused_before_unpacking(tmp_path):
     assert "compression method 14" in limited(NOW, path).stdout
 
 
+def test_a_parquet_file_of_few_bytes_and_many_rows_is_refused(tmp_path):
+    arrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    path, group = tmp_path / "ratings.parquet", arrow.table({"rating": [5.0] * 10**6})
+    with parquet.ParquetWriter(path, group.schema) as writer:
+        for _ in range(200):
+            writer.write_table(group)
+    assert path.stat().st_size < 2**20
+    assert "200000000 rows of 1 columns with" in limited(NOW, path).stdout
+
+
 def test_text_of_too_many_columns_is_refused(tmp_path):
     path = tmp_path / "ratings.csv"
     path.write_text("a" + ",a" * 2**14 + "\n1\n", encoding="utf-8")

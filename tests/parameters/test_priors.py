@@ -7,10 +7,10 @@ import pytest
 from scipy import integrate, stats
 
 from softness_bayes.errors import InputError
-from softness_bayes.parameters.joint_prior import Laws
 from softness_bayes.parameters.priors import (
     LAWS,
     HalfNormal,
+    Laws,
     LogNormal,
     Normal,
     Uniform,
