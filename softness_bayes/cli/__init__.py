@@ -24,7 +24,7 @@ GROUPS: Mapping[str, Mapping[str, str]] = {
     "Start": {
         "demo": "Run a complete small example, from tables to a report, in seconds.",
         "new": "Write tables and scripts to start from into DIR.",
-        "check": "Validate data files and show how they are read, how precise the design is, and what a run costs.",
+        "check": "Validate data files and show how they are read, how precise the design is and what a run costs.",
         "list": "List and explain readings, priors or figures.",
     },
     "Fit": {
@@ -45,7 +45,7 @@ GROUPS: Mapping[str, Mapping[str, str]] = {
         "compare": "Rank finished runs by how well they predict held-out data.",
         "simulate": "Simulate ratings of fabrics from given parameters.",
         "calibrate": "Test the inference by simulation: whether credible intervals have their stated coverage.",
-        "bench": "Measure time and error of the forward model on this machine, and of other ways to compute it.",
+        "bench": "Measure time and error of the likelihood on this machine, and of other ways to compute the response.",
     },
     "Paper": {
         "claims": "Test which of the paper's claims hold under which readings of its equations.",

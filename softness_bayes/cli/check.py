@@ -56,7 +56,7 @@ PRIOR_DRAWS = 200
 def command(
     files: DataFiles, model: ModelOptions, design: bool, cost: bool, as_json: bool, figure: Path | None, force: bool
 ) -> None:
-    """Validate data files and show how they are read.
+    """Validate data files and show how they are read, how precise the design is and what a run costs.
 
     The table of ratings has one row per rating: participant, fabric, rating, and indentation_mm or force_n; trial, if
     any. Fabrics have one row each in a separate table, or are columns of the ratings: fabric, and

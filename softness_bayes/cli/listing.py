@@ -24,7 +24,9 @@ def _complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> li
 @click.argument("what", type=click.Choice(["readings", "priors", "figures"]), metavar="WHAT")
 @click.argument("place", required=False, metavar="[PLACE]", shell_complete=_complete)
 def command(what: str, place: str | None) -> None:
-    """List and explain readings, priors or figures: WHAT is one of these three.
+    """List and explain readings, priors or figures.
+
+    WHAT is one of these three.
 
     Readings: the alternatives of the model's equations, at PLACE alone if it is given. In every command that has these
     options, --reading PLACE=NAME chooses one reading and --readings SET a whole set. A custom reading is given by its

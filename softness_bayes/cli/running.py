@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -39,6 +39,11 @@ class Sampling(click.Command):
             drawing = () if given.get("no_figures") else ("softness_bayes.plotting.libraries",)
             workers.prepare("softness_bayes.runs.run", *drawing)
         return super().parse_args(ctx, args)
+
+
+def sampling(verb: Callable[..., None]) -> click.Command:
+    """Return a function as the command that samples."""
+    return click.command(cls=Sampling)(verb)
 
 
 def command_line() -> str:
