@@ -141,18 +141,17 @@ def _end_workers() -> None:
 
 
 def _beginning() -> list[int]:
-    """Return the numbers of the processes of the server that forks workers.
+    """Return the numbers of the worker processes of this process, on systems with /proc.
 
     Processes that are still starting are not among the active children. They would print an error about truncated
     input.
     """
-    module = sys.modules.get("multiprocessing.forkserver")
-    server = getattr(getattr(module, "_forkserver", None), "_forkserver_pid", None)
     found = []
-    for path in Path("/proc").glob("[0-9]*/stat") if server else ():
+    for path in Path("/proc").glob("[0-9]*"):
         with suppress(OSError, ValueError, IndexError):
-            if int(path.read_text().rpartition(")")[2].split()[1]) == server:
-                found.append(int(path.parent.name))
+            parent = int((path / "stat").read_text().rpartition(")")[2].split()[1])
+            if parent == os.getpid() and b"multiprocessing.spawn" in (path / "cmdline").read_bytes():
+                found.append(int(path.name))
     return found
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from softness_bayes.cli.options import FILE, collected, flag, no_figures, trust_code, trusts_code, whole
-from softness_bayes.cli.running import command_line, in_numbers, needed, sampling
+from softness_bayes.cli.running import command_line, in_numbers, needed
 from softness_bayes.cli.sample import require_drawn, run
 from softness_bayes.errors import InputError
 from softness_bayes.files.asked import read_asked
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from softness_bayes.runs.calibration_files import CalibrationProgress
 
 
-@sampling
+@click.command()
 @click.argument("directory", type=FILE, metavar="DIR")
 @click.option(
     "--more-steps",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import shlex
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,29 +21,6 @@ if TYPE_CHECKING:
 
     from softness_bayes.results.result import Result
     from softness_bayes.sampler.diagnostics import Verdict
-
-
-class Sampling(click.Command):
-    """A command with `processes` and `no_figures` that starts the server of its workers first.
-
-    The server imports its modules while this process converts the options, which imports many modules as well.
-    """
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Start the server, unless no process will be needed, and convert the options."""
-        given, asks = self.make_parser(ctx).parse_args(list(args))[0], self.get_help_option(ctx)
-        helped = asks is not None and asks.name in given
-        if given.get("processes") != "1" and not helped and not ctx.resilient_parsing:
-            from softness_bayes.sampler import workers
-
-            drawing = () if given.get("no_figures") else ("softness_bayes.plotting.libraries",)
-            workers.prepare("softness_bayes.runs.run", *drawing)
-        return super().parse_args(ctx, args)
-
-
-def sampling(verb: Callable[..., None]) -> click.Command:
-    """Return a function as the command that samples."""
-    return click.command(cls=Sampling)(verb)
 
 
 def command_line() -> str:

@@ -13,7 +13,7 @@ import click
 from softness_bayes.cli.interrupts import keeping
 from softness_bayes.cli.options import collected, data_files, flagged, force, no_figures, out, own_figures, typed
 from softness_bayes.cli.progress import Bar
-from softness_bayes.cli.running import command_line, sampling
+from softness_bayes.cli.running import command_line
 from softness_bayes.cli.summary import print_result
 from softness_bayes.errors import InputError, NotConvergedError
 from softness_bayes.model.options import ModelOptions
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from softness_bayes.results.request import Request
 
 
-@sampling
+@click.command()
 @data_files
 @collected("model", ModelOptions, *flagged(ModelOptions))
 @collected("how", RunOptions, *flagged(RunOptions))

@@ -85,9 +85,10 @@ def corner_figure(
         If labels and draws disagree, a draw is not finite, a parameter does not vary, or there are
         fewer draws than parameters.
     """
-    import corner
     import pandas as pd
     from matplotlib.figure import Figure
+
+    from softness_bayes.plotting.libraries import corner
 
     values = _thinned(check_draws(draws, labels))
     _require_varying(values, labels)

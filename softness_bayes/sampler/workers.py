@@ -6,66 +6,30 @@ import gc
 import logging
 import os
 import signal
-import sys
-import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
-from functools import lru_cache
-from itertools import islice
 from multiprocessing import get_context, parent_process, resource_tracker
-from multiprocessing.context import BaseContext
 from queue import SimpleQueue
 from types import TracebackType
 from typing import Any, Protocol, Self, TypeVar, runtime_checkable
 
-from threadpoolctl import ThreadpoolController
+from threadpoolctl import threadpool_limits
 
 from softness_bayes.defaults import GARBAGE, SIGNALS
 from softness_bayes.errors import WorkersLostError
-from softness_bayes.sampler.server import PARENT
 
 Result = TypeVar("Result")
 
 Follow = Callable[[Result], tuple[Any, ...] | None]
 """Takes a result and returns the arguments of a task that continues it, or None."""
 
-_LONGEST = 60
-"""Largest length of the temporary directory's name [bytes] for which a socket's name fits into 107 bytes."""
-
 RENEWALS = 1
 """Number of times that dead processes are replaced without progress before the computation is aborted."""
 
 
 _OF_A_TERMINAL = [number for number in SIGNALS if number != signal.SIGTERM]
-
-AHEAD = 4000
-"""Largest number of tasks queued at an executor."""
-
-
-def _served() -> bool:
-    """Return whether workers are forked from a server process that has imported only what they need."""
-    return sys.platform == "linux" and len(os.fsencode(tempfile.gettempdir())) <= _LONGEST
-
-
-def _context() -> BaseContext:
-    return get_context("forkserver" if _served() else "spawn")
-
-
-def prepare(*modules: str) -> None:
-    """Start to import the modules that workers need, and emcee, in the background in another process."""
-    if _served():
-        from multiprocessing import forkserver  # not available on every system
-
-        own = "softness_bayes.sampler."
-        _context().set_forkserver_preload([f"{own}server", *modules, "emcee", f"{own}server_ready"])
-        os.environ[PARENT] = str(os.getpid())
-        try:
-            with _shielded():
-                forkserver.ensure_running()
-        finally:
-            del os.environ[PARENT]
 
 
 @contextmanager
@@ -109,9 +73,8 @@ def shares_files(executor: Executor | None) -> bool:
 class Workers:
     """Context manager for worker processes, each with a copy of one resident object.
 
-    New processes are not forks of this one, because a fork of a process with threads may hang. They are spawned, or
-    forked from a server process without threads. A script that samples with more than one process therefore needs
-    the guard ``if __name__ == "__main__":``.
+    New processes are spawned: a fork of a process with threads may hang. A script that samples with more than one
+    process therefore needs the guard ``if __name__ == "__main__":``.
 
     Parameters
     ----------
@@ -131,7 +94,6 @@ class Workers:
         if executor is not None:
             self._sent = executor.share(resident) if isinstance(executor, Sharing) else resident
         elif processes > 1:
-            prepare(type(resident).__module__)
             self._pool = self._new_pool()
 
     def __enter__(self) -> Self:
@@ -152,7 +114,8 @@ class Workers:
             process.kill()
 
     def _new_pool(self) -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(self._processes, _context(), _settle, (self._resident,))
+        with _shielded():  # its semaphores start the process that removes them
+            return ProcessPoolExecutor(self._processes, get_context("spawn"), _settle, (self._resident,))
 
     def _submit(self, work: Callable[..., Result], task: tuple[Any, ...]) -> Future[Result]:
         """Submit a task.
@@ -192,16 +155,13 @@ class Workers:
     def _finished(
         self, work: Callable[..., Result], tasks: Sequence[tuple[Any, ...]], follow: Follow[Result] | None = None
     ) -> Iterator[tuple[int, Result]]:
-        """Yield index and result of every task as it finishes; tasks whose process died are repeated.
-
-        At most `AHEAD` tasks are queued at the executor, because each takes some kilobytes of memory in this process.
-        """
+        """Yield index and result of every task as it finishes; tasks whose process died are repeated."""
         left = dict(enumerate(tasks))
         while left:
-            waiting, running = iter(list(left)), dict[Future[Result], int]()
+            running = dict[Future[Result], int]()
             done: SimpleQueue[Future[Result]] = SimpleQueue()
             try:
-                self._begin(work, left, islice(waiting, AHEAD), running, done)
+                self._begin(work, left, left, running, done)
                 while running:
                     future = done.get()
                     k, result = running.pop(future), future.result()
@@ -209,7 +169,6 @@ class Workers:
                     more = None if follow is None else follow(result)
                     if more is None:
                         del left[k]
-                        self._begin(work, left, islice(waiting, 1), running, done)
                     else:
                         left[k] = more
                         self._begin(work, left, [k], running, done)
@@ -320,6 +279,8 @@ _resident: Any = None
 def _settle(resident: Any) -> None:
     global _resident
     _resident = resident
+    import scipy.linalg  # noqa: F401  # `one_thread` finds only libraries that are loaded
+
     # as in the waiting process: without a handler, libraries print their warnings
     if not logging.getLogger().handlers:
         logging.getLogger().addHandler(logging.NullHandler())
@@ -351,10 +312,4 @@ def _on_one_thread(work: Callable[..., Result], resident: Any, task: tuple[Any, 
 
 def one_thread() -> AbstractContextManager[Any]:
     """Use one BLAS thread: more threads would compete with the workers, and could change the last bits of results."""
-    return _libraries(len(sys.modules)).limit(limits=1)
-
-
-@lru_cache(maxsize=1)
-def _libraries(_modules: int) -> ThreadpoolController:
-    """Return the loaded linear algebra libraries, searched again whenever modules were imported."""
-    return ThreadpoolController()
+    return threadpool_limits(limits=1)

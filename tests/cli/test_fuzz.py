@@ -32,7 +32,6 @@ from softness_bayes.model import build
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.results import fitted
 from softness_bayes.runs import calibrate
-from softness_bayes.sampler import workers
 from softness_bayes.touch import accuracy
 from support.randomness import SEED
 
@@ -197,7 +196,6 @@ def stubbed(monkeypatch):
     def stop(*_arguments, **_options):
         raise click.exceptions.Exit(0)
 
-    monkeypatch.setattr(workers, "prepare", lambda *_: None)
     for module, name in (
         (build, "build"),
         (build, "choose_direction"),

@@ -10,7 +10,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 import warnings
 from pathlib import Path
@@ -24,7 +23,6 @@ from softness_bayes.cli import VERBS, _prints
 from softness_bayes.cli.interrupts import _beginning
 from softness_bayes.errors import WorkersLostError
 from softness_bayes.results.result import Result
-from softness_bayes.sampler import workers as processes
 from softness_bayes.sampler.workers import RENEWALS, Workers
 from support.command_line import FIXED, call, few_ratings
 from support.paths import DATA, ROOT
@@ -257,7 +255,7 @@ def test_an_interrupt_ends_any_verb_quietly(verb, delay, report_run, tmp_path):
     assert not [path for path in tmp_path.rglob("*") if path.suffix in (".part", ".tmp")]
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere workers are children of this process")
+@pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")
 def test_workers_that_are_only_beginning_are_known():
     with Workers(10, 2) as workers:
         pids = {*workers.map(_number, [(), ()])}
@@ -396,33 +394,6 @@ def test_a_run_that_lost_its_memory_says_how_to_go_on(tmp_path, brief_pilot, mon
         assert done.returncode == code
         assert words in done.stderr
         assert f"'softness-bayes resume {tmp_path / words[:6]}' continues it" in done.stderr
-
-
-def test_a_long_temporary_directory_is_no_hindrance(tmp_path, monkeypatch):
-    """A server's socket has no room for its name there: processes are spawned instead."""
-    deep = tmp_path / ("d" * 60) / ("e" * 60)
-    deep.mkdir(parents=True)
-    monkeypatch.setattr(tempfile, "tempdir", str(deep))
-    assert not processes._served()
-    monkeypatch.setattr(tempfile, "tempdir", "/tmp")
-    assert processes._served() == (sys.platform == "linux")
-    program = (
-        "from softness_bayes.sampler.workers import Workers\n"
-        "if __name__ == '__main__':\n"
-        "    with Workers(3, 2) as workers:\n"
-        "        print(workers.map(max, [(1,), (5,)]))\n"
-    )
-    script = tmp_path / "script.py"
-    script.write_text(program)
-    done = subprocess.run(
-        [sys.executable, script],
-        env=ENVIRONMENT | {"TMPDIR": str(deep)},
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-    assert (done.stdout, done.stderr) == ("[3, 5]\n", "")
 
 
 # streams
