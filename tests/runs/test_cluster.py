@@ -25,7 +25,6 @@ from softness_bayes.model.simulated_forces import simulate_compression
 from softness_bayes.provenance import versions
 from softness_bayes.runs import cluster as clusters
 from softness_bayes.runs.cluster import SCHEDULER, Worker, cluster, require_workers, strangers
-from softness_bayes.sampler import workers as pool
 from softness_bayes.sampler.workers import Workers
 from softness_bayes.touch.readings import MENDED, NAMED_READINGS
 from support.command_line import call, refused
@@ -66,25 +65,6 @@ def test_a_resident_is_shared_once():
     with Shared() as executor, Workers(3, 1, executor) as workers:
         assert workers.map(add, [(1,), (2,)]) == [4, 5]
         assert executor.shared == [3]
-
-
-def test_few_tasks_wait_at_an_executor(monkeypatch):
-    """However many there are: each takes memory of this process."""
-    monkeypatch.setattr(pool, "AHEAD", 3)
-
-    class Counting(ThreadPoolExecutor):
-        begun = done = most = 0
-
-        def submit(self, work, /, *task):
-            self.begun += 1
-            self.most = max(self.most, self.begun - self.done)
-            future = super().submit(work, *task)
-            future.add_done_callback(lambda _: setattr(self, "done", self.done + 1))
-            return future
-
-    with Counting(1) as executor, Workers(3, 1, executor) as workers:
-        assert workers.map(add, [(k,) for k in range(50)]) == [3 + k for k in range(50)]
-        assert executor.most <= 3
 
 
 def fails(resident, number):
