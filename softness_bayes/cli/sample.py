@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from softness_bayes.results.request import Request
 
 
-@click.command()
+@click.command
 @data_files
 @collected("model", ModelOptions, *flagged(ModelOptions))
 @collected("how", RunOptions, *flagged(RunOptions))
