@@ -8,7 +8,7 @@ from softness_bayes.readable import percent
 
 if TYPE_CHECKING:
     from softness_bayes.model.build import ExperimentModel
-    from softness_bayes.model.cost import Setting
+    from softness_bayes.model.understanding import Setting
     from softness_bayes.touch.accuracy import Errors
     from softness_bayes.touch.scene import Discretisation
 
@@ -77,8 +77,8 @@ def cost_lines(model: ExperimentModel) -> list[str]:
     Errors are the largest over draws of the prior and conditions: of the response, relative to the peak of each draw,
     and of log(N/N_ref + eps). Costs are the time per parameter vector in batches of 64, measured on this machine.
     """
-    from softness_bayes.model.cost import BATCH, ladder, left_out, seconds
     from softness_bayes.model.scenes import prior_draws
+    from softness_bayes.model.understanding import BATCH, ladder, left_out, seconds
     from softness_bayes.touch.accuracy import DRAWS
     from softness_bayes.touch.scene import Scene
 

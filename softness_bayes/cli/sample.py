@@ -160,8 +160,7 @@ def run(
     NotConvergedError
         If a limit was reached before convergence; all results are written nevertheless.
     """
-    from softness_bayes.model.build import ExperimentModel
-    from softness_bayes.model.pressed import people_note
+    from softness_bayes.model.build import ExperimentModel, people_note
     from softness_bayes.model.reach import reach_of
     from softness_bayes.provenance import versions
     from softness_bayes.runs.kept import model_of, sample_kept

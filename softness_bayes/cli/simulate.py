@@ -190,7 +190,7 @@ def _forces(
     import numpy as np
 
     from softness_bayes.data import compression_csv
-    from softness_bayes.model.simulated_forces import simulate_compression
+    from softness_bayes.model.simulation import simulate_compression
 
     # a separate random stream, so that the ratings are the same with and without simulated fingers
     made = simulate_compression(np.random.default_rng([seed, 1]), values, model.readings, fingers, shape=model.finger)

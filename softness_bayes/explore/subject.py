@@ -15,7 +15,7 @@ from softness_bayes.data import Fabrics
 from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.errors import InputError
 from softness_bayes.model.fingers import box_of_priors, require_one_source
-from softness_bayes.model.other_touches import deviations_of_fabrics
+from softness_bayes.model.prediction import deviations_of_fabrics
 from softness_bayes.model.scenes import firing_of
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.declared import Parameter

@@ -10,6 +10,7 @@ import numpy as np
 
 from softness_bayes.checking.layout import Layout, merge
 from softness_bayes.data import Compression, Experiment, Ratings
+from softness_bayes.data.faults import listing
 from softness_bayes.errors import InputError
 from softness_bayes.kinds import require_kind
 from softness_bayes.likelihood.design import Design
@@ -19,19 +20,17 @@ from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.likelihood.models import own_model, rating_model, under_shared_loads, under_uncertain_loads
 from softness_bayes.likelihood.own import try_likelihood
 from softness_bayes.likelihood.plate import CompressionForces
+from softness_bayes.likelihood.pressed import PressedRaters
 from softness_bayes.likelihood.ratings import SKIN, RatingParameters, RatingsLikelihood, RatingsModel
 from softness_bayes.likelihood.scales import MAGNITUDE, STANDARDISED
 from softness_bayes.likelihood.spreads import RaterSpreads, SpreadModel
 from softness_bayes.model.direction import DRAWS, DirectionChoice, evidence_of
-from softness_bayes.model.fabric_moduli import fabric_moduli
 from softness_bayes.model.fingers import box_of_priors, require_one_source
 from softness_bayes.model.individual import answers_of, differing, family_of, fingers_of, grid_of, spreads_of
 from softness_bayes.model.interpretation import Interpretation, interpret
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.model.other_loads import beside, touched_in
 from softness_bayes.model.posterior import Density, Posterior
-from softness_bayes.model.pressed import pressed_raters
-from softness_bayes.model.scenes import prior_draws, scene_of, skin_of_priors
+from softness_bayes.model.scenes import beside, fabric_moduli, prior_draws, scene_of, skin_of_priors, touched_in
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.coordinates import Bent, Coordinate, Scaled
 from softness_bayes.parameters.declared import ERROR_PARAMETERS, FINGER_PARAMETERS, PARAMETERS, SHAPE_PARAMETERS
@@ -390,3 +389,34 @@ def _bent(space: ParameterSpace, scene: Scene, directed: RatingDirection) -> Par
     # rounded: a run goes on where the last digits of a computed rheobase are others
     bent |= {"alpha": Bent(round(rheobase, 4), ALPHA_WIDTH), "sigma_0": Scaled(unit)}
     return replace(space, bent=bent, rheobase=rheobase)
+
+
+def pressed_raters(experiment: Experiment, options: ModelOptions, forces: CompressionForces) -> PressedRaters | None:
+    """Return the raters with plate forces on their own fingers, matched by name; None if there are none."""
+    if experiment.compression is None or not set(SKIN) & set(options.individual):
+        return None
+    return PressedRaters.of(forces, experiment.ratings.participants, experiment.compression.participants)
+
+
+def people_note(experiment: Experiment, options: ModelOptions) -> str | None:
+    """Describe which raters also have plate forces and how these are used; None without forces.
+
+    Parameters
+    ----------
+    experiment, options
+        The tables and the requested options.
+    """
+    if experiment.compression is None:
+        return None
+    pressed = set(experiment.compression.participants)
+    both = [name for name in experiment.ratings.participants if name in pressed]
+    if not both:
+        return "no rater has the name of a pressed finger: they are treated as different people"
+    whose = f"{listing(both)}: rated and pressed ({len(both)} of {len(experiment.ratings.participants)} raters)"
+    own = [name for name in SKIN if name in options.individual]
+    if not own:
+        return (
+            f"{whose}; without --individual b all raters have the typical finger, so the forces inform the "
+            "typical finger and not those of single raters"
+        )
+    return f"{whose}; each is one person, whose {' and '.join(own)} is inferred from forces and ratings together"

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.data import Fabrics
+from softness_bayes.likelihood.contract import Effects
+from softness_bayes.likelihood.design import Design, IndexArray
+from softness_bayes.likelihood.pieces import pieces
+from softness_bayes.likelihood.ratings import RatingParameters
+from softness_bayes.model.individual import family_of
+from softness_bayes.model.posterior import Posterior
 from softness_bayes.model.scenes import touch_parameters
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Response, Scene
@@ -110,3 +118,210 @@ def _limits(values: Array, prob: float) -> Array:
         if known.size:
             limits[:, column] = np.quantile(known, [tail, 0.5, 1.0 - tail])
     return limits
+
+
+NEW_RATERS = 10
+"""Number of new raters per posterior draw, sufficient for smooth limits of their ratings."""
+
+
+class OtherRatings(NamedTuple):
+    """Ratings for the conditions of a scene at draws of a posterior [as in the file]."""
+
+    rate: Array
+    """Response of the typical finger [spikes/s], shape (draws, conditions)."""
+    typical: Array
+    """Median rating of the typical rater, same shape."""
+    new: Array
+    """One rating of each of `NEW_RATERS` new raters, shape (draws, raters, conditions); empty if no raters were
+    requested."""
+    mean: Array
+    """Mean rating of the requested number of new raters, shape (draws, conditions); empty if none were requested."""
+    alike: IndexArray
+    """Group index of each condition, shape (conditions,). Conditions of a group have the same response and distribution
+    of ratings, so that their draws can be pooled."""
+
+
+@dataclass(frozen=True)
+class OtherTouches:
+    """Touches with ratings predicted from a posterior.
+
+    Responses are centred as in the likelihood, over the rows that were rated, because the level was inferred relative
+    to that centre.
+
+    Parameters
+    ----------
+    posterior
+        The density given ratings.
+    scene
+        Fabrics and loads that are touched with the same finger.
+    known
+        Index of each fabric among the rated ones, shape (fabrics,); -1 for new fabrics, whose deviations are drawn if
+        the model has any. None to leave out deviations of fabrics.
+    """
+
+    posterior: Posterior
+    scene: Scene
+    known: IndexArray | None
+
+    @cached_property
+    def _beside(self) -> Posterior:
+        """The posterior with the forward model of these touches; moduli are not among its parameters."""
+        of, fingers = self.posterior, self.posterior.fingers
+        of = of.with_term(of.observation.with_pressed(None))  # new raters have fingers from the common grid
+        return replace(
+            of,
+            space=replace(of.space, sampled=of.space.chain, moduli=None),
+            scene=self.scene,
+            other_loads=None,
+            fingers=None if fingers is None else family_of(self.scene, fingers.grid),
+        )
+
+    @cached_property
+    def _by_load(self) -> list[tuple[IndexArray, IndexArray | None]]:
+        """Conditions of each load, with the rated conditions that they are compared with, if that load was rated."""
+        rated = self.posterior.scene
+        if not isinstance(rated, Scene):
+            raise TypeError("expected the posterior of a compiled scene")
+        known = {load: np.flatnonzero(rated.load == k) for k, load in enumerate(rated.loads)}
+        columns = (np.flatnonzero(self.scene.load == k) for k in range(len(self.scene.loads)))
+        return [(here, known.get(load)) for here, load in zip(columns, self.scene.loads, strict=True) if here.size]
+
+    def ratings(
+        self, rng: np.random.Generator, theta: Array, raters: int = 0, modulus: Array | None = None
+    ) -> OtherRatings:
+        """Return the ratings at some draws.
+
+        Parameters
+        ----------
+        rng
+            Random generator of effects given the data, new raters and noise.
+        theta
+            Draws of the posterior, shape (draws, dimension).
+        raters
+            Number of new raters to average; 0 for the typical rater only, as required if deviations of fabrics are left
+            out.
+        modulus
+            E_fab [Pa] of each fabric at each draw, shape (draws, fabrics); by default that of the scene.
+        """
+        grid = self.posterior.fingers
+        columns = (1 if grid is None else 1 + grid.grid.size) * self.scene.n_conditions
+        columns += self.posterior.observation.fabric_of_rate.size
+        parts = [
+            self._ratings(rng, theta[k], raters, None if modulus is None else modulus[k])
+            for k in pieces(len(theta), columns)
+        ]
+        *drawn, alike = zip(*parts, strict=True)
+        rate, typical, new, mean = (np.concatenate(part) for part in drawn)
+        return OtherRatings(rate, typical, new, mean, _alike(np.stack(alike)))
+
+    def _ratings(self, rng: np.random.Generator, theta: Array, raters: int, modulus: Array | None) -> OtherRatings:
+        observed, conditions = self.posterior.observation, self.scene.n_conditions
+        model, scale = observed.single, observed.model.scale
+        rated, parameters = self.posterior.response(theta), self.posterior.rating_parameters(theta)
+        response = self._beside.response(theta[:, : self.posterior.space.n_chain], modulus)
+        drive = observed.drive_at(response, rated, parameters)
+        effects = observed.draw_effects(rng, rated, parameters)
+        fabrics = np.full(self.scene.fabric_modulus.size, -1) if self.known is None else self.known
+        others = model.for_others(rng, parameters, effects, 1, fabrics)
+        own = None if self.known is None else deviations_of_fabrics(model.named_effects(others))
+        stated = drive[..., :conditions]
+        touched = stated if own is None else stated + own[..., self.scene.fabric]
+        typical = np.empty_like(touched)
+        for columns, among in self._by_load:
+            typical[..., columns] = observed.typical(rated, parameters, others, touched[..., columns], among)
+        design = Design(np.arange(conditions), np.zeros(conditions, np.intp), self.scene.fabric, 1)
+        asked = max(raters, NEW_RATERS) if raters else 0
+        new, total = np.empty((len(theta), NEW_RATERS if raters else 0, conditions)), np.zeros((len(theta), conditions))
+        for k in range(asked):
+            rating = self._rating(rng, design, drive, parameters, others)
+            if k < NEW_RATERS:
+                new[:, k] = rating
+            if k < raters:
+                with np.errstate(divide="ignore"):  # a rating of 0 makes the geometric mean 0, too
+                    total += scale.additive(rating)
+        mean = scale.natural(total / raters) if raters else np.empty((len(theta), 0))
+        # with deviations of fabrics, rated fabrics differ even at equal responses
+        fabric = np.full(conditions, -1) if own is None else fabrics[self.scene.fabric]
+        every = response.reshape(len(theta), -1, conditions)  # of raters' own fingers too
+        alike = _alike(np.concatenate([fabric[None], every.reshape(-1, conditions)]))
+        return OtherRatings(response[..., :conditions] * self.scene.n_receptors, typical, new, mean, alike)
+
+    def _rating(
+        self, rng: np.random.Generator, design: Design, drive: Array, parameters: RatingParameters, others: Effects
+    ) -> Array:
+        """Return the ratings by one new rater at every draw, shape (draws, conditions)."""
+        model = self.posterior.observation.single
+        effects = model.with_new_participants(rng, parameters, others)
+        return np.asarray(model.draw_ratings(rng, design, drive, parameters, effects))
+
+
+def _alike(columns: NDArray[Any]) -> IndexArray:
+    """Return the group index of each column, shape (columns,): equal columns form one group."""
+    numbers: dict[bytes, int] = {}
+    return np.array([numbers.setdefault(column.tobytes(), len(numbers)) for column in columns.T], np.intp)
+
+
+def deviations_of_fabrics(effects: Mapping[str, tuple[Array, tuple[str, ...]]]) -> Array | None:
+    """Return the total deviation of each fabric, shape (draws, fabrics); None if the model has none."""
+    found = [values for values, axes in effects.values() if axes == ("fabric",)]
+    return sum(found[1:], found[0]) if found else None
+
+
+def rates_of_other_moduli(posterior: Posterior, theta: Array, step: float) -> tuple[Array, Array]:
+    """Return `Posterior.response` at theta (draws, dimension) with all log moduli lowered, and raised, by a step.
+
+    Raises
+    ------
+    TypeError
+        If the posterior is not that of a compiled scene.
+    """
+    scene, modulus = posterior.scene, posterior.space.modulus(theta)
+    if not isinstance(scene, Scene):
+        raise TypeError("only a compiled scene answers for other moduli")
+    if modulus is None:
+        modulus = np.broadcast_to(scene.fabric_modulus, (len(theta), scene.fabric_modulus.size))
+    lower, higher = (posterior.response(theta, modulus * np.exp(side * step)) for side in (-1.0, 1.0))
+    return lower, higher
+
+
+def drive_slope(
+    posterior: Posterior, theta: Array, mean_rate: Array, parameters: RatingParameters, step: float
+) -> Array:
+    """Return the derivative of `Likelihood.drive` with respect to each fabric's log modulus, (draws, conditions).
+
+    Parameters
+    ----------
+    posterior, theta, step
+        As for `rates_of_other_moduli`; the derivative is a central difference over this step.
+    mean_rate, parameters
+        N/N_ref [Hz] and parameters of the rating model at theta.
+    """
+    observation = posterior.observation
+    lower, higher = (
+        observation.drive_at(other[..., : observation.design.n_conditions], mean_rate, parameters)
+        for other in rates_of_other_moduli(posterior, theta, step)
+    )
+    return (higher - lower) / (2.0 * step)
+
+
+def skin_slope(posterior: Posterior, theta: Array, parameters: RatingParameters, step: float) -> Array:
+    """Return the derivative of `Likelihood.drive` of the typical finger with respect to ln b, (draws, conditions).
+
+    Parameters
+    ----------
+    posterior, theta
+        The model, and draws (draws, dimension).
+    parameters
+        Parameters of the rating model at theta.
+    step
+        Half-width, in ln b, of the secant.
+    """
+    touch, modulus, scene = posterior.space.touch(theta), posterior.space.modulus(theta), posterior.scene
+    here = posterior.mean_rate(theta)
+    drives = []
+    for side in (-1.0, 1.0):
+        other = touch._replace(b=touch.b * np.exp(side * step))
+        total = scene.total_rate(other) if modulus is None else scene.total_rate(other, modulus)
+        rate = np.broadcast_to(total / scene.n_receptors, (*theta.shape[:-1], total.shape[-1]))
+        drives.append(posterior.observation.drive_at(rate, here, parameters))
+    return np.asarray((drives[1] - drives[0]) / (2.0 * step))

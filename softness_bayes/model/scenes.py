@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.data import Fabrics
+from softness_bayes.data import LOAD_COLUMNS, Fabrics, Ratings
+from softness_bayes.data.fabrics import log_sd
 from softness_bayes.errors import InputError
 from softness_bayes.kinds import require_kind, require_mapping
+from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.model.fingers import box_of_values
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.declared import (
@@ -20,10 +23,12 @@ from softness_bayes.parameters.declared import (
     PARAMETERS,
     SHAPE_PARAMETERS,
 )
-from softness_bayes.parameters.fabric_moduli import FabricModuli
+from softness_bayes.parameters.fabric_moduli import KPA, UNKNOWN_MODULUS, FabricModuli
+from softness_bayes.parameters.priors import LEAST_WIDTH, LogNormal, LogUniform, Prior
 from softness_bayes.parameters.space import ParameterSpace
+from softness_bayes.ranges import RELATIVE_ERRORS
 from softness_bayes.touch.accuracy import DRAWS, Draws
-from softness_bayes.touch.contact import Finger, FingerBox, Load
+from softness_bayes.touch.contact import FabricModulus, Finger, FingerBox, Load
 from softness_bayes.touch.mechanics import SkinBox
 from softness_bayes.touch.neuron.fixed_channels import Firing, FixedChannels
 from softness_bayes.touch.neuron.membrane import Channels, Membrane
@@ -204,3 +209,98 @@ def prior_draws(space: ParameterSpace, size: int = DRAWS, seed: int = 0) -> Draw
     eps = values.get("eps")
     whole = TouchParameters(*(np.broadcast_to(value, (size,)) for value in parameters))
     return Draws(whole, None if eps is None else float(eps), usual)
+
+
+def fabric_moduli(
+    fabrics: Fabrics, reading: FabricModulus, cv: float | None = None, unknown: Prior = UNKNOWN_MODULUS
+) -> FabricModuli:
+    """Return the moduli of some fabrics.
+
+    A measured modulus E with relative standard error c is log-normal with median E and sd(log E)² = log(1 + c²). A
+    bracket is uniform in the logarithm.
+
+    Parameters
+    ----------
+    fabrics
+        The measured properties and their errors.
+    reading
+        Formula of the rigidity from tensile modulus and thickness.
+    cv
+        Relative standard error of measured moduli that state none; None or 0 if these are exact.
+    unknown
+        Prior law of moduli about which nothing is known [kPa].
+
+    Raises
+    ------
+    InputError
+        If a modulus or the error is out of range.
+    """
+    if cv is not None:
+        RELATIVE_ERRORS.require("modulus_cv", cv)
+    middle = fabrics.modulus(reading, unknown=unknown.median * KPA)
+    own = fabrics.modulus_cv()
+    errors = log_sd(np.where(np.isnan(own), cv or 0.0, own))
+    low, high = (side / KPA for side in (fabrics.effective_modulus_low, fabrics.effective_modulus_high))
+    laws: list[Prior | None] = []
+    for k, basis in enumerate(fabrics.basis):
+        if not basis:
+            laws.append(unknown)
+        elif np.isfinite(low[k]) and np.isnan(fabrics.effective_modulus[k]):
+            laws.append(LogUniform(float(low[k]), float(high[k])))
+        elif errors[k] > LEAST_WIDTH:
+            laws.append(LogNormal(float(middle[k] / KPA), float(errors[k])))
+        else:
+            laws.append(None)
+    return FabricModuli(fabrics.names, tuple(middle.tolist()), tuple(laws))
+
+
+IndexArray = NDArray[np.intp]
+
+
+class Touched(NamedTuple):
+    """Conditions of a scene."""
+
+    loads: tuple[Load, ...]
+    """The distinct loads."""
+    fabric: IndexArray
+    """Index of each condition's fabric."""
+    load: IndexArray
+    """Index of each condition's load."""
+
+
+def touched_in(ratings: Ratings) -> Touched:
+    """Return the conditions that were rated, at their stated loads."""
+    return Touched(ratings.loads, ratings.conditions.fabric, ratings.conditions.load)
+
+
+def beside(stated: Touched, errors: LoadErrors) -> Touched:
+    """Return the conditions at the lower and higher loads of uncertain touches, in the order of their columns.
+
+    Parameters
+    ----------
+    stated
+        The conditions at their stated loads.
+    errors
+        Errors of the loads.
+
+    Raises
+    ------
+    InputError
+        If such a load is out of range.
+    """
+    uncertain = errors.uncertain
+    condition = errors.condition[uncertain]
+    every = [
+        scaled(stated.loads[load], float(np.exp(node * spread)))
+        for node in errors.nodes
+        for load, spread in zip(stated.load[condition], errors.log_sd[uncertain], strict=True)
+    ]
+    loads = tuple(dict.fromkeys(every))
+    place = {load: k for k, load in enumerate(loads)}
+    fabric = np.tile(stated.fabric[condition], len(errors.nodes))
+    return Touched(loads, fabric, np.array([place[load] for load in every]))
+
+
+def scaled(load: Load, factor: float) -> Load:
+    """Return a load of the same kind, multiplied by a factor."""
+    return next(kind(value(load) * factor) for _, kind, value in LOAD_COLUMNS if isinstance(load, kind))

@@ -10,16 +10,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import PchipInterpolator
 
-from softness_bayes.data import Fabrics, Ratings
+from softness_bayes.data import Compression, Fabrics, Ratings
 from softness_bayes.data.fabrics import log_sd
+from softness_bayes.data.forms import PANEL, AggregatedCells
 from softness_bayes.errors import InputError
 from softness_bayes.kinds import require_kind, require_mapping
-from softness_bayes.likelihood.contract import Model
+from softness_bayes.likelihood.contract import NO_RESPONSE, Model
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import RISES, RatingDirection
 from softness_bayes.likelihood.error_laws import GUMBEL, NORMAL, ErrorLaw
 from softness_bayes.likelihood.models import UNDER_UNCERTAIN_LOADS, own_model, rating_model
 from softness_bayes.likelihood.own_effects import OWN_ANSWERS
+from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
 from softness_bayes.likelihood.ratings import OF_FORCES, RatingParameters
 from softness_bayes.likelihood.scales import (
     AGGREGATED,
@@ -31,12 +33,12 @@ from softness_bayes.likelihood.scales import (
     STANDARDISED,
     Scale,
 )
-from softness_bayes.model.other_loads import scaled
-from softness_bayes.model.scenes import scene_of, touch_parameters
-from softness_bayes.model.simulated_answers import averaged, numbered, paired, places, rounded
+from softness_bayes.likelihood.stated import Stated
+from softness_bayes.model.scenes import scaled, scene_of, touch_parameters
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.ranges import (
     CATEGORIES_RANGE,
+    FINGERS,
     LOAD_ERRORS,
     PARTICIPANTS,
     RESOLUTIONS,
@@ -307,3 +309,154 @@ def _levels(model: Model, scale: Scale, mu: float | None, slope: float | None) -
     if slope is not None:
         SLOPES.require("simulate: slope", slope)
     return levels
+
+
+def averaged(filed: NDArray[np.float64], scene: Scene, fabrics: tuple[str, ...], loads: tuple[Load, ...]) -> Ratings:
+    """Return geometric means and standard deviations over people of ratings (people, conditions), by condition."""
+    log, conditions = np.log(filed), np.arange(filed.shape[1])
+    return Ratings(
+        (PANEL,),
+        fabrics,
+        loads,
+        participant=np.zeros_like(conditions),
+        fabric=scene.fabric,
+        load=scene.load,
+        rating=rounded(np.exp(log.mean(axis=0))),
+        rows=conditions + 2,
+        cells=AggregatedCells(len(filed), rounded(np.exp(log.std(axis=0, ddof=1)))),
+    )
+
+
+def places(table: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return each fabric's place, from 1, for every participant and load, shape (people, fabrics, loads)."""
+    place = 1.0 + table.argsort(axis=1, kind="stable").argsort(axis=1, kind="stable")
+    return np.where(np.isnan(table), np.nan, place)
+
+
+def paired(
+    rng: np.random.Generator,
+    model: Any,
+    scene: Scene,
+    participants: int,
+    missing: float,
+    drive: NDArray[np.float64],
+    parameters: RatingParameters,
+    fabrics: tuple[str, ...],
+    loads: tuple[Load, ...],
+) -> Ratings:
+    """Return answers to pairs: each participant compares neighbours in a random circle of the fabrics for each load.
+
+    Parameters
+    ----------
+    rng, model, scene, participants, missing
+        As for `simulate_ratings`; the model is that of pairs.
+    drive
+        Drive of each condition, shape (conditions,).
+    parameters
+        Parameters of the model.
+    fabrics, loads
+        Names of the fabrics, and the loads.
+
+    Raises
+    ------
+    InputError
+        If all answers are left out.
+    """
+    each = [np.flatnonzero(scene.load == k) for k in np.unique(scene.load)]
+    circles = np.array([[rng.permutation(conditions) for conditions in each] for _ in range(participants)])
+    condition = np.stack([circles, np.roll(circles, -1, axis=2)], axis=-1).reshape(-1, 2)
+    person = np.repeat(np.arange(participants), len(condition) // participants)
+    kept = rng.random(len(condition)) >= missing
+    rows, participant = condition[kept].ravel(), np.repeat(person[kept], 2)
+    lists = np.repeat(np.arange(int(kept.sum())), 2)
+    answers = np.tile([1.0, 0.0], int(kept.sum()))
+    if not rows.size:
+        raise InputError("simulate: all answers are missing at random; use a smaller share or another seed")
+    zero = np.zeros(rows.size)
+    asked = Design(rows, participant, scene.fabric, participants)
+    observed = model.observe(answers, asked, Stated(answers, zero, zero, zero + np.inf, lists=lists))
+    return Ratings(
+        numbered("P", participants),
+        fabrics,
+        loads,
+        participant=participant,
+        fabric=scene.fabric[rows],
+        load=scene.load[rows],
+        rating=observed.replicate(rng, drive, parameters, None),
+        rows=np.arange(2, 2 + rows.size),
+        n_missing=2 * int((~kept).sum()),
+        lists=lists,
+    )
+
+
+def rounded(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return values rounded to the digits that people and instruments typically report.
+
+    Rounding also makes files identical on machines whose exponentials differ in the last bits.
+    """
+    return np.array([float(f"{value:.4g}") for value in values])
+
+
+def numbered(letter: str, count: int) -> tuple[str, ...]:
+    """Return names that sort by their numbers, as P01 to P30."""
+    return tuple(f"{letter}{i:0{len(str(count))}d}" for i in range(1, count + 1))
+
+
+PLATE_DEPTHS = (0.5e-3, 1e-3, 1.5e-3, 2e-3)
+"""Indentations [m] of simulated fingers, as in the published measurements."""
+
+
+class SimulatedForces(NamedTuple):
+    """Simulated compression data, with the deviations of the fingers from the typical one."""
+
+    compression: Compression
+    log_b_effect: NDArray[np.float64]
+    """Deviations in ln b, shape (fingers,)."""
+    m_effect: NDArray[np.float64]
+    """Deviations in m, shape (fingers,)."""
+
+
+def simulate_compression(
+    rng: np.random.Generator,
+    values: Mapping[str, float],
+    readings: Readings = MENDED,
+    fingers: int = 8,
+    depths: tuple[float, ...] = PLATE_DEPTHS,
+    shape: Finger = Finger(),
+) -> SimulatedForces:
+    """Simulate a rigid flat plate pressed on fingers, once to every depth for each finger.
+
+    Parameters
+    ----------
+    rng
+        Random generator of fingers and noise.
+    values
+        b, m, tau_b, tau_m and varsigma_f in natural units (`usual_values` with a number of fingers).
+    readings
+        Readings of the model.
+    fingers
+        Number of fingers.
+    depths
+        Indentations [m].
+    shape
+        Shape of every fingertip.
+
+    Raises
+    ------
+    InputError
+        If there is no finger.
+    """
+    require_kind("rng", rng, np.random.Generator, RNG)
+    require_mapping("values", values, VALUES)
+    if missing := [name for name in SkinParameters._fields if name not in values]:
+        raise InputError(f"values: no {missing[0]}, expected all that usual_values(readings, n_fingers=8) returns")
+    replace(FINGERS, low=1).require("simulate: number of fingers", fingers)
+    skin = SkinParameters(*(np.float64(values[n]) * EVERY_PARAMETER[n].si for n in SkinParameters._fields))
+    finger, depth = np.repeat(np.arange(fingers), len(depths)), np.tile(depths, fingers)
+    plate = CompressionForces(
+        depth, np.ones(depth.size), finger, fingers, displacement=readings.skin_displacement, shape=shape
+    )
+    effects = plate.new_effects(rng, skin, ())
+    force = rounded(plate.replicate(rng, plate.drive(NO_RESPONSE, skin), skin, effects))
+    compression = Compression(numbered("F", fingers), finger, depth, force, np.arange(2, 2 + force.size))
+    return SimulatedForces(compression, effects.log_b, effects.m)

@@ -32,9 +32,8 @@ from softness_bayes.likelihood.error_laws import LAPSES, STUDENT
 from softness_bayes.likelihood.models import OF_OWN_ANSWERS
 from softness_bayes.likelihood.own_effects import EFFECT_OF_ANSWER
 from softness_bayes.likelihood.spreads import SPREADS
-from softness_bayes.model.other_fingers import skin_slope
-from softness_bayes.model.other_moduli import drive_slope
 from softness_bayes.model.posterior import Posterior
+from softness_bayes.model.prediction import drive_slope, skin_slope
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.provenance import PRIOR, Finding, NumericalErrors, ResidualChecks, Silence, attributes_of, family_of

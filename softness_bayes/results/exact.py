@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from softness_bayes.checking.exactness import EXACT_RATES, SAME_RATES, Exactness, compare_likelihoods
 from softness_bayes.errors import InputError
 from softness_bayes.model.individual import finer_family_of
-from softness_bayes.model.other_loads import Touched, beside
 from softness_bayes.model.posterior import ForwardModel, Posterior
+from softness_bayes.model.scenes import Touched, beside
 from softness_bayes.results.draws import REWEIGHT_DRAWS
 from softness_bayes.results.groups import Variable, evenly
 from softness_bayes.sampler.workers import Workers

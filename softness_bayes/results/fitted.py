@@ -17,12 +17,11 @@ from softness_bayes.errors import InputError
 from softness_bayes.likelihood.error_laws import NORMAL
 from softness_bayes.likelihood.scales import name_of_scale
 from softness_bayes.model.build import build
-from softness_bayes.model.fabric_moduli import fabric_moduli
 from softness_bayes.model.fingers import values_of
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.model.other_touches import OtherTouches
 from softness_bayes.model.posterior import Posterior
-from softness_bayes.model.scenes import scene_of
+from softness_bayes.model.prediction import OtherTouches
+from softness_bayes.model.scenes import fabric_moduli, scene_of
 from softness_bayes.parameters.choice import require_values
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS, KPA, FabricModuli

@@ -12,7 +12,7 @@ from softness_bayes.checking.agreement import TYPICAL
 from softness_bayes.checking.checks import MODULUS_STEP
 from softness_bayes.checking.inflection import find_inflection, response_curves, turning_points
 from softness_bayes.checking.modulus_errors import directions, posterior_shift, scores, shift_table
-from softness_bayes.model.other_moduli import rates_of_other_moduli
+from softness_bayes.model.prediction import rates_of_other_moduli
 from softness_bayes.results.draws import REWEIGHT_DRAWS, RatedDraws
 from softness_bayes.results.groups import Groups, Variable, evenly, merged, named, turning_variables
 from softness_bayes.results.pictures import membrane_illustration, touch_illustration

@@ -14,7 +14,7 @@ from softness_bayes.data import Fabrics
 from softness_bayes.data.columns import EFFECTIVE_MODULUS, POISSON_RATIO, TENSILE_MODULUS, THICKNESS, Column
 from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.errors import InputError
-from softness_bayes.model.other_touches import OtherTouches
+from softness_bayes.model.prediction import OtherTouches
 from softness_bayes.parameters.fabric_moduli import KPA
 from softness_bayes.readable import number
 from softness_bayes.results.fitted import Fitted

@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 from softness_bayes.errors import InputError
 from softness_bayes.explore.picture import picture
 from softness_bayes.explore.subject import of_priors, of_run, span_of
-from softness_bayes.model.other_touches import OtherTouches
+from softness_bayes.model.prediction import OtherTouches
 from softness_bayes.model.scenes import firing_of, touch_parameters, usual_values
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.parameters.priors import HalfNormal, LogNormal, Normal, Uniform

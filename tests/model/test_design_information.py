@@ -13,11 +13,10 @@ from softness_bayes.errors import InputError
 from softness_bayes.likelihood.error_laws import NORMAL
 from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, PAIRS, RANKS, STANDARDISED
 from softness_bayes.model.build import COARSE, build
-from softness_bayes.model.design_information import foresee
-from softness_bayes.model.hypothetical import as_it_is, others
+from softness_bayes.model.design_information import as_it_is, foresee, others
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
-from softness_bayes.model.simulated_forces import simulate_compression
+from softness_bayes.model.simulation import simulate_compression
 from softness_bayes.parameters.priors import LogNormal
 from softness_bayes.touch.contact import Indentation
 

@@ -15,8 +15,8 @@ from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.likelihood.error_laws import NORMAL
 from softness_bayes.likelihood.scales import STANDARDISED
 from softness_bayes.model.build import build, choose_direction
+from softness_bayes.model.direction import LEVEL, condition_means, find_trend, mean_correlation, odd_raters
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.model.trend import LEVEL, condition_means, find_trend, mean_correlation, odd_raters
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation

@@ -15,9 +15,8 @@ from scipy.stats import norm
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.errors import InputError
 from softness_bayes.model.build import build
-from softness_bayes.model.fabric_moduli import fabric_moduli
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
+from softness_bayes.model.scenes import fabric_moduli, scene_of, touch_parameters, usual_values
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.parameters.fabric_moduli import UNKNOWN_MODULUS

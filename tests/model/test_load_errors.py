@@ -19,9 +19,8 @@ from softness_bayes.likelihood.load_errors import NODE, LoadErrors
 from softness_bayes.likelihood.scales import STANDARDISED
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.model.other_loads import beside, scaled, touched_in
-from softness_bayes.model.other_moduli import drive_slope, rates_of_other_moduli
-from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
+from softness_bayes.model.prediction import drive_slope, rates_of_other_moduli
+from softness_bayes.model.scenes import beside, scaled, scene_of, touch_parameters, touched_in, usual_values
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.parameters.priors import HalfNormal

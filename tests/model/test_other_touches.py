@@ -14,7 +14,7 @@ from softness_bayes.likelihood.scales import MAGNITUDE, STANDARDISED
 from softness_bayes.model import scenes
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.model.other_touches import NEW_RATERS, OtherTouches
+from softness_bayes.model.prediction import NEW_RATERS, OtherTouches
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.touch.contact import Indentation

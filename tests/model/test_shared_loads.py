@@ -17,8 +17,7 @@ from softness_bayes.likelihood.scales import STANDARDISED
 from softness_bayes.likelihood.shared_loads import SharedLoads
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.model.other_loads import scaled
-from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
+from softness_bayes.model.scenes import scaled, scene_of, touch_parameters, usual_values
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.results.exact import exact_log_likelihood

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError
-from softness_bayes.model.other_touches import OtherTouches
+from softness_bayes.model.prediction import OtherTouches
 from softness_bayes.results.fitted import Fitted
 from softness_bayes.results.target import Cloth, solutions
 from softness_bayes.touch.contact import Force

@@ -21,7 +21,7 @@ from softness_bayes.data import compression_csv
 from softness_bayes.errors import InputError, WorkersLostError
 from softness_bayes.files.run_files import RUNS
 from softness_bayes.model.scenes import usual_values
-from softness_bayes.model.simulated_forces import simulate_compression
+from softness_bayes.model.simulation import simulate_compression
 from softness_bayes.provenance import versions
 from softness_bayes.runs import cluster as clusters
 from softness_bayes.runs.cluster import SCHEDULER, Worker, cluster, require_workers, strangers

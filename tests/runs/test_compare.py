@@ -26,8 +26,7 @@ from softness_bayes.likelihood.z_scores import StandardisedRatings
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
-from softness_bayes.model.simulated_forces import simulate_compression
-from softness_bayes.model.simulation import simulate_ratings
+from softness_bayes.model.simulation import simulate_compression, simulate_ratings
 from softness_bayes.parameters.priors import HalfNormal
 from softness_bayes.results.fitted import differences, experiment_of, options_of
 from softness_bayes.results.result import Result

@@ -13,12 +13,11 @@ from softness_bayes.checking.individual import POPULATION
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import STANDARDISED
 from softness_bayes.model import individual
-from softness_bayes.model.build import build, design_of
+from softness_bayes.model.build import build, design_of, people_note
 from softness_bayes.model.interpretation import interpret
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.model.pressed import people_note
 from softness_bayes.model.scenes import usual_values
-from softness_bayes.model.simulated_forces import simulate_compression
+from softness_bayes.model.simulation import simulate_compression
 from softness_bayes.model.understanding import warnings
 from softness_bayes.parameters.priors import HalfNormal, Normal
 from softness_bayes.report.page import report_page

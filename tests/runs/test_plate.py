@@ -17,8 +17,7 @@ from softness_bayes.likelihood.contract import NO_RESPONSE
 from softness_bayes.model.build import build, build_skin
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
-from softness_bayes.model.simulated_forces import simulate_compression
-from softness_bayes.model.simulation import simulate_ratings
+from softness_bayes.model.simulation import simulate_compression, simulate_ratings
 from softness_bayes.parameters.priors import LogNormal
 from softness_bayes.plotting import FIGURES, USUAL, figures_of
 from softness_bayes.results.result import Result

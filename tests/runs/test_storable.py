@@ -17,7 +17,7 @@ from softness_bayes.files.command_line import storable
 from softness_bayes.files.json_text import as_json
 from softness_bayes.model.build import build
 from softness_bayes.model.scenes import usual_values
-from softness_bayes.model.simulated_forces import simulate_compression
+from softness_bayes.model.simulation import simulate_compression
 from softness_bayes.report.repeat import repetition
 from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result

@@ -24,7 +24,7 @@ from softness_bayes.files.run_files import CHECKPOINT, POSTERIOR, RUNS
 from softness_bayes.model.build import build_skin
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
-from softness_bayes.model.simulated_forces import simulate_compression
+from softness_bayes.model.simulation import simulate_compression
 from softness_bayes.parameters.declared import PRIOR_SETS
 from softness_bayes.parameters.priors import HalfNormal, LogNormal, Uniform
 from softness_bayes.results.result import Result

@@ -15,8 +15,7 @@ from softness_bayes.likelihood import shared_loads, uncertain_loads
 from softness_bayes.likelihood.scales import AGGREGATED, STANDARDISED
 from softness_bayes.model import scenes
 from softness_bayes.model.scenes import usual_values
-from softness_bayes.model.simulated_forces import simulate_compression
-from softness_bayes.model.simulation import simulate_ratings
+from softness_bayes.model.simulation import simulate_compression, simulate_ratings
 from softness_bayes.results import draws, exact, pictures, predictions
 from softness_bayes.results.result import Result
 from softness_bayes.runs import plate

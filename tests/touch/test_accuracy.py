@@ -6,9 +6,9 @@ import pytest
 from softness_bayes.data import read_experiment
 from softness_bayes.errors import InputError
 from softness_bayes.model.build import build
-from softness_bayes.model.cost import ladder, left_out
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import firing_of, prior_draws, touch_parameters, usual_values
+from softness_bayes.model.understanding import ladder, left_out
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.touch.accuracy import PRESETS, FiringSample, choose, errors, given_draws, measured, thinned
 from softness_bayes.touch.contact import Force, Indentation
