@@ -30,7 +30,7 @@ from softness_bayes.model.individual import answers_of, differing, family_of, fi
 from softness_bayes.model.interpretation import Interpretation, interpret
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Density, Posterior
-from softness_bayes.model.scenes import beside, fabric_moduli, prior_draws, scene_of, skin_of_priors, touched_in
+from softness_bayes.model.scenes import at_other_loads, fabric_moduli, prior_draws, scene_of, skin_of_priors
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.coordinates import Bent, Coordinate, Scaled
 from softness_bayes.parameters.declared import ERROR_PARAMETERS, FINGER_PARAMETERS, PARAMETERS, SHAPE_PARAMETERS
@@ -149,7 +149,7 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
     others, fingers = None, None
     observation = _with_load_errors(observation, experiment, options)
     if observation.load_errors is not None:
-        others = scene.under(*beside(touched_in(experiment.ratings), observation.load_errors))
+        others = at_other_loads(scene, observation.load_errors)
     if fingers_of(options.individual):
         fingers = family_of(scene, grid_of(options.individual))
     plates = () if experiment.compression is None else (forces_of(experiment.compression, options),)

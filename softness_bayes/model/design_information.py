@@ -9,7 +9,7 @@ turning point nearby.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,6 +37,131 @@ from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Scene
 
 Array = NDArray[np.float64]
+
+STEPS = (2.0, 4.0, 8.0)
+"""Moduli of three further fabrics, as multiples of the stiffest or fractions of the softest."""
+
+HEAVIER, LIGHTER = 1.5, 0.5
+"""Factor of a further load relative to the largest or smallest one."""
+
+DEEPEST = Range(1e-6, 8e-3, "m")
+"""Allowed indentations of a further load."""
+
+
+class Planned(NamedTuple):
+    """A design with the response in its conditions."""
+
+    name: str
+    """Description of the design; empty for that of the experiment."""
+    design: Design
+    scene: Scene
+    """Fabrics and loads of the conditions; fabrics of the experiment come first."""
+    n_fabrics: int
+    """Number of fabrics of the experiment, whose moduli may be sampled; further fabrics have known moduli."""
+    compared: Comparisons | None = None
+    """Sets of conditions that are compared with one another; None if ratings are not comparisons."""
+
+    @property
+    def n_answers(self) -> int:
+        """Number of ratings, places in lists, or answers to pairs."""
+        if self.compared is None or not self.compared.paired:
+            return self.design.n_rows
+        return round(self.compared.times.sum())
+
+    def rate(self, posterior: Posterior, theta: Array) -> Array:
+        """Return the pad's mean rate N/N_ref [Hz] in every condition at points (points, d)."""
+        touch, known = posterior.space.touch(theta), posterior.space.modulus(theta)
+        if known is not None:
+            own = self.scene.fabric_modulus[self.n_fabrics :]
+            known = np.concatenate([known, np.broadcast_to(own, (*known.shape[:-1], own.size))], axis=-1)
+        rate = self.scene.total_rate(touch, known) / self.scene.n_receptors
+        return np.broadcast_to(rate, (*theta.shape[:-1], rate.shape[-1]))
+
+
+def as_it_is(model: ExperimentModel) -> Planned:
+    """Return the design of an experiment."""
+    design, lists = design_of(model.experiment), model.interpretation.intervals.lists
+    compared = None if lists is None else Comparisons.of_rows(lists, design.condition)
+    return Planned("", design, model.scene, len(model.experiment.fabrics.names), compared)
+
+
+def others(model: ExperimentModel) -> list[Planned]:
+    """Return designs with additional ratings: raters, repeats, a load, stiffer or softer fabrics."""
+    now = as_it_is(model)
+    d, people = now.design, now.design.n_participants
+    twice = Design(np.tile(d.condition, 2), np.append(d.participant, d.participant + people), d.fabric, 2 * people)
+    again = Design(np.tile(d.condition, 2), np.tile(d.participant, 2), d.fabric, people)
+    double = now.compared and now.compared._replace(times=2.0 * now.compared.times)
+    found: list[Planned | None] = [
+        now._replace(name="twice as many raters", design=twice, compared=double),
+        now._replace(name="every rating twice", design=again, compared=double),
+        *(_with_load(now, factor) for factor in (HEAVIER, LIGHTER)),
+    ]
+    moduli = now.scene.modulus
+    stiffer, softer = moduli.max() * np.array(STEPS), moduli.min() / np.array(STEPS)
+    found.append(_with_fabrics(now, stiffer, f"three stiffer fabrics, up to {number(stiffer.max() / 1e3)} kPa"))
+    found.append(_with_fabrics(now, softer, f"three softer fabrics, down to {number(softer.min() / 1e3)} kPa"))
+    return [one for one in found if one is not None]
+
+
+def _with_load(now: Planned, factor: float) -> Planned | None:
+    """Return the design with the same fabrics rated under one more load; None if such a load is out of range."""
+    scene, d = now.scene, now.design
+    kind = Force if 2 * sum(isinstance(load, Force) for load in scene.loads) > len(scene.loads) else Indentation
+    values = [held(load) for load in scene.loads if isinstance(load, kind)]
+    value = factor * (max(values) if factor > 1 else min(values))
+    if kind is not Force and not DEEPEST.low <= value < DEEPEST.high:
+        return None
+    load: Load = kind(float(f"{value:.3g}"))
+    person, fabric = np.unique(np.stack([d.participant, d.fabric[d.condition]]), axis=1)
+    fabrics = np.unique(fabric)
+    extra = scene.n_conditions + np.searchsorted(fabrics, fabric)
+    new = np.full(fabrics.size, len(scene.loads))
+    wider = scene.under((*scene.loads, load), np.append(scene.fabric, fabrics), np.append(scene.load, new))
+    compared = now.compared
+    if compared and not compared.paired:
+        own = Comparisons.of_rows(person, extra)
+        compared = compared.with_others(own.members, own.times)
+    return _extended(now, f"another load, {load}", wider, person, extra, compared)
+
+
+def _with_fabrics(now: Planned, moduli: Array, name: str) -> Planned:
+    """Return the design with further fabrics of known moduli, rated by all participants under the same loads."""
+    scene, d = now.scene, now.design
+    person, load = np.unique(np.stack([d.participant, scene.load[d.condition]]), axis=1)
+    loads = np.unique(load)
+    first = scene.n_conditions + np.arange(moduli.size)[:, None] * loads.size  # condition of each fabric's first load
+    fabric = np.repeat(scene.fabric_modulus.size + np.arange(moduli.size), loads.size)
+    every = np.append(scene.fabric, fabric), np.append(scene.load, np.tile(loads, moduli.size))
+    compared = now.compared
+    if compared and not compared.paired:
+        # each list is extended by the further fabrics under its load
+        further = first.T + np.searchsorted(loads, scene.load[compared.members[:, 0]])[:, None]
+        compared = Comparisons(np.concatenate([further, compared.members], axis=1), compared.times)
+    extra = first + np.searchsorted(loads, load)
+    return _extended(now, name, scene.beside(moduli, *every), np.tile(person, moduli.size), extra.ravel(), compared)
+
+
+def _extended(
+    now: Planned, name: str, scene: Scene, person: IndexArray, condition: IndexArray, compared: Comparisons | None
+) -> Planned:
+    """Return a design with more rows, given by participant and condition of a scene that has more conditions.
+
+    If ratings are pairs, each participant compares neighbours in a random circle of the conditions under a load. Pairs
+    of two old conditions are left out.
+    """
+    d = now.design
+    rows = np.append(d.condition, condition), np.append(d.participant, person)
+    if compared and compared.paired:
+        for load in np.unique(scene.load[condition]):
+            here = scene.load[condition] == load
+            new, old = np.unique(condition[here]), np.flatnonzero(now.scene.load == load)
+            first, second = np.triu_indices(new.size + old.size, 1)
+            every, some = np.append(new, old), first < new.size
+            times = np.full(some.sum(), np.unique(person[here]).size * 2.0 / max(every.size - 1, 1))
+            compared = compared.with_others(np.stack([every[first[some]], every[second[some]]], axis=1), times)
+    return Planned(name, Design(*rows, scene.fabric, d.n_participants), scene, now.n_fabrics, compared)
+
 
 TRUTHS, DRAWS = 16, 128
 """Number of true parameter vectors (the first is the prior median), and of draws of each expected posterior."""
@@ -87,7 +212,7 @@ def foresee(model: ExperimentModel, planned: Planned, truths: Array | None = Non
     model
         The model of the experiment, whose posterior gives parameters and priors.
     planned
-        The design: that of the experiment (`hypothetical.as_it_is`), or another one.
+        The design: that of the experiment (`as_it_is`), or another one.
     truths
         True parameter vectors theta, shape (truths, d); by default the prior median and prior draws.
 
@@ -207,52 +332,62 @@ class _Foresight:
         return parameters, np.broadcast_to(drive, (*theta.shape[:2], rate.shape[-1]))
 
     def _of_ratings(self, theta: Array, back: Array) -> Array:
-        model, planned = self.posterior.observation.model, self.planned
+        model, design = self.posterior.observation.model, self.planned.design
         parameters, drive = self._driven(theta)
         slopes = np.einsum("tkc,tkd->tcd", _secants(drive), back)
         sd = _at(np.sqrt(np.asarray(parameters.varsigma, float) ** 2 * _heavier(model.error, parameters)), theta)
+        count, people = design.cells.sum(axis=0), design.n_participants
+        fabrics = "omega" in model.needs
+        spreads = {"tau": slice(0, people)} | ({"omega": slice(people, people + design.n_fabrics)} if fabrics else {})
         found = []
         for t in range(len(theta)):
             error = np.sqrt(sd[t, 0] ** 2 + self.rounding)
-            error_slope = _secants(sd[t : t + 1])[0] @ back[t] * sd[t, 0] / error
+            error_slope = _slope(sd, back, t) * sd[t, 0] / error
             if model.scale is STANDARDISED:
-                line = np.stack([np.ones(drive.shape[-1]), drive[t, 0]], axis=-1)
-                moments = _of_conditions(planned.design, line, self.slope[t] * slopes[t])
-                found.append(normal_information(moments, np.ones(2), error, error_slope))
-                continue
-            fabrics = "omega" in model.needs
-            moments = Moments.of_design(planned.design, slopes[t], fabrics)
-            people, things = planned.design.n_participants, planned.design.n_fabrics if fabrics else 0
-            own = {"tau": slice(0, people), "omega": slice(people, people + things)}
-            variances = np.full(people + things + 1, model.level.sd**2)
-            groups = []
-            for name, columns in own.items():
-                spread = _at(getattr(parameters, name), theta)[t]
-                if columns.stop > columns.start:
-                    variances[columns] = spread[0] ** 2
-                    groups.append(EffectGroup(columns, spread[0], _secants(spread[None])[0] @ back[t]))
-            found.append(normal_information(moments, variances, error, error_slope, groups))
+                line, weight = np.stack([np.ones(count.size), drive[t, 0]], axis=-1), np.sqrt(count)[:, None]
+                moments = Moments.of_rows(weight * line, weight * self.slope[t] * slopes[t])
+                variances, groups = np.ones(2), []
+            else:
+                moments = Moments.of_design(design, slopes[t], fabrics)
+                variances = np.full(len(moments.effects), model.level.sd**2)
+                groups = [_group(one, _at(getattr(parameters, name), theta), back, t) for name, one in spreads.items()]
+            moments = moments._replace(rows=design.n_rows)
+            found.append(_normal_information(moments, variances, groups, error, error_slope))
         return np.stack(found)
 
     def _of_forces(self, plate: CompressionForces, theta: Array, back: Array) -> Array:
-        skin = self.posterior.skin_parameters(theta)
+        skin, n = self.posterior.skin_parameters(theta), plate.n_fingers
         drive = plate.drive(np.empty((*theta.shape[:2], 0)), skin)
         slopes = np.einsum("tkc,tkd->tcd", _secants(drive), back)
         along = plate_line(plate.indentation, plate.model.shape, plate.model.displacement).slope
-        member = np.eye(plate.n_fingers)[plate.finger]
-        effects, n = np.concatenate([member, member * along[:, None]], axis=1), plate.n_fingers
-        tau_b, tau_m, sd = (_at(value, theta) for value in (skin.tau_b, skin.tau_m, skin.varsigma_f))
+        member = np.eye(n)[plate.finger]
+        effects = np.concatenate([member, member * along[:, None]], axis=1)
+        spreads, sd = ((slice(0, n), skin.tau_b), (slice(n, 2 * n), skin.tau_m)), _at(skin.varsigma_f, theta)
         found = []
         for t in range(len(theta)):
-            variances = np.repeat([tau_b[t, 0] ** 2, tau_m[t, 0] ** 2], n)
-            groups = [
-                EffectGroup(columns, spread[t, 0], _secants(spread[t : t + 1])[0] @ back[t])
-                for columns, spread in ((slice(0, n), tau_b), (slice(n, 2 * n), tau_m))
-            ]
+            groups = [_group(columns, _at(spread, theta), back, t) for columns, spread in spreads]
             moments = Moments.of_rows(effects, slopes[t])
-            sd_slope = _secants(sd[t : t + 1])[0] @ back[t]
-            found.append(normal_information(moments, variances, sd[t, 0], sd_slope, groups))
+            found.append(_normal_information(moments, np.zeros(2 * n), groups, sd[t, 0], _slope(sd, back, t)))
         return np.stack(found)
+
+
+def _slope(values: Array, back: Array, t: int) -> Array:
+    """Return the slopes (d,) of a quantity, given at the points of all truths, at one of them."""
+    return np.asarray(_secants(values[t : t + 1])[0] @ back[t])
+
+
+def _group(columns: slice, sd: Array, back: Array, t: int) -> EffectGroup:
+    """Return the effects of some columns, with their standard deviation at the points of all truths."""
+    return EffectGroup(columns, sd[t, 0], _slope(sd, back, t))
+
+
+def _normal_information(
+    moments: Moments, variances: Array, groups: Sequence[EffectGroup], sd: float, sd_slope: Array
+) -> Array:
+    """Return `normal_information` with the variances of groups set to those of their standard deviations."""
+    for group in groups:
+        variances[group.columns] = group.sd**2
+    return normal_information(moments, variances, sd, sd_slope, groups)
 
 
 def _secants(values: Array) -> Array:
@@ -263,13 +398,6 @@ def _secants(values: Array) -> Array:
 
 def _at(value: Any, theta: Array) -> Array:
     return np.broadcast_to(np.asarray(value, float), theta.shape[:2])
-
-
-def _of_conditions(design: Design, effects: Array, slopes: Array) -> Moments:
-    """Return the cross products of effects and slopes, for slopes given by condition."""
-    weighted = effects * design.cells.sum(axis=0)[:, None]
-    count = design.cells.sum(axis=0)[:, None]
-    return Moments(design.n_rows, weighted.T @ effects, weighted.T @ slopes, slopes.T @ (count * slopes))
 
 
 def _heavier(law: Any, parameters: RatingParameters) -> Any:
@@ -300,148 +428,3 @@ def _sd(values: Array, axis: int) -> Array:
 
 
 IndexArray = NDArray[np.intp]
-
-STEPS = (2.0, 4.0, 8.0)
-"""Moduli of three further fabrics, as multiples of the stiffest or fractions of the softest."""
-
-HEAVIER, LIGHTER = 1.5, 0.5
-"""Factor of a further load relative to the largest or smallest one."""
-
-DEEPEST = Range(1e-6, 8e-3, "m")
-"""Allowed indentations of a further load."""
-
-
-class Planned(NamedTuple):
-    """A design with the response in its conditions."""
-
-    name: str
-    """Description of the design; empty for that of the experiment."""
-    design: Design
-    scene: Scene
-    """Fabrics and loads of the conditions; fabrics of the experiment come first."""
-    n_fabrics: int
-    """Number of fabrics of the experiment, whose moduli may be sampled; further fabrics have known moduli."""
-    compared: Comparisons | None = None
-    """Sets of conditions that are compared with one another; None if ratings are not comparisons."""
-
-    @property
-    def n_answers(self) -> int:
-        """Number of ratings, places in lists, or answers to pairs."""
-        if self.compared is None or not self.compared.paired:
-            return self.design.n_rows
-        return round(self.compared.times.sum())
-
-    def rate(self, posterior: Posterior, theta: Array) -> Array:
-        """Return the pad's mean rate N/N_ref [Hz] in every condition at points (points, d)."""
-        touch, known = posterior.space.touch(theta), posterior.space.modulus(theta)
-        if known is not None:
-            own = self.scene.fabric_modulus[self.n_fabrics :]
-            known = np.concatenate([known, np.broadcast_to(own, (*known.shape[:-1], own.size))], axis=-1)
-        rate = self.scene.total_rate(touch, known) / self.scene.n_receptors
-        return np.broadcast_to(rate, (*theta.shape[:-1], rate.shape[-1]))
-
-
-def as_it_is(model: ExperimentModel) -> Planned:
-    """Return the design of an experiment."""
-    design, lists = design_of(model.experiment), model.interpretation.intervals.lists
-    compared = None if lists is None else Comparisons.of_rows(lists, design.condition)
-    return Planned("", design, model.scene, len(model.experiment.fabrics.names), compared)
-
-
-def others(model: ExperimentModel) -> list[Planned]:
-    """Return designs with additional ratings: raters, repeats, a load, stiffer or softer fabrics."""
-    now = as_it_is(model)
-    d, people = now.design, now.design.n_participants
-    twice = Design(np.tile(d.condition, 2), np.append(d.participant, d.participant + people), d.fabric, 2 * people)
-    again = Design(np.tile(d.condition, 2), np.tile(d.participant, 2), d.fabric, people)
-    double = now.compared and now.compared._replace(times=2.0 * now.compared.times)
-    found: list[Planned | None] = [
-        now._replace(name="twice as many raters", design=twice, compared=double),
-        now._replace(name="every rating twice", design=again, compared=double),
-        *(_with_load(now, factor) for factor in (HEAVIER, LIGHTER)),
-    ]
-    moduli = now.scene.modulus
-    stiffer, softer = moduli.max() * np.array(STEPS), moduli.min() / np.array(STEPS)
-    found.append(_with_fabrics(now, stiffer, f"three stiffer fabrics, up to {number(stiffer.max() / 1e3)} kPa"))
-    found.append(_with_fabrics(now, softer, f"three softer fabrics, down to {number(softer.min() / 1e3)} kPa"))
-    return [one for one in found if one is not None]
-
-
-def _with_load(now: Planned, factor: float) -> Planned | None:
-    """Return the design with the same fabrics rated under one more load; None if such a load is out of range."""
-    loads = now.scene.loads
-    kind = Force if 2 * sum(isinstance(load, Force) for load in loads) > len(loads) else Indentation
-    values = [held(load) for load in loads if isinstance(load, kind)]
-    value = factor * (max(values) if factor > 1 else min(values))
-    if kind is not Force and not DEEPEST.low <= value < DEEPEST.high:
-        return None
-    load: Load = kind(float(f"{value:.3g}"))
-    d = now.design
-    pairs = np.unique(np.stack([d.participant, d.fabric[d.condition]]), axis=1)
-    fabrics = np.unique(pairs[1])
-    extra = now.scene.n_conditions + np.searchsorted(fabrics, pairs[1])
-    design = Design(
-        np.append(d.condition, extra),
-        np.append(d.participant, pairs[0]),
-        np.append(d.fabric, fabrics),
-        d.n_participants,
-    )
-    new = np.full(fabrics.size, len(loads))
-    scene = now.scene.under((*loads, load), np.append(now.scene.fabric, fabrics), np.append(now.scene.load, new))
-    compared = now.compared
-    if compared and not compared.paired:
-        own = Comparisons.of_rows(pairs[0], extra)
-        compared = compared.with_others(own.members, own.times)
-    elif compared:
-        compared = _with_pairs(compared, np.unique(extra), np.empty(0, np.intp), d.n_participants)
-    return Planned(f"another load, {load}", design, scene, now.n_fabrics, compared)
-
-
-def _with_pairs(compared: Comparisons, new: IndexArray, old: IndexArray, people: int) -> Comparisons:
-    """Return comparisons with more pairs: each participant compares neighbours in a random circle of conditions.
-
-    Parameters
-    ----------
-    compared
-        The existing pairs.
-    new, old
-        New and old conditions in the circle; pairs of two old ones are left out.
-    people
-        Number of participants.
-    """
-    first, second = np.triu_indices(new.size + old.size, 1)
-    every = np.append(new, old)
-    some = first < new.size
-    share = 2.0 / max(every.size - 1, 1)
-    return compared.with_others(
-        np.stack([every[first[some]], every[second[some]]], axis=1), np.full(some.sum(), people * share)
-    )
-
-
-def _with_fabrics(now: Planned, moduli: Array, name: str) -> Planned:
-    """Return the design with further fabrics of known moduli, rated by all participants under the same loads."""
-    d, scene = now.design, now.scene
-    size = scene.fabric_modulus.size
-    pairs = np.unique(np.stack([d.participant, scene.load[d.condition]]), axis=1)
-    loads = np.unique(pairs[1])
-    fabric, load = np.repeat(size + np.arange(moduli.size), loads.size), np.tile(loads, moduli.size)
-    place = scene.n_conditions + np.arange(moduli.size)[:, None] * loads.size + np.searchsorted(loads, pairs[1])
-    design = Design(
-        np.append(d.condition, place),
-        np.append(d.participant, np.tile(pairs[0], moduli.size)),
-        np.append(d.fabric, fabric),
-        d.n_participants,
-    )
-    wider = scene.beside(moduli, np.append(scene.fabric, fabric), np.append(scene.load, load))
-    compared = now.compared
-    if compared and not compared.paired:
-        # each list is extended by the further fabrics under its load
-        further = scene.n_conditions + np.arange(moduli.size) * loads.size
-        at = np.searchsorted(loads, scene.load[compared.members[:, 0]])
-        compared = Comparisons(np.concatenate([further + at[:, None], compared.members], axis=1), compared.times)
-    elif compared:
-        for k, one in enumerate(loads):
-            new = scene.n_conditions + np.arange(moduli.size) * loads.size + k
-            old = np.flatnonzero(scene.load == one)
-            compared = _with_pairs(compared, new, old, int((pairs[1] == one).sum()))
-    return Planned(name, design, wider, now.n_fabrics, compared)

@@ -28,6 +28,158 @@ SURE = 0.9
 """Share of these draws in which firing must rise (or fall) with stiffness for the ratings to determine the
 direction."""
 
+LEVEL = 0.05
+"""Two-sided p-value below which ratings are considered to rise or fall."""
+
+FEWEST_FABRICS = 5
+"""Smallest number of fabrics for a permutation of whole fabrics; fewer have too few orders to reach `LEVEL`."""
+
+RESAMPLES, SHUFFLES = 500, 1999
+"""Number of random weights of the participants, and of random orders of the fabrics if there are too many for all."""
+
+LEVEL_OF_RATERS = 0.01
+"""Probability that any rater of a table is reported by chance."""
+
+FEWEST_RATINGS = 5
+"""Smallest number of conditions of a rater whose order is compared, and of ratings that may all be the same."""
+
+_SEED = 0  # the same seed for every table, so that the result depends only on the data
+_DIGITS = 9  # means closer than this, relative to their range, are tied
+
+
+class Correlation(NamedTuple):
+    """Spearman's rank correlation of mean ratings with E_fab, and its interval over participants."""
+
+    value: float
+    """NaN if moduli or means are all the same."""
+    low: float
+    high: float
+    """5 and 95 % limits; NaN with one participant."""
+
+
+class Trend(NamedTuple):
+    """The trend of a table's ratings with stiffness."""
+
+    loads: tuple[Correlation, ...]
+    """Under each load, over its fabrics."""
+    fabrics: tuple[int, ...]
+    """Fabrics under each load."""
+    mean: Correlation
+    """Mean over loads with a correlation, weighted by their number of fabrics minus one."""
+    p_value: float
+    """Two-sided p-value of the mean correlation for a random order of the fabrics."""
+    shuffled: str
+    """Units permuted for the p-value: whole fabrics or, if there are few, the ratings of each participant."""
+
+    @property
+    def sign(self) -> int:
+        """+1 if ratings clearly rise with stiffness, -1 if they clearly fall, 0 if the table does not decide."""
+        return int(np.sign(self.mean.value)) if self.p_value <= LEVEL else 0
+
+
+def find_trend(layout: Layout, ratings: FloatArray) -> Trend:
+    """Return the rank correlation of the fabrics' mean (log) ratings with their moduli under each load.
+
+    Means are those of the additive fit of participants and conditions. Intervals come from randomly weighted
+    participants (the Bayesian bootstrap: Rubin, Annals of Statistics 9, 130, 1981), which leaves no condition without
+    ratings. The p-value compares the mean correlation with those of random orders of the fabrics, or of all orders.
+    With fewer than `FEWEST_FABRICS` fabrics it permutes each participant's ratings under each load instead, with the
+    normal approximation of Spearman's correlation in blocks (Page's test, with gaps and ties).
+
+    Parameters
+    ----------
+    layout
+        Design of the ratings, and the moduli.
+    ratings
+        Shape (rows,).
+    """
+    design, by_load = layout.design, _by_load(layout)
+    weights = np.ones((1, design.n_participants))
+    if (design.cells.sum(axis=1) > 0).sum() > 1:
+        random = np.random.default_rng(_SEED).exponential(size=(RESAMPLES, design.n_participants))
+        weights = np.concatenate([weights, random])
+    means = condition_means(layout, ratings, weights)
+    each = np.stack([_correlations(_ranks(means[:, some]), _ranks(layout.modulus[some])) for some in by_load])
+    if np.unique(design.fabric).size >= FEWEST_FABRICS:
+        p_value, shuffled = _p_of_fabrics(layout, means[0]), "the order of the fabrics"
+    else:
+        p_value, shuffled = _p_of_participants(layout, ratings), "the order of each participant's ratings"
+    loads, mean = tuple(map(_with_limits, each)), _with_limits(_mean(layout, each))
+    return Trend(loads, tuple(some.size for some in by_load), mean, p_value, shuffled)
+
+
+def condition_means(layout: Layout, ratings: FloatArray, weights: FloatArray) -> FloatArray:
+    """Return mean (log) ratings of the conditions over weighted participants, shape (k, conditions).
+
+    Each participant's level is that of the additive fit with equal weights.
+
+    Parameters
+    ----------
+    layout
+        Design of the ratings.
+    ratings
+        Shape (rows,).
+    weights
+        Shape (k, participants); every condition needs a participant with a positive one.
+    """
+    design = layout.design
+    level = np.nan_to_num(layout.fit(ratings).participant)
+    sums = np.zeros_like(design.cells)
+    own = layout.scale.additive(ratings) - level[design.participant]
+    np.add.at(sums, (design.participant, design.condition), own)
+    return np.asarray((weights @ sums) / (weights @ design.cells))
+
+
+def mean_correlation(layout: Layout, values: FloatArray) -> FloatArray:
+    """Return the mean rank correlation over loads of values (rows, conditions) with E_fab, shape (rows,)."""
+    each = [_correlations(_ranks(values[:, some]), _ranks(layout.modulus[some])) for some in _by_load(layout)]
+    return _mean(layout, np.stack(each))
+
+
+class OddRaters(NamedTuple):
+    """Indices of unusual raters."""
+
+    against: dict[int, float]
+    """Correlation with the means of all others, significantly below 0, by rater."""
+    constant: tuple[int, ...]
+    """Raters whose ratings are all equal, if those of others are not."""
+
+
+def odd_raters(layout: Layout, ratings: FloatArray) -> OddRaters:
+    """Return the raters with a trend opposite to the others, and those whose ratings are all equal.
+
+    A trend is opposite if the rank correlation between the rater's condition means and those of all other raters is
+    significantly below 0 at level `LEVEL_OF_RATERS` divided by the number of raters.
+
+    Parameters
+    ----------
+    layout
+        Rater, fabric and load of each rating.
+    ratings
+        Shape (rows,).
+    """
+    design = layout.design
+    cells, people = design.cells, np.unique(design.participant)
+    against: dict[int, float] = {}
+    if people.size < 2 or np.ptp(ratings) == 0:
+        return OddRaters(against, ())
+    alone, constant = people[:, None] == np.arange(design.n_participants), []
+    # tiny weights keep the conditions that only some rated
+    own, others = (condition_means(layout, ratings, np.where(who, 1.0, 1e-9)) for who in (alone, ~alone))
+    for place, k in enumerate(people.tolist()):
+        given = ratings[design.participant == k]
+        rated = np.flatnonzero((cells[k] > 0) & (cells.sum(axis=0) > cells[k]))
+        if given.size >= FEWEST_RATINGS and np.ptp(given) == 0:
+            constant.append(k)
+        elif people.size > 2 and rated.size >= FEWEST_RATINGS:
+            each = _correlations(_ranks(own[place, rated][None]), _ranks(others[place, rated]))
+            r = float(np.nan_to_num(each[0]))
+            n = rated.size
+            p_value = float(stdtr(n - 2, r * np.sqrt((n - 2) / max(1.0 - r * r, 1e-12))))
+            if r < 0 and p_value * people.size < LEVEL_OF_RATERS:
+                against[k] = r
+    return OddRaters(against, tuple(constant))
+
 
 class Evidence(NamedTuple):
     """The evidence of a table about the direction of its ratings."""
@@ -198,158 +350,6 @@ def _numbers(found: Correlation) -> str:
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
-
-LEVEL = 0.05
-"""Two-sided p-value below which ratings are considered to rise or fall."""
-
-FEWEST_FABRICS = 5
-"""Smallest number of fabrics for a permutation of whole fabrics; fewer have too few orders to reach `LEVEL`."""
-
-RESAMPLES, SHUFFLES = 500, 1999
-"""Number of random weights of the participants, and of random orders of the fabrics if there are too many for all."""
-
-LEVEL_OF_RATERS = 0.01
-"""Probability that any rater of a table is reported by chance."""
-
-FEWEST_RATINGS = 5
-"""Smallest number of conditions of a rater whose order is compared, and of ratings that may all be the same."""
-
-_SEED = 0  # the same seed for every table, so that the result depends only on the data
-_DIGITS = 9  # means closer than this, relative to their range, are tied
-
-
-class Correlation(NamedTuple):
-    """Spearman's rank correlation of mean ratings with E_fab, and its interval over participants."""
-
-    value: float
-    """NaN if moduli or means are all the same."""
-    low: float
-    high: float
-    """5 and 95 % limits; NaN with one participant."""
-
-
-class Trend(NamedTuple):
-    """The trend of a table's ratings with stiffness."""
-
-    loads: tuple[Correlation, ...]
-    """Under each load, over its fabrics."""
-    fabrics: tuple[int, ...]
-    """Fabrics under each load."""
-    mean: Correlation
-    """Mean over loads with a correlation, weighted by their number of fabrics minus one."""
-    p_value: float
-    """Two-sided p-value of the mean correlation for a random order of the fabrics."""
-    shuffled: str
-    """Units permuted for the p-value: whole fabrics or, if there are few, the ratings of each participant."""
-
-    @property
-    def sign(self) -> int:
-        """+1 if ratings clearly rise with stiffness, -1 if they clearly fall, 0 if the table does not decide."""
-        return int(np.sign(self.mean.value)) if self.p_value <= LEVEL else 0
-
-
-def find_trend(layout: Layout, ratings: FloatArray) -> Trend:
-    """Return the rank correlation of the fabrics' mean (log) ratings with their moduli under each load.
-
-    Means are those of the additive fit of participants and conditions. Intervals come from randomly weighted
-    participants (the Bayesian bootstrap: Rubin, Annals of Statistics 9, 130, 1981), which leaves no condition without
-    ratings. The p-value compares the mean correlation with those of random orders of the fabrics, or of all orders.
-    With fewer than `FEWEST_FABRICS` fabrics it permutes each participant's ratings under each load instead, with the
-    normal approximation of Spearman's correlation in blocks (Page's test, with gaps and ties).
-
-    Parameters
-    ----------
-    layout
-        Design of the ratings, and the moduli.
-    ratings
-        Shape (rows,).
-    """
-    design, by_load = layout.design, _by_load(layout)
-    weights = np.ones((1, design.n_participants))
-    if (design.cells.sum(axis=1) > 0).sum() > 1:
-        random = np.random.default_rng(_SEED).exponential(size=(RESAMPLES, design.n_participants))
-        weights = np.concatenate([weights, random])
-    means = condition_means(layout, ratings, weights)
-    each = np.stack([_correlations(_ranks(means[:, some]), _ranks(layout.modulus[some])) for some in by_load])
-    if np.unique(design.fabric).size >= FEWEST_FABRICS:
-        p_value, shuffled = _p_of_fabrics(layout, means[0]), "the order of the fabrics"
-    else:
-        p_value, shuffled = _p_of_participants(layout, ratings), "the order of each participant's ratings"
-    loads, mean = tuple(map(_with_limits, each)), _with_limits(_mean(layout, each))
-    return Trend(loads, tuple(some.size for some in by_load), mean, p_value, shuffled)
-
-
-def condition_means(layout: Layout, ratings: FloatArray, weights: FloatArray) -> FloatArray:
-    """Return mean (log) ratings of the conditions over weighted participants, shape (k, conditions).
-
-    Each participant's level is that of the additive fit with equal weights.
-
-    Parameters
-    ----------
-    layout
-        Design of the ratings.
-    ratings
-        Shape (rows,).
-    weights
-        Shape (k, participants); every condition needs a participant with a positive one.
-    """
-    design = layout.design
-    level = np.nan_to_num(layout.fit(ratings).participant)
-    sums = np.zeros_like(design.cells)
-    own = layout.scale.additive(ratings) - level[design.participant]
-    np.add.at(sums, (design.participant, design.condition), own)
-    return np.asarray((weights @ sums) / (weights @ design.cells))
-
-
-def mean_correlation(layout: Layout, values: FloatArray) -> FloatArray:
-    """Return the mean rank correlation over loads of values (rows, conditions) with E_fab, shape (rows,)."""
-    each = [_correlations(_ranks(values[:, some]), _ranks(layout.modulus[some])) for some in _by_load(layout)]
-    return _mean(layout, np.stack(each))
-
-
-class OddRaters(NamedTuple):
-    """Indices of unusual raters."""
-
-    against: dict[int, float]
-    """Correlation with the means of all others, significantly below 0, by rater."""
-    constant: tuple[int, ...]
-    """Raters whose ratings are all equal, if those of others are not."""
-
-
-def odd_raters(layout: Layout, ratings: FloatArray) -> OddRaters:
-    """Return the raters with a trend opposite to the others, and those whose ratings are all equal.
-
-    A trend is opposite if the rank correlation between the rater's condition means and those of all other raters is
-    significantly below 0 at level `LEVEL_OF_RATERS` divided by the number of raters.
-
-    Parameters
-    ----------
-    layout
-        Rater, fabric and load of each rating.
-    ratings
-        Shape (rows,).
-    """
-    design = layout.design
-    cells, people = design.cells, np.unique(design.participant)
-    against: dict[int, float] = {}
-    if people.size < 2 or np.ptp(ratings) == 0:
-        return OddRaters(against, ())
-    alone, constant = people[:, None] == np.arange(design.n_participants), []
-    # tiny weights keep the conditions that only some rated
-    own, others = (condition_means(layout, ratings, np.where(who, 1.0, 1e-9)) for who in (alone, ~alone))
-    for place, k in enumerate(people.tolist()):
-        given = ratings[design.participant == k]
-        rated = np.flatnonzero((cells[k] > 0) & (cells.sum(axis=0) > cells[k]))
-        if given.size >= FEWEST_RATINGS and np.ptp(given) == 0:
-            constant.append(k)
-        elif people.size > 2 and rated.size >= FEWEST_RATINGS:
-            each = _correlations(_ranks(own[place, rated][None]), _ranks(others[place, rated]))
-            r = float(np.nan_to_num(each[0]))
-            n = rated.size
-            p_value = float(stdtr(n - 2, r * np.sqrt((n - 2) / max(1.0 - r * r, 1e-12))))
-            if r < 0 and p_value * people.size < LEVEL_OF_RATERS:
-                against[k] = r
-    return OddRaters(against, tuple(constant))
 
 
 def _by_load(layout: Layout) -> list[IndexArray]:

@@ -1,11 +1,11 @@
-"""Predictions of the forward model as a table: one row per fabric and load, with or without credible limits."""
+"""Predictions for touches that were not rated: contact, firing and ratings; and responses if a quantity changes."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -268,60 +268,39 @@ def deviations_of_fabrics(effects: Mapping[str, tuple[Array, tuple[str, ...]]]) 
 
 
 def rates_of_other_moduli(posterior: Posterior, theta: Array, step: float) -> tuple[Array, Array]:
-    """Return `Posterior.response` at theta (draws, dimension) with all log moduli lowered, and raised, by a step.
-
-    Raises
-    ------
-    TypeError
-        If the posterior is not that of a compiled scene.
-    """
-    scene, modulus = posterior.scene, posterior.space.modulus(theta)
-    if not isinstance(scene, Scene):
-        raise TypeError("only a compiled scene answers for other moduli")
+    """Return `Posterior.response` at theta (draws, dimension) with all log moduli lowered, and raised, by a step."""
+    modulus = posterior.space.modulus(theta)
     if modulus is None:
-        modulus = np.broadcast_to(scene.fabric_modulus, (len(theta), scene.fabric_modulus.size))
+        known = cast(Scene, posterior.scene).fabric_modulus
+        modulus = np.broadcast_to(known, (len(theta), known.size))
     lower, higher = (posterior.response(theta, modulus * np.exp(side * step)) for side in (-1.0, 1.0))
     return lower, higher
 
 
-def drive_slope(
-    posterior: Posterior, theta: Array, mean_rate: Array, parameters: RatingParameters, step: float
-) -> Array:
-    """Return the derivative of `Likelihood.drive` with respect to each fabric's log modulus, (draws, conditions).
-
-    Parameters
-    ----------
-    posterior, theta, step
-        As for `rates_of_other_moduli`; the derivative is a central difference over this step.
-    mean_rate, parameters
-        N/N_ref [Hz] and parameters of the rating model at theta.
-    """
-    observation = posterior.observation
+def rates_of_other_skins(posterior: Posterior, theta: Array, step: float) -> tuple[Array, Array]:
+    """Return `Posterior.mean_rate` at theta (draws, dimension) with ln b lowered, and raised, by a step."""
+    touch, modulus = posterior.space.touch(theta), posterior.space.modulus(theta)
     lower, higher = (
-        observation.drive_at(other[..., : observation.design.n_conditions], mean_rate, parameters)
-        for other in rates_of_other_moduli(posterior, theta, step)
+        posterior.mean_rate_of(touch._replace(b=touch.b * np.exp(side * step)), modulus) for side in (-1.0, 1.0)
     )
-    return (higher - lower) / (2.0 * step)
+    return lower, higher
 
 
-def skin_slope(posterior: Posterior, theta: Array, parameters: RatingParameters, step: float) -> Array:
-    """Return the derivative of `Likelihood.drive` of the typical finger with respect to ln b, (draws, conditions).
+def drive_slope(posterior: Posterior, theta: Array, rates: tuple[Array, Array], step: float) -> Array:
+    """Return the derivative of the typical finger's `Likelihood.drive`, a central difference, (draws, conditions).
 
     Parameters
     ----------
     posterior, theta
         The model, and draws (draws, dimension).
-    parameters
-        Parameters of the rating model at theta.
+    rates
+        Responses at the draws with a quantity lowered, and raised, by a step.
     step
-        Half-width, in ln b, of the secant.
+        The step.
     """
-    touch, modulus, scene = posterior.space.touch(theta), posterior.space.modulus(theta), posterior.scene
-    here = posterior.mean_rate(theta)
-    drives = []
-    for side in (-1.0, 1.0):
-        other = touch._replace(b=touch.b * np.exp(side * step))
-        total = scene.total_rate(other) if modulus is None else scene.total_rate(other, modulus)
-        rate = np.broadcast_to(total / scene.n_receptors, (*theta.shape[:-1], total.shape[-1]))
-        drives.append(posterior.observation.drive_at(rate, here, parameters))
-    return np.asarray((drives[1] - drives[0]) / (2.0 * step))
+    observed, here, parameters = posterior.observation, posterior.mean_rate(theta), posterior.rating_parameters(theta)
+    shape = len(theta), observed.design.n_conditions
+    lower, higher = (
+        observed.drive_at(np.broadcast_to(rate[..., : shape[1]], shape), here, parameters) for rate in rates
+    )
+    return np.asarray((higher - lower) / (2.0 * step))

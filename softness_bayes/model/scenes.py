@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.data import LOAD_COLUMNS, Fabrics, Ratings
+from softness_bayes.data import LOAD_COLUMNS, Fabrics
 from softness_bayes.data.fabrics import log_sd
 from softness_bayes.errors import InputError
 from softness_bayes.kinds import require_kind, require_mapping
@@ -257,24 +256,8 @@ def fabric_moduli(
 IndexArray = NDArray[np.intp]
 
 
-class Touched(NamedTuple):
-    """Conditions of a scene."""
-
-    loads: tuple[Load, ...]
-    """The distinct loads."""
-    fabric: IndexArray
-    """Index of each condition's fabric."""
-    load: IndexArray
-    """Index of each condition's load."""
-
-
-def touched_in(ratings: Ratings) -> Touched:
-    """Return the conditions that were rated, at their stated loads."""
-    return Touched(ratings.loads, ratings.conditions.fabric, ratings.conditions.load)
-
-
-def beside(stated: Touched, errors: LoadErrors) -> Touched:
-    """Return the conditions at the lower and higher loads of uncertain touches, in the order of their columns.
+def at_other_loads(stated: Scene, errors: LoadErrors) -> Scene:
+    """Return the scene of the lower and higher loads of uncertain touches, in the order of their columns.
 
     Parameters
     ----------
@@ -298,7 +281,7 @@ def beside(stated: Touched, errors: LoadErrors) -> Touched:
     loads = tuple(dict.fromkeys(every))
     place = {load: k for k, load in enumerate(loads)}
     fabric = np.tile(stated.fabric[condition], len(errors.nodes))
-    return Touched(loads, fabric, np.array([place[load] for load in every]))
+    return stated.under(loads, fabric, [place[load] for load in every])
 
 
 def scaled(load: Load, factor: float) -> Load:

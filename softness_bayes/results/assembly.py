@@ -33,7 +33,7 @@ from softness_bayes.likelihood.models import OF_OWN_ANSWERS
 from softness_bayes.likelihood.own_effects import EFFECT_OF_ANSWER
 from softness_bayes.likelihood.spreads import SPREADS
 from softness_bayes.model.posterior import Posterior
-from softness_bayes.model.prediction import drive_slope, skin_slope
+from softness_bayes.model.prediction import drive_slope, rates_of_other_moduli, rates_of_other_skins
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.provenance import PRIOR, Finding, NumericalErrors, ResidualChecks, Silence, attributes_of, family_of
@@ -269,16 +269,18 @@ def _findings(draws: RatedDraws) -> tuple[Finding, ...]:
     """Return the findings of the checks of residuals."""
     few, model = draws.subset(draws.replicates), draws.model
     residuals = Residuals(draws.ratings, few.mean_rate, few.parameters, few.effects)
-    by_modulus = drive_slope(draws.posterior, few.theta, few.mean_rate, few.parameters, MODULUS_STEP)
-    by_skin = skin_slope(draws.posterior, few.theta, few.parameters, SKIN_STEP)
+    moduli, skins = (
+        drive_slope(draws.posterior, few.theta, rates_of_others(draws.posterior, few.theta, step), step)
+        for rates_of_others, step in ((rates_of_other_moduli, MODULUS_STEP), (rates_of_other_skins, SKIN_STEP))
+    )
     effects, available = model.named_effects(few.effects), model.scale in OF_OWN_ANSWERS
     modelled = {name for name, effect in EFFECT_OF_ANSWER.items() if effect in effects}
     found = [
         *check_fabrics(residuals, _condition_names(draws.experiment)),
         check_exponents(residuals, "gamma" in modelled, available),
         check_noise(residuals, "varsigma" in modelled, available, model.error in (STUDENT, LAPSES)),
-        check_moduli(residuals, by_modulus, draws.posterior.space.moduli is not None),
-        check_fingers(residuals, by_skin, draws.posterior.fingers is not None),
+        check_moduli(residuals, moduli, draws.posterior.space.moduli is not None),
+        check_fingers(residuals, skins, draws.posterior.fingers is not None),
     ]
     term = draws.posterior.term(SPREADS)
     if term is not None:

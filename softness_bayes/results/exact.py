@@ -11,7 +11,7 @@ from softness_bayes.checking.exactness import EXACT_RATES, SAME_RATES, Exactness
 from softness_bayes.errors import InputError
 from softness_bayes.model.individual import finer_family_of
 from softness_bayes.model.posterior import ForwardModel, Posterior
-from softness_bayes.model.scenes import Touched, beside
+from softness_bayes.model.scenes import at_other_loads
 from softness_bayes.results.draws import REWEIGHT_DRAWS
 from softness_bayes.results.groups import Variable, evenly
 from softness_bayes.sampler.workers import Workers
@@ -57,10 +57,9 @@ def exact_log_likelihood(posterior: Posterior, theta: Array, scene: Scene | None
 
 
 def _other_loads(exact: Scene, posterior: Posterior) -> Scene:
-    """Return the scene of the additional loads of a posterior whose loads have errors."""
     errors = posterior.observation.load_errors
     assert errors is not None, "a posterior with other loads has errors of loads"
-    return exact.under(*beside(Touched(exact.loads, exact.fabric, exact.load), errors))
+    return at_other_loads(exact, errors)
 
 
 def begin_comparison(posterior: Posterior, theta: Array, workers: Workers, reweight: bool) -> Callable[[], Exactness]:

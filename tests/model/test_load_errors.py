@@ -20,7 +20,7 @@ from softness_bayes.likelihood.scales import STANDARDISED
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.prediction import drive_slope, rates_of_other_moduli
-from softness_bayes.model.scenes import beside, scaled, scene_of, touch_parameters, touched_in, usual_values
+from softness_bayes.model.scenes import at_other_loads, scaled, scene_of, touch_parameters, usual_values
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.parameters.priors import HalfNormal
@@ -72,7 +72,7 @@ def test_touches_and_the_loads_beside_them():
     errors = LoadErrors.of(posterior.observation.design, log_sd)
     assert_allclose(np.stack([errors.condition, errors.log_sd], 1)[errors.of_row, 0], conditions.of_rating)
     assert_allclose(errors.log_sd[errors.of_row], log_sd)
-    touched = beside(touched_in(experiment.ratings), errors)
+    touched = at_other_loads(posterior.scene, errors)
     columns = errors.columns - errors.n_conditions
     for touch, (condition, sd) in enumerate(zip(errors.condition, errors.log_sd, strict=True)):
         assert errors.columns[touch, 1] == condition
@@ -242,8 +242,8 @@ def test_checks_of_moduli_answer_at_every_load():
     options = ModelOptions(fix=held("b", "gamma"), discretisation=COARSE, load_cv=0.05)
     posterior = build(made(), options).posterior
     theta = posterior.space.draw_prior(np.random.default_rng(3), 3)
-    rate, parameters = posterior.mean_rate(theta), posterior.rating_parameters(theta)
-    slope = drive_slope(posterior, theta, rate, parameters, 0.01)
+    parameters = posterior.rating_parameters(theta)
+    slope = drive_slope(posterior, theta, rates_of_other_moduli(posterior, theta, 0.01), 0.01)
     assert slope.shape == (3, posterior.observation.design.n_conditions)
     signs, rates = np.eye(3), rates_of_other_moduli(posterior, theta, 1e-3)
     found = scores(posterior.observation, rates, parameters, signs, 1e-3)
