@@ -48,8 +48,8 @@ if TYPE_CHECKING:
     from softness_bayes.plotting.calibration import rank_ecdf_figure as rank_ecdf_figure
     from softness_bayes.plotting.plots import Plots as Plots
     from softness_bayes.plotting.style import Style as Style
-    from softness_bayes.results.request import RunOptions as RunOptions
     from softness_bayes.results.result import Result as Result
+    from softness_bayes.results.run_options import RunOptions as RunOptions
     from softness_bayes.runs.calibrate import calibrate as calibrate
     from softness_bayes.runs.calibrate import calibrate_like as calibrate_like
     from softness_bayes.runs.calibration_scene import CalibrationScene as CalibrationScene

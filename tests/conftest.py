@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from softness_bayes.results import pictures
+from softness_bayes.results import predictions
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch import stress_table
 from softness_bayes.touch.neuron import fixed_channels, noise, spikes
@@ -86,7 +86,7 @@ def report_run(once):
 @pytest.fixture(scope="session", autouse=True)
 def one_membrane(once):
     """Make each rate curve of fixed channels and each example train once, not in every test of something else."""
-    curve, train = made_once(once, fixed_channels.known_curve), made_once(once, pictures.spike_times)
+    curve, train = made_once(once, fixed_channels.known_curve), made_once(once, predictions.spike_times)
 
     def spike_times(current, channels, membrane, duration, strength, rng, tolerance):
         if strength:
@@ -96,7 +96,7 @@ def one_membrane(once):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(noise, "exact_curve", made_once(once, noise.exact_curve))
         patch.setattr(fixed_channels, "known_curve", curve)
-        patch.setattr(pictures, "spike_times", spike_times)
+        patch.setattr(predictions, "spike_times", spike_times)
         yield
 
 

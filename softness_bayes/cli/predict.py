@@ -136,41 +136,29 @@ def _of_run(
     InputError
         If there is no run, or it had no ratings, or a value cannot be set.
     """
-    import numpy as np
-    import pandas as pd
-
-    from softness_bayes.model.prediction import drawn_parameters, prediction_table
     from softness_bayes.model.reach import COARSE, reach_note
-    from softness_bayes.model.scenes import scene_of
     from softness_bayes.parameters.declared import SHAPE_PARAMETERS
-    from softness_bayes.results.fitted import drawn_moduli, drawn_values, moduli_of
-    from softness_bayes.results.rating_table import joined, parts_of, rating_columns
+    from softness_bayes.results.fitted import Fitted
+    from softness_bayes.results.rating_table import predicted
     from softness_bayes.touch.parameters import TouchParameters
 
     with reading(directory) as (result,):
         warn_of_unconverged(result)
         if not result.has_ratings:
             raise InputError(f"{directory}: this run has no ratings, so it does not inform the receptors; give --set")
-        named, noise = drawn_values(result, ANSWER_DRAWS, values), result.provenance.rating_model.noise
-        if lacking := [n for n in TouchParameters._fields if n not in named and n not in SHAPE_PARAMETERS]:
+        fitted = Fitted(result, ANSWER_DRAWS, values)
+        if lacking := [n for n in TouchParameters._fields if n not in fitted.named and n not in SHAPE_PARAMETERS]:
             raise KeyError(lacking[0])  # `reading` names the file
-        parameters = drawn_parameters(named)
-        readings, finger = result.readings, result.finger
-        compiled = partial(scene_of, values=named, readings=readings, noise=noise, finger=finger)
-        tables, scenes = [], []
-        for some in parts_of(fabrics, len(loads)):
-            under_loads = partial(compiled, some, loads, moduli=moduli_of(result, some))
-            scene = _accurate(under_loads, named, parameters, accuracy)
-            ratings = rating_columns(result, some, scene, ANSWER_DRAWS, raters, seed, values)
-            own = drawn_moduli(result, named, some, np.random.default_rng(seed))  # the draws of `rating_columns`
-            tables.append(pd.concat([prediction_table(some, scene, parameters, modulus=own), ratings], axis=1))
-            scenes.append(scene)
-        table = joined(tables, len(loads))
+        parameters = fitted.touch
+
+        def compiled(some: Fabrics) -> Scene:
+            return _accurate(partial(fitted.scene, some, loads), fitted.named, parameters, accuracy)
 
         def under(pressed: Sequence[Load]) -> Scene:
-            return compiled(fabrics, tuple(pressed), discretisation=COARSE, moduli=moduli_of(result, fabrics))
+            return fitted.scene(fabrics, tuple(pressed), COARSE)
 
-        few = type(parameters)(*(value[:: max(1, ANSWER_DRAWS // REACHED)] for value in parameters))
+        table, scenes = predicted(fitted, fabrics, loads, raters, seed, compiled)
+        few = TouchParameters(*(value[:: max(1, ANSWER_DRAWS // REACHED)] for value in parameters))
         return result.labelled(table), scenes, parameters, reach_note(under, loads, few, {})
 
 

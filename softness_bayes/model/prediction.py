@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from softness_bayes.data import Fabrics
 from softness_bayes.likelihood.contract import Effects
@@ -17,7 +17,6 @@ from softness_bayes.likelihood.pieces import pieces
 from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.model.individual import family_of
 from softness_bayes.model.posterior import Posterior
-from softness_bayes.model.scenes import touch_parameters
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Response, Scene
 
@@ -69,19 +68,6 @@ def prediction_table(
             columns[f"{name}_low"], columns[name], columns[f"{name}_high"] = _limits(values, prob)
     columns["readings"] = scene.readings.label
     return pd.DataFrame(columns)
-
-
-def drawn_parameters(values: Mapping[str, ArrayLike]) -> TouchParameters:
-    """Return draws of a run as parameters of a scene with a common batch axis, so that their table has limits.
-
-    Parameters
-    ----------
-    values
-        Every parameter by name in natural units: a number if fixed in the run, otherwise draws (draws,). At least one
-        must be drawn, as is always true for the rating model.
-    """
-    batch = np.empty(max(np.size(value) for value in values.values()))
-    return TouchParameters(*np.broadcast_arrays(*touch_parameters(values), batch)[:-1])
 
 
 def quantities(response: Response, modulus: Array) -> dict[str, Array]:

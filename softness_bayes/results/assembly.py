@@ -40,12 +40,18 @@ from softness_bayes.provenance import PRIOR, Finding, NumericalErrors, ResidualC
 from softness_bayes.results.constants import constant_group, coordinates
 from softness_bayes.results.draws import (
     REWEIGHT_DRAWS,
+    Groups,
     RatedDraws,
+    Variable,
     draws_of,
     draws_per_walker,
+    evenly,
+    merged,
+    named,
+    sampled_groups,
+    tree_of,
 )
 from softness_bayes.results.exact import begin_comparison, exactness_stats, unchecked
-from softness_bayes.results.groups import Groups, Variable, evenly, merged, named, sampled_groups, tree_of
 from softness_bayes.results.predictions import illustration_groups, modulus_shifts, prediction_group, turning_groups
 from softness_bayes.results.replicates import (
     Replicates,
@@ -179,7 +185,7 @@ def assembled(
     error, grid = numerical_error(draws), curve_scene(draws.scene, loads=draws.shown_loads)
     groups = _groups(draws, drawn, error, grid, listener)
     turn = groups["predictions"]["inflection_e_fab_kpa"].values[0] * 1e3
-    shown, axes = illustration_groups(draws, drawn, turn)
+    shown, axes = illustration_groups(draws, drawn.receptors, drawn.trains(), turn)
     levels = family_of(PRIOR, draws.model.levels)
     # last, because it waits for the exact likelihood
     if exact and not reweight:

@@ -17,8 +17,7 @@ from softness_bayes.data.ratings import LOAD_COLUMNS
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.fabric_moduli import FabricModuli
 from softness_bayes.parameters.space import ParameterSpace
-from softness_bayes.results.draws import RatedDraws
-from softness_bayes.results.groups import Variable
+from softness_bayes.results.draws import RatedDraws, Variable
 from softness_bayes.results.replicates import plate_coordinates
 from softness_bayes.touch.neuron.firing import CurveError, RateCurve
 from softness_bayes.touch.neuron.fixed_channels import Firing, FixedChannels

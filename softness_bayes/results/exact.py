@@ -12,8 +12,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.model.individual import finer_family_of
 from softness_bayes.model.posterior import ForwardModel, Posterior
 from softness_bayes.model.scenes import at_other_loads
-from softness_bayes.results.draws import REWEIGHT_DRAWS
-from softness_bayes.results.groups import Variable, evenly
+from softness_bayes.results.draws import REWEIGHT_DRAWS, Variable, evenly
 from softness_bayes.sampler.workers import Workers
 from softness_bayes.touch.scene import Scene
 

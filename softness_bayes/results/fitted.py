@@ -27,71 +27,21 @@ from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS, KPA, FabricModuli
 from softness_bayes.parameters.priors import LogNormal, LogUniform
 from softness_bayes.results.constants import RATERS_OF_CELLS, RATING_AS_FILED
-from softness_bayes.results.request import Request
+from softness_bayes.results.run_options import Request
 from softness_bayes.results.stored import Stored
 from softness_bayes.touch.contact import Load
 from softness_bayes.touch.parameters import TouchParameters
-from softness_bayes.touch.scene import Scene
+from softness_bayes.touch.scene import Discretisation, Scene
 
 Array = NDArray[np.float64]
 
 _SAME = 1e-6  # relative difference of moduli below which a fabric is identified with a rated one
 
 
-def drawn_values(result: Stored, draws: int, values: Mapping[str, float] | None = None) -> dict[str, Array]:
-    """Return evenly spaced draws of every parameter by name, in natural units: numbers for fixed parameters.
-
-    Parameters
-    ----------
-    result
-        The run.
-    draws
-        Number of draws.
-    values
-        If any are given, all draws are equal to one point: these values, and posterior medians for all other
-        parameters.
-
-    Raises
-    ------
-    InputError
-        If a value is given for a parameter that was not sampled, or is out of range.
-    """
-    named = result.values(draws)
-    if not values:
-        return named
-    sampled = [name for name, drawn in named.items() if np.ndim(drawn)]
-    for name in values:
-        if name not in sampled or name not in EVERY_PARAMETER:
-            free = ", ".join(one for one in sampled if one in EVERY_PARAMETER)
-            raise InputError(f"{name} cannot be set: expected a parameter that the run sampled, one of {free}")
-    require_values(values)
-    return named | {name: np.full_like(named[name], values.get(name, np.median(named[name]))) for name in sampled}
-
-
 def moduli_of(result: Stored, fabrics: Fabrics) -> FabricModuli:
     """Return the moduli of some fabrics, unknown ones with the law that the run has for them."""
     unknown = result.provenance.asked.unknown_modulus
     return fabric_moduli(fabrics, result.readings.fabric_modulus, unknown=unknown)
-
-
-def drawn_moduli(
-    result: Stored, named: Mapping[str, Array], fabrics: Fabrics, rng: np.random.Generator
-) -> Array | None:
-    """Return E_fab [Pa] of each fabric at each draw of `drawn_values`, (draws, fabrics); None if all are known exactly.
-
-    Moduli of rated fabrics come from the posterior; those of other, uncertain fabrics are drawn from their laws.
-    """
-    moduli, size = moduli_of(result, fabrics), max(np.size(values) for values in named.values())
-    drawn: dict[int, Array] = {k: law.draw(rng, size) for k, law in enumerate(moduli.laws) if law is not None}
-    for k, known in enumerate(rated_among(result, fabrics)):
-        own = named.get(f"{FABRIC_MODULUS}[{fabrics.names[k]}]") if known >= 0 else None
-        drawn |= {} if own is None else {k: own}
-    if not drawn:
-        return None
-    found = np.tile(moduli.middle, (size, 1))
-    for k, values in drawn.items():
-        found[:, k] = values * KPA
-    return found
 
 
 def rated_among(result: Stored, fabrics: Fabrics) -> NDArray[np.intp]:
@@ -114,18 +64,32 @@ class Fitted:
     draws
         Number of draws, evenly spaced over the run.
     values
-        Values used instead of the draws, as for `drawn_values`.
+        If any are given, all draws are equal to one point: these values in natural units, by name, and posterior
+        medians for all other sampled parameters.
 
     Raises
     ------
     InputError
-        If the run had no ratings, the result is incomplete, or a value cannot be set.
+        If the run had no ratings, the result is incomplete, or a value is given for a parameter that was not sampled
+        or is out of range.
     """
 
     def __init__(self, result: Stored, draws: int, values: Mapping[str, float] | None = None) -> None:
         self.result = result
+        self.named: dict[str, Array] = result.values(draws)
+        """Every parameter by name, in natural units: draws, or a number if it was fixed."""
+        if values:
+            sampled = [name for name, drawn in self.named.items() if np.ndim(drawn)]
+            free = [name for name in sampled if name in EVERY_PARAMETER]
+            for name in values:
+                if name not in free:
+                    known = ", ".join(free)
+                    raise InputError(f"{name} cannot be set: expected a parameter that the run sampled, one of {known}")
+            require_values(values)
+            self.named |= {
+                name: np.full_like(self.named[name], values.get(name, np.median(self.named[name]))) for name in sampled
+            }
         self.posterior: Posterior = build(experiment_of(result), options_of(result)).posterior
-        self.named = drawn_values(result, draws, values)
         drawn = [self.named[name] for name in self.posterior.names]
         self.theta = np.stack(np.broadcast_arrays(*drawn), axis=-1)
 
@@ -135,19 +99,42 @@ class Fitted:
         values = self.posterior.space.touch(self.theta)
         return TouchParameters(*(np.broadcast_to(value, len(self.theta)) for value in values))
 
-    def scene(self, fabrics: Fabrics, loads: tuple[Load, ...]) -> Scene:
+    def scene(
+        self, fabrics: Fabrics, loads: tuple[Load, ...], discretisation: Discretisation = Discretisation()
+    ) -> Scene:
         """Return the scene of some fabrics under some loads, with the finger and the readings of the run."""
-        result = self.result
-        noise, moduli = result.provenance.rating_model.noise, moduli_of(result, fabrics)
-        return scene_of(fabrics, loads, self.named, result.readings, noise=noise, finger=result.finger, moduli=moduli)
+        return scene_of(
+            fabrics,
+            loads,
+            self.named,
+            self.result.readings,
+            discretisation=discretisation,
+            noise=self.result.provenance.rating_model.noise,
+            finger=self.result.finger,
+            moduli=moduli_of(self.result, fabrics),
+        )
 
     def touches(self, fabrics: Fabrics, scene: Scene) -> OtherTouches:
         """Return the touches of a scene with some fabrics, matched to rated ones by `rated_among`."""
         return OtherTouches(self.posterior, scene, rated_among(self.result, fabrics))
 
     def modulus(self, rng: np.random.Generator, fabrics: Fabrics) -> Array | None:
-        """Return E_fab [Pa] of each fabric at each draw, (draws, fabrics); None if all are known, as `drawn_moduli`."""
-        return drawn_moduli(self.result, self.named, fabrics, rng)
+        """Return E_fab [Pa] of each fabric at each draw, (draws, fabrics); None if all are known exactly.
+
+        Moduli of rated fabrics come from the posterior; those of other, uncertain fabrics are drawn from their laws.
+        """
+        moduli, size = moduli_of(self.result, fabrics), len(self.theta)
+        drawn = {k: law.draw(rng, size) for k, law in enumerate(moduli.laws) if law is not None}
+        for k, rated in enumerate(rated_among(self.result, fabrics)):
+            name = f"{FABRIC_MODULUS}[{fabrics.names[k]}]"
+            if rated >= 0 and name in self.named:
+                drawn[k] = self.named[name]
+        if not drawn:
+            return None
+        found = np.tile(moduli.middle, (size, 1))
+        for k, values in drawn.items():
+            found[:, k] = values * KPA
+        return found
 
 
 def experiment_of(result: Stored) -> Experiment:

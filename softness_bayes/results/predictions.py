@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +13,24 @@ from softness_bayes.checking.checks import MODULUS_STEP
 from softness_bayes.checking.inflection import find_inflection, response_curves, turning_points
 from softness_bayes.checking.modulus_errors import directions, posterior_shift, scores, shift_table
 from softness_bayes.model.prediction import rates_of_other_moduli
-from softness_bayes.results.draws import REWEIGHT_DRAWS, RatedDraws
-from softness_bayes.results.groups import Groups, Variable, evenly, merged, named, turning_variables
-from softness_bayes.results.pictures import membrane_illustration, touch_illustration
-from softness_bayes.results.replicates import Replicates
-from softness_bayes.touch.scene import Scene
+from softness_bayes.results.draws import (
+    REWEIGHT_DRAWS,
+    Groups,
+    RatedDraws,
+    Variable,
+    evenly,
+    merged,
+    named,
+    turning_variables,
+)
+from softness_bayes.sampler.workers import Workers
+from softness_bayes.touch.contact import Load
+from softness_bayes.touch.neuron.membrane import Channels, Membrane
+from softness_bayes.touch.neuron.spikes import spike_times
+from softness_bayes.touch.pad import touch_profiles
+from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.receptors import kink_distances
+from softness_bayes.touch.scene import Discretisation, Scene
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -35,6 +48,43 @@ SHIFT_DRAWS = 1000
 
 SHIFTED = ("b", "m", "sigma_0", "gamma")
 """Parameters whose shifts are reported, if they are sampled."""
+
+ILLUSTRATIONS = "illustrations"
+"""Group of a result with quantiles over draws and single examples instead of draws."""
+
+QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
+"""Quantiles of the profiles of a touch over the draws."""
+
+MOST_LOADS = 3
+"""Largest number of illustrated loads: the smallest, a middle one and the largest."""
+
+NEAR, FAR, REACH = 97, 8, 1.3
+"""Points from the contact's axis to `REACH` radii of the largest contact, where rates fall off steeply, and beyond it
+to the pad's farthest corner."""
+
+UNTABLED = Discretisation(nodes=2, field_tolerance=1e-2)
+"""Coarse discretisation of a scene whose stress tables are not used."""
+
+CURRENTS = 121
+"""Number of points of the rate curves."""
+
+EXCESSES = (0.1, 0.4, 1.0)
+"""Currents of the example trains, as shares of the way from the rheobase to the largest current."""
+
+DURATION = 250.0
+"""Length of the example trains [ms]."""
+
+TRAIN_TOLERANCE = 1e-5
+"""Tolerance of their integration: spikes are within 0.02 ms, which no figure shows."""
+
+
+class Trains(NamedTuple):
+    """Example spike trains at the draws' median parameters."""
+
+    current: Array
+    """Current of each train [µA/cm²], shape (trains,)."""
+    spikes: tuple[Array, ...]
+    """Times of each train's spikes [ms]."""
 
 
 def prediction_group(draws: RatedDraws, grid: Scene, error: float) -> dict[str, Variable]:
@@ -103,19 +153,23 @@ def turning_groups(draws: RatedDraws, error: float) -> Groups:
     return found
 
 
-def illustration_groups(draws: RatedDraws, drawn: Replicates, turn: Array) -> tuple[Groups, dict[str, NDArray[Any]]]:
+def illustration_groups(
+    draws: RatedDraws, receptors: Array, trains: Trains, turn: Array
+) -> tuple[Groups, dict[str, NDArray[Any]]]:
     """Return the data for the figures of touch and membrane, and coordinates of their axes.
 
     Parameters
     ----------
-    draws, drawn
-        The draws of the run, and the quantities drawn after it.
+    draws
+        The draws of the run.
+    receptors, trains
+        The pad's receptors and example spike trains, drawn after the run.
     turn
         E_fab at the turning points of the draws with curves [Pa], shape (draws, loads), NaN where there is none.
     """
     touched, fired = (draws.touch(draws.subset(size).theta) for size in (ILLUSTRATED, draws.curves))
-    touch, along = touch_illustration(drawn.receptors, draws.scene, touched, turn)
-    membrane, currents = membrane_illustration(drawn.trains(), draws.scene, fired)
+    touch, along = touch_illustration(receptors, draws.scene, touched, turn)
+    membrane, currents = membrane_illustration(trains, draws.scene, fired)
     return merged(touch, membrane), {**along, **currents}
 
 
@@ -149,3 +203,170 @@ def modulus_shifts(draws: RatedDraws, inflection: Mapping[str, Variable]) -> pd.
     for name, where in zip(draws.load_groups.names, modulus.T, strict=True):
         quantities[f"turning point at {name}"] = np.log(where)
     return shift_table([*quantities], [posterior_shift(values, score, share) for values in quantities.values()])
+
+
+def illustrated_loads(loads: tuple[Load, ...]) -> NDArray[np.intp]:
+    """Return the indices of at most `MOST_LOADS` loads, evenly over their order."""
+    return np.unique(np.linspace(0, len(loads) - 1, MOST_LOADS).round().astype(np.intp))
+
+
+def illustrated_fabrics(scene: Scene, inflection: Array) -> tuple[list[str], Array]:
+    """Return names and moduli [Pa] of three fabrics in increasing order: softest, intermediate, stiffest.
+
+    The intermediate one is at the typical turning point of the response, under the load with the most turning points;
+    without any, it is halfway in the logarithm.
+    """
+    low, high = float(scene.modulus.min()), float(scene.modulus.max())
+    column = inflection[:, (~np.isnan(inflection)).sum(axis=0).argmax()]
+    known = column[~np.isnan(column)]
+    between = (
+        ("at the turning point", float(np.median(known))) if known.size else ("halfway", float(np.sqrt(low * high)))
+    )
+    chosen = sorted([("softest fabric", low), between, ("stiffest fabric", high)], key=lambda each: each[1])
+    return [name for name, _ in chosen], np.array([modulus for _, modulus in chosen])
+
+
+def touch_illustration(
+    receptors: Array, scene: Scene, parameters: TouchParameters, inflection: Array
+) -> tuple[Groups, dict[str, NDArray[np.generic]]]:
+    """Return pressure, stress and rate along the pad for three fabrics and some loads, and the pad's receptors.
+
+    Parameters
+    ----------
+    receptors
+        Positions of the pad's receptors [m], shape (receptors, 2), from `draw_receptors`.
+    scene
+        The scene of the data.
+    parameters
+        Draws of the parameters of the forward model, shape (draws,).
+    inflection
+        E_fab at the turning points of draws [Pa], shape (draws, loads), NaN if there is none.
+
+    Returns
+    -------
+    groups, coordinates
+        The group `ILLUSTRATIONS`, and coordinates of its axes.
+    """
+    names, moduli = illustrated_fabrics(scene, inflection)
+    loads = illustrated_loads(scene.loads)
+    few = Scene(
+        moduli,
+        np.median(scene.poisson),
+        [scene.loads[k] for k in loads],
+        scene.firing,
+        finger=scene.finger,
+        readings=scene.readings,
+        discretisation=UNTABLED,
+        finger_box=scene.finger_box,
+    )
+    contact, farthest = few.contact(parameters), float(kink_distances(scene.finger)[-1])
+    near = min(REACH * float(np.median(contact.radius, axis=0).max()), 0.9 * farthest)
+    distance = np.append(np.linspace(0.0, near, NEAR), np.geomspace(near, farthest, FAR + 1)[1:])
+    profiles = touch_profiles(few, parameters, distance)
+
+    def limits(values: Array) -> NDArray[np.float32]:
+        found = np.quantile(values, QUANTILES, axis=0)
+        return found.reshape(found.shape[0], loads.size, moduli.size, *found.shape[2:]).astype(np.float32)
+
+    at = ("quantile", "touch_load", "touch_fabric")
+    along = (*at, "distance_mm")
+    finger = scene.finger
+    variables = {
+        "touch_pressure_kpa": Variable(limits(profiles.pressure * 1e-3), along, "kPa"),
+        "touch_stress_kpa": Variable(limits(profiles.stress * 1e-3), along, "kPa"),
+        "touch_rate_hz": Variable(limits(profiles.rate), along, "Hz"),
+        "touch_radius_mm": Variable(limits(contact.radius * 1e3), at, "mm"),
+        "touch_e_fab_kpa": Variable(moduli * 1e-3, ("touch_fabric",), "kPa"),
+        "receptor_x_mm": Variable(receptors[:, 0] * 1e3, ("receptor",), "mm"),
+        "receptor_y_mm": Variable(receptors[:, 1] * 1e3, ("receptor",), "mm"),
+        "pad_mm": Variable(1e3 * np.array([finger.pad_length, finger.pad_width]), ("side",), "mm"),
+        "contact_centre_mm": Variable(1e3 * np.array(finger.contact_centre), ("side",), "mm"),
+    }
+    coordinates = {
+        "quantile": np.array(QUANTILES),
+        "touch_load": np.array([str(scene.loads[k]) for k in loads]),
+        "touch_fabric": np.array(names),
+        "distance_mm": distance * 1e3,
+    }
+    return {ILLUSTRATIONS: variables}, coordinates
+
+
+def example_trains(
+    rng: np.random.Generator, scene: Scene, parameters: TouchParameters, workers: Workers | None = None
+) -> Callable[[], Trains]:
+    """Start trains at `EXCESSES` of the way from median rheobase to median alpha; return a function that awaits them.
+
+    Parameters
+    ----------
+    rng
+        Random generator of membrane noise, if the scene has any; trains are then simulated at once.
+    scene
+        The scene of the data.
+    parameters
+        Draws of the parameters of the forward model, shape (draws,).
+    workers
+        Processes that simulate noise-free trains in parallel.
+    """
+    rheobase = _rheobase(scene, parameters)
+    alpha, least = float(np.median(parameters.alpha)), float(np.median(rheobase))
+    channels = Channels(*(float(np.median(getattr(parameters, name))) for name in Channels._fields))
+    given = least + np.array(EXCESSES) * (alpha - least) if least < alpha else np.array([alpha])
+    membrane, noise = scene.readings.membrane, scene.firing.noise
+    if noise or workers is None:
+        made = Trains(given, _trains(None, given, channels, membrane, noise, rng))
+        return lambda: made
+    begun = workers.start(_trains, given, channels, membrane)
+    return lambda: Trains(given, begun())
+
+
+def _trains(
+    _: Any,
+    given: Array,
+    channels: Channels,
+    membrane: Membrane,
+    noise: float = 0.0,
+    rng: np.random.Generator | None = None,
+) -> tuple[Array, ...]:
+    return tuple(spike_times(float(each), channels, membrane, DURATION, noise, rng, TRAIN_TOLERANCE) for each in given)
+
+
+def membrane_illustration(
+    trains: Trains, scene: Scene, parameters: TouchParameters
+) -> tuple[Groups, dict[str, NDArray[np.generic]]]:
+    """Return firing rate as a function of current for every draw, and example trains.
+
+    The currents go from below the lowest rheobase to the largest alpha of the draws' central 95 %.
+
+    Parameters
+    ----------
+    trains
+        Trains from `example_trains`.
+    scene
+        The scene of the data.
+    parameters
+        Draws of the parameters of the forward model, shape (draws,).
+    """
+    curve, rheobase = scene.firing.curves(parameters), _rheobase(scene, parameters)
+    top = min(float(np.quantile(parameters.alpha, 0.975)), float(np.min(curve.max_current)))
+    begin = min(float(rheobase.min()), top)
+    current = np.linspace(max(0.0, begin - 0.25 * (top - begin)) if begin < top else 0.0, top, CURRENTS)
+    rate = np.broadcast_to(curve.rate(np.broadcast_to(current, (rheobase.size, CURRENTS))), (rheobase.size, CURRENTS))
+    spikes = np.full((len(trains.spikes), max(1, *(train.size for train in trains.spikes))), np.nan)
+    for row, train in zip(spikes, trains.spikes, strict=True):
+        row[: train.size] = train
+    examples = {
+        "spike_time_ms": Variable(spikes, ("train", "spike"), "ms"),
+        "train_current_ua_cm2": Variable(trains.current, ("train",), "µA/cm²"),
+        "train_duration_ms": Variable(np.array(DURATION), (), "ms"),
+    }
+    curves = {
+        "firing_rate_hz": Variable(rate[None].astype(np.float32), ("current_ua_cm2",), "Hz"),
+        "rheobase_ua_cm2": Variable(rheobase[None], (), "µA/cm²"),
+        "largest_current_ua_cm2": Variable(np.array(parameters.alpha)[None], (), "µA/cm²"),
+    }
+    return {ILLUSTRATIONS: examples, "predictions": curves}, {"current_ua_cm2": current}
+
+
+def _rheobase(scene: Scene, parameters: TouchParameters) -> Array:
+    """Return the rheobase of every draw [µA/cm²], shape (draws,)."""
+    return np.broadcast_to(scene.firing.curves(parameters).rheobase, np.shape(parameters.alpha))

@@ -5,7 +5,7 @@ Reasons are silence, a contact beyond Hertz's geometry, and fabrics or loads out
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -15,12 +15,12 @@ from softness_bayes.data import Fabrics
 from softness_bayes.data.ratings import LOAD_COLUMNS
 from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.likelihood.design import IndexArray
+from softness_bayes.model.prediction import prediction_table
 from softness_bayes.parameters.fabric_moduli import KPA
 from softness_bayes.ranges import PANEL
 from softness_bayes.readable import number, percent
 from softness_bayes.results.fitted import Fitted
-from softness_bayes.results.stored import Stored
-from softness_bayes.touch.contact import Force, Indentation
+from softness_bayes.touch.contact import Force, Indentation, Load
 from softness_bayes.touch.scene import Scene
 
 if TYPE_CHECKING:
@@ -60,45 +60,37 @@ def parts_of(fabrics: Fabrics, loads: int, draws: int = ANSWER_DRAWS) -> list[Fa
     return [fabrics.take(fabrics.names[first : first + size]) for first in range(0, len(fabrics), size)]
 
 
-def joined(tables: Sequence[pd.DataFrame], loads: int) -> pd.DataFrame:
-    """Return the tables of parts of the fabrics as one, with all fabrics under the first load before the second."""
-    import pandas as pd
-
-    load = np.concatenate([np.arange(len(table)) // (len(table) // loads) for table in tables])
-    return pd.concat(tables).iloc[np.argsort(load, kind="stable")].reset_index(drop=True)
-
-
-def rating_columns(
-    result: Stored,
+def predicted(
+    fitted: Fitted,
     fabrics: Fabrics,
-    scene: Scene,
-    draws: int = ANSWER_DRAWS,
+    loads: tuple[Load, ...],
     raters: int | None = None,
     seed: int = 0,
-    values: Mapping[str, float] | None = None,
-) -> pd.DataFrame:
-    """Return the predicted ratings of every condition of a scene, with reasons for unusual predictions.
+    compiled: Callable[[Fabrics], Scene] | None = None,
+) -> tuple[pd.DataFrame, list[Scene]]:
+    """Return the predicted contact, firing and ratings of fabrics under loads, and the scenes of their parts.
 
     Parameters
     ----------
-    result
-        A finished run on ratings.
-    fabrics, scene
-        The fabrics, and the scene of all of them under some loads.
-    draws
-        Number of posterior draws for medians and limits.
+    fitted
+        The model of a finished run on ratings.
+    fabrics, loads
+        All fabrics are touched under every load.
     raters
         Number of new raters whose mean rating is predicted; by default the number of raters in the data.
     seed
         Seed of quantities drawn given the posterior draws.
-    values
-        Values of parameters used instead of the draws, as for `fitted.drawn_values`.
+    compiled
+        Function that returns the scene of some fabrics under these loads; by default `Fitted.scene`.
 
     Returns
     -------
     DataFrame
-        A row per condition: typical_rating, new_rater_rating and mean_rating, each with the limits of its 50 % and
-        90 % intervals beside it; raters; the fields of `Reasons`.
+        A row per condition, all fabrics under the first load before the second: the columns of `prediction_table`;
+        typical_rating, new_rater_rating and mean_rating, each with the limits of its 50 % and 90 % intervals beside
+        it; raters; the fields of `Reasons`.
+    list of Scene
+        The scenes of the parts in which the fabrics were predicted.
 
     Raises
     ------
@@ -107,17 +99,23 @@ def rating_columns(
     """
     import pandas as pd
 
-    fitted, rng = Fitted(result, draws, values), np.random.default_rng(seed)
     panel = fitted.posterior.observation.raters if raters is None else raters
     PANEL.require("raters", panel)
-    modulus = fitted.modulus(rng, fabrics)
-    found = fitted.touches(fabrics, scene).ratings(rng, fitted.theta, panel, modulus)
-    new = found.new.reshape(-1, scene.n_conditions)
-    columns: dict[str, ArrayLike] = {}
-    for name, drawn in (("typical_rating", found.typical), ("new_rater_rating", new), ("mean_rating", found.mean)):
-        columns |= {f"{name}{end}": limit for end, limit in limits(drawn, found.alike).items()}
-    columns["raters"] = np.full(scene.n_conditions, panel)
-    return pd.DataFrame(columns | reasons(fitted, scene, found.rate, modulus)._asdict())
+    tables, scenes = [], []
+    for some in parts_of(fabrics, len(loads), len(fitted.theta)):
+        scene, rng = fitted.scene(some, loads) if compiled is None else compiled(some), np.random.default_rng(seed)
+        modulus = fitted.modulus(rng, some)
+        found = fitted.touches(some, scene).ratings(rng, fitted.theta, panel, modulus)
+        new = found.new.reshape(-1, scene.n_conditions)
+        columns: dict[str, ArrayLike] = {"load": scene.load}
+        for name, drawn in (("typical_rating", found.typical), ("new_rater_rating", new), ("mean_rating", found.mean)):
+            columns |= {f"{name}{end}": limit for end, limit in limits(drawn, found.alike).items()}
+        columns["raters"] = np.full(scene.n_conditions, panel)
+        rated = pd.DataFrame(columns | reasons(fitted, scene, found.rate, modulus)._asdict())
+        tables.append(pd.concat([prediction_table(some, scene, fitted.touch, modulus=modulus), rated], axis=1))
+        scenes.append(scene)
+    joined = pd.concat(tables).sort_values("load", kind="stable").reset_index(drop=True)
+    return joined.drop(columns="load"), scenes
 
 
 def limits(values: Array, alike: IndexArray | None = None) -> dict[str, Array]:

@@ -25,9 +25,8 @@ from softness_bayes.likelihood.pieces import part_of, pieces
 from softness_bayes.likelihood.plate import CompressionForces, FingerEffects, SkinParameters
 from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.provenance import PlateData, attributes_of
-from softness_bayes.results.draws import RatedDraws, Subset
-from softness_bayes.results.groups import Groups, Variable, named
-from softness_bayes.results.pictures import Trains, example_trains
+from softness_bayes.results.draws import Groups, RatedDraws, Subset, Variable, named
+from softness_bayes.results.predictions import Trains, example_trains
 from softness_bayes.sampler.workers import Workers
 from softness_bayes.touch.contact import plate_force
 from softness_bayes.touch.pad import draw_receptors

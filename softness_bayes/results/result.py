@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -13,27 +14,31 @@ from numpy.typing import NDArray
 from softness_bayes import arviz_bridge
 from softness_bayes.checking.inflection import Curves, Inflection, turning_table
 from softness_bayes.data.columns import LOAD_CV
+from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import write_outputs
 from softness_bayes.files.run_files import ANSWERS, FINGERS, MODULI, MODULUS_ERRORS, POSTERIOR, RUN, SUMMARY
 from softness_bayes.files.spreadsheet import csv_of
-from softness_bayes.kinds import require_kind
+from softness_bayes.kinds import numbers, require_kind, require_mapping
 from softness_bayes.provenance import is_first_look
-from softness_bayes.results.answers import Answers
 from softness_bayes.results.result_file import SUMMARY_TABLE, content_of, read
+from softness_bayes.results.stored import Stored
+from softness_bayes.touch.contact import Load, require_loads
 from softness_bayes.touch.load_groups import LoadGroups, groups_of
 
 if TYPE_CHECKING:
     import pandas as pd
-    import xarray as xr
 
+    from softness_bayes.data import Fabrics
     from softness_bayes.plotting.plots import Plots
+    from softness_bayes.results.ranking import Ranking
+    from softness_bayes.results.target import Target
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Result(Answers):
+class Result(Stored):
     """Draws, predictions and provenance of one run."""
 
     @property
@@ -84,12 +89,16 @@ class Result(Answers):
         """Return the stored response as a function of E_fab, for each draw and each load or group of loads.
 
         For a group, the curves are those of its representative load (`load_groups`).
-
         """
         self._require_ratings()
-        stored = self.group("predictions")
-        modulus, *others = _curves_in(stored)
-        return Curves(modulus, *(values for values in others))
+        stored = self.group("predictions").isel(chain=0)
+        return Curves(
+            stored["e_fab_kpa"].values * 1e3,
+            stored["total_rate"].values,
+            stored["e_skin_kpa"].values * 1e3,
+            stored["contact_force_n"].values,
+            stored["contact_radius_mm"].values * 1e-3,
+        )
 
     def typical_ratings(self) -> Array:
         """Return the rating of a typical participant along `curves`, shape (draws, loads, points)."""
@@ -107,7 +116,14 @@ class Result(Answers):
     def _turning(self, group: str) -> Inflection:
         """Return the turning points of a group, with fields of shape (chains, draws, shown loads)."""
         stored = self.group(group)
-        return _turning_points_in(stored)
+        return Inflection(
+            stored["inflection_outcome"].values,
+            stored["inflection_e_fab_kpa"].values * 1e3,
+            stored["inflection_ratio"].values,
+            stored["inflection_force_n"].values,
+            stored["inflection_drop"].values,
+            stored["inflection_inside"].values.astype(bool),
+        )
 
     @property
     def least_drop(self) -> float:
@@ -203,6 +219,122 @@ class Result(Answers):
         """Posterior of individual exponents and noise; None if all raters have typical ones (see `answer_table`)."""
         return self.tables[ANSWERS].copy() if ANSWERS in self.tables else None
 
+    def predict(
+        self,
+        fabrics: Fabrics | None = None,
+        loads: Sequence[Load] | None = None,
+        draws: int = ANSWER_DRAWS,
+        raters: int | None = None,
+        seed: int = 0,
+        values: Mapping[str, float] | None = None,
+    ) -> pd.DataFrame:
+        """Predict contact, stress, firing and ratings of fabrics under loads, with their credible limits.
+
+        Parameters
+        ----------
+        fabrics
+            Fabrics that are touched; by default those of the data. Uncertain moduli of rated fabrics are taken from the
+            posterior, those of others from their laws.
+        loads
+            Loads; by default those of the data.
+        draws
+            Number of posterior draws for medians and limits.
+        raters
+            Number of new raters whose mean rating is predicted; by default the number of raters in the data.
+        seed
+            Seed of new raters and of noise.
+        values
+            Values of sampled parameters in natural units, by name, as in ``{"b": 80}``. If any are given, all others
+            are fixed at their posterior medians, and limits include only the uncertainty of ratings: of their level
+            given the data and these parameters, of raters and of noise.
+
+        Returns
+        -------
+        DataFrame
+            A row per fabric and load: medians as in `prediction_table`, with 5-95 % limits as NAME_low and NAME_high,
+            then the ratings of `rating_columns` with the reasons for unusual predictions.
+
+        Raises
+        ------
+        InputError
+            If the run had no ratings, which determine the receptors' parameters, or a value cannot be set.
+        """
+        from softness_bayes.results.fitted import Fitted
+        from softness_bayes.results.rating_table import predicted
+
+        if values is not None:
+            require_mapping("values", values, '{"b": 80}')
+        touched = self._touched(fabrics, loads)
+        return predicted(Fitted(self, draws, values), *touched, raters, seed)[0]
+
+    def rank(
+        self,
+        fabrics: Fabrics | None = None,
+        loads: Sequence[Load] | None = None,
+        draws: int = ANSWER_DRAWS,
+        seed: int = 0,
+    ) -> Ranking:
+        """Rank fabrics by predicted softness; arguments and errors as for `predict`.
+
+        Returns
+        -------
+        Ranking
+            The order under each load: its `table`, the probabilities of all places and pairs, and a `figure`.
+        """
+        from softness_bayes.results.ranking import rank
+
+        return rank(self, *self._touched(fabrics, loads), draws, seed)
+
+    def target(
+        self,
+        rating: float,
+        loads: Sequence[Load] | None = None,
+        tensile_modulus: float | None = None,
+        thickness: float | None = None,
+        poisson_ratio: float | None = None,
+        draws: int = ANSWER_DRAWS,
+        seed: int = 0,
+    ) -> Target:
+        """Find the fabrics with a desired rating.
+
+        Parameters
+        ----------
+        rating
+            Rating of the typical rater, on the scale of the data.
+        loads, draws, seed
+            As for `predict`.
+        tensile_modulus
+            E_ten of the fabric [Pa]; if given, its thickness is found, too.
+        thickness
+            h of the fabric [m]; if given, its tensile modulus is found, too.
+        poisson_ratio
+            nu_fab of the fabric [-]; by default the median of those rated.
+
+        Returns
+        -------
+        Target
+            The effective moduli that give the rating, draw by draw, and their `table`.
+
+        Raises
+        ------
+        InputError
+            If the rating is not on the scale of the run, or a property is out of range.
+        """
+        from softness_bayes.results.target import Cloth, target
+
+        numbers("rating", rating, "a number")
+        pressed = self._touched(None, loads)[1]
+        return target(self, rating, pressed, Cloth(tensile_modulus, thickness, poisson_ratio), draws, seed)
+
+    def _touched(self, fabrics: Fabrics | None, loads: Sequence[Load] | None) -> tuple[Fabrics, tuple[Load, ...]]:
+        """Return the given fabrics and loads; by default those of the data."""
+        from softness_bayes.data import Fabrics
+
+        if fabrics is not None:
+            require_kind("fabrics", fabrics, Fabrics, "Fabrics, such as Fabrics(('felt',), effective_modulus=3e4)")
+        pressed = self.loads if loads is None else require_loads("loads", loads)
+        return self.fabrics if fabrics is None else fabrics, pressed
+
     @property
     def plot(self) -> Plots:
         """Figures of the run, one method each: ``result.plot.response()`` (see `plotting.plots.Plots`)."""
@@ -284,27 +416,3 @@ class Result(Answers):
 
             restore_curves(found.group("constant_data"), float(noise), found.readings.membrane)
         return found
-
-
-def _curves_in(predictions: xr.Dataset) -> Curves:
-    """Return the response as a function of E_fab for each draw, from the group `predictions`."""
-    stored = predictions.isel(chain=0)
-    return Curves(
-        stored["e_fab_kpa"].values * 1e3,
-        stored["total_rate"].values,
-        stored["e_skin_kpa"].values * 1e3,
-        stored["contact_force_n"].values,
-        stored["contact_radius_mm"].values * 1e-3,
-    )
-
-
-def _turning_points_in(stored: xr.Dataset) -> Inflection:
-    """Return the turning points stored in a group, with fields of shape (chains, draws, loads)."""
-    return Inflection(
-        stored["inflection_outcome"].values,
-        stored["inflection_e_fab_kpa"].values * 1e3,
-        stored["inflection_ratio"].values,
-        stored["inflection_force_n"].values,
-        stored["inflection_drop"].values,
-        stored["inflection_inside"].values.astype(bool),
-    )

@@ -17,12 +17,20 @@ from softness_bayes.model.build import SkinModel, build_skin
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.results.assembly import Listener, Stage, unheard
 from softness_bayes.results.constants import held_parameters
-from softness_bayes.results.draws import CURVES, DRAWS_PER_WALKER, PRIOR_DRAWS, REPLICATES
-from softness_bayes.results.groups import evenly, merged, named, sampled_groups, tree_of
+from softness_bayes.results.draws import (
+    CURVES,
+    DRAWS_PER_WALKER,
+    PRIOR_DRAWS,
+    REPLICATES,
+    evenly,
+    merged,
+    named,
+    sampled_groups,
+    tree_of,
+)
 from softness_bayes.results.replicates import draw_plate, plate_attributes, plate_coordinates, plate_groups
-from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
-from softness_bayes.results.run_options import RunOptions
+from softness_bayes.results.run_options import Request, RunOptions
 from softness_bayes.results.summary import summarise
 from softness_bayes.runs.run import labels_of, outcome, requested, rng_after, walked
 from softness_bayes.sampler.sampling import Progress, sampled_of

@@ -8,8 +8,8 @@ import pytest
 from softness_bayes.checking.exactness import HARMLESS
 from softness_bayes.checking.sentences import exactness_sentence
 from softness_bayes.results import exact
+from softness_bayes.results.draws import evenly
 from softness_bayes.results.exact import EXACT_DRAWS, FIRST_DRAWS, begin_comparison, exactness_stats
-from softness_bayes.results.groups import evenly
 from softness_bayes.sampler.workers import Workers
 from support.fake_scene import fake_posterior
 

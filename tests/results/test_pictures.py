@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import kstest, norm
 
-from softness_bayes.results.pictures import (
+from softness_bayes.results.predictions import (
     EXCESSES,
     ILLUSTRATIONS,
     example_trains,

@@ -17,7 +17,7 @@ from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.model import build
 from softness_bayes.plotting import FIGURES, USUAL
 from softness_bayes.results import predictions
-from softness_bayes.results.request import Request
+from softness_bayes.results.run_options import Request
 from softness_bayes.runs.run import sample
 from softness_bayes.touch.contact import Force
 from softness_bayes.touch.load_groups import groups_of

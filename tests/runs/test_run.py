@@ -26,12 +26,11 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.parameters.priors import HalfNormal, LogNormal
-from softness_bayes.results import pictures
+from softness_bayes.results import predictions
 from softness_bayes.results.exact import FIRST_DRAWS
-from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
 from softness_bayes.results.result_file import SCHEMA
-from softness_bayes.results.run_options import RunOptions
+from softness_bayes.results.run_options import Request, RunOptions
 from softness_bayes.runs.run import sample, sample_model
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch import scene
@@ -683,7 +682,7 @@ def test_the_result_says_whether_it_is_exact_enough(result):
 def test_under_noise_the_result_says_what_rates_it_was_compared_with(experiment, options, result, monkeypatch):
     curve = RateCurve(np.array(18.0), np.array(0.0), np.array([14.0, 4.0]), 60.0, CurveError(0.01, 1e-5, 1e-4))
     monkeypatch.setattr(fixed_channels, "averaged_curve", lambda *_: curve)
-    monkeypatch.setattr(pictures, "spike_times", lambda *_: np.empty(0))
+    monkeypatch.setattr(predictions, "spike_times", lambda *_: np.empty(0))
     noisy = sample(experiment, *options, noise=1.0, max_steps=4)
     assert noisy.group("constant_data")["noise_curve_coefficients"].shape == (2, 2)
     assert "compared with the same noise-averaged firing rates and a finer quadrature" in noisy.attributes["exactness"]

@@ -16,7 +16,7 @@ from softness_bayes.likelihood.scales import AGGREGATED, STANDARDISED
 from softness_bayes.model import scenes
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression, simulate_ratings
-from softness_bayes.results import draws, exact, pictures, predictions
+from softness_bayes.results import draws, exact, predictions
 from softness_bayes.results.result import Result
 from softness_bayes.runs import plate
 from softness_bayes.runs.plate import sample_skin
@@ -57,7 +57,7 @@ def quickly() -> Iterator[None]:
         )
         patch.setattr(fixed_channels, "known_curve", lambda *_: curve)
         patch.setattr(fixed_channels, "averaged_curve", lambda *_: curve)
-        patch.setattr(pictures, "spike_times", lambda *_: np.array([12.0, 30.0, 48.0]))
+        patch.setattr(predictions, "spike_times", lambda *_: np.array([12.0, 30.0, 48.0]))
         patch.setattr(predictions, "ILLUSTRATED", 8)
         for module in (shared_loads, uncertain_loads):  # exact fields of other loads take seconds
             patch.setattr(module, "FINE_NODES", (-2.0, -1.0, 1.0, 2.0))
