@@ -45,8 +45,8 @@ if TYPE_CHECKING:
     from softness_bayes.parameters.declared import PARAMETERS as PARAMETERS
     from softness_bayes.parameters.priors import HalfNormal as HalfNormal
     from softness_bayes.parameters.priors import LogNormal as LogNormal
-    from softness_bayes.plotting.calibration import rank_ecdf_figure as rank_ecdf_figure
-    from softness_bayes.plotting.plots import Plots as Plots
+    from softness_bayes.plotting.checks import rank_ecdf_figure as rank_ecdf_figure
+    from softness_bayes.plotting.figures import Plots as Plots
     from softness_bayes.plotting.style import Style as Style
     from softness_bayes.results.result import Result as Result
     from softness_bayes.results.run_options import RunOptions as RunOptions

@@ -199,7 +199,7 @@ def _report(found: Calibrated, out: Path) -> None:
     """Write tables, figure and verdict, and print coverage and verdict."""
     from softness_bayes.checking.calibration import coverage_sentence
     from softness_bayes.files.outputs import write_outputs
-    from softness_bayes.plotting.calibration import rank_ecdf_figure
+    from softness_bayes.plotting.checks import rank_ecdf_figure
     from softness_bayes.plotting.style import files_of
     from softness_bayes.runs.calibrated import CALIBRATE, FIGURE
 

@@ -174,8 +174,7 @@ def _draw(figure: Path, experiment: Experiment, model: ModelOptions, meaning: In
 
     from softness_bayes.files.outputs import write_outputs
     from softness_bayes.model.understanding import prior_responses
-    from softness_bayes.plotting.design import design_figure
-    from softness_bayes.plotting.rating import observed_ratings
+    from softness_bayes.plotting.rating import design_figure, observed_ratings
     from softness_bayes.plotting.style import files_of
     from softness_bayes.touch.load_groups import groups_of
 

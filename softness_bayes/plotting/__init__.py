@@ -4,14 +4,12 @@ The functions do not run the model. matplotlib is imported only when a figure is
 has a ``gid`` of the form ``what/load``, for example ``median/1 mm``.
 """
 
-from softness_bayes.plotting.chains import rank_figure, trace_figure
-from softness_bayes.plotting.compression import compression_figure
 from softness_bayes.plotting.figures import FIGURES, draw_figures, figures_of
-from softness_bayes.plotting.inflection import inflection_figure
-from softness_bayes.plotting.parameters import corner_figure, prior_figure
+from softness_bayes.plotting.parameters import corner_figure, prior_figure, rank_figure, trace_figure
 from softness_bayes.plotting.rating import Observed, observed_ratings, rating_figure
-from softness_bayes.plotting.response import ratio_figure, response_figure
+from softness_bayes.plotting.response import inflection_figure, ratio_figure, response_figure
 from softness_bayes.plotting.style import USUAL, Style, save
+from softness_bayes.plotting.touch import compression_figure
 
 __all__ = [
     "FIGURES",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from softness_bayes.errors import InputError
-from softness_bayes.plotting.style import USUAL, Style
+from softness_bayes.plotting.style import USUAL, Style, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,6 +18,7 @@ MARKERS = "s^vDP*X<>dph"
 """Markers of the peers, used in turn."""
 
 
+@styled
 def work_precision_figure(
     series: Mapping[str, Sequence[tuple[float, float]]],
     peers: Mapping[str, tuple[float, float]],
@@ -55,23 +56,22 @@ def work_precision_figure(
 
     if not series:
         raise InputError("work against precision: expected at least one series")
-    with style.applied():
-        figure = Figure(figsize=(style.page, 0.55 * style.page), layout="constrained")
-        axes = figure.add_subplot()
-        _draw_series(axes, series, style)
-        for k, (name, (second, off)) in enumerate(peers.items()):
-            mark = MARKERS[k % len(MARKERS)]
-            (line,) = axes.plot([off], [1e6 * second], mark, ms=4, color=style.prior, ls="none", label=name)
-            line.set_gid(f"peer/{name}")
-        if dial:
-            time, wrong = 1e6 * np.array(dial).T[0], np.array(dial).T[1]
-            (line,) = axes.plot(wrong, time, "o", ms=9, mfc="none", color="black", ls="none", label="default accuracy")
-            line.set_gid("dial")
-        axes.set(xscale="log", yscale="log", xlabel="largest error, relative to the peak response")
-        axes.set_ylabel("time per parameter vector [µs]")
-        axes.invert_xaxis()
-        axes.set_title(machine)
-        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    figure = Figure(figsize=(style.page, 0.55 * style.page), layout="constrained")
+    axes = figure.add_subplot()
+    _draw_series(axes, series, style)
+    for k, (name, (second, off)) in enumerate(peers.items()):
+        mark = MARKERS[k % len(MARKERS)]
+        (line,) = axes.plot([off], [1e6 * second], mark, ms=4, color=style.prior, ls="none", label=name)
+        line.set_gid(f"peer/{name}")
+    if dial:
+        time, wrong = 1e6 * np.array(dial).T[0], np.array(dial).T[1]
+        (line,) = axes.plot(wrong, time, "o", ms=9, mfc="none", color="black", ls="none", label="default accuracy")
+        line.set_gid("dial")
+    axes.set(xscale="log", yscale="log", xlabel="largest error, relative to the peak response")
+    axes.set_ylabel("time per parameter vector [µs]")
+    axes.invert_xaxis()
+    axes.set_title(machine)
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
 
 

@@ -1,26 +1,54 @@
-"""Predictive checks: test quantities of the observed ratings compared with those of replicated ratings."""
+"""Predictive checks of the ratings, and uniformity of ranks: of leave-one-out predictions and of a calibration."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from softness_bayes.errors import InputError
+from softness_bayes.plotting import stored
 from softness_bayes.plotting.data import name_rows
 from softness_bayes.plotting.names import short_name
-from softness_bayes.plotting.panels import MODULUS_LABEL, Array, free_panels, legend_below, number_ticks
-from softness_bayes.plotting.style import USUAL, Style
+from softness_bayes.plotting.panels import (
+    MODULUS_LABEL,
+    Array,
+    fitting,
+    legend_below,
+    make_panels,
+    number_ticks,
+    say_grouped,
+)
+from softness_bayes.plotting.style import USUAL, Style, styled
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
+    from matplotlib.collections import PolyCollection
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
+TOLD: Mapping[str, str] = MappingProxyType(
+    {
+        "turns over": "turns over [–]",
+        "inflection e_fab_kpa": "turning point [kPa]",
+        "drop beyond inflection": "drop [{scale}]",
+        "spread of participants": "spread of participants [{scale}]",
+        "residual spread": "residual spread [{scale}]",
+        "largest residual / sd": "largest residual / sd [–]",
+        "smallest residual / sd": "smallest residual / sd [–]",
+    }
+)
+"""Axis labels of the test quantities; `scale` is replaced by the unit of the additive rating scale."""
 
 BINS = 24
 """Number of bins in the histogram of a test quantity."""
+
+LONGEST_TITLE = 20
+"""Number of characters of a quantity's name that fit into one line above its panel."""
 
 MOST_OUTSIDE = 6
 """Largest number of fabrics outside their limits that are named in a panel."""
@@ -56,6 +84,40 @@ class Replicated(NamedTuple):
     """Probability that a replicate exceeds the observed value."""
 
 
+def checks(result: stored.Drawable, style: Style) -> Figure:
+    """Draw test quantities of the ratings and of the replicates."""
+    from softness_bayes.checking.check_table import ALL, posterior_quantities
+    from softness_bayes.checking.quantities import Columns
+
+    modulus = dict(zip(stored.fabric_names(result), stored.fabric_modulus(result), strict=True))
+    means: list[Means] = []
+    quantities: list[Replicated] = []
+    for checked in posterior_quantities(result.tree):
+        if checked.quantity.columns is Columns.CONDITION:
+            for load in dict.fromkeys(load for load, _, _ in checked.labels):
+                here = [k for k, label in enumerate(checked.labels) if label[0] == load]
+                names = [checked.labels[k][1] for k in here]
+                findings = [checked.findings[k] for k in here]
+                seen, low, high = np.array([(one.observed, one.low, one.high) for one in findings]).T
+                means.append(Means(load, np.array([modulus[name] for name in names]), seen, low, high, names))
+        elif checked.quantity.columns is not Columns.PARTICIPANT:
+            label = TOLD[checked.quantity.name].format(scale=result.scale.short)
+            columns = zip(checked.labels, checked.findings, checked.replicated.T, strict=True)
+            for (load, _, _), finding, values in columns:
+                name = label if load == ALL else f"{label}, {load}"
+                quantities.append(Replicated(name, finding.observed, values, finding.p_value))
+    figure = checks_figure(means, quantities, result.scale.short, style=style)
+    return say_grouped(figure, result.load_groups, style, curves=False)
+
+
+def loo_pit(result: stored.Drawable, style: Style) -> Figure:
+    """Draw the LOO-PIT values of the ratings."""
+    from softness_bayes.checking.check_table import LOO_PIT, PIT_POINTS
+
+    return loo_pit_figure(result.group("constant_data")[LOO_PIT].values, PIT_POINTS, style=style)
+
+
+@styled
 def checks_figure(
     means: Sequence[Means], quantities: Sequence[Replicated], scale: str = "log", *, style: Style = USUAL
 ) -> Figure:
@@ -92,21 +154,15 @@ def checks_figure(
     if not means and not shown:
         raise InputError("predictive checks: nothing to show")
     left = len(quantities) - len(shown)
-    more = (
-        f"not shown, because these ratings and their replicates do not have them: {left} of {len(quantities)} "
-        "quantities"
-        if left
-        else ""
-    )
-    with style.applied():
-        grid = free_panels(len(means) + len(shown), style, columns=4, height=1.2)
-        for axes, of_load in zip(grid.panels, means, strict=False):
-            _draw_means(axes, of_load, style)
-        for place, (axes, quantity) in enumerate(zip(grid.panels[len(means) :], shown, strict=True)):
-            _draw_quantity(axes, quantity, style, str(place))
-        for axes in grid.panels[: len(means) : grid.columns]:
-            axes.set_ylabel(f"mean rating\n[{scale}]")
-        legend_below(grid.figure, grid.panels, more)
+    more = f"not shown, because these ratings and their replicates do not have them: {left} of {len(quantities)}"
+    grid = make_panels(len(means) + len(shown), style, 1.2)
+    for axes, of_load in zip(grid.panels, means, strict=False):
+        _draw_means(axes, of_load, style)
+    for place, (axes, quantity) in enumerate(zip(grid.panels[len(means) :], shown, strict=True)):
+        _draw_quantity(axes, quantity, style, str(place))
+    for axes in grid.panels[: len(means) : fitting(4, style)]:
+        axes.set_ylabel(f"mean rating\n[{scale}]")
+    legend_below(grid.figure, grid.panels, f"{more} quantities" if left else "")
     return grid.figure
 
 
@@ -141,8 +197,15 @@ def _draw_quantity(axes: Axes, quantity: Replicated, style: Style, gid: str) -> 
     else:
         spare = 0.5 * (low == high)
         edges = np.linspace(low - spare, high + spare, BINS + 1)
-    few = known.size < FEW and not yes_or_no
-    top = _draw_each(axes, known, style, gid) if few else _draw_histogram(axes, known, edges, style, gid)
+    if known.size < FEW and not yes_or_no:
+        marks: Artist = axes.vlines(known, 0.0, 0.4, color=style.tint(style.posterior, 0.7), linewidth=0.8)
+        marks.set(gid=f"each/{gid}", label="a single replicate")
+        top = 1.0
+    else:
+        heights = np.histogram(known, edges)[0] / max(known.size, 1)
+        marks = axes.stairs(heights, edges, fill=True, color=style.tint(style.posterior, 0.5))
+        marks.set(gid=f"replicates/{gid}", label="replicates")
+        top = float(heights.max())
     if np.isfinite(seen):
         axes.axvline(seen, color=style.data, linewidth=1.2, gid=f"observed/{gid}", label="of the data")
     said = f"p = {quantity.p_value:.2f}" if np.isfinite(quantity.p_value) else "not in the data"
@@ -159,21 +222,7 @@ def _draw_quantity(axes: Axes, quantity: Replicated, style: Style, gid: str) -> 
         number_ticks(axes.xaxis, narrow=True)
 
 
-def _draw_histogram(axes: Axes, known: Array, edges: Array, style: Style, gid: str) -> float:
-    """Draw the fraction of the replicates in each bin, and return the largest fraction."""
-    heights = np.histogram(known, edges)[0] / max(known.size, 1)
-    steps = axes.stairs(heights, edges, fill=True, color=style.tint(style.posterior, 0.5))
-    steps.set(gid=f"replicates/{gid}", label="replicates")
-    return float(heights.max())
-
-
-def _draw_each(axes: Axes, known: Array, style: Style, gid: str) -> float:
-    """Draw a tick for each replicate, and return the height of the ticks."""
-    ticks = axes.vlines(known, 0.0, 0.4, color=style.tint(style.posterior, 0.7), linewidth=0.8)
-    ticks.set(gid=f"each/{gid}", label="a single replicate")
-    return 1.0
-
-
+@styled
 def loo_pit_figure(values: ArrayLike, points: ArrayLike, probability: float = 0.95, *, style: Style = USUAL) -> Figure:
     """Draw the distribution function of LOO-PIT values minus the uniform one, with simultaneous limits.
 
@@ -201,29 +250,78 @@ def loo_pit_figure(values: ArrayLike, points: ArrayLike, probability: float = 0.
     InputError
         If a value is not a probability.
     """
-    from softness_bayes.checking.uniformity import simultaneous_band
-
     pit = np.asarray(values, float)
     if pit.ndim != 1 or not pit.size or not ((pit >= 0) & (pit <= 1)).all():
         raise InputError(f"LOO-PIT figure: expected values between 0 and 1, one for each rating, not {pit.shape}")
     x = np.asarray(points, float)
-    band = simultaneous_band(pit.size, x, probability)
+    grid = make_panels(1, style, 1.7, 1, "LOO-PIT [–]", "ECDF − uniform [–]", narrow=True)
+    (axes,) = grid.panels
     share = np.searchsorted(np.sort(pit), x, side="right") / pit.size
-    with style.applied():
-        figure, (axes,), _ = free_panels(1, style, columns=1, height=1.7, narrow=True)
-        area = axes.fill_between(
-            x,
-            band.low - x,
-            band.high - x,
-            step="mid",
-            color=style.tint(style.prior, 0.4),
-            linewidth=0,
-        )
-        area.set(gid="band", label=f"{100 * probability:.0f} % of independent ones: approximate for ratings")
-        axes.plot(x, share - x, color=style.posterior, drawstyle="steps-mid", gid="ecdf")[0].set_label(
-            "leave-one-out probability integral transform (LOO-PIT) of the ratings"
-        )
-        axes.axhline(0.0, color=style.prior, linewidth=0.6)
-        axes.set(xlim=(0, 1), xlabel="LOO-PIT [–]", ylabel="ECDF − uniform [–]")
-        figure.legend(loc="outside lower center")
-    return figure
+    band, line = _draw_ecdf(axes, x, share, pit.size, probability, style)
+    band.set(gid="band", label=f"{100 * probability:.0f} % of independent ones: approximate for ratings")
+    line.set(gid="ecdf", label="leave-one-out probability integral transform (LOO-PIT) of the ratings")
+    axes.axhline(0.0, color=style.prior, linewidth=0.6)
+    axes.set_xlim(0, 1)
+    grid.figure.legend(loc="outside lower center")
+    return grid.figure
+
+
+@styled
+def rank_ecdf_figure(ranks: ArrayLike, draws: int, labels: Sequence[str], *, style: Style = USUAL) -> Figure:
+    """Draw the empirical distribution function of each quantity's ranks minus the uniform one, with limits.
+
+    The limits are those of the verdict: if a curve leaves its band, the verdict reports ranks that are not uniform.
+    The title of the panel then names the fault, such as intervals of the wrong width.
+
+    Parameters
+    ----------
+    ranks
+        Ranks from 0 to `draws`, shape (replicates, quantities).
+    draws
+        Number of posterior draws among which each true value was ranked.
+    labels
+        Names of the quantities.
+    style
+        Style of the figure.
+
+    Returns
+    -------
+    Figure
+        Lines named ``ecdf/k`` and bands named ``band/k``, k the column.
+
+    Raises
+    ------
+    InputError
+        If labels and ranks disagree, or a rank lies outside its range.
+    """
+    from softness_bayes.checking.calibration import Calibration
+
+    ranks = np.asarray(ranks)
+    if ranks.ndim != 2 or ranks.shape[1] != len(labels) or not len(ranks):
+        raise InputError(f"calibration figure: ranks of shape {ranks.shape} for {len(labels)} quantities")
+    if ranks.min() < 0 or ranks.max() > draws:
+        raise InputError(f"calibration figure: ranks from {ranks.min()} to {ranks.max()}, expected 0 to {draws}")
+    calibration = Calibration(tuple(labels), ranks, draws)
+    points, faults = calibration.points, calibration.fault_of()
+    grid = make_panels(len(labels), style, 1.2, ylabel="ECDF − uniform")
+    for place, (axes, label) in enumerate(zip(grid.panels, labels, strict=True)):
+        share = (ranks[:, place, None] < np.arange(1, draws + 1)).mean(axis=0)
+        band, line = _draw_ecdf(axes, points, share, len(ranks), 1.0 - calibration.threshold, style)
+        band.set_gid(f"band/{place}")
+        line.set_gid(f"ecdf/{place}")
+        name = label if len(label) <= LONGEST_TITLE else label.replace("[", "\n[", 1)
+        fault = f": {faults[label].partition(':')[0]}" if label in faults else ""
+        axes.set(title=f"{name}{fault}", xlim=(0, 1), xlabel="rank / draws")
+    return grid.figure
+
+
+def _draw_ecdf(
+    axes: Axes, x: Array, share: Array, size: int, probability: float, style: Style
+) -> tuple[PolyCollection, Line2D]:
+    """Draw the distribution function of values at x minus the uniform one, with simultaneous limits; return both."""
+    from softness_bayes.checking.uniformity import simultaneous_band
+
+    band = simultaneous_band(size, x, probability)
+    tint = style.tint(style.prior, 0.4)
+    area = axes.fill_between(x, band.low - x, band.high - x, step="mid", color=tint, linewidth=0)
+    return area, axes.plot(x, share - x, color=style.posterior, drawstyle="steps-mid")[0]

@@ -9,10 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError
+from softness_bayes.plotting import stored
 from softness_bayes.plotting.data import name_rows
 from softness_bayes.plotting.names import short_name
-from softness_bayes.plotting.panels import MODULUS_LABEL, Array, FreePanels, free_panels, legend_below, number_ticks
-from softness_bayes.plotting.style import USUAL, Style
+from softness_bayes.plotting.panels import (
+    MODULUS_LABEL,
+    Array,
+    Panels,
+    legend_below,
+    make_panels,
+    number_ticks,
+    say_grouped,
+)
+from softness_bayes.plotting.style import USUAL, Style, styled
 from softness_bayes.readable import percent
 
 if TYPE_CHECKING:
@@ -55,6 +64,34 @@ class Wins(NamedTuple):
     """The same fractions for the replicates, shape (replicates, fabrics)."""
 
 
+def category_counts(result: stored.Drawable, style: Style) -> Figure:
+    """Draw the number of ratings in each category."""
+    load, (observed, again) = stored.rated_load(result), stored.answers(result)
+    most = int(max(observed.max(), again.max()))
+    counts = [
+        counts_of(name, observed[load == k], again[:, load == k], most)
+        for k, name in enumerate(result.load_groups.names)
+        if (load == k).any()
+    ]
+    return say_grouped(categories_figure(counts, style=style), result.load_groups, style, curves=False)
+
+
+def psychometric(result: stored.Drawable, style: Style) -> Figure:
+    """Draw the answers to pairs that contain the most frequently compared fabric."""
+    constant = result.group("constant_data")
+    fallback = constant["participant_index"].values * len(result.loads) + constant["load_index"].values
+    rows = rows_of_pairs(constant["list_index"].values if "list_index" in constant else fallback)
+    observed, again = (values[..., rows[:, 0]] for values in stored.answers(result))
+    load, fabric = stored.rated_load(result)[rows[:, 0]], constant["fabric_index"].values[rows]
+    names, modulus = stored.fabric_names(result), stored.fabric_modulus(result)
+    wins = [
+        wins_of(name, names, modulus, fabric[load == k], observed[load == k], again[:, load == k])
+        for k, name in enumerate(result.load_groups.names)
+        if (load == k).any()
+    ]
+    return say_grouped(psychometric_figure(wins, style=style), result.load_groups, style, curves=False)
+
+
 def counts_of(load: str, observed: Array, replicates: Array, categories: int) -> Counts:
     """Return the number of ratings in each category; categories are numbered from 1.
 
@@ -68,7 +105,8 @@ def counts_of(load: str, observed: Array, replicates: Array, categories: int) ->
         Number of categories.
     """
     each = np.arange(1, categories + 1)
-    return Counts(load, _numbers(observed, each), np.stack([_numbers(one, each) for one in replicates]))
+    counts = [(replicates == category).sum(axis=1) for category in each]
+    return Counts(load, (observed == each[:, None]).sum(axis=1).astype(float), np.stack(counts, axis=1).astype(float))
 
 
 def rows_of_pairs(lists: IndexArray) -> IndexArray:
@@ -120,6 +158,7 @@ def wins_of(
     return Wins(load, names[standard], modulus[fabrics], called, answers, share @ softer, again @ share.T)
 
 
+@styled
 def categories_figure(counts: Sequence[Counts], *, style: Style = USUAL) -> Figure:
     """Draw the number of ratings in each category as bars, with the limits of the replicates.
 
@@ -140,21 +179,19 @@ def categories_figure(counts: Sequence[Counts], *, style: Style = USUAL) -> Figu
     InputError
         If there is nothing to show.
     """
-    with style.applied():
-        grid = _panels(len(counts), style)
-        for axes, one in zip(grid.panels, counts, strict=True):
-            category = np.arange(1, one.observed.size + 1)
-            bars = axes.bar(category, one.observed, color=style.tint(style.data, 0.3), label="observed")
-            for bar in bars:
-                bar.set_gid(f"observed/{one.load}")
-            _limits(axes, category, one.replicates, one.load, style)
-            axes.set(title=one.load, xlabel="category", xticks=category, ylim=(0.0, None))
-        for axes in grid.leftmost:
-            axes.set_ylabel("number of ratings")
-        legend_below(grid.figure, grid.panels)
+    grid = _panels(len(counts), "number of ratings", style)
+    for axes, one in zip(grid.panels, counts, strict=True):
+        category = np.arange(1, one.observed.size + 1)
+        bars = axes.bar(category, one.observed, color=style.tint(style.data, 0.3), label="observed")
+        for bar in bars:
+            bar.set_gid(f"observed/{one.load}")
+        _limits(axes, category, one.replicates, one.load, style)
+        axes.set(title=one.load, xlabel="category", xticks=category, ylim=(0.0, None))
+    legend_below(grid.figure, grid.panels)
     return grid.figure
 
 
+@styled
 def psychometric_figure(wins: Sequence[Wins], *, style: Style = USUAL) -> Figure:
     """Draw the fraction of answers that judge a fabric softer than the standard, against the fabric's modulus.
 
@@ -175,35 +212,26 @@ def psychometric_figure(wins: Sequence[Wins], *, style: Style = USUAL) -> Figure
     InputError
         If there is nothing to show.
     """
-    with style.applied():
-        grid = _panels(len(wins), style)
-        for axes, one in zip(grid.panels, wins, strict=True):
-            x = one.modulus / 1e3
-            _limits(axes, x, one.replicates, one.load, style)
-            points = axes.plot(x, one.observed, "o", color=style.data, markersize=3, label="observed", zorder=4)[0]
-            points.set_gid(f"observed/{one.load}")
-            name_rows(points, one.fabrics)
-            axes.axhline(0.5, color=style.prior, linewidth=0.6)
-            head = f"{one.load}, against {short_name(one.standard)} ({one.answers.sum()} answers)"
-            axes.set(title=head, xlabel=MODULUS_LABEL)
-            axes.set(xscale="log", ylim=(-0.05, 1.05))
-            number_ticks(axes.xaxis)
-        for axes in grid.leftmost:
-            axes.set_ylabel("called softer [share]")
-        legend_below(grid.figure, grid.panels)
+    grid = _panels(len(wins), "called softer [share]", style)
+    for axes, one in zip(grid.panels, wins, strict=True):
+        x = one.modulus / 1e3
+        _limits(axes, x, one.replicates, one.load, style)
+        points = axes.plot(x, one.observed, "o", color=style.data, markersize=3, label="observed", zorder=4)[0]
+        points.set_gid(f"observed/{one.load}")
+        name_rows(points, one.fabrics)
+        axes.axhline(0.5, color=style.prior, linewidth=0.6)
+        axes.set_title(f"{one.load}, against {short_name(one.standard)} ({one.answers.sum()} answers)")
+        axes.set(xlabel=MODULUS_LABEL, xscale="log", ylim=(-0.05, 1.05))
+        number_ticks(axes.xaxis)
+    legend_below(grid.figure, grid.panels)
     return grid.figure
 
 
-def _numbers(ratings: Array, each: IndexArray) -> Array:
-    """Return the number of ratings equal to each value, shape (values,)."""
-    return (ratings[:, None] == each).sum(axis=0).astype(float)
-
-
-def _panels(count: int, style: Style) -> FreePanels:
+def _panels(count: int, ylabel: str, style: Style) -> Panels:
     """Return a figure with the given number of panels; raise an error if the number is zero."""
     if not count:
         raise InputError("figure: no load has answers to show")
-    return free_panels(count, style, columns=min(count, 3), height=1.6)
+    return make_panels(count, style, 1.6, min(count, 3), ylabel=ylabel)
 
 
 def _limits(axes: Axes, x: Array | IndexArray, replicates: Array, load: str, style: Style) -> None:

@@ -1,74 +1,128 @@
-"""Registry of all figures of a finished run, by file name."""
+"""Figures of a finished run by file name, including custom ones, and how they are drawn and written."""
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from io import BytesIO
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import require_outputs, write_outputs
+from softness_bayes.kinds import require_kind
 from softness_bayes.likelihood.scales import CATEGORIES, PAIRS
-from softness_bayes.plotting import contents
-from softness_bayes.plotting.drawing import Drawing, VariableSource, own_drawing
+from softness_bayes.plotting import checks, choices, parameters, rating, response, touch
 from softness_bayes.plotting.style import PLOT, USUAL, USUAL_FORMATS, Style, files_of, require_formats
-from softness_bayes.sampler.workers import Workers
 from softness_bayes.supplied import FORM, installed, is_supplied, supplied
 
 if TYPE_CHECKING:
-    from softness_bayes.plotting.drawing import Drawable
+    from matplotlib.figure import Figure
 
-CURVES = VariableSource("predictions/total_rate", "the run had no ratings, so it has no response curves")
-REPLICATES = VariableSource("posterior_predictive/rating_of_new_participants", "it has no replicated ratings")
-PIT = VariableSource("constant_data/loo_pit", "it has no leave-one-out predictions")
-_OLDER = (
-    "the run was written by a version that did not store it; 'softness-bayes resume DIR --more-steps 1' "
-    "writes the results again"
-)
-TOUCH = VariableSource("illustrations/touch_stress_kpa", _OLDER)
-FIRING = VariableSource("predictions/firing_rate_hz", _OLDER)
-FORCES = VariableSource("predictions/typical_force_n", "the run had no compression data")
+    from softness_bayes.likelihood.scales import Scale
+    from softness_bayes.plotting.stored import Drawable
+
+FIRST_LOOK = "first look: not converged"
+"""Note on every figure of a run that ended at its first convergence check."""
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """One figure of a finished run: ``drawing(result)`` returns it.
+
+    Parameters
+    ----------
+    draw
+        Function that makes the figure from the stored result.
+    shows
+        Description of the figure in one line.
+    needs
+        Variables of the result that the figure needs, as in ``predictions/total_rate``, and the message if one is
+        missing.
+    on_request
+        Whether the figure is drawn only on request.
+    only
+        The rating scale that the figure is limited to; None for any scale.
+    """
+
+    draw: Callable[[Drawable, Style], Figure]
+    shows: str
+    needs: Mapping[str, str] = field(default_factory=dict)
+    on_request: bool = False
+    only: Scale | None = None
+
+    def lacks(self, result: Drawable) -> str:
+        """Return the reason why the data of this figure are missing; empty if the result has them."""
+        for place, absent in self.needs.items():
+            group, name = place.split("/")
+            if group not in result.tree.children or name not in result.tree[group].data_vars:
+                return absent
+        wrong = self.only is not None and result.scale != self.only
+        return f"its ratings are {result.scale.meaning}" if wrong else ""
+
+    def __call__(self, result: Drawable, style: Style = USUAL) -> Figure:
+        """Draw the figure.
+
+        Raises
+        ------
+        InputError
+            If the result lacks the data of the figure.
+        """
+        if reason := self.lacks(result):
+            raise InputError(f"figure: cannot show {self.shows}: {reason}")
+        figure = self.draw(result, style)
+        if result.is_first_look:
+            # a title of the figure, for which the layout makes room
+            said = filter(None, (FIRST_LOOK, figure.get_suptitle()))
+            figure.suptitle("\n".join(said), fontsize=style.small, color="firebrick")
+        return figure
+
+
+CURVES = {"predictions/total_rate": "the run had no ratings, so it has no response curves"}
+REPLICATES = {"posterior_predictive/rating_of_new_participants": "it has no replicated ratings"}
+PIT = {"constant_data/loo_pit": "it has no leave-one-out predictions"}
+TOUCH = {"illustrations/touch_stress_kpa": "it has no stored touches"}
+FIRING = {"predictions/firing_rate_hz": "it has no stored firing rates"}
+FORCES = {"predictions/typical_force_n": "the run had no compression data"}
 
 FIGURES: Mapping[str, Drawing] = MappingProxyType(
     {
-        "response": Drawing(contents.response, "response against E_fab under each load", (CURVES,)),
-        "response_ratio": Drawing(contents.response_ratio, "response against E_fab / E_skin", (CURVES,)),
-        "rating": Drawing(contents.rating, "predicted and observed ratings against E_fab", (CURVES,)),
-        "rating_ratio": Drawing(
-            contents.rating_ratio, "predicted and observed ratings against E_fab / E_skin", (CURVES,)
-        ),
-        "inflection": Drawing(contents.inflection, "where the response turns over under each load", (CURVES,)),
+        "response": Drawing(response.response, "response against E_fab under each load", CURVES),
+        "response_ratio": Drawing(response.response_ratio, "response against E_fab / E_skin", CURVES),
+        "rating": Drawing(rating.rating, "predicted and observed ratings against E_fab", CURVES),
+        "rating_ratio": Drawing(rating.rating_ratio, "predicted and observed ratings against E_fab / E_skin", CURVES),
+        "inflection": Drawing(response.inflection, "where the response turns over under each load", CURVES),
         "predictive_checks": Drawing(
-            contents.checks,
+            checks.checks,
             "posterior predictive checks: test quantities of the ratings and of replicates",
-            (CURVES, REPLICATES),
+            CURVES | REPLICATES,
         ),
         "category_counts": Drawing(
-            contents.category_counts,
+            choices.category_counts,
             "number of ratings in each category, in the data and in replicates",
-            (REPLICATES,),
+            REPLICATES,
             only=CATEGORIES,
         ),
         "psychometric": Drawing(
-            contents.psychometric,
+            choices.psychometric,
             "paired comparisons against the modulus, in the data and in replicates",
-            (REPLICATES,),
+            REPLICATES,
             only=PAIRS,
         ),
-        "loo_pit": Drawing(contents.loo_pit, "leave-one-out predictive check (LOO-PIT) of the ratings", (CURVES, PIT)),
+        "loo_pit": Drawing(checks.loo_pit, "leave-one-out predictive check (LOO-PIT) of the ratings", CURVES | PIT),
         "touch": Drawing(
-            contents.touch, "pressure and stress under the pad, and the firing rates of its receptors", (CURVES, TOUCH)
+            touch.touch, "pressure and stress under the pad, and the firing rates of its receptors", CURVES | TOUCH
         ),
-        "membrane": Drawing(
-            contents.membrane, "firing rate against current, and example spike trains", (CURVES, FIRING)
-        ),
-        "corner": Drawing(contents.corner, "joint posterior of the most correlated pairs of parameters"),
-        "corner_all": Drawing(contents.corner_all, "joint posterior of every pair of parameters", on_request=True),
-        "prior": Drawing(contents.prior, "prior and posterior of every parameter"),
-        "trace": Drawing(contents.trace, "traces of the ensembles"),
-        "rank": Drawing(contents.rank, "ranks of the draws of each ensemble"),
-        "compression": Drawing(contents.compression, "force of a rigid plate against indentation", (FORCES,)),
+        "membrane": Drawing(touch.membrane, "firing rate against current, and example spike trains", CURVES | FIRING),
+        "corner": Drawing(parameters.corner, "joint posterior of the most correlated pairs of parameters"),
+        "corner_all": Drawing(parameters.corner_all, "joint posterior of every pair of parameters", on_request=True),
+        "prior": Drawing(parameters.prior, "prior and posterior of every parameter"),
+        "trace": Drawing(parameters.trace, "traces of the ensembles"),
+        "rank": Drawing(parameters.rank, "ranks of the draws of each ensemble"),
+        "compression": Drawing(touch.compression, "force of a rigid plate against indentation", FORCES),
     }
 )
 """The only list of the built-in figures: file name -> figure."""
@@ -120,6 +174,43 @@ def file_of(name: str) -> str:
     return name.rpartition(":")[2].rpartition(".")[2]
 
 
+def own_drawing(name: str, given: Any) -> Drawing:
+    """Return a custom figure: a `Drawing`, or a function of a result and a style that returns a figure.
+
+    An error in the user's code is replaced by one that names the figure, so that a finished run ends with a message.
+
+    Raises
+    ------
+    InputError
+        If it is neither.
+    """
+    drawing = given
+    if not isinstance(given, Drawing):
+        if isinstance(given, type) or not callable(given):
+            raise InputError(f"figures: {name} is {given!r:.60}, expected a Drawing, or a function (result, style)")
+        try:
+            inspect.signature(given).bind(None, None)
+        except TypeError as error:
+            expected = "expected a function (result, style)"
+            raise InputError(f"figures: {name} takes {inspect.signature(given)}, {expected}: {error}") from None
+        except ValueError:  # a compiled function has no signature
+            pass
+        drawing = Drawing(given, (given.__doc__ or "").strip().partition("\n")[0].rstrip(".") or f"the figure {name}")
+
+    def draw(result: Drawable, style: Style) -> Figure:
+        from matplotlib.figure import Figure
+
+        try:
+            figure = drawing.draw(result, style)
+        except Exception as error:
+            raise InputError(f"figures: {name} (custom) fails: {type(error).__name__}: {error}") from error
+        if not isinstance(figure, Figure):
+            raise InputError(f"figures: {name} (custom) returns {figure!r:.60}, expected a matplotlib Figure")
+        return figure
+
+    return replace(drawing, draw=draw)
+
+
 def require_figures(names: Iterable[str]) -> None:
     """Raise an error for unknown names of figures.
 
@@ -138,7 +229,6 @@ def draw_figures(
     names: Sequence[str] | None = None,
     formats: Sequence[str] = USUAL_FORMATS,
     style: Style = USUAL,
-    processes: int = 1,
     told: Callable[[str, int], None] = lambda name, of: None,
 ) -> list[Path]:
     """Draw a result's figures and write them to a directory, which is created if necessary.
@@ -155,8 +245,6 @@ def draw_figures(
         File formats, as `save` takes them.
     style
         Style of the figures.
-    processes
-        Number of parallel processes.
     told
         Called with the name of each figure before this process draws it, and with the number of all figures.
 
@@ -176,11 +264,7 @@ def draw_figures(
     require_figures(chosen)
     require_formats(formats)
     require_outputs(directory, [f"{file_of(name)}.{suffix}" for name in chosen for suffix in formats], PLOT)
-    if processes == 1:
-        every = [drawn(result, name, tuple(formats), style) for name in announced(chosen, told)]
-    else:
-        with Workers(result, min(processes, len(chosen))) as workers:
-            every = workers.map(drawn, [(name, tuple(formats), style) for name in chosen])
+    every = [drawn(result, name, tuple(formats), style) for name in announced(chosen, told)]
     return write_outputs(directory, {name: content for files in every for name, content in files.items()}, PLOT)
 
 
@@ -194,3 +278,63 @@ def announced(names: Sequence[str], told: Callable[[str, int], None]) -> Iterato
 def drawn(result: Drawable, name: str, formats: Sequence[str], style: Style = USUAL) -> dict[str, bytes]:
     """Draw one figure of a result, and return the contents of its files by their names."""
     return files_of(figure_named(name)(result, style), file_of(name), formats, style)
+
+
+SCREEN = 90
+"""Resolution of a figure in a notebook [dots per inch]: its file stays small."""
+
+
+class Plots:
+    """Figures of a result: one method for each entry of `FIGURES`, which returns the figure.
+
+    Parameters
+    ----------
+    result
+        A finished run.
+    """
+
+    def __init__(self, result: Drawable) -> None:
+        self._result = result
+
+    def __call__(self, name: str | Drawing | Callable[..., Figure], style: Style = USUAL) -> Figure:
+        """Draw a figure by its name, or a custom one: a `Drawing`, or a function of a result and a style.
+
+        Raises
+        ------
+        InputError
+            If there is no such figure, or the result lacks its data.
+        """
+        require_kind("style", style, Style, "a Style, such as Style.read('mine.mplstyle')")
+        drawing = figure_named(name) if isinstance(name, str) else own_drawing("figure", name)
+        figure = drawing(self._result, style)
+        # notebooks display pyplot figures automatically, but these figures do not use pyplot
+        setattr(figure, "_repr_png_", partial(_png, figure, style))  # noqa: B010
+        return figure
+
+    def __repr__(self) -> str:
+        return f"figures of a run: {', '.join(figures_of(self._result))}"
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Callable[..., Figure]: ...
+
+
+def _png(figure: Figure, style: Style) -> bytes:
+    """Return a figure as PNG for a notebook."""
+    picture = BytesIO()
+    with style.applied():
+        figure.savefig(picture, format="png", dpi=SCREEN)
+    return picture.getvalue()
+
+
+def _method(name: str, drawing: Drawing) -> Any:
+    def draw(self: Plots, style: Style = USUAL) -> Figure:
+        return self(name, style)
+
+    draw.__name__, draw.__qualname__ = name, f"Plots.{name}"
+    draw.__doc__ = f"Draw {drawing.shows}."
+    return draw
+
+
+for _name, _drawing in FIGURES.items():
+    setattr(Plots, _name, _method(_name, _drawing))

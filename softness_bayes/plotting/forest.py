@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError
 from softness_bayes.plotting.panels import fitting, legend_below, number_ticks
-from softness_bayes.plotting.style import USUAL, Style
+from softness_bayes.plotting.style import USUAL, Style, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,7 +39,8 @@ class Forest(NamedTuple):
     """Predicted interval of a new table, shape (3,)."""
 
 
-def forest_figure(forests: Sequence[Forest], style: Style = USUAL) -> Figure:
+@styled
+def forest_figure(forests: Sequence[Forest], *, style: Style = USUAL) -> Figure:
     """Draw a panel per parameter and a row per table, with the population mean and a new table at the bottom.
 
     Parameters
@@ -67,17 +68,16 @@ def forest_figure(forests: Sequence[Forest], style: Style = USUAL) -> Figure:
     columns = fitting(min(3, len(forests)), style)
     lines = -(-len(forests) // columns)
     width = style.column if columns == 1 else style.page
-    with style.applied():
-        figure = Figure(figsize=(width, lines * max(_ROW * rows + _SPARE, 2.0)), layout="constrained")
-        cells = figure.subplots(lines, columns, sharey=True, squeeze=False).ravel()
-        for spare in cells[len(forests) :]:
-            spare.remove()
-        for axes, forest in zip(cells, forests, strict=False):
-            _draw(axes, forest, style)
-        names = [name if len(name) <= _LONGEST else f"{name[: _LONGEST - 1]}…" for name in forests[0].tables]
-        cells[0].set_yticks(np.arange(rows), [*names, "population", "a further table"])
-        cells[0].set_ylim(rows - 0.4, -0.6)
-        legend_below(figure, list(cells[: len(forests)]))
+    figure = Figure(figsize=(width, lines * max(_ROW * rows + _SPARE, 2.0)), layout="constrained")
+    cells = figure.subplots(lines, columns, sharey=True, squeeze=False).ravel()
+    for spare in cells[len(forests) :]:
+        spare.remove()
+    for axes, forest in zip(cells, forests, strict=False):
+        _draw(axes, forest, style)
+    names = [name if len(name) <= _LONGEST else f"{name[: _LONGEST - 1]}…" for name in forests[0].tables]
+    cells[0].set_yticks(np.arange(rows), [*names, "population", "a further table"])
+    cells[0].set_ylim(rows - 0.4, -0.6)
+    legend_below(figure, list(cells[: len(forests)]))
     return figure
 
 

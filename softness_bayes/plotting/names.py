@@ -100,17 +100,6 @@ def apart(places: ArrayLike, distance: float) -> Array:
     return np.clip(moved, 0.0, max(0.0, 1.0 - float(steps[-1]))) + steps
 
 
-def chosen(count: int, most: int) -> NDArray[np.intp]:
-    """Return the indices of the named fabrics, of `count` in order, if `most` names fit: all, or evenly spaced ones."""
-    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.intp))
-
-
-def named_in_words(written: Sequence[int], of: Sequence[int]) -> str:
-    """Return a note on the panel with the most unnamed fabrics; empty if all fabrics are named in every panel."""
-    least = min(zip(written, of, strict=True), key=lambda pair: pair[0] - pair[1], default=(0, 0))
-    return f"{least[0]} of {least[1]} fabrics are named" if least[0] < least[1] else ""
-
-
 def name_fabrics(axes: Axes, places: ArrayLike, names: Sequence[str], style: Style, gid: str) -> int:
     """Write names above a panel whose limits are set, and return the number of names.
 
@@ -140,7 +129,8 @@ def name_fabrics(axes: Axes, places: ArrayLike, names: Sequence[str], style: Sty
     assert figure is not None
     # the layout widens the panels
     distance = PITCH * style.small / 72.0 / (WIDENED * axes.get_position().width * figure.get_figwidth())
-    order = order[chosen(order.size, 1 + int(1.0 / distance))]
+    named = np.linspace(0, order.size - 1, min(order.size, 1 + int(1.0 / distance)))  # all, or evenly spaced ones
+    order = order[np.unique(named.round().astype(np.intp))]
     above = offset_copy(axes.transAxes, fig=figure, y=LEAD, units="points")
     lead = {"arrowstyle": "-", "color": GUIDE, "linewidth": 0.6, "shrinkA": 0.0, "shrinkB": 0.0, "relpos": (0.5, 0.0)}
     lead["patchA"] = None  # clipping the line at the text box would take half the time of a figure

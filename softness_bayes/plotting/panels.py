@@ -1,16 +1,16 @@
-"""Common parts of figures: panels, credible bands, the fabrics' marks, axes with units."""
+"""Common parts of figures: panels, credible bands, intervals, the fabrics' marks, axes with units, legends."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
 from softness_bayes.plotting.data import name_rows
+from softness_bayes.plotting.names import name_fabrics, room_for
 from softness_bayes.plotting.style import Style
 from softness_bayes.touch.contact import Load
 from softness_bayes.touch.load_groups import LoadGroup, LoadGroups
@@ -39,7 +39,6 @@ LEAST_PLAIN, MOST_PLAIN = 0.0005, 2e5
 
 MODULUS_LABEL = r"fabric modulus $E_\mathrm{fab}$ [kPa]"
 RATIO_LABEL = r"$E_\mathrm{fab}\,/\,E_\mathrm{skin}$ [–]"
-RATE_LABEL = "total rate [spikes/s]"
 
 
 def title(load: Load | LoadGroup) -> str:
@@ -53,46 +52,13 @@ def check_loads(loads: Sequence[Load | LoadGroup], count: int) -> None:
         raise InputError(f"figure: {len(loads)} loads for {count} sets of curves")
 
 
-@dataclass(frozen=True)
-class RatioAxis:
-    """A grid of E_fab / E_skin, which differs from draw to draw, in the range common to all draws of one load.
-
-    Parameters
-    ----------
-    log_modulus
-        ln E_fab on the grid of the curves, shape (points,).
-    log_ratio
-        ln(E_fab / E_skin) of every draw on the same grid, shape (draws, points).
-    """
-
-    log_modulus: Array
-    log_ratio: Array
-
-    @classmethod
-    def of(cls, modulus: ArrayLike, skin_modulus: ArrayLike) -> Self:
-        """Return the axis for moduli of fabric and skin [Pa], shapes (points,) and (draws, points)."""
-        log_modulus = np.log(np.asarray(modulus, float))
-        return cls(log_modulus, log_modulus - np.log(np.asarray(skin_modulus, float)))
-
-    @property
-    def grid(self) -> Array:
-        """Logarithmically spaced E_fab / E_skin over the range common to all draws, shape (points,)."""
-        low, high = self.log_ratio[:, 0].max(), self.log_ratio[:, -1].min()
-        return np.exp(np.linspace(low, high, self.log_modulus.size))
-
-    def carry(self, curves: Array) -> Array:
-        """Interpolate curves over E_fab, shape (draws, points), to the grid, using the ratio of each draw."""
-        at = np.log(self.grid)
-        return np.stack([np.interp(at, x, y) for x, y in zip(self.log_ratio, curves, strict=True)])
-
-    def place(self, modulus: ArrayLike) -> Array:
-        """Return the posterior median of the ratio at given fabric moduli [Pa], shape (n,)."""
-        at = np.log(np.asarray(modulus, float))
-        return np.exp(np.median([np.interp(at, self.log_modulus, x) for x in self.log_ratio], axis=0))
+def fitting(columns: int, style: Style) -> int:
+    """Return the number of panels, at most `columns`, that fit in one row of a page."""
+    return max(1, min(columns, int(style.page / NARROWEST)))
 
 
-class Grid(NamedTuple):
-    """A figure of panels with common axes."""
+class Panels(NamedTuple):
+    """A figure of panels."""
 
     figure: Figure
     panels: list[Axes]
@@ -100,81 +66,89 @@ class Grid(NamedTuple):
     """Uppermost axes of each panel, which carry the title: its margin, or the panel itself."""
 
 
-def grid_of_panels(count: int, xlabel: str, ylabel: str, style: Style, margin: float = 0.0, above: float = 0.0) -> Grid:
-    """Return a figure of `count` panels with common axes, at most four per row, fewer on a narrow page.
+def make_panels(
+    count: int,
+    style: Style,
+    height: float,
+    columns: int = 4,
+    xlabel: str = "",
+    ylabel: str = "",
+    sharex: bool = False,
+    sharey: bool = False,
+    narrow: bool = False,
+    margin: float = 0.0,
+) -> Panels:
+    """Return a figure of `count` panels in full rows of a given height [in].
 
-    Rows have similar numbers of panels. A single panel is as wide as one column of a page. `margin`, a fraction of
-    the panel height, adds separate axes above each panel. `above` [in] is the space for names above each row.
+    It is as wide as a page, or as a column (`narrow`). The label of the horizontal axis stands below the lowest panel
+    of each column, and that of the vertical axis beside the first panel of each row. `margin`, a fraction of the
+    panel height, adds separate axes above each panel.
     """
     from matplotlib.figure import Figure
 
-    rows = -(-count // fitting(4, style))
-    columns = -(-count // rows)
+    columns = fitting(columns, style)
+    rows = -(-count // columns)
     ratios = [margin, 1.0] * rows if margin else [1.0] * rows
-    width, height = style.column if count == 1 else style.page, 2.0 * (1.0 + margin)
-    figure = Figure(figsize=(width, (height + above) * rows + 0.5), layout="constrained")
-    cells = figure.subplots(len(ratios), columns, sharex=True, squeeze=False, height_ratios=ratios)
+    figure = Figure(figsize=(style.column if narrow else style.page, height * rows + 0.5), layout="constrained")
+    cells = figure.subplots(len(ratios), columns, sharex=sharex, squeeze=False, height_ratios=ratios)
     step = len(ratios) // rows
     heads, panels = cells[::step].ravel(), cells[step - 1 :: step].ravel()
     for spare in {*heads[count:], *panels[count:]}:
         spare.remove()
     for place, axes in enumerate(panels[:count]):
-        if place:
+        if sharey and place:
             axes.sharey(panels[0])
-        if place % columns:
-            axes.tick_params(which="both", labelleft=False)
-        else:
+        if place % columns == 0:
             axes.set_ylabel(ylabel)
+        elif sharey:
+            axes.tick_params(which="both", labelleft=False)
         if place + columns >= count:
             axes.tick_params(labelbottom=True)
             axes.set_xlabel(xlabel)
-    return Grid(figure, list(panels[:count]), list(heads[:count]))
+    return Panels(figure, list(panels[:count]), list(heads[:count]))
 
 
-class FreePanels(NamedTuple):
-    """A figure of panels with separate axes."""
-
-    figure: Figure
-    panels: list[Axes]
-    columns: int
-    """Number of panels per row."""
-
-    @property
-    def lowest(self) -> list[Axes]:
-        """The lowest panel of each column."""
-        return self.panels[-self.columns :]
-
-    @property
-    def leftmost(self) -> list[Axes]:
-        """The first panel of each row."""
-        return self.panels[:: self.columns]
-
-
-def free_panels(
-    count: int,
+def load_panels(
+    loads: Sequence[Load | LoadGroup],
+    xlabel: str,
+    ylabel: str,
     style: Style,
-    columns: int,
-    height: float,
-    sharex: bool = False,
-    sharey: bool = False,
-    narrow: bool = False,
-) -> FreePanels:
-    """Return a figure of `count` panels in full rows, as wide as a page, or as a column (`narrow`)."""
-    from matplotlib.figure import Figure
+    margin: float = 0.0,
+    names: Sequence[str] = (),
+) -> Panels:
+    """Return a figure with a panel for each load and common axes, at most four per row, fewer on a narrow page.
 
-    columns = fitting(columns, style)
-    rows = -(-count // columns)
-    width = style.column if narrow else style.page
-    figure = Figure(figsize=(width, height * rows + 0.5), layout="constrained")
-    cells = figure.subplots(rows, columns, sharex=sharex, sharey=sharey, squeeze=False).ravel()
-    for spare in cells[count:]:
-        spare.remove()
-    return FreePanels(figure, list(cells[:count]), columns)
+    Rows have similar numbers of panels. A single panel is as wide as one column of a page. There is space for the
+    names of fabrics above each row. `margin` is that of `make_panels`.
+    """
+    rows = -(-len(loads) // fitting(4, style))
+    columns, above = -(-len(loads) // rows), room_for(names, style)
+    height, narrow = 2.0 * (1.0 + margin) + above, len(loads) == 1
+    grid = make_panels(len(loads), style, height, columns, xlabel, ylabel, True, True, narrow, margin)
+    for head, load in zip(grid.heads, loads, strict=True):
+        head.set_title(title(load), pad=72.0 * above if above and not margin else None)
+    return grid
 
 
-def fitting(columns: int, style: Style) -> int:
-    """Return the number of panels, at most `columns`, that fit in one row of a page."""
-    return max(1, min(columns, int(style.page / NARROWEST)))
+def finish_load_panels(
+    grid: Panels,
+    loads: Sequence[Load | LoadGroup],
+    limits: tuple[float, float],
+    fabrics: Sequence[tuple[Array, Sequence[str]]],
+    style: Style,
+) -> None:
+    """Set the limits of the horizontal axes, write the names of the fabrics, and draw the legend.
+
+    `fabrics` has the places and names of each panel's fabrics. A note on the panel with the most unnamed fabrics is
+    added unless all are named.
+    """
+    unnamed = {0: ""}
+    for axes, load, (places, names) in zip(grid.panels, loads, fabrics, strict=True):
+        axes.set(xscale="log", xlim=limits)
+        number_ticks(axes.xaxis)
+        written = name_fabrics(axes, places, names, style, str(load)) if names else 0
+        unnamed.setdefault(len(names) - written, f"{written} of {len(names)} fabrics are named")
+    legend_below(grid.figure, grid.panels, unnamed[max(unnamed)])
 
 
 def check_draws(draws: ArrayLike, labels: Sequence[str]) -> Array:
@@ -199,46 +173,70 @@ def draw_bands(axes: Axes, x: Array, draws: Array, colour: str, style: Style, gi
         band.set(label=f"{100 * level:.0f} % credible", gid=f"band{100 * level:.0f}/{gid}")
 
 
+def draw_interval(
+    axes: Axes,
+    draws: Array,
+    height: float,
+    colour: str,
+    sizes: tuple[float, float],
+    gids: tuple[str, str],
+    label: str | None = None,
+) -> Array:
+    """Draw a bar over the central 95 % of draws and a dot at their median, at a height in units of the panel.
+
+    Parameters
+    ----------
+    axes
+        The panel.
+    draws
+        At least one finite value, shape (draws,).
+    height
+        0 at the bottom of the panel, 1 at its top.
+    colour
+        Colour of bar and dot.
+    sizes
+        Width of the bar and diameter of the dot [pt].
+    gids
+        Names of bar and dot.
+    label
+        The bar in the legend.
+
+    Returns
+    -------
+    ndarray
+        Lower end, median and upper end, shape (3,).
+    """
+    low, middle, high = ends = np.quantile(draws, [0.025, 0.5, 0.975])
+    look: dict[str, Any] = {"color": colour, "transform": axes.get_xaxis_transform(), "clip_on": False, "zorder": 3}
+    axes.plot([low, high], [height, height], linewidth=sizes[0], gid=gids[0], label=label, **look)
+    axes.plot([middle], [height], "o", markersize=sizes[1], gid=gids[1], **look)
+    return np.asarray(ends)
+
+
 def draw_rug(axes: Axes, x: Array, style: Style, gid: str, names: Sequence[str] = ()) -> None:
     """Mark the fabrics of the data along the bottom of the panel."""
-    (marks,) = axes.plot(
-        x,
-        np.full(np.shape(x), 0.03),
-        linestyle="none",
-        marker="|",
-        markersize=5,
-        markeredgewidth=0.7,
-        color=style.data,
-        transform=axes.get_xaxis_transform(),
-        label="fabrics of the data",
-        gid=f"fabrics/{gid}",
-    )
+    foot = np.full(np.shape(x), 0.03)
+    marks = axes.plot(x, foot, "|", markersize=5, markeredgewidth=0.7, color=style.data, gid=f"fabrics/{gid}")[0]
+    marks.set(transform=axes.get_xaxis_transform(), label="fabrics of the data")
     name_rows(marks, names)
 
 
 def number_ticks(axis: Axis, narrow: bool = False) -> None:
     """Label the ticks of a logarithmic axis in one notation: plain numbers, or powers of ten.
 
-    The limits of the axis must be set.
-
-    A narrow panel has fewer ticks.
+    The limits of the axis must be set. A narrow panel has fewer ticks.
     """
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     low, high = axis.get_view_interval()
     decades = np.log10(high) - np.log10(low)
     sets = ((1, 2, 5), (1, 3), (1,)) if narrow else ((1, 2, 3, 4, 6, 8), (1, 2, 5), (1,))
-    marks = sets[0] if decades < 1 else sets[1] if decades < 2 else sets[2]
-    axis.set_major_locator(LogLocator(subs=marks, numticks=9))
+    axis.set_major_locator(LogLocator(subs=sets[0 if decades < 1 else 1 if decades < 2 else 2], numticks=9))
     plain = low >= LEAST_PLAIN and high < MOST_PLAIN
-    axis.set_major_formatter(FuncFormatter(_number if plain else _power))
+    axis.set_major_formatter(FuncFormatter((lambda value, _: f"{value:.12g}") if plain else _power))
     axis.set_minor_formatter(NullFormatter())
     if decades > 4:
         axis.set_minor_locator(LogLocator(subs=(2, 5), numticks=99))
-
-
-def _number(value: float, _: int | None = None) -> str:
-    return f"{value:.12g}"
 
 
 def _power(value: float, _: int | None = None) -> str:
@@ -248,16 +246,13 @@ def _power(value: float, _: int | None = None) -> str:
     return rf"$10^{{{exponent}}}$" if first == 1 else rf"${first}\cdot10^{{{exponent}}}$"
 
 
-def short(value: float) -> str:
-    """Return a number with three significant digits, without an exponent."""
-    return f"{float(f'{value:.3g}'):.12g}"
-
-
-def say_grouped(figure: Figure, groups: LoadGroups, style: Style, curves: bool = True) -> None:
-    """If the loads are grouped, write a note at the top of the figure, including the loads of the curves."""
+def say_grouped(figure: Figure, groups: LoadGroups, style: Style, curves: bool = True) -> Figure:
+    """Write a note at the top of a figure of grouped loads, including the loads of the curves; return the figure."""
     if groups.merged:
         at = "; curves are at the middle load of each" if curves else ""
-        figure.suptitle(f"{groups.sentence}{at}", fontsize=style.small)
+        with style.applied():
+            figure.suptitle(f"{groups.sentence}{at}", fontsize=style.small)
+    return figure
 
 
 def legend_below(figure: Figure, axes: Sequence[Axes], more: str = "") -> None:

@@ -1,4 +1,4 @@
-"""Posterior of pairs of parameters, and comparison of each parameter with its prior."""
+"""Parameters of a run: joint posterior of pairs, comparison with the prior, and agreement of the ensembles."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
+from softness_bayes.plotting import stored
 from softness_bayes.plotting.data import carry
-from softness_bayes.plotting.panels import LEVELS, TINTS, Array, check_draws, free_panels, legend_below
-from softness_bayes.plotting.style import USUAL, Style
+from softness_bayes.plotting.panels import LEVELS, TINTS, Array, check_draws, legend_below, make_panels
+from softness_bayes.plotting.style import USUAL, Style, styled
+from softness_bayes.readable import counted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,8 +32,60 @@ POINTS = 241
 MOST_PARAMETERS = 6
 """Number of parameters in a corner plot of the most informative pairs."""
 
+MOST_STEPS = 1000
+"""Largest number of steps shown in a trace."""
+
 FEWEST_DRAWS_FOR_CONTOURS = 400
 """Smallest number of draws for contours in the corner plot; fewer draws are shown as points."""
+
+
+def corner(result: stored.Drawable, style: Style) -> Figure:
+    """Draw the posterior of the most correlated pairs of parameters."""
+    names, labels = stored.sampled_parameters(result)
+    draws = stored.draws_of(result, "posterior", names)
+    shown = informative(draws)
+    hidden = counted(len(names) - len(shown), "less correlated parameter is", "less correlated parameters are")
+    return corner_figure(
+        draws[:, shown],
+        [labels[k] for k in shown],
+        names=[names[k] for k in shown],
+        note=f"{hidden} not shown:\n'softness-bayes plot --all'" if len(shown) < len(names) else "",
+        style=style,
+    )
+
+
+def corner_all(result: stored.Drawable, style: Style) -> Figure:
+    """Draw the posterior of every pair of parameters."""
+    names, labels = stored.sampled_parameters(result)
+    return corner_figure(stored.draws_of(result, "posterior", names), labels, names=names, style=style)
+
+
+def prior(result: stored.Drawable, style: Style) -> Figure:
+    """Draw prior against posterior of every parameter."""
+    from softness_bayes.parameters.declared import EVERY_PARAMETER
+    from softness_bayes.parameters.priors import Truncated
+    from softness_bayes.provenance import Provenance
+
+    names, labels = stored.sampled_parameters(result)
+    declared = Provenance(result.tree.attrs).priors
+    laws = [
+        Truncated(declared[name], -np.inf, EVERY_PARAMETER[name].largest) if name in declared else None
+        for name in names
+    ]
+    posterior, prior = (stored.draws_of(result, group, names) for group in ("posterior", "prior"))
+    return prior_figure(posterior, prior, labels, laws=laws, style=style)
+
+
+def trace(result: stored.Drawable, style: Style) -> Figure:
+    """Draw the traces of the ensembles."""
+    names, labels = stored.sampled_parameters(result)
+    return trace_figure(*stored.walkers_of(result, names), labels, style=style)
+
+
+def rank(result: stored.Drawable, style: Style) -> Figure:
+    """Draw rank histograms of each ensemble's draws."""
+    names, labels = stored.sampled_parameters(result)
+    return rank_figure(*stored.walkers_of(result, names), labels, style=style)
 
 
 def informative(draws: ArrayLike, most: int = MOST_PARAMETERS) -> list[int]:
@@ -56,6 +110,7 @@ def informative(draws: ArrayLike, most: int = MOST_PARAMETERS) -> list[int]:
     return list(dict.fromkeys([*members, *range(values.shape[1])]))[:most]
 
 
+@styled
 def corner_figure(
     draws: ArrayLike, labels: Sequence[str], *, names: Sequence[str] = (), note: str = "", style: Style = USUAL
 ) -> Figure:
@@ -91,48 +146,41 @@ def corner_figure(
     from softness_bayes.plotting.libraries import corner
 
     values = _thinned(check_draws(draws, labels))
-    _require_varying(values, labels)
-    count, dimension = values.shape
-    contours = count >= FEWEST_DRAWS_FOR_CONTOURS
-    tints = [style.tint(style.posterior, strength) for strength in TINTS]
-    with style.applied():
-        width = style.page if dimension > 3 else style.column
-        figure = Figure(figsize=(width, width))
-        figure.subplots(dimension, dimension, squeeze=False)
-        corner.corner(
-            values,
-            bins=24,
-            range=_ranges(values, 0.05),
-            labels=[_stacked(label) for label in labels],
-            color=style.posterior,
-            smooth=1.0 if contours else None,
-            levels=LEVELS,
-            plot_density=False,
-            plot_datapoints=not contours,
-            plot_contours=contours,
-            fill_contours=contours,
-            max_n_ticks=3 if dimension <= 6 else 2,
-            fig=figure,
-            contour_kwargs={"linewidths": 0.6},
-            contourf_kwargs={"colors": ["white", *tints[::-1]]},
-            hist_kwargs={"linewidth": 0.8},
-            data_kwargs={"alpha": 0.5},
-        )
-        _tidy(figure, dimension, width)
-        if dimension > 1 and (contours or note):
-            _region_legend(figure, tints if contours else (), note, style)
-        carry(figure, pd.DataFrame(values, columns=list(names or labels)))
-    return figure
-
-
-def _require_varying(values: Array, labels: Sequence[str]) -> None:
-    """Raise an error unless there are more draws than parameters, and every parameter varies."""
     count, dimension = values.shape
     if count <= dimension:
         raise InputError(f"corner plot: {count} draws of {dimension} parameters, expected more draws")
     still = [label for label, column in zip(labels, values.T, strict=True) if np.ptp(column) == 0]
     if still:
         raise InputError(f"corner plot: {', '.join(still)} does not vary")
+    contours = count >= FEWEST_DRAWS_FOR_CONTOURS
+    tints = [style.tint(style.posterior, strength) for strength in TINTS]
+    width = style.page if dimension > 3 else style.column
+    figure = Figure(figsize=(width, width))
+    figure.subplots(dimension, dimension, squeeze=False)
+    corner.corner(
+        values,
+        bins=24,
+        range=_ranges(values, 0.05),
+        labels=[label.replace(" [", "\n[") for label in labels],
+        color=style.posterior,
+        smooth=1.0 if contours else None,
+        levels=LEVELS,
+        plot_density=False,
+        plot_datapoints=not contours,
+        plot_contours=contours,
+        fill_contours=contours,
+        max_n_ticks=3 if dimension <= 6 else 2,
+        fig=figure,
+        contour_kwargs={"linewidths": 0.6},
+        contourf_kwargs={"colors": ["white", *tints[::-1]]},
+        hist_kwargs={"linewidth": 0.8},
+        data_kwargs={"alpha": 0.5},
+    )
+    _tidy(figure, dimension, width)
+    if dimension > 1 and (contours or note):
+        _region_legend(figure, tints if contours else (), note, style)
+    carry(figure, pd.DataFrame(values, columns=list(names or labels)))
+    return figure
 
 
 def _region_legend(figure: Figure, tints: Sequence[tuple[float, float, float]], note: str, style: Style) -> None:
@@ -184,6 +232,7 @@ def _ranges(values: Array, beyond: float) -> list[tuple[float, float]]:
     return [(float(a - beyond * (b - a)), float(b + beyond * (b - a))) for a, b in zip(low, high, strict=True)]
 
 
+@styled
 def prior_figure(
     posterior: ArrayLike,
     prior: ArrayLike,
@@ -218,28 +267,25 @@ def prior_figure(
         If labels and draws disagree or a draw is not finite.
     """
     after, before = check_draws(posterior, labels), check_draws(prior, labels)
-    with style.applied():
-        grid = free_panels(len(labels), style, columns=4, height=1.1)
-        for place, (axes, label) in enumerate(zip(grid.panels, labels, strict=True)):
-            law = laws[place] if laws else None
-            _draw_steps(axes, after[:, place], f"posterior/{place}", fill=True, color=style.tint(style.posterior, 0.5))
-            # a wide prior may be cut outside its central 95 %, so that the posterior remains visible
-            (low, high), (least, most) = (
-                _ranges(after[:, [place]], 0.05)[0],
-                np.quantile(before[:, place], _SHOWN) if law is None else law.quantile(np.array(_SHOWN)),
-            )
-            if most > least:
-                axes.set_xlim(min(low, least), max(high, most))
-            if law is None:
-                _draw_steps(axes, before[:, place], f"prior/{place}", color=style.prior)
-            else:
-                x = np.linspace(*axes.get_xlim(), POINTS)
-                line = axes.plot(x, np.exp(law.log_density(x)), color=style.prior, linewidth=0.9)[0]
-                line.set(gid=f"prior/{place}", label="prior")
-            axes.set(xlabel=label, yticks=(), ylim=(0.0, None))
-        for axes in grid.leftmost:
-            axes.set_ylabel("density")
-        legend_below(grid.figure, grid.panels)
+    grid = make_panels(len(labels), style, 1.1, ylabel="density")
+    for place, (axes, label) in enumerate(zip(grid.panels, labels, strict=True)):
+        law = laws[place] if laws else None
+        _draw_steps(axes, after[:, place], f"posterior/{place}", fill=True, color=style.tint(style.posterior, 0.5))
+        # a wide prior may be cut outside its central 95 %, so that the posterior remains visible
+        (low, high), (least, most) = (
+            _ranges(after[:, [place]], 0.05)[0],
+            np.quantile(before[:, place], _SHOWN) if law is None else law.quantile(np.array(_SHOWN)),
+        )
+        if most > least:
+            axes.set_xlim(min(low, least), max(high, most))
+        if law is None:
+            _draw_steps(axes, before[:, place], f"prior/{place}", color=style.prior)
+        else:
+            x = np.linspace(*axes.get_xlim(), POINTS)
+            line = axes.plot(x, np.exp(law.log_density(x)), color=style.prior, linewidth=0.9)[0]
+            line.set(gid=f"prior/{place}", label="prior")
+        axes.set(xlabel=label, yticks=(), ylim=(0.0, None))
+    legend_below(grid.figure, grid.panels)
     return grid.figure
 
 
@@ -259,10 +305,84 @@ def _histogram(values: Array) -> tuple[Array, Array]:
     return np.histogram(values, edges)[0] / (values.size * np.diff(edges)), edges
 
 
-def _stacked(label: str) -> str:
-    """Put the unit of a label under its symbol."""
-    return label.replace(" [", "\n[")
-
-
 def _thinned(values: Array) -> Array:
     return values[np.linspace(0, len(values) - 1, min(len(values), MOST_DRAWS)).round().astype(int)]
+
+
+@styled
+def trace_figure(draws: ArrayLike, ensemble: ArrayLike, labels: Sequence[str], *, style: Style = USUAL) -> Figure:
+    """Draw the trace of each ensemble: median, 5 % and 95 % quantiles of its walkers at every stored step.
+
+    Parameters
+    ----------
+    draws
+        Draws of the walkers of all ensembles, shape (walkers, steps, parameters).
+    ensemble
+        Index of each walker's ensemble, shape (walkers,).
+    labels
+        Symbol and unit of each parameter.
+    style
+        Style of the figure.
+
+    Returns
+    -------
+    Figure
+        Lines named ``median/k/ensemble``, ``low/k/ensemble`` and ``high/k/ensemble``, k the parameter.
+
+    Raises
+    ------
+    InputError
+        If the shapes disagree or a draw is not finite.
+    """
+    walkers, members = _walkers(draws, ensemble, labels)
+    steps = np.unique(np.linspace(0, walkers.shape[1] - 1, MOST_STEPS).round().astype(int))
+    grid = make_panels(len(labels), style, 0.85, 2, xlabel="kept step", sharex=True)
+    for place, (axes, label) in enumerate(zip(grid.panels, labels, strict=True)):
+        for turn, name in enumerate(np.unique(members)):
+            course = np.quantile(walkers[members == name][:, steps, place], [0.05, 0.5, 0.95], axis=0)
+            colour = style.ensembles[turn % len(style.ensembles)]
+            for kind, values, width in zip(("low", "median", "high"), course, (0.4, 0.9, 0.4), strict=True):
+                line = axes.plot(steps, values, color=colour, linewidth=width)[0]
+                line.set_gid(f"{kind}/{place}/{name}")
+                line.set_label(f"ensemble {name}" if kind == "median" else None)
+        axes.set(ylabel=label, xlim=(0, max(1, steps[-1])))
+    legend_below(grid.figure, grid.panels)
+    return grid.figure
+
+
+@styled
+def rank_figure(
+    draws: ArrayLike, ensemble: ArrayLike, labels: Sequence[str], *, bins: int = 20, style: Style = USUAL
+) -> Figure:
+    """Draw rank histograms of each ensemble's draws among all draws; they are flat if the ensembles agree.
+
+    Parameters, artists (``rank/k/ensemble``, step patches around 1) and errors as in `trace_figure`.
+    """
+    walkers, members = _walkers(draws, ensemble, labels)
+    edges = np.linspace(0.0, 1.0, bins + 1)
+    grid = make_panels(len(labels), style, 1.0, 4, "rank / draws [–]", "density [–]", sharex=True, sharey=True)
+    for place, (axes, label) in enumerate(zip(grid.panels, labels, strict=True)):
+        flat = walkers[..., place].ravel()
+        rank = np.empty(flat.size)
+        rank[np.argsort(flat, kind="stable")] = (np.arange(flat.size) + 0.5) / flat.size
+        places = rank.reshape(walkers.shape[:2])
+        axes.axhline(1.0, color=style.prior, linewidth=0.6)
+        for turn, name in enumerate(np.unique(members)):
+            height, _ = np.histogram(places[members == name], edges, density=True)
+            colour = style.ensembles[turn % len(style.ensembles)]
+            steps = axes.stairs(height, edges, baseline=None, color=colour, label=f"ensemble {name}")
+            steps.set_gid(f"rank/{place}/{name}")
+        axes.set_title(label)
+        axes.set(xlim=(0, 1), xticks=(0, 0.5, 1))
+    grid.panels[0].set_ylim(0.0, None)  # limits of the shared axis, set after everything is drawn
+    legend_below(grid.figure, grid.panels)
+    return grid.figure
+
+
+def _walkers(draws: ArrayLike, ensemble: ArrayLike, labels: Sequence[str]) -> tuple[Array, NDArray[Any]]:
+    """Return draws and ensembles as arrays, or raise an error if they disagree."""
+    walkers, members = np.asarray(draws, float), np.asarray(ensemble)
+    if walkers.ndim != 3 or members.shape != walkers.shape[:1]:
+        raise InputError(f"figure: draws of shape {walkers.shape} for {members.size} walkers")
+    check_draws(walkers.reshape(-1, walkers.shape[-1]), labels)
+    return walkers, members

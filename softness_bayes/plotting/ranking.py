@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import Scale
 from softness_bayes.plotting.panels import number_ticks, title
-from softness_bayes.plotting.style import USUAL, Style
+from softness_bayes.plotting.style import USUAL, Style, styled
 from softness_bayes.touch.contact import Load
 
 if TYPE_CHECKING:
@@ -54,7 +54,8 @@ class Order(NamedTuple):
     """Number of the group of tied fabrics, 0 for none, shape (fabrics,)."""
 
 
-def ranking_figure(orders: Sequence[Order], scale: Scale, style: Style = USUAL) -> Figure:
+@styled
+def ranking_figure(orders: Sequence[Order], scale: Scale, *, style: Style = USUAL) -> Figure:
     """Draw a row of two panels per load: the probability of each fabric's rank, and the predicted ratings.
 
     Darker cells are more probable ranks. If there are few fabrics, the cells contain percentages; otherwise there is
@@ -86,17 +87,16 @@ def ranking_figure(orders: Sequence[Order], scale: Scale, style: Style = USUAL) 
         raise InputError("figure: no fabrics in an order")
     rows = max(min(len(order.fabrics), NAMED) for order in orders)
     height = (_ROW * rows + _SPARE + (_KEY if rows > WRITTEN else 0.0)) * len(orders)
-    with style.applied():
-        figure = Figure(figsize=(style.page, max(height, 2.5)), layout="constrained")
-        cells = figure.subplots(len(orders), 2, sharey="row", squeeze=False, width_ratios=[3, 2])
-        for order, (left, right) in zip(orders, cells, strict=True):
-            _draw_places(left, order, style)
-            _draw_ratings(right, order, scale, style)
-            unit = " [%]" if len(order.fabrics) <= WRITTEN else ""
-            left.set_title(f"{title(order.load)}: probability of each rank{unit}")
-            right.set_title("predicted rating, 90 % interval")
-        cells[-1][0].set_xlabel("place (1: softest)")
-        cells[-1][1].set_xlabel(scale.label)
+    figure = Figure(figsize=(style.page, max(height, 2.5)), layout="constrained")
+    cells = figure.subplots(len(orders), 2, sharey="row", squeeze=False, width_ratios=[3, 2])
+    for order, (left, right) in zip(orders, cells, strict=True):
+        _draw_places(left, order, style)
+        _draw_ratings(right, order, scale, style)
+        unit = " [%]" if len(order.fabrics) <= WRITTEN else ""
+        left.set_title(f"{title(order.load)}: probability of each rank{unit}")
+        right.set_title("predicted rating, 90 % interval")
+    cells[-1][0].set_xlabel("place (1: softest)")
+    cells[-1][1].set_xlabel(scale.label)
     return figure
 
 

@@ -1,4 +1,4 @@
-"""Ratings against the fabric's modulus, predicted and observed, under each load (model.md 9)."""
+"""Ratings against the fabric's modulus under each load: observed, predicted (model.md 9), and those of a design."""
 
 from __future__ import annotations
 
@@ -10,23 +10,25 @@ from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import MAGNITUDE, Scale
+from softness_bayes.plotting import stored
 from softness_bayes.plotting.data import name_rows
-from softness_bayes.plotting.names import name_fabrics, named_in_words, room_for
 from softness_bayes.plotting.panels import (
     MODULUS_LABEL,
     RATIO_LABEL,
     Array,
-    RatioAxis,
     check_loads,
     draw_bands,
-    grid_of_panels,
+    draw_rug,
+    finish_load_panels,
     legend_below,
+    load_panels,
     number_ticks,
-    title,
+    say_grouped,
 )
-from softness_bayes.plotting.style import USUAL, Style
+from softness_bayes.plotting.response import RatioAxis
+from softness_bayes.plotting.style import USUAL, Style, styled
 from softness_bayes.touch.contact import Load
-from softness_bayes.touch.load_groups import LoadGroup
+from softness_bayes.touch.load_groups import LoadGroup, LoadGroups
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,10 +59,42 @@ class Observed(NamedTuple):
     limits: tuple[Array, Array] | None = None
     """90 % limits of E_fab [Pa], equal where it is known; None if all are known."""
 
-    def within(self, least: float, most: float) -> Observed:
-        """Return a copy with ratings clipped to two limits."""
-        mean, low, high = (np.clip(value, least, most) for value in (self.mean, self.low, self.high))
-        return self._replace(mean=mean, low=low, high=high)
+
+def rating(result: stored.Drawable, style: Style, against_ratio: bool = False) -> Figure:
+    """Draw predicted and observed ratings against E_fab, or against E_fab / E_skin."""
+    curves, groups = result.curves(), result.load_groups
+    figure = rating_figure(
+        curves.modulus,
+        result.typical_ratings(),
+        observed_of(result),
+        groups.called,
+        scale=result.scale,
+        skin_modulus=curves.skin_modulus if against_ratio else None,
+        names=stored.fabric_names(result) * groups.at.size,
+        style=style,
+    )
+    return say_grouped(figure, groups, style)
+
+
+def rating_ratio(result: stored.Drawable, style: Style) -> Figure:
+    """Draw predicted and observed ratings against E_fab / E_skin."""
+    return rating(result, style, against_ratio=True)
+
+
+def observed_of(result: stored.Drawable) -> Observed:
+    """Return the ratings of a run by condition: a fabric under one load or under one group of loads."""
+    constant, modulus = result.group("constant_data"), stored.fabric_modulus(result)
+    count, limits = result.load_groups.at.size, stored.modulus_limits(result)
+    observed = observed_ratings(
+        result.group("observed_data")["rating"].values,
+        stored.rated_load(result) * modulus.size + constant["fabric_index"].values,
+        constant["participant_index"].values,
+        np.tile(modulus, count),
+        np.repeat(np.arange(count), modulus.size),
+        scale=result.scale,
+    )
+    ends = None if limits is None else (np.tile(limits[0], count), np.tile(limits[2], count))
+    return observed._replace(limits=ends)
 
 
 def observed_ratings(
@@ -143,6 +177,7 @@ def _effects(value: Array, rows: NDArray[np.intp], columns: NDArray[np.intp], sh
     return effect - effect[present].mean() if present.size else effect
 
 
+@styled
 def rating_figure(
     modulus: ArrayLike,
     rating: ArrayLike,
@@ -194,74 +229,130 @@ def rating_figure(
     """
     modulus, draws = np.asarray(modulus, float), np.asarray(rating, float)
     check_loads(loads, draws.shape[1])
-    draws, observed = np.clip(draws, *scale.drawn), observed.within(*scale.drawn)
+    draws = np.clip(draws, *scale.drawn)
+    means = np.clip([observed.mean, observed.low, observed.high], *scale.drawn)
     xlabel = MODULUS_LABEL if skin_modulus is None else RATIO_LABEL
-    with style.applied():
-        figure, panels, _ = grid_of_panels(len(loads), xlabel, scale.label, style, above=room_for(names, style))
-        ends: list[float] = []
-        at: list[tuple[Array, list[str]]] = []
-        for index, (axes, load) in enumerate(zip(panels, loads, strict=True)):
-            here = (observed.load == index) & np.isfinite(observed.mean)
-            skin = None if skin_modulus is None else np.asarray(skin_modulus)[:, index]
-            shown = [one[here] for one in (observed.modulus, *(observed.limits or ()))]
-            x, curves, (places, *limits) = _along_axis(modulus, draws[:, index], shown, skin)
-            draw_bands(axes, x, curves, style.posterior, style, str(load))
-            called = [names[int(k)] for k in np.flatnonzero(here)] if names else []
-            _draw_observed(axes, places, observed, here, scale, style, str(load), called)
-            if limits:
-                _draw_limits(axes, limits[0], limits[1], observed.mean[here], style, str(load))
-            axes.set(xscale="log", yscale=scale.axis)
-            axes.set_title(title(load), pad=72.0 * room_for(names, style) or None)
-            ends += [x.min(), x.max()]
-            at.append((places, called))
-        written = []
-        for axes, load, (places, called) in zip(panels, loads, at, strict=True):
-            axes.set_xlim(min(ends), max(ends))
-            number_ticks(axes.xaxis)
-            if scale.axis == "log":
-                number_ticks(axes.yaxis)
-            written.append(name_fabrics(axes, places, called, style, str(load)) if called else 0)
-        legend_below(figure, panels, named_in_words(written, [len(called) for _, called in at]))
-    return figure
-
-
-def _along_axis(
-    modulus: Array, draws: Array, observed: Sequence[Array], skin_modulus: Array | None
-) -> tuple[Array, Array, list[Array]]:
-    """Return a panel's grid, the draws on this grid, and the positions of moduli of the data.
-
-    The axis is E_fab [kPa] or, if E_skin [Pa] is given, their ratio.
-    """
-    if skin_modulus is None:
-        return modulus / 1e3, draws, [one / 1e3 for one in observed]
-    axis = RatioAxis.of(modulus, skin_modulus)
-    return axis.grid, axis.carry(draws), [axis.place(one) for one in observed]
-
-
-def _draw_limits(axes: Axes, low: Array, high: Array, rating: Array, style: Style, gid: str) -> None:
-    """Draw the limits of moduli that are not known."""
-    some = high > low
-    bars = axes.hlines(rating[some], low[some], high[some], color=style.tint(style.data, 0.35), linewidth=0.8)
-    bars.set(label="90 % limits of the modulus", gid=f"limits/{gid}", zorder=1.8)
+    grid = load_panels(loads, xlabel, scale.label, style, names=names)
+    ends: list[float] = []
+    fabrics: list[tuple[Array, list[str]]] = []
+    for index, (axes, load) in enumerate(zip(grid.panels, loads, strict=True)):
+        here = (observed.load == index) & np.isfinite(means[0])
+        axis = None if skin_modulus is None else RatioAxis.of(modulus, np.asarray(skin_modulus)[:, index])
+        x, curves = modulus / 1e3, draws[:, index]
+        if axis is not None:
+            x, curves = axis.grid, axis.carry(curves)
+        places, *limits = (
+            moduli[here] / 1e3 if axis is None else axis.place(moduli[here])
+            for moduli in (observed.modulus, *(observed.limits or ()))
+        )
+        draw_bands(axes, x, curves, style.posterior, style, str(load))
+        called = [names[int(k)] for k in np.flatnonzero(here)] if names else []
+        _draw_observed(axes, places, means[:, here], scale, style, str(load), called)
+        if limits:
+            low, high = limits
+            some = high > low
+            colour, height = style.tint(style.data, 0.35), means[0, here][some]
+            bars = axes.hlines(height, low[some], high[some], color=colour, linewidth=0.8)
+            bars.set(label="90 % limits of the modulus", gid=f"limits/{load}", zorder=1.8)
+        axes.set_yscale(scale.axis)
+        ends += [x.min(), x.max()]
+        fabrics.append((places, called))
+    for axes in grid.panels if scale.axis == "log" else ():
+        number_ticks(axes.yaxis)
+    finish_load_panels(grid, loads, (min(ends), max(ends)), fabrics, style)
+    return grid.figure
 
 
 def _draw_observed(
-    axes: Axes,
-    x: Array,
-    observed: Observed,
-    here: NDArray[np.bool_],
-    scale: Scale,
-    style: Style,
-    gid: str,
-    names: Sequence[str] = (),
+    axes: Axes, x: Array, means: Array, scale: Scale, style: Style, gid: str, names: Sequence[str]
 ) -> None:
-    # if there are many points, they are small and drawn below the curve
-    many = np.size(x) > CROWD
+    """Draw mean, lower and upper end, shape (3, conditions), of observed ratings.
+
+    If there are many points, they are small and drawn below the curve.
+    """
+    many = x.size > CROWD
     colour, width = style.tint(style.data, 0.35 if many else 0.6), 0.3 if many else 0.8
-    spread = axes.vlines(x, observed.low[here], observed.high[here], color=colour, linewidth=width)
+    spread = axes.vlines(x, means[1], means[2], color=colour, linewidth=width)
     spread.set(label="± 1 sd between participants", gid=f"spread/{gid}", zorder=1.6 if many else 2)
     size = 1.2 if many else 3
-    points = axes.plot(x, observed.mean[here], "o", color=style.data, markersize=size, gid=f"ratings/{gid}")[0]
+    points = axes.plot(x, means[0], "o", color=style.data, markersize=size, gid=f"ratings/{gid}")[0]
     points.set(label=scale.mean, zorder=1.7 if many else 3)
     for marks in (spread, points):
         name_rows(marks, names)
+
+
+@styled
+def design_figure(
+    modulus: ArrayLike,
+    response: ArrayLike,
+    observed: Observed,
+    groups: LoadGroups,
+    *,
+    scale: Scale = MAGNITUDE,
+    style: Style = USUAL,
+) -> Figure:
+    """Draw the mean rating of each condition over the response predicted by the prior.
+
+    Each draw of the response is divided by its maximum.
+
+    Parameters
+    ----------
+    modulus
+        Grid of E_fab [Pa], shape (points,).
+    response
+        Draws of the response under the prior, shape (draws, loads, points).
+    observed
+        The data of these loads.
+    groups
+        The loads, with one panel each. If there are many, they are grouped; a group's response is that of its middle
+        load.
+    scale
+        Scale of the ratings.
+    style
+        Style of the figure.
+
+    Returns
+    -------
+    Figure
+        Artists named ``median/1 mm``, ``band95/1 mm``, ``band50/1 mm`` (response), ``fabrics/1 mm`` and
+        ``ratings/1 mm`` (means, on the axis at the right).
+
+    Raises
+    ------
+    InputError
+        If there is not one load for each set of curves.
+    """
+    grid, draws = np.asarray(modulus, float) / 1e3, np.asarray(response, float)
+    loads = groups.called
+    check_loads(loads, draws.shape[1])
+    largest = draws.max(axis=(1, 2), keepdims=True)
+    relative = np.divide(draws, largest, out=np.zeros_like(draws), where=largest > 0)
+    grid_of_loads = load_panels(loads, MODULUS_LABEL, "response / largest under the prior", style)
+    twins = [axes.twinx() for axes in grid_of_loads.panels]
+    limits = _limits(observed.mean[observed.load >= 0], scale)
+    for index, (axes, twin, load) in enumerate(zip(grid_of_loads.panels, twins, loads, strict=True)):
+        here = (observed.load == index) & np.isfinite(observed.mean)
+        x = observed.modulus[here] / 1e3
+        draw_bands(axes, grid, relative[:, index], style.prior, style, str(load))
+        draw_rug(axes, x, style, str(load))
+        points = twin.plot(x, observed.mean[here], "o", color=style.data, markersize=3, gid=f"ratings/{load}")[0]
+        points.set(label=scale.mean)
+        axes.set(xscale="log", xlim=(grid.min(), grid.max()), ylim=(0, 1.05))
+        twin.set(yscale=scale.axis, ylim=limits)
+        twin.spines["right"].set_visible(True)
+        number_ticks(axes.xaxis)
+        if scale.axis == "log":
+            number_ticks(twin.yaxis)
+    twins[-1].set_ylabel(scale.label)
+    say_grouped(grid_of_loads.figure, groups, style)
+    legend_below(grid_of_loads.figure, [*grid_of_loads.panels, *twins])
+    return grid_of_loads.figure
+
+
+def _limits(means: Array, scale: Scale) -> tuple[float, float]:
+    """Return the ends of an axis of means, with a margin."""
+    additive = scale.additive(means[np.isfinite(means)])
+    low, high = additive.min(), additive.max()
+    margin = 0.08 * (high - low) or 1.0
+    ends = scale.natural(np.array([low - margin, high + margin]))
+    return float(ends[0]), float(ends[1])

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import io
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, fields, replace
-from functools import cache
+from dataclasses import dataclass, field, replace
+from functools import cache, wraps
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, ParamSpec, Self
 
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import write_outputs
@@ -52,40 +52,38 @@ OTHER_SCRIPTS = (
 )
 """Font families for letters that the default font lacks; only the installed ones are used."""
 
-RC: Mapping[str, Any] = MappingProxyType(
-    {
-        "font.family": "sans-serif",
-        "font.sans-serif": ["DejaVu Sans"],  # included in matplotlib, so that figures are the same on all machines
-        "mathtext.fontset": "dejavusans",
-        "font.size": 8,
-        "axes.titlesize": 8,
-        "axes.labelsize": 8,
-        "xtick.labelsize": 7,
-        "ytick.labelsize": 7,
-        "legend.fontsize": 7,
-        "legend.title_fontsize": 7,
-        "axes.linewidth": 0.6,
-        "xtick.major.width": 0.6,
-        "ytick.major.width": 0.6,
-        "xtick.minor.width": 0.4,
-        "ytick.minor.width": 0.4,
-        "xtick.major.size": 3,
-        "ytick.major.size": 3,
-        "xtick.minor.size": 1.5,
-        "ytick.minor.size": 1.5,
-        "lines.linewidth": 1.2,
-        "hatch.linewidth": 0.5,
-        "axes.spines.top": False,
-        "axes.spines.right": False,
-        "axes.titlelocation": "left",
-        "legend.frameon": False,
-        "legend.handlelength": 1.6,
-        "figure.dpi": 150,
-        "savefig.dpi": 300,
-        "pdf.fonttype": 42,  # keep text as text, as journals require
-        "svg.hashsalt": "softness-bayes",
-    }
-)
+RC: Mapping[str, Any] = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],  # included in matplotlib, so that figures are the same on all machines
+    "mathtext.fontset": "dejavusans",
+    "font.size": 8,
+    "axes.titlesize": 8,
+    "axes.labelsize": 8,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "legend.fontsize": 7,
+    "legend.title_fontsize": 7,
+    "axes.linewidth": 0.6,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.minor.width": 0.4,
+    "ytick.minor.width": 0.4,
+    "xtick.major.size": 3,
+    "ytick.major.size": 3,
+    "xtick.minor.size": 1.5,
+    "ytick.minor.size": 1.5,
+    "lines.linewidth": 1.2,
+    "hatch.linewidth": 0.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlelocation": "left",
+    "legend.frameon": False,
+    "legend.handlelength": 1.6,
+    "figure.dpi": 150,
+    "savefig.dpi": 300,
+    "pdf.fonttype": 42,  # keep text as text, as journals require
+    "svg.hashsalt": "softness-bayes",
+}
 """matplotlib settings of the default style, which override matplotlib's defaults."""
 
 
@@ -117,11 +115,6 @@ class Style:
     page: float = 7.2
     small: float = 7.0
     rc: Mapping[str, Any] = field(default_factory=lambda: RC)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # a mapping proxy cannot be pickled for a worker process
-        values = {one.name: getattr(self, one.name) for one in fields(self)}
-        return type(self), tuple((values | {"rc": dict(self.rc)}).values())
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
@@ -208,6 +201,20 @@ def _complaints(logger: str) -> Iterator[list[str]]:
 
 USUAL = Style()
 """The default style of all figures."""
+
+Drawn = ParamSpec("Drawn")
+
+
+def styled(draw: Callable[Drawn, Figure]) -> Callable[Drawn, Figure]:
+    """Return a function that draws a figure with its keyword argument ``style`` applied to matplotlib."""
+
+    @wraps(draw)
+    def draw_in_style(*args: Drawn.args, **kwargs: Drawn.kwargs) -> Figure:
+        style: Any = kwargs.get("style", USUAL)
+        with style.applied():
+            return draw(*args, **kwargs)
+
+    return draw_in_style
 
 
 def require_formats(formats: Sequence[str]) -> None:

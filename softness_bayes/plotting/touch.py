@@ -1,18 +1,30 @@
-"""Figure of a touch: pressure and stress under the finger pad, and firing rates of its receptors (model.md 4-8)."""
+"""The touch: pressure, stress and firing under the pad, the membrane, and a plate's force (model.md 3 to 8)."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from softness_bayes.errors import InputError
-from softness_bayes.plotting.panels import WIDE, Array, fitting, short
-from softness_bayes.plotting.style import USUAL, Style
+from softness_bayes.plotting import stored
+from softness_bayes.plotting.names import short_name
+from softness_bayes.plotting.panels import (
+    WIDE,
+    Array,
+    draw_bands,
+    draw_interval,
+    fitting,
+    legend_below,
+    make_panels,
+    number_ticks,
+)
+from softness_bayes.plotting.style import USUAL, Style, styled
+from softness_bayes.readable import number
 
 if TYPE_CHECKING:
+    import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.gridspec import GridSpec
@@ -27,34 +39,8 @@ COLOURS = "viridis"
 """Colour map of rates, which is perceptually uniform and suitable for colour-blind readers."""
 
 
-class Touches(NamedTuple):
-    """Touches of some fabrics under some loads; limits are lower limit, median and upper limit over the draws."""
-
-    distance: Array
-    """Distances from the axis of the contact [m], shape (distances,)."""
-    pressure: Array
-    """Limits of the pressure [Pa], shape (3, loads, fabrics, distances)."""
-    stress: Array
-    """Limits of the stress at the receptors' depth [Pa], same shape."""
-    rate: Array
-    """Median rate of a receptor [Hz], shape (loads, fabrics, distances)."""
-    radius: Array
-    """Median contact radius [m], shape (loads, fabrics)."""
-    loads: Sequence[str]
-    """Names of the loads."""
-    fabrics: Sequence[str]
-    """Names of the fabrics."""
-    modulus: Array
-    """E_fab of the fabrics [Pa]."""
-    receptors: Array
-    """Positions of the receptors along and across the finger [m], shape (receptors, 2)."""
-    pad: Array
-    """Length and width of the pad [m]."""
-    centre: Array
-    """Point of the pad on the contact's axis [m]."""
-
-
-def touch_figure(touches: Touches, *, style: Style = USUAL) -> Figure:
+@styled
+def touch(result: stored.Drawable, style: Style) -> Figure:
     """Draw pressure, stress and firing rate against the distance from the axis, and maps of the pad's receptors below.
 
     Each column is a load; a narrow page shows the smallest and the largest. Lines are medians over the draws, and
@@ -68,151 +54,141 @@ def touch_figure(touches: Touches, *, style: Style = USUAL) -> Figure:
         Artists named ``stress/1 mm/0``, ``pressure/1 mm/0``, ``band95/1 mm/0``, ``rate/1 mm/0``, ``firing/1 mm/0``,
         ``silent/1 mm/0`` and ``contact/1 mm/0``. The last number is the index of the fabric. Lengths are in mm,
         stresses in kPa.
-
-    Raises
-    ------
-    InputError
-        If the shapes disagree.
     """
-    shape = (len(touches.loads), len(touches.fabrics), touches.distance.size)
-    if not touches.pressure.shape == touches.stress.shape == (3, *shape) or touches.rate.shape != shape:
-        raise InputError(f"touch figure: stress of shape {touches.stress.shape}, expected {(3, *shape)}")
     from matplotlib.figure import Figure
 
-    columns, rows = fitting(shape[0], style), shape[1]
-    touches = _under(touches, np.unique(np.linspace(0, shape[0] - 1, columns).round().astype(int)))
-    with style.applied():
-        width = style.column if columns == 1 else style.page
-        # the maps have the proportions of the pad, which determines the height
-        tall = (width - 0.9) / columns * touches.pad[1] / touches.pad[0]
-        words = 0.0 if width >= WIDE else 0.5  # height of the legend
-        figure = Figure(figsize=(width, 3.6 + words + rows * (tall + 0.12) + 0.8), layout="constrained")
-        grid = figure.add_gridspec(rows + 2, columns, height_ratios=[1.7 / tall, 1.4 / tall, *[1.0] * rows])
-        _draw_profiles(figure, grid, touches, style)
-        ends = _ends_of_rates(touches)
-        maps = [
-            [_draw_pad(figure.add_subplot(grid[row + 2, k]), touches, k, row, ends, style) for k in range(columns)]
-            for row in range(rows)
-        ]
-        for row, panels in enumerate(maps):
-            panels[0].set_ylabel("across [mm]")
-            panels[0].set_title(_called(touches, row), color=_colour(style, row))
-            for place, axes in enumerate(panels):
-                axes.tick_params(labelleft=place == 0, labelbottom=row == rows - 1)
-        for axes in maps[-1]:
-            axes.set_xlabel("along the finger [mm]")
-        _key_of_rates(figure, [axes for panels in maps for axes in panels], ends)
-        _key_of_receptors(figure, style)
+    every = result.group("illustrations")
+    columns = fitting(every.sizes["touch_load"], style)
+    loads = np.unique(np.linspace(0, every.sizes["touch_load"] - 1, columns).round().astype(int))
+    touches = every.isel(touch_load=loads)
+    fabrics = _fabric_labels(result)
+    width, length = style.column if columns == 1 else style.page, touches["pad_mm"].values
+    # the maps have the proportions of the pad, which determines the height
+    tall = (width - 0.9) / columns * length[1] / length[0]
+    legend = 0.0 if width >= WIDE else 0.5
+    height = 3.6 + legend + len(fabrics) * (tall + 0.12) + 0.8
+    figure = Figure(figsize=(width, height), layout="constrained")
+    ratios = [1.7 / tall, 1.4 / tall, *[1.0] * len(fabrics)]
+    grid = figure.add_gridspec(len(fabrics) + 2, columns, height_ratios=ratios)
+    _draw_profiles(figure, grid, touches, fabrics, style)
+    _draw_maps(figure, grid, touches, fabrics, style)
     return figure
 
 
-def _under(touches: Touches, loads: NDArray[np.intp]) -> Touches:
-    """Return the touches under some loads."""
-    return touches._replace(
-        pressure=touches.pressure[:, loads],
-        stress=touches.stress[:, loads],
-        rate=touches.rate[loads],
-        radius=touches.radius[loads],
-        loads=[touches.loads[k] for k in loads],
-    )
+def _fabric_labels(result: stored.Drawable) -> list[str]:
+    """Return labels of the fabrics that are touched, with the names of rated fabrics and the moduli."""
+    touches, modulus, names = result.group("illustrations"), stored.given_modulus(result), stored.fabric_names(result)
+    labels = []
+    for what, kilopascal in zip(touches["touch_fabric"].values, touches["touch_e_fab_kpa"].values, strict=True):
+        same = np.flatnonzero(np.isclose(modulus, kilopascal * 1e3, rtol=1e-6))
+        name = f" ({short_name(names[same[0]])})" if same.size else ""
+        labels.append(f"{what}{name}, {number(kilopascal)} kPa")
+    return labels
 
 
-def _called(touches: Touches, fabric: int) -> str:
-    return f"{touches.fabrics[fabric]}, {short(touches.modulus[fabric] / 1e3)} kPa"
-
-
-def _colour(style: Style, fabric: int) -> str:
-    return style.ensembles[fabric % len(style.ensembles)]
-
-
-def _draw_profiles(figure: Figure, grid: GridSpec, touches: Touches, style: Style) -> None:
+def _draw_profiles(figure: Figure, grid: GridSpec, touches: xr.Dataset, fabrics: list[str], style: Style) -> None:
+    """Draw stress, pressure and rates against the distance, in a column for each load, and their legend."""
     from matplotlib.lines import Line2D
 
-    x, stress, pressure = touches.distance * 1e3, touches.stress / 1e3, touches.pressure / 1e3
-    seen = x[(stress[1] > SEEN * stress[1].max()).any(axis=(0, 1))]
-    first: Axes | None = None
-    firing: Axes | None = None
-    for k, load in enumerate(touches.loads):
-        axes = figure.add_subplot(grid[0, k], sharey=first)
-        below = figure.add_subplot(grid[1, k], sharey=firing)
-        for fabric in range(len(touches.fabrics)):
-            colour, gid = _colour(style, fabric), f"{load}/{fabric}"
-            low, middle, high = stress[:, k, fabric]
-            band = axes.fill_between(x, low, high, color=style.tint(colour, 0.25), linewidth=0)
-            band.set_gid(f"band95/{gid}")
-            axes.plot(x, middle, color=colour, gid=f"stress/{gid}")
-            axes.plot(x, pressure[1, k, fabric], color=colour, linewidth=0.7, linestyle="--", gid=f"pressure/{gid}")
-            below.plot(x, touches.rate[k, fabric], color=colour, gid=f"rate/{gid}")
-        axes.set(title=load)
-        below.set(xlabel="from the axis [mm]")
-        for panel in (axes, below):
-            panel.set_xlim(0.0, seen.max(initial=x[1]))
-            panel.tick_params(labelleft=first is None, labelbottom=panel is below)
-        first, firing = first or axes, firing or below
-    if first is not None and firing is not None:
-        first.set(ylim=(0.0, None), ylabel="stress [kPa]")
-        firing.set(ylim=(0.0, None), ylabel="firing rate [Hz]")
-        keys = [
-            Line2D([], [], color="black", linewidth=0.9, label="stress at the receptors, 95 % credible"),
-            Line2D([], [], color="black", linewidth=0.9, linestyle="--", label="pressure on the skin"),
-        ]
-        keys += [
-            Line2D([], [], color=_colour(style, k), label=_called(touches, k)) for k in range(len(touches.fabrics))
-        ]
-        figure.legend(handles=keys, loc="outside upper left", ncols=3 if figure.get_figwidth() >= WIDE else 1)
+    x, low, middle, high = touches["distance_mm"].values, *(touches.sel(quantile=q) for q in (0.025, 0.5, 0.975))
+    stress = middle["touch_stress_kpa"].values
+    seen = x[(stress > SEEN * stress.max()).any(axis=(0, 1))].max(initial=x[1])
+    colours = [style.ensembles[k % len(style.ensembles)] for k in range(len(fabrics))]
+    cells: list[list[Axes]] = []
+    for k, load in enumerate(touches["touch_load"].values):
+        first = cells[0] if cells else [None, None]
+        above, below = (figure.add_subplot(grid[row, k], sharey=first[row]) for row in (0, 1))
+        cells.append([above, below])
+        for fabric, colour in enumerate(colours):
+            gid = f"{load}/{fabric}"
+            ends = (limit["touch_stress_kpa"].values[k, fabric] for limit in (low, high))
+            above.fill_between(x, *ends, color=style.tint(colour, 0.25), linewidth=0, gid=f"band95/{gid}")
+            above.plot(x, stress[k, fabric], color=colour, gid=f"stress/{gid}")
+            pressure, rate = (middle[name].values[k, fabric] for name in ("touch_pressure_kpa", "touch_rate_hz"))
+            above.plot(x, pressure, color=colour, linewidth=0.7, linestyle="--", gid=f"pressure/{gid}")
+            below.plot(x, rate, color=colour, gid=f"rate/{gid}")
+        above.set_title(str(load))
+        below.set_xlabel("from the axis [mm]")
+        for panel in (above, below):
+            panel.set_xlim(0.0, seen)
+            panel.tick_params(labelleft=k == 0, labelbottom=panel is below)
+    cells[0][0].set(ylim=(0.0, None), ylabel="stress [kPa]")
+    cells[0][1].set(ylim=(0.0, None), ylabel="firing rate [Hz]")
+    keys = [
+        Line2D([], [], color="black", linewidth=0.9, label="stress at the receptors, 95 % credible"),
+        Line2D([], [], color="black", linewidth=0.9, linestyle="--", label="pressure on the skin"),
+        *(Line2D([], [], color=colour, label=label) for colour, label in zip(colours, fabrics, strict=True)),
+    ]
+    figure.legend(handles=keys, loc="outside upper left", ncols=3 if figure.get_figwidth() >= WIDE else 1)
 
 
-def _rates(touches: Touches, load: int, fabric: int) -> Array:
-    """Return the rate of each receptor of the pad."""
-    away = np.hypot(*(touches.receptors - touches.centre).T)
-    found: Array = np.interp(away, touches.distance, touches.rate[load, fabric])
-    return found
-
-
-def _ends_of_rates(touches: Touches) -> tuple[float, float]:
-    """Return the smallest and largest rates of the firing receptors, which are the limits of the colour map."""
-    every = [_rates(touches, k, f) for k in range(len(touches.loads)) for f in range(len(touches.fabrics))]
-    rates = np.concatenate(every)
-    firing = rates[rates > 0]
+def _draw_maps(figure: Figure, grid: GridSpec, touches: xr.Dataset, fabrics: list[str], style: Style) -> None:
+    """Draw a map of the pad for each fabric and load, with the keys of rates and of receptors."""
+    middle = touches.sel(quantile=0.5)
+    places = np.stack([touches[f"receptor_{side}_mm"].values for side in "xy"], axis=-1)
+    away = np.hypot(*(places - touches["contact_centre_mm"].values).T)
+    distance, profiles = touches["distance_mm"].values, middle["touch_rate_hz"].values
+    rate = np.apply_along_axis(lambda profile: np.interp(away, distance, profile), -1, profiles)
+    firing = rate[rate > 0]
     low, high = (float(firing.min()), float(firing.max())) if firing.size else (0.0, 1.0)
-    return (low, high) if high > low else (0.0, high)
+    ends = (low if high > low else 0.0, high)
+    cells: list[Axes] = []
+    for row, label in enumerate(fabrics):
+        for k, load in enumerate(touches["touch_load"].values):
+            axes = figure.add_subplot(grid[row + 2, k])
+            cells.append(axes)
+            _draw_map(axes, touches, places, rate[k, row], ends, style, f"{load}/{row}")
+            radius = float(middle["touch_radius_mm"][k, row])
+            _draw_contact(axes, touches, radius, float(middle["touch_radius_mm"].max()), f"{load}/{row}")
+            axes.tick_params(labelleft=k == 0, labelbottom=row == len(fabrics) - 1)
+            if k == 0:
+                axes.set_ylabel("across [mm]")
+                axes.set_title(label, color=style.ensembles[row % len(style.ensembles)])
+            if row == len(fabrics) - 1:
+                axes.set_xlabel("along the finger [mm]")
+    _draw_keys(figure, cells, ends, style)
 
 
-def _window(touches: Touches) -> tuple[Array, Array]:
-    """Return the limits of the shown part of the pad [m], with the proportions of the pad and all contacts inside."""
-    half = min(MARGIN * float(touches.radius.max()), 0.5 * float(touches.pad[1]))
-    size = np.array([half * touches.pad[0] / touches.pad[1], half])
-    middle = np.clip(touches.centre, size, touches.pad - size)
-    return middle - size, middle + size
-
-
-def _draw_pad(axes: Axes, touches: Touches, load: int, fabric: int, ends: tuple[float, float], style: Style) -> Axes:
-    from matplotlib.patches import Circle
-    from matplotlib.ticker import MultipleLocator
-
-    places, gid = touches.receptors * 1e3, f"{touches.loads[load]}/{fabric}"
-    rate = _rates(touches, load, fabric)
+def _draw_map(
+    axes: Axes, touches: xr.Dataset, places: Array, rate: Array, ends: tuple[float, float], style: Style, gid: str
+) -> None:
+    """Draw the receptors of the pad, coloured by their rates between two ends."""
     fires = rate > 0
     silent = axes.plot(*places[~fires].T, "o", markersize=2.2, markerfacecolor="none", markeredgewidth=0.4)[0]
     silent.set(color=style.absent, gid=f"silent/{gid}", zorder=1)
     x, y = places[fires].T
     dots = axes.scatter(x, y, 16, rate[fires], cmap=COLOURS, vmin=ends[0], vmax=ends[1], linewidths=0, zorder=2)
     dots.set_gid(f"firing/{gid}")
-    edge = Circle(tuple(touches.centre * 1e3), touches.radius[load, fabric] * 1e3, fill=False, linewidth=0.6)
-    edge.set_gid(f"contact/{gid}")
-    axes.add_patch(edge)
-    (left, foot), (right, top) = (corner * 1e3 for corner in _window(touches))
+
+
+def _draw_contact(axes: Axes, touches: xr.Dataset, radius: float, largest: float, gid: str) -> None:
+    """Draw the edge of a contact, and limit the map to a part of the pad with all contacts inside.
+
+    The part has the proportions of the pad.
+    """
+    from matplotlib.patches import Circle
+    from matplotlib.ticker import MultipleLocator
+
+    centre, pad = touches["contact_centre_mm"].values, touches["pad_mm"].values
+    axes.add_patch(Circle(tuple(centre), radius, fill=False, linewidth=0.6, gid=f"contact/{gid}"))
+    half = min(MARGIN * largest, 0.5 * float(pad[1]))
+    size = np.array([half * pad[0] / pad[1], half])
+    middle = np.clip(centre, size, pad - size)
+    (left, foot), (right, top) = middle - size, middle + size
     axes.set(xlim=(left, right), ylim=(foot, top), aspect="equal")
-    axes.xaxis.set_major_locator(MultipleLocator(5.0))
-    axes.yaxis.set_major_locator(MultipleLocator(5.0))
-    return axes
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MultipleLocator(5.0))
 
 
-def _key_of_receptors(figure: Figure, style: Style) -> None:
-    """Draw the legend of the receptor symbols below the maps."""
+def _draw_keys(figure: Figure, cells: list[Axes], ends: tuple[float, float], style: Style) -> None:
+    """Draw the key of rates and the legend of the receptors' symbols below the maps."""
     from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
     from matplotlib.lines import Line2D
 
+    mapped, words = ScalarMappable(Normalize(*ends), COLOURS), "firing rate of a receptor [Hz]"
+    figure.colorbar(mapped, ax=cells, location="bottom", aspect=50, shrink=0.6, label=words)
     dot: dict[str, Any] = {"linestyle": "none", "marker": "o"}
     keys = [
         Line2D([], [], color=colormaps[COLOURS](0.7), markersize=4, label="firing receptor (colour: rate)", **dot),
@@ -222,11 +198,110 @@ def _key_of_receptors(figure: Figure, style: Style) -> None:
     figure.legend(handles=keys, loc="outside lower center", ncols=3 if figure.get_figwidth() >= WIDE else 1)
 
 
-def _key_of_rates(figure: Figure, axes: Sequence[Axes], ends: tuple[float, float]) -> None:
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
+@styled
+def membrane(result: stored.Drawable, style: Style) -> Figure:
+    """Draw firing rate against current with credible bands, and below it example spike trains at some currents.
 
-    mapped = ScalarMappable(Normalize(*ends), COLOURS)
-    figure.colorbar(
-        mapped, ax=list(axes), location="bottom", aspect=50, shrink=0.6, label="firing rate of a receptor [Hz]"
+    Bars above the panel show the central 95 % of the rheobase and of alpha, the largest current.
+
+    Returns
+    -------
+    Figure
+        Artists named ``median/rate``, ``band95/rate``, ``band50/rate``, ``rheobase``, ``alpha`` and ``train/k``.
+    """
+    from matplotlib.figure import Figure
+
+    predicted, examples = result.group("predictions").isel(chain=0), result.group("illustrations")
+    currents, x = examples["train_current_ua_cm2"].values, predicted["current_ua_cm2"].values
+    figure = Figure(figsize=(style.column, 2.6 + 0.25 * currents.size), layout="constrained")
+    above, below = figure.subplots(2, 1, height_ratios=(2.0, 0.25 + 0.25 * currents.size))
+    draw_bands(above, x, predicted["firing_rate_hz"].values, style.posterior, style, "rate")
+    for name, gid, height, colour, words in (
+        ("rheobase_ua_cm2", "rheobase", 1.05, style.inflection, "rheobase"),
+        ("largest_current_ua_cm2", "alpha", 1.12, style.data, r"largest current $\alpha$"),
+    ):
+        draws = predicted[name].values
+        known = draws[np.isfinite(draws)]  # the rheobase is infinite if the membrane never fires
+        if known.size:
+            label = f"{words}, 95 % credible"
+            draw_interval(above, known, height, colour, (2.0, 3.0), (gid, f"{gid} median"), label)
+    above.set(xlim=(x[0], x[-1]), ylim=(0.0, None), xlabel="receptor current [µA/cm²]", ylabel="firing rate [Hz]")
+    for place, train in enumerate(examples["spike_time_ms"].values):
+        look: dict[str, Any] = {"linelengths": 0.7, "linewidths": 0.8, "colors": style.posterior}
+        below.eventplot(train[np.isfinite(train)], lineoffsets=place, gid=f"train/{place}", **look)
+    below.set(xlim=(0.0, float(examples["train_duration_ms"])), ylim=(-0.6, currents.size - 0.4))
+    below.set(xlabel="time since the current began [ms]", ylabel="current\n[µA/cm²]")
+    below.set_yticks(range(currents.size), [number(current) for current in currents])
+    below.tick_params(axis="y", length=0)
+    below.spines["left"].set_visible(False)
+    legend_below(figure, [above])
+    return figure
+
+
+def compression(result: stored.Drawable, style: Style) -> Figure:
+    """Draw the force of a rigid plate against indentation."""
+    predicted, constant = result.group("predictions").isel(chain=0), result.group("constant_data")
+    return compression_figure(
+        predicted["plate_indentation_mm"].values * 1e-3,
+        predicted["typical_force_n"].values,
+        constant["force_indentation_mm"].values * 1e-3,
+        result.group("observed_data")["plate_force_n"].values,
+        constant["finger_index"].values,
+        style=style,
     )
+
+
+@styled
+def compression_figure(
+    indentation: ArrayLike,
+    force: ArrayLike,
+    observed_indentation: ArrayLike,
+    observed_force: ArrayLike,
+    finger: ArrayLike,
+    *,
+    style: Style = USUAL,
+) -> Figure:
+    """Draw the typical finger's force with credible bands, and the observed forces, on logarithmic axes.
+
+    Parameters
+    ----------
+    indentation
+        Grid of indentations [m], shape (points,).
+    force
+        Draws of the typical finger's force [N], shape (draws, points).
+    observed_indentation, observed_force
+        Observed indentations [m] and forces [N], shape (rows,).
+    finger
+        Index of each row's finger, shape (rows,).
+    style
+        Style of the figure.
+
+    Returns
+    -------
+    Figure
+        Artists named ``median/plate``, ``band95/plate``, ``band50/plate`` and ``finger/k`` (points joined
+        in order of indentation); indentation in mm.
+
+    Raises
+    ------
+    InputError
+        If the shapes disagree.
+    """
+    depth, draws = np.asarray(indentation, float) * 1e3, np.asarray(force, float)
+    x, y, member = np.asarray(observed_indentation, float) * 1e3, np.asarray(observed_force, float), np.asarray(finger)
+    if draws.shape[1:] != depth.shape or not x.shape == y.shape == member.shape:
+        raise InputError(f"compression figure: forces of shape {draws.shape} at {depth.size} indentations")
+    grid = make_panels(1, style, 2.0, 1, "indentation [mm]", "force [N]", narrow=True)
+    (axes,) = grid.panels
+    draw_bands(axes, depth, draws, style.posterior, style, "plate")
+    for k in np.unique(member):
+        rows = np.flatnonzero(member == k)
+        rows = rows[np.argsort(x[rows], kind="stable")]
+        label = "fingers" if k == member.min() else None
+        line = axes.plot(x[rows], y[rows], "o-", color=style.data, markersize=3, linewidth=0.5, label=label)[0]
+        line.set(gid=f"finger/{k}", zorder=3)
+    axes.set(xscale="log", yscale="log", xlim=(depth.min(), depth.max()))
+    number_ticks(axes.xaxis)
+    number_ticks(axes.yaxis)
+    legend_below(grid.figure, grid.panels)
+    return grid.figure

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from softness_bayes.checking.inflection import PERCENTS
 from softness_bayes.likelihood.scales import Scale
-from softness_bayes.plotting.panels import TINTS, RatioAxis, title
+from softness_bayes.plotting.panels import TINTS, title
 from softness_bayes.plotting.rating import observed_ratings
+from softness_bayes.plotting.response import RatioAxis
 from softness_bayes.plotting.style import USUAL
 from softness_bayes.readable import chance, number
 from softness_bayes.report.tables import share

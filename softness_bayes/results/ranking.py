@@ -147,7 +147,7 @@ class Ranking:
             ends = np.stack([rating[end][k] for end in ("_low", "", "_high")])
             names, silent = [self.fabrics[i] for i in k], one.p_silent[k] >= SILENT
             shown.append(Order(one.load, names, one.places.probability[k], ends, silent, one.tie[k]))
-        return ranking_figure(shown, self.scale, style)
+        return ranking_figure(shown, self.scale, style=style)
 
     def against(self, observed: Mapping[str, float]) -> pd.DataFrame:
         """Return the agreement with observed ranks by fabric (1 the softest): a row per load and measure.

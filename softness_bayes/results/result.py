@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from softness_bayes.data import Fabrics
-    from softness_bayes.plotting.plots import Plots
+    from softness_bayes.plotting.figures import Plots
     from softness_bayes.results.ranking import Ranking
     from softness_bayes.results.target import Target
 
@@ -337,8 +337,8 @@ class Result(Stored):
 
     @property
     def plot(self) -> Plots:
-        """Figures of the run, one method each: ``result.plot.response()`` (see `plotting.plots.Plots`)."""
-        from softness_bayes.plotting.plots import Plots
+        """Figures of the run, one method each: ``result.plot.response()`` (see `plotting.figures.Plots`)."""
+        from softness_bayes.plotting.figures import Plots
 
         return Plots(self)
 

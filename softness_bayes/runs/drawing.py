@@ -117,7 +117,7 @@ def _needed(tree: xr.DataTree, name: str) -> xr.DataTree:
     """Return the groups of a result without the large ones that a figure does not need."""
     import xarray as xr
 
-    named = {source.place.partition("/")[0] for source in FIGURES[name].needs} or {"posterior"}
+    named = {place.partition("/")[0] for place in FIGURES[name].needs} or {"posterior"}
     kept = {group: node for group, node in tree.children.items() if group not in LARGE or group in named}
     if "posterior" not in kept and FABRIC_MODULUS in tree["posterior"].data_vars:
         kept["posterior"] = xr.DataTree(tree["posterior"].to_dataset()[[FABRIC_MODULUS]])

@@ -128,7 +128,7 @@ class Study:
         InputError
             If nothing is pooled.
         """
-        return forest_figure([_forest(name, one) for name, one in self.populations.items()], style)
+        return forest_figure([_forest(name, one) for name, one in self.populations.items()], style=style)
 
     def save(self) -> list[Path]:
         """Write tables, report and figure to the directory, all or none; those of an earlier study are replaced."""

@@ -9,8 +9,8 @@ import pytest
 
 from softness_bayes.checkpoints.status import read_status
 from softness_bayes.cli.running import warn_of_unconverged
-from softness_bayes.plotting.drawing import FIRST_LOOK as LABEL
 from softness_bayes.plotting.figures import FIGURES
+from softness_bayes.plotting.figures import FIRST_LOOK as LABEL
 from softness_bayes.report.conclusion import conclude, facts_of
 from softness_bayes.report.page import report_page
 from softness_bayes.report.repeat import repetition

@@ -18,6 +18,7 @@ from softness_bayes.plotting.choices import (
 )
 from softness_bayes.plotting.data import data_of
 from softness_bayes.touch.contact import Indentation
+from softness_bayes.touch.load_groups import groups_of
 
 MODULUS = np.array([4e4, 1e4, 2e4])
 NAMES = ["felt", "gauze", "lawn"]
@@ -82,7 +83,8 @@ def run(scale, rating, **columns):
     }
     tree = xr.DataTree.from_dict(groups)
     loads = (Indentation(1e-3), Indentation(2e-3))
-    return SimpleNamespace(tree=tree, is_first_look=False, scale=scale, loads=loads, group=lambda name: groups[name])
+    members = {"scale": scale, "loads": loads, "load_groups": groups_of(loads), "group": lambda name: groups[name]}
+    return SimpleNamespace(tree=tree, is_first_look=False, **members)
 
 
 def test_a_run_shows_what_its_scale_has():

@@ -235,11 +235,11 @@ def test_every_figure_is_a_method_that_says_what_it_shows(run):
         run.plot.histogram  # noqa: B018
 
 
-def test_a_file_of_an_older_version_fills_the_other_figures_and_says_why(run):
-    older = Result(run.tree.drop_nodes("illustrations"), run.table, run.tables)
-    assert {*figures_of(run)} - {*figures_of(older)} == {"touch"}
-    with pytest.raises(InputError, match="did not store it"):
-        older.plot.touch()
+def test_a_figure_without_its_data_says_what_is_missing(run):
+    lacking = Result(run.tree.drop_nodes("illustrations"), run.table, run.tables)
+    assert {*figures_of(run)} - {*figures_of(lacking)} == {"touch"}
+    with pytest.raises(InputError, match="no stored touches"):
+        lacking.plot.touch()
 
 
 def test_what_a_notebook_shows(run):

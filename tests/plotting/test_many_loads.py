@@ -5,7 +5,8 @@ import pytest
 
 from softness_bayes.checking.layout import LOAD_GROUP
 from softness_bayes.defaults import MOST_SHOWN, in_words, shown_of
-from softness_bayes.plotting import FIGURES, USUAL, contents
+from softness_bayes.plotting import FIGURES, USUAL
+from softness_bayes.plotting.rating import observed_of
 from softness_bayes.results import result
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.load_groups import NEAR, LoadGroup, LoadGroups, groups_of
@@ -68,8 +69,7 @@ def test_kinds_of_loads_are_never_merged(most):
 def merged(monkeypatch):
     """The two loads of a finished run are a group, whose curves are those of the second one."""
     both = LoadGroups(np.array([0, 0]), np.array([1]), (LoadGroup(Force(0.5), "a to b N"),))
-    for module in (contents, result):
-        monkeypatch.setattr(module, "groups_of", lambda loads: both)
+    monkeypatch.setattr(result, "groups_of", lambda loads: both)
     made = finished_run()
     for group in ("predictions", *TURNING):
         stored = made.tree[group].to_dataset()
@@ -87,8 +87,8 @@ def test_a_figure_says_that_loads_are_grouped(name, merged):
 
 
 def test_the_ratings_that_are_drawn_are_those_of_the_group(merged):
-    some = contents._Some.of(merged)
+    observed = observed_of(merged)
     constant, rating = merged.group("constant_data"), merged.group("observed_data")["rating"].values
     first = rating[constant["fabric_index"].values == 0]
-    assert some.observed().mean[0] == pytest.approx(np.exp(np.log(first).mean()), rel=0.2)
-    assert set(some.observed().load) == {0}
+    assert observed.mean[0] == pytest.approx(np.exp(np.log(first).mean()), rel=0.2)
+    assert set(observed.load) == {0}

@@ -16,8 +16,8 @@ from softness_bayes import plotting
 from softness_bayes.checking.inflection import Inflection, find_inflection
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import RATING_SCALES, Scale
-from softness_bayes.plotting.chains import MOST_STEPS
 from softness_bayes.plotting.panels import number_ticks
+from softness_bayes.plotting.parameters import MOST_STEPS
 from softness_bayes.readable import chance
 from softness_bayes.touch.contact import Load
 from support.figures import FABRICS, FINGER_RADIUS, LOADS, artist, drawn, finished_run, invented_curves, outline
