@@ -130,10 +130,6 @@ class Density:
         """Return the log density of the data, which may not be finite."""
         return _of_shape(self.data_density(theta), theta.shape[:-1])
 
-    def response_is_finite(self, theta: FloatArray) -> bool:
-        """Return whether the forward model is finite at one point theta, shape (dimension,)."""
-        return True
-
     def failing_stage(self, z: FloatArray) -> str:
         """Name of the first stage that is not finite at one point ``z``, shape (dimension,)."""
         theta = self.natural(z)
@@ -141,7 +137,7 @@ class Density:
             return "coordinates"
         if not np.isfinite(self.log_prior(theta)):
             return "prior"
-        if not self.response_is_finite(theta):
+        if not np.isfinite(self.response(theta)).all():
             return "response"
         return "likelihood"
 
@@ -200,11 +196,6 @@ class Posterior(Density):
     other_loads: ForwardModel | None = None
     fingers: FingerFamily | None = None
 
-    @property
-    def scenes(self) -> tuple[ForwardModel, ...]:
-        """Forward models for all columns of the typical finger's mean rates."""
-        return (self.scene,) if self.other_loads is None else (self.scene, self.other_loads)
-
     def mean_rate(self, theta: FloatArray) -> FloatArray:
         """Mean rate N/N_ref [Hz] of the pad at theta, shape (..., conditions), then those at additional loads."""
         # if all parameters of the forward model are fixed, all points share one response
@@ -239,13 +230,10 @@ class Posterior(Density):
         """Return `mean_rate` at given parameters of the forward model and, optionally, moduli of the fabrics [Pa]."""
         rates = [
             (scene.total_rate(touch) if modulus is None else scene.total_rate(touch, modulus)) / scene.n_receptors
-            for scene in self.scenes
+            for scene in (self.scene, self.other_loads)
+            if scene is not None
         ]
         return rates[0] if len(rates) == 1 else np.concatenate(rates, axis=-1)
-
-    def response_is_finite(self, theta: FloatArray) -> bool:
-        """Return whether the forward model is finite at one point theta, shape (dimension,)."""
-        return bool(np.isfinite(self.response(theta)).all())
 
     def with_scene(self, scene: Scene, others: Scene | None, fingers: FingerFamily | None) -> Posterior:
         """Return the posterior with other forward models and another grid of fingers."""

@@ -1,4 +1,4 @@
-"""Simulated ratings for given parameters."""
+"""Simulated ratings, and forces of a rigid plate, for given parameters."""
 
 from __future__ import annotations
 
@@ -49,12 +49,10 @@ from softness_bayes.touch.contact import Finger, Load, require_loads
 from softness_bayes.touch.readings import MENDED, Readings
 from softness_bayes.touch.scene import Discretisation, Scene
 
-LOAD_NODES = 17
-"""Number of loads at which responses are computed if simulated loads have errors."""
-
-
-RNG, VALUES = "a generator, such as numpy.random.default_rng(1)", "usual_values(readings, given={'b': 80})"
-"""Examples of arguments."""
+_RNG, _VALUES = (
+    "a generator, such as numpy.random.default_rng(1)",
+    "usual_values(readings, given={'b': 80})",
+)  # examples of arguments
 
 
 class Simulation(NamedTuple):
@@ -135,57 +133,57 @@ def simulate_ratings(
         resolution is out of range, mu or slope is given for the wrong scale, or an error of loads, a resolution or an
         error law for a scale that does not support it.
     """
-    require_kind("rng", rng, np.random.Generator, RNG)
+    require_kind("rng", rng, np.random.Generator, _RNG)
     require_kind("fabrics", fabrics, Fabrics, "Fabrics, such as Fabrics(('felt',), effective_modulus=[3e4])")
-    require_mapping("values", values, VALUES)
+    require_mapping("values", values, _VALUES)
     loads = require_loads("loads", loads)
-    _require_of_scale(scale, resolution, load_cv)
-    _require_ranges(participants, participants * len(fabrics) * len(loads), missing, mu)
-    _require_averaged(scale, participants, missing)
-    differ, plain = differing_in(values), not values.get("omega", 0.0)
-    model = _model_of(scale, direction, errors, categories, differ, plain)
+    _require_ranges(scale, participants, len(fabrics) * len(loads), missing, mu, resolution, load_cv)
+    model = _model_of(scale, direction, errors, categories, values)
     levels = _levels(model, scale, mu, slope)
     scene = scene_of(fabrics, loads, values, readings, discretisation=discretisation, finger=finger)
     rate = scene.total_rate(touch_parameters(values))
-    design = _crossed(scene, participants)
+    conditions = np.arange(scene.n_conditions)
+    people = np.repeat(np.arange(participants), conditions.size)
+    design = Design(np.tile(conditions, participants), people, scene.fabric, participants)
     values = {**values, **{n: EVERY_PARAMETER[n].prior.median for n in model.needs if n not in values}}
     parameters = model.take(values)
     drive = model.drive(design, rate / scene.n_receptors, parameters)
     effects = model.draw_effects(rng, parameters, (), participants, design.n_fabrics, levels)
     drawn = model.named_effects(effects)
     effect, _ = drawn.get("participant_effect", (np.zeros(participants), ()))
+    absent = set(RatingParameters._fields) - {*model.needs, *OF_FORCES}
+    truth = {name: value for name, value in values.items() if name not in absent}
+    truth |= {name: float(value) for name, (value, axes) in drawn.items() if not axes}
     responses = rate.reshape(len(loads), len(fabrics)).T
     if scale is PAIRS:
         ratings = paired(rng, model, scene, participants, missing, drive, parameters, fabrics.names, loads)
-        return Simulation(ratings, _truth(model, values, drawn), effect, responses)
+        return Simulation(ratings, truth, effect, responses)
     touched = design
     if load_cv:
         held = _held_rates(rng, scene, values, design, load_cv)
         drive = model.drive_at(held / scene.n_receptors, design, rate / scene.n_receptors, parameters)
-        touched = _row_by_row(design)
+        # each row is a separate condition
+        touched = Design(np.arange(design.n_rows), people, design.fabric[design.condition], participants)
     filed = rounded(model.draw_ratings(rng, touched, drive, parameters, effects))
     if scale is AGGREGATED:
         means = averaged(filed.reshape(participants, -1), scene, fabrics.names, loads)
-        return Simulation(means, _truth(model, values, drawn), effect.mean(keepdims=True), responses)
+        return Simulation(means, truth, effect.mean(keepdims=True), responses)
     if resolution:
         filed = rounded(np.floor(filed / resolution + 0.5) * resolution)
     filed[rng.random(filed.size) < missing] = np.nan
     # conditions are ordered by load
     table = filed.reshape(participants, len(loads), len(fabrics)).transpose(0, 2, 1)
-    table = places(table) if scale is RANKS else table
+    if scale is RANKS:  # each fabric's place, from 1
+        place = 1.0 + table.argsort(axis=1, kind="stable").argsort(axis=1, kind="stable")
+        table = np.where(np.isnan(table), np.nan, place)
     ratings = Ratings.crossed(numbered("P", participants), fabrics.names, loads, table)
     if load_cv:
         ratings = replace(ratings, load_cv=np.full(len(ratings), load_cv))
-    return Simulation(ratings, _truth(model, values, drawn), effect, responses)
+    return Simulation(ratings, truth, effect, responses)
 
 
 def _model_of(
-    scale: Scale,
-    direction: RatingDirection,
-    errors: ErrorLaw,
-    categories: int | None,
-    differ: tuple[str, ...],
-    plain: bool,
+    scale: Scale, direction: RatingDirection, errors: ErrorLaw, categories: int | None, values: Mapping[str, float]
 ) -> Any:
     """Return the rating model; for means, that of single raters.
 
@@ -197,8 +195,8 @@ def _model_of(
         If a number of categories is given for another scale, or out of range; or spreads of raters' exponents or noise
         for a scale that does not support them.
     """
-    if differ:
-        return own_model(scale, differ, direction, errors, plain)
+    if differ := tuple(name for name, spread in OWN_ANSWERS.items() if values.get(spread, 0.0) > 0):
+        return own_model(scale, differ, direction, errors, not values.get("omega", 0.0))
     model: Any = rating_model(scale, direction, GUMBEL if scale is RANKS and errors == NORMAL else errors)
     if scale is AGGREGATED:
         model = model.of_one_rater
@@ -208,33 +206,6 @@ def _model_of(
         raise InputError(f"simulate: {categories} categories, expected none for {scale.name} ratings")
     CATEGORIES_RANGE.require("simulate: number of categories", categories)
     return replace(model, categories=categories)
-
-
-def differing_in(values: Mapping[str, float]) -> tuple[str, ...]:
-    """Return the quantities that differ between raters' answers for some values of the parameters."""
-    return tuple(name for name, spread in OWN_ANSWERS.items() if values.get(spread, 0.0) > 0)
-
-
-def _crossed(scene: Scene, participants: int) -> Design:
-    """Return the design in which every participant rates every condition of a scene once."""
-    conditions = np.arange(scene.n_conditions)
-    people = np.repeat(np.arange(participants), conditions.size)
-    return Design(np.tile(conditions, participants), people, scene.fabric, participants)
-
-
-def _row_by_row(design: Design) -> Design:
-    """Return the design with the same rows, each as a separate condition."""
-    rows = np.arange(design.n_rows)
-    return Design(rows, design.participant, design.fabric[design.condition], design.n_participants)
-
-
-def _truth(
-    model: Model, values: Mapping[str, float], drawn: Mapping[str, tuple[NDArray[np.float64], tuple[str, ...]]]
-) -> dict[str, float]:
-    """Return all values of the model: parameters, and drawn effects common to all ratings."""
-    absent = set(RatingParameters._fields) - {*model.needs, *OF_FORCES}
-    truth = {name: value for name, value in values.items() if name not in absent}
-    return truth | {name: float(value) for name, (value, axes) in drawn.items() if not axes}
 
 
 def _held_rates(
@@ -248,16 +219,17 @@ def _held_rates(
         Random generator of the loads, log-normal about the stated ones.
     scene, values, design
         All conditions at their stated loads, the parameters, and the condition of each rating. The response is
-        interpolated between `LOAD_NODES` loads.
+        interpolated between 17 loads.
     load_cv
         Relative standard error of the loads.
     """
     log_factor = float(log_sd(np.array(load_cv))) * rng.standard_normal(design.n_rows)
     reach = np.abs(log_factor).max()
-    nodes = np.linspace(-reach, reach, LOAD_NODES)
+    nodes = np.linspace(-reach, reach, 17)
     loads = tuple(scaled(load, float(np.exp(step))) for load in scene.loads for step in nodes)
-    fabric, load = np.repeat(scene.fabric, LOAD_NODES), scene.load[:, None] * LOAD_NODES + np.arange(LOAD_NODES)
-    rates = scene.under(loads, fabric, load.ravel()).total_rate(touch_parameters(values)).reshape(-1, LOAD_NODES)
+    size = nodes.size
+    fabric, load = np.repeat(scene.fabric, size), scene.load[:, None] * size + np.arange(size)
+    rates = scene.under(loads, fabric, load.ravel()).total_rate(touch_parameters(values)).reshape(-1, size)
     found = np.empty(design.n_rows)
     for k, of_load in enumerate(rates):
         rows = design.condition == k
@@ -265,30 +237,30 @@ def _held_rates(
     return found
 
 
-def _require_ranges(participants: int, ratings: int, missing: float, mu: float | None) -> None:
-    """Raise an error for numbers out of range."""
-    PARTICIPANTS.require("simulate: number of participants", participants)
-    SIMULATED_RATINGS.require("simulate: number of ratings", ratings)
-    if not 0 <= missing < 1:
-        raise InputError(f"simulate: share of missing ratings is {missing}, expected one in [0, 1)")
-    if mu is not None and not abs(mu) <= LARGEST_LOG_RATING:
-        raise InputError(
-            f"simulate: mu is {mu}, expected a number from -{LARGEST_LOG_RATING:g} to {LARGEST_LOG_RATING:g}"
-        )
-
-
-def _require_of_scale(scale: Scale, resolution: float, load_cv: float) -> None:
-    """Raise an error for a resolution or a load error that is out of range or not supported by the scale."""
+def _require_ranges(
+    scale: Scale,
+    participants: int,
+    conditions: int,
+    missing: float,
+    mu: float | None,
+    resolution: float,
+    load_cv: float,
+) -> None:
+    """Raise an error for numbers that are out of range, or that the scale does not support."""
     RESOLUTIONS.require("simulate: resolution", resolution)
     LOAD_ERRORS.require("simulate: load_cv", load_cv)
     if resolution and scale in (AGGREGATED, STANDARDISED, CATEGORIES, RANKS, PAIRS):
         raise InputError(f"simulate: resolution is {resolution}, expected none for {scale.name} ratings")
     if load_cv and scale not in UNDER_UNCERTAIN_LOADS:
         raise InputError(f"simulate: load_cv is {load_cv}, expected none for {scale.name} ratings")
-
-
-def _require_averaged(scale: Scale, participants: int, missing: float) -> None:
-    """Raise an error for means of raters who cannot be averaged."""
+    PARTICIPANTS.require("simulate: number of participants", participants)
+    SIMULATED_RATINGS.require("simulate: number of ratings", participants * conditions)
+    if not 0 <= missing < 1:
+        raise InputError(f"simulate: share of missing ratings is {missing}, expected one in [0, 1)")
+    if mu is not None and not abs(mu) <= LARGEST_LOG_RATING:
+        raise InputError(
+            f"simulate: mu is {mu}, expected a number from -{LARGEST_LOG_RATING:g} to {LARGEST_LOG_RATING:g}"
+        )
     if scale is AGGREGATED and (missing or participants < 2):
         raise InputError("simulate: means of raters need at least two raters and no missing ratings (missing 0)")
 
@@ -325,12 +297,6 @@ def averaged(filed: NDArray[np.float64], scene: Scene, fabrics: tuple[str, ...],
         rows=conditions + 2,
         cells=AggregatedCells(len(filed), rounded(np.exp(log.std(axis=0, ddof=1)))),
     )
-
-
-def places(table: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return each fabric's place, from 1, for every participant and load, shape (people, fabrics, loads)."""
-    place = 1.0 + table.argsort(axis=1, kind="stable").argsort(axis=1, kind="stable")
-    return np.where(np.isnan(table), np.nan, place)
 
 
 def paired(
@@ -446,8 +412,8 @@ def simulate_compression(
     InputError
         If there is no finger.
     """
-    require_kind("rng", rng, np.random.Generator, RNG)
-    require_mapping("values", values, VALUES)
+    require_kind("rng", rng, np.random.Generator, _RNG)
+    require_mapping("values", values, _VALUES)
     if missing := [name for name in SkinParameters._fields if name not in values]:
         raise InputError(f"values: no {missing[0]}, expected all that usual_values(readings, n_fingers=8) returns")
     replace(FINGERS, low=1).require("simulate: number of fingers", fingers)

@@ -101,11 +101,11 @@ Listener = Callable[[Stage], None]
 """Function called at the start of each stage."""
 
 
-def unheard(_: Stage) -> None:
+def no_listener(_: Stage) -> None:
     """Do nothing."""
 
 
-class Beginning(Protocol):
+class FigureDrawing(Protocol):
     """Work that starts as soon as some groups of a result are available, such as drawing figures."""
 
     def begin_walk(self, tree: xr.DataTree) -> None:
@@ -133,8 +133,8 @@ def assembled(
     workers: Workers,
     attributes: Mapping[str, Any],
     reweight: bool = False,
-    listener: Listener = unheard,
-    figures: Beginning | None = None,
+    listener: Listener = no_listener,
+    figures: FigureDrawing | None = None,
     exact: bool = True,
     share: float = 1.0,
 ) -> Assembled:

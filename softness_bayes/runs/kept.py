@@ -9,7 +9,7 @@ from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.data import Compression, Experiment
 from softness_bayes.model.build import ExperimentModel, SkinModel, build, build_skin
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.results.assembly import Listener, Stage, unheard
+from softness_bayes.results.assembly import Listener, Stage, no_listener
 from softness_bayes.results.result import Result
 from softness_bayes.results.run_options import RunOptions
 from softness_bayes.runs.plate import sample_skin_model
@@ -38,7 +38,7 @@ def sample_kept(
     run: RunOptions,
     own_figures: Sequence[str] | None,
     progress: Callable[[Progress], None] | None = None,
-    listener: Listener = unheard,
+    listener: Listener = no_listener,
 ) -> Result:
     """Sample a model until convergence or a limit, from the state of a checkpoint, and write its files next to it.
 

@@ -15,7 +15,7 @@ from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.data.compression import Compression
 from softness_bayes.model.build import SkinModel, build_skin
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.results.assembly import Listener, Stage, unheard
+from softness_bayes.results.assembly import Listener, Stage, no_listener
 from softness_bayes.results.constants import held_parameters
 from softness_bayes.results.draws import (
     CURVES,
@@ -81,7 +81,7 @@ def sample_skin_model(
     run: RunOptions,
     progress: Callable[[Progress], None] | None = None,
     checkpoint: Checkpoint | None = None,
-    listener: Listener = unheard,
+    listener: Listener = no_listener,
     workers: Workers | None = None,
 ) -> Result:
     """Sample a given model of compression data; arguments and errors as for `sample_skin`.

@@ -35,7 +35,7 @@ from softness_bayes.provenance import (
     family_of,
     versions,
 )
-from softness_bayes.results.assembly import Beginning, Listener, Stage, assembled, unheard
+from softness_bayes.results.assembly import FigureDrawing, Listener, Stage, assembled, no_listener
 from softness_bayes.results.draws import FIRST_SHARE
 from softness_bayes.results.result import Result
 from softness_bayes.results.result_file import SCHEMA
@@ -190,9 +190,9 @@ def sample_model(
     run: RunOptions,
     progress: Callable[[Progress], None] | None = None,
     checkpoint: Checkpoint | None = None,
-    listener: Listener = unheard,
+    listener: Listener = no_listener,
     workers: Workers | None = None,
-    figures: Beginning | None = None,
+    figures: FigureDrawing | None = None,
 ) -> Result:
     """Sample a given model; other arguments and errors as for `sample`.
 
