@@ -80,14 +80,13 @@ def cost_lines(model: ExperimentModel) -> list[str]:
     from softness_bayes.model.scenes import prior_draws
     from softness_bayes.model.understanding import BATCH, ladder, left_out, seconds
     from softness_bayes.touch.accuracy import DRAWS
-    from softness_bayes.touch.scene import Scene
 
     scene, chosen, draws = model.scene, model.resolution, prior_draws(model.posterior.space)
     assert chosen is not None, "the command line sets an accuracy"
     d = chosen.discretisation
     settings = ladder(scene, draws)
     cost, others = seconds(scene, draws.parameters), model.posterior.other_loads
-    cost += seconds(others, draws.parameters) if isinstance(others, Scene) else 0.0
+    cost += 0.0 if others is None else seconds(others, draws.parameters)
     table = (
         _row("stage", "resolution", "error / peak", "error of log"),
         _row("mechanics", "", *_numbers(chosen.mechanics)),

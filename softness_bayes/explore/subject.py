@@ -106,8 +106,6 @@ class Rated:
         self.shown, self.load = shown(result)["e_fab"], result.load_groups.at.tolist()
         self.source, self.scale, self.posterior = result.source, result.scale, fitted.posterior
         self.medians = {name: float(np.median(values)) for name, values in fitted.named.items()}
-        if not isinstance(fitted.posterior.scene, Scene):
-            raise TypeError("expected the posterior of a compiled scene")
         self.scene = fitted.posterior.scene
         own = self.posterior.space.modulus(self._theta(self.medians))
         self.moduli = result.fabrics.effective_modulus if own is None else own

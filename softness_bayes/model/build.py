@@ -152,13 +152,16 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
         others = at_other_loads(scene, observation.load_errors)
     if fingers_of(options.individual):
         fingers = family_of(scene, grid_of(options.individual))
-    plates = () if experiment.compression is None else (forces_of(experiment.compression, options),)
-    if plates:
-        observation = observation.with_pressed(pressed_raters(experiment, options, plates[0]))
-    spreads = spreads_between(experiment.ratings)
+    plates: list[CompressionForces] = []
+    if experiment.compression is not None:
+        plates.append(forces_of(experiment.compression, options))
+        if set(SKIN) & set(options.individual):
+            # raters with plate forces on their own fingers, matched by name
+            names = experiment.ratings.participants, experiment.compression.participants
+            observation = observation.with_pressed(PressedRaters.of(plates[0], *names))
     posterior = Posterior(
         _bent(space, scene, chosen.direction).with_moduli(moduli),
-        (observation, *spreads, *plates),
+        (observation, *spreads_between(experiment.ratings), *plates),
         scene,
         others,
         fingers,
@@ -389,13 +392,6 @@ def _bent(space: ParameterSpace, scene: Scene, directed: RatingDirection) -> Par
     # rounded: a run goes on where the last digits of a computed rheobase are others
     bent |= {"alpha": Bent(round(rheobase, 4), ALPHA_WIDTH), "sigma_0": Scaled(unit)}
     return replace(space, bent=bent, rheobase=rheobase)
-
-
-def pressed_raters(experiment: Experiment, options: ModelOptions, forces: CompressionForces) -> PressedRaters | None:
-    """Return the raters with plate forces on their own fingers, matched by name; None if there are none."""
-    if experiment.compression is None or not set(SKIN) & set(options.individual):
-        return None
-    return PressedRaters.of(forces, experiment.ratings.participants, experiment.compression.participants)
 
 
 def people_note(experiment: Experiment, options: ModelOptions) -> str | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol, Self, cast
+from typing import Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,17 +29,6 @@ NEGLIGIBLE = -200.0
 """Log prior density of a single parameter below which the density of a point is set to zero."""
 
 _WIDTHS = (1.0, 50), (1.5, 10), (2.0, 10), (3.0, 10), (4.0, 10)  # of priors of starts, and attempts
-
-
-class ForwardModel(Protocol):
-    """The members of a scene that the posterior uses."""
-
-    @property
-    def n_receptors(self) -> float:
-        """Mean number of receptors of the pad."""
-
-    def total_rate(self, parameters: TouchParameters, modulus: FloatArray | None = None) -> FloatArray:
-        """Total rate [spikes/s], shape (..., conditions), optionally with other moduli of the fabrics [Pa]."""
 
 
 @dataclass(frozen=True)
@@ -106,11 +95,6 @@ class Density:
         known = [name for name in term.model.needs if self.space.knows(name)]
         return term.model.take({name: self.space.value(name, theta) * EVERY_PARAMETER[name].si for name in known})
 
-    def data_density(self, theta: FloatArray) -> FloatArray:
-        """Log density of the data at points theta, without checks."""
-        rate = self.response(theta)
-        return sum((term.log_likelihood(rate, self.parameters_of(term, theta)) for term in self.terms), np.zeros(()))
-
     def log_likelihood(self, theta: FloatArray) -> FloatArray:
         """Log density of the data at points theta (..., dimension), shape (...).
 
@@ -128,7 +112,9 @@ class Density:
 
     def _likelihood(self, theta: FloatArray) -> FloatArray:
         """Return the log density of the data, which may not be finite."""
-        return _of_shape(self.data_density(theta), theta.shape[:-1])
+        rate = self.response(theta)
+        every = (term.log_likelihood(rate, self.parameters_of(term, theta)) for term in self.terms)
+        return _of_shape(sum(every, np.zeros(())), theta.shape[:-1])
 
     def failing_stage(self, z: FloatArray) -> str:
         """Name of the first stage that is not finite at one point ``z``, shape (dimension,)."""
@@ -192,8 +178,8 @@ class Posterior(Density):
         finger.
     """
 
-    scene: ForwardModel
-    other_loads: ForwardModel | None = None
+    scene: Scene
+    other_loads: Scene | None = None
     fingers: FingerFamily | None = None
 
     def mean_rate(self, theta: FloatArray) -> FloatArray:

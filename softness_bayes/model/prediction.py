@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -166,8 +166,6 @@ class OtherTouches:
     def _by_load(self) -> list[tuple[IndexArray, IndexArray | None]]:
         """Conditions of each load, with the rated conditions that they are compared with, if that load was rated."""
         rated = self.posterior.scene
-        if not isinstance(rated, Scene):
-            raise TypeError("expected the posterior of a compiled scene")
         known = {load: np.flatnonzero(rated.load == k) for k, load in enumerate(rated.loads)}
         columns = (np.flatnonzero(self.scene.load == k) for k in range(len(self.scene.loads)))
         return [(here, known.get(load)) for here, load in zip(columns, self.scene.loads, strict=True) if here.size]
@@ -257,7 +255,7 @@ def rates_of_other_moduli(posterior: Posterior, theta: Array, step: float) -> tu
     """Return `Posterior.response` at theta (draws, dimension) with all log moduli lowered, and raised, by a step."""
     modulus = posterior.space.modulus(theta)
     if modulus is None:
-        known = cast(Scene, posterior.scene).fabric_modulus
+        known = posterior.scene.fabric_modulus
         modulus = np.broadcast_to(known, (len(theta), known.size))
     lower, higher = (posterior.response(theta, modulus * np.exp(side * step)) for side in (-1.0, 1.0))
     return lower, higher

@@ -162,11 +162,6 @@ def assembled(
         Whether the fast likelihood is compared with the exact one.
     share
         Share of the usual numbers of draws of all quantities.
-
-    Raises
-    ------
-    TypeError
-        If the posterior is not that of a compiled scene.
     """
     listener(Stage.REPLICATES)
     kept = chains.kept(burn_in, draws_per_walker(posterior, chains, share))

@@ -226,16 +226,8 @@ def draws_of(
     rng: np.random.Generator,
     share: float = 1.0,
 ) -> RatedDraws:
-    """Return the draws of a run with effects given each draw and prior draws, both from `rng` in this order.
-
-    Raises
-    ------
-    TypeError
-        If the posterior is not that of a compiled scene.
-    """
+    """Return the draws of a run with effects given each draw and prior draws, both from `rng` in this order."""
     scene, ratings = posterior.scene, posterior.observation
-    if not isinstance(scene, Scene):
-        raise TypeError("a result is assembled from a compiled scene")
     mean_rate = posterior.mean_rate(theta)
     effects = _effects(posterior, theta, mean_rate, rng)
     prior = posterior.space.draw_prior(rng, int(share * PRIOR_DRAWS))

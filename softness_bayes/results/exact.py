@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from softness_bayes.checking.exactness import EXACT_RATES, SAME_RATES, Exactness, compare_likelihoods
 from softness_bayes.errors import InputError
 from softness_bayes.model.individual import finer_family_of
-from softness_bayes.model.posterior import ForwardModel, Posterior
+from softness_bayes.model.posterior import Posterior
 from softness_bayes.model.scenes import at_other_loads
 from softness_bayes.results.draws import REWEIGHT_DRAWS, Variable, evenly
 from softness_bayes.sampler.workers import Workers
@@ -44,7 +44,7 @@ def exact_log_likelihood(posterior: Posterior, theta: Array, scene: Scene | None
     scene
         The posterior's scene, if it is known to hold its finer one (`Scene.refined`).
     """
-    exact, fingers = (_scene(posterior) if scene is None else scene).exact(), posterior.fingers
+    exact, fingers = (posterior.scene if scene is None else scene).exact(), posterior.fingers
     finer = None if fingers is None else finer_family_of(exact, fingers.grid.finer())
     finest, others = posterior.with_term(posterior.observation.finer()), None
     if posterior.other_loads is not None:
@@ -83,7 +83,7 @@ def begin_comparison(posterior: Posterior, theta: Array, workers: Workers, rewei
 
     def finished() -> Exactness:
         fast, names = posterior.log_likelihood(compared), posterior.names
-        rates = SAME_RATES if _scene(posterior).firing.noise else EXACT_RATES
+        rates = SAME_RATES if posterior.scene.firing.noise else EXACT_RATES
         exact = np.full(len(compared), np.nan)
         exact[first] = begun()
         found = compare_likelihoods(names, compared[first], fast[first], exact[first], rates)
@@ -106,8 +106,7 @@ def unchecked() -> Exactness:
 def _begin_exact(posterior: Posterior, theta: Array, workers: Workers) -> Callable[[], Array]:
     # the division does not depend on the number of processes, so that results agree to the last bit
     count = min(EXACT_PARTS, -(-len(theta) // FIRST_DRAWS))
-    scene = _scene(posterior)
-    parts = [workers.start(exact_log_likelihood, part, scene) for part in np.array_split(theta, count)]
+    parts = [workers.start(exact_log_likelihood, part, posterior.scene) for part in np.array_split(theta, count)]
     return lambda: np.concatenate([part() for part in parts])
 
 
@@ -139,13 +138,3 @@ def exactness_stats(exactness: Exactness, shape: tuple[int, ...]) -> dict[str, V
         everywhere[index] = values
         found[name] = Variable(everywhere)
     return found
-
-
-def _scene(posterior: Posterior) -> Scene:
-    return _compiled(posterior.scene)
-
-
-def _compiled(scene: ForwardModel) -> Scene:
-    if not isinstance(scene, Scene):
-        raise TypeError("the exact likelihood is that of a compiled scene")
-    return scene

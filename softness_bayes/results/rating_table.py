@@ -170,8 +170,6 @@ def reasons(fitted: Fitted, scene: Scene, rate: Array, modulus: Array | None = N
         E_fab [Pa] of each fabric at each draw; by default that of the scene.
     """
     touch, rated = fitted.touch, fitted.posterior.scene
-    if not isinstance(rated, Scene):
-        raise TypeError("expected the posterior of a compiled scene")
     own = fitted.posterior.space.modulus(fitted.theta)
     extent = scene.contact(touch, modulus).radius / scene.fingertip(touch).radius
     silent, half, whole = ((found.mean(axis=0)) for found in (rate == 0, extent > 0.5, extent >= 1.0))

@@ -20,6 +20,7 @@ SHAPE = (20, 30)
 def compare(monkeypatch, rng):
     """Compare with an exact likelihood that differs by given amounts at the draws; return where and what was found."""
     posterior = fake_posterior()
+    posterior.scene.firing = SimpleNamespace(noise=0)
     theta = np.exp(np.log(posterior.space.median) + 0.01 * rng.standard_normal((*SHAPE, len(posterior.names))))
     asked = []
 
@@ -31,8 +32,6 @@ def compare(monkeypatch, rng):
             return posterior.log_likelihood(points) + [by_point[bytes(point)] for point in points]
 
         monkeypatch.setattr(exact, "exact_log_likelihood", different)
-        scene = SimpleNamespace(firing=SimpleNamespace(noise=0), refined=lambda: None)
-        monkeypatch.setattr(exact, "_scene", lambda posterior: scene)
         with Workers(posterior, 1) as workers:
             found = begin_comparison(posterior, theta, workers, reweight)()
         assert sum(asked) == found.difference.size
