@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checking.sensitivity import contraction, prior_moments
-from softness_bayes.likelihood.own_effects import EFFECT_OF_ANSWER, OWN_ANSWERS
+from softness_bayes.likelihood.effects import RATER_EFFECTS, RATER_SPREADS
 from softness_bayes.likelihood.ratings import SKIN
 from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS
 from softness_bayes.parameters.priors import Prior, parse_prior
@@ -125,7 +125,7 @@ def answer_table(tree: xr.DataTree) -> pd.DataFrame | None:
     DataFrame
         As for `finger_table`, for gamma and varsigma, without `pressed`.
     """
-    table = _rater_table(tree, EFFECT_OF_ANSWER, OWN_ANSWERS)
+    table = _rater_table(tree, RATER_EFFECTS, RATER_SPREADS)
     return None if table is None else table.drop(columns="pressed")
 
 

@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.effects import Effects
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
-from softness_bayes.likelihood.random_effects import Effects, LeaveOneOut
+from softness_bayes.likelihood.random_effects import LeaveOneOut
 from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
 from softness_bayes.likelihood.scales import AGGREGATED, Scale
 from softness_bayes.likelihood.stated import Stated

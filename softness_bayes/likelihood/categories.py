@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import Effects
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.interval_law import Rows
 from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings
 from softness_bayes.likelihood.ratings import RatingParameters
+from softness_bayes.likelihood.row_laws import Rows
 from softness_bayes.likelihood.scales import CATEGORIES, Scale
 from softness_bayes.likelihood.stated import Stated
 
@@ -159,13 +159,9 @@ class CategoryRatings(IntervalRatings):
         lapse = np.full(category.size, -np.log(self.model.categories))
         return Rows(ends[..., category - 1], ends[..., category], lapse)
 
-    def _widths(self) -> FloatArray:
+    def _certainty(self, width: FloatArray) -> FloatArray:
         category = self.values[self._order]
-        return np.where((category == 1.0) | (category == self.model.categories), np.inf, 0.5)
-
-    def _finite_ends(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        category = self.values[self._order]
-        return category > 1.0, category < self.model.categories
+        return np.where((category == 1.0) | (category == self.model.categories), 0.0, 0.8)
 
     def _middle_of(self, rows: Rows, spread: FloatArray) -> FloatArray:
         low, high = (np.where(np.isfinite(end), end, np.nan) for end in (rows.low, rows.high))

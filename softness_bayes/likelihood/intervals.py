@@ -1,8 +1,10 @@
-"""Magnitude estimates as people give them: on grids of numbers, with zeros and outliers (model.md 9).
+"""Ratings as people give them: on grids of numbers, with zeros and outliers, by raters who may differ (model.md 9).
 
 The latent log rating is that of `magnitude`; a rating has the probability of the interval it represents. Errors
-are normal, Student's t, or normal with lapses. The level and raters' scales are integrated out by `rater_integrals`,
-fabrics' deviations by `fabric_integrals`.
+are normal, Student's t, or normal with lapses. Raters may differ in exponents and noise: with standard normal u_p and
+w_p, gamma_p = gamma exp(tau_gamma u_p) and varsigma_p = varsigma exp(tau_varsigma w_p), where gamma and varsigma are
+those of the typical (median) rater. A rater's exponent multiplies the drive and fabrics' deviations: both belong to
+what is felt, which the rater's numbers exaggerate or compress. `integrals` integrates over all effects.
 """
 
 from __future__ import annotations
@@ -16,45 +18,43 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.dense_integrals import DenseIntegrals
 from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.effects import RATER_EFFECTS, RATER_SPREADS, Effects, RaterEffects
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
-from softness_bayes.likelihood.fabric_integrals import FabricIntegrals, Rough
-from softness_bayes.likelihood.fabric_left_out import below_left_out, log_density_left_out
-from softness_bayes.likelihood.group_conditionals import block_log_likelihood
-from softness_bayes.likelihood.interval_law import Rows
+from softness_bayes.likelihood.integrals import Integrals
 from softness_bayes.likelihood.lapses import Lapses, RaterRange, WholeScale
 from softness_bayes.likelihood.magnitude import RatingModel
-from softness_bayes.likelihood.pieces import batch_shape, in_pieces, is_number, over_draws
-from softness_bayes.likelihood.quadrature import DENSE, DENSER, FINE, SAMPLING, Quadrature, finer_than, quadrature_for
-from softness_bayes.likelihood.random_effects import Effects
-from softness_bayes.likelihood.rater_grids import below_rows, log_of_raters, log_of_rows
-from softness_bayes.likelihood.rater_integrals import LEVELS, RaterIntegrals
-from softness_bayes.likelihood.rater_rows import LawParameters, RowParameters, robust_weights, times_of
+from softness_bayes.likelihood.pieces import batch_shape, in_pieces, over_draws
+from softness_bayes.likelihood.rater_effects import Given, LawParameters, NormalTable, Table
 from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
-from softness_bayes.likelihood.row_scores import score_at
+from softness_bayes.likelihood.row_laws import Rows, scores_at
 from softness_bayes.likelihood.scales import SLIDER, Scale
 from softness_bayes.likelihood.stated import Stated
-from softness_bayes.likelihood.walled_integrals import WalledIntegrals
 
 FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.intp]
 
-_OF_DRAWS = "tau", "varsigma", "omega", "nu", "lapse"  # parameters that the integrals use
+REFERENCE, LAPLACE, ONLY_REFERENCE = "reference", "laplace", "only reference"
+"""Methods by which effects are integrated out of the density of all ratings."""
+
 _LEAST_SPREAD = 1e-8
 _SEED = 0  # seed of the random shares of intervals at which residuals are taken
 
 
 @dataclass(frozen=True)
 class IntervalModel(RatingModel):
-    """A `RatingModel` for ratings that represent intervals and for other error laws.
+    """A `RatingModel` for ratings that represent intervals, for other error laws, and for raters who differ.
 
     Parameters
     ----------
     law
         Law of the errors of log ratings.
+    differ
+        The quantities in which raters differ: gamma, varsigma, both or none.
     """
 
     law: ErrorLaw = NORMAL
+    differ: tuple[str, ...] = ()
     end: ClassVar[float] = np.inf
     """Upper end of the scale."""
 
@@ -66,22 +66,72 @@ class IntervalModel(RatingModel):
     @property
     def needs(self) -> tuple[str, ...]:  # type: ignore[override]
         """Names of the model's parameters."""
-        return (*RatingModel.needs, *self.law.needs)
+        return (*RatingModel.needs, *self.law.needs, *(RATER_SPREADS.values() if self.differ else ()))
 
     def take(self, values: Mapping[str, ArrayLike]) -> RatingParameters:
         """Return the model's parameters from values by name; without omega, fabrics have no deviations."""
         return super().take({"omega": 0.0, **values})
 
-    def draw_ratings(
+    def rater_spreads(self, parameters: RatingParameters) -> tuple[FloatArray, FloatArray]:
+        """Return the spreads of log exponents and log noise, (...); 0 for a quantity that does not differ."""
+        exponent = parameters.tau_gamma if "gamma" in self.differ else 0.0
+        noise = parameters.tau_varsigma if "varsigma" in self.differ else 0.0
+        return np.asarray(exponent, float), np.asarray(noise, float)
+
+    def draw_effects(
         self,
         rng: np.random.Generator,
-        design: Design,
-        drive: FloatArray,
         parameters: RatingParameters,
-        effects: Effects,
+        shape: tuple[int, ...],
+        n_participants: int,
+        n_fabrics: int,
+        levels: Mapping[str, ArrayLike] | None = None,
+    ) -> Any:
+        """Return effects of new raters and fabrics of batch ``shape``; mu from its prior unless given."""
+        effects = super().draw_effects(rng, parameters, shape, n_participants, n_fabrics, levels)
+        return self._with_differences(rng, parameters, effects)
+
+    def with_new_participants(self, rng: np.random.Generator, parameters: RatingParameters, effects: Any) -> Any:
+        """Replace all raters' effects with those of new raters."""
+        new = super().with_new_participants(rng, parameters, Effects(*effects[:3]))
+        return self._with_differences(rng, parameters, new)
+
+    def _with_differences(
+        self, rng: np.random.Generator, parameters: RatingParameters, effects: Effects
+    ) -> Effects | RaterEffects:
+        """Return effects with exponents and noise of new raters, if raters differ in them."""
+        if not self.differ:
+            return effects
+        shape = effects.participant.shape
+        return RaterEffects(
+            *effects, *(spread[..., None] * rng.standard_normal(shape) for spread in self.rater_spreads(parameters))
+        )
+
+    def expected_log(self, design: Design, drive: FloatArray, effects: Any) -> FloatArray:
+        """Return the expected log rating of every row given the effects, shape (..., rows)."""
+        felt = (drive + effects.fabric[..., design.fabric])[..., design.condition]
+        if self.differ:
+            felt = np.exp(effects.log_gamma)[..., design.participant] * felt
+        return np.asarray(effects.mu[..., None] + effects.participant[..., design.participant] + felt)
+
+    def error_spread(self, design: Design, parameters: RatingParameters, effects: Any) -> FloatArray:
+        """Return the spread of every row's error, shape (..., 1), or (..., rows) if raters differ."""
+        typical = self.error_sd(parameters)[..., None]
+        return typical * np.exp(effects.log_varsigma[..., design.participant]) if self.differ else typical
+
+    def draw_attentive(
+        self, rng: np.random.Generator, design: Design, drive: FloatArray, parameters: RatingParameters, effects: Any
     ) -> FloatArray:
-        """One number for every row of a design, shape (..., rows), before rounding to a grid."""
-        numbers = super().draw_ratings(rng, design, drive, parameters, effects)
+        """Return a number for every row without lapses and rounding, shape (..., rows)."""
+        expected = self.expected_log(design, drive, effects)
+        noise = self.error.draw(rng, expected.shape, parameters)
+        return np.asarray(self.scale.natural(expected + self.error_spread(design, parameters, effects) * noise))
+
+    def draw_ratings(
+        self, rng: np.random.Generator, design: Design, drive: FloatArray, parameters: RatingParameters, effects: Any
+    ) -> FloatArray:
+        """Return one number for every row of a design, shape (..., rows), before rounding to a grid."""
+        numbers = self.draw_attentive(rng, design, drive, parameters, effects)
         return self.with_lapses(rng, numbers, design, parameters)
 
     def with_lapses(
@@ -107,6 +157,12 @@ class IntervalModel(RatingModel):
         """Return the distribution of lapses of raters whose numbers represent these intervals, each (..., rows)."""
         return RaterRange.of(low, high, design, self.scale)
 
+    def named_effects(self, effects: Any) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
+        """Return effects by their names in files, each with its axes after the batch axes."""
+        values = {"gamma": "log_gamma", "varsigma": "log_varsigma"}
+        own = {RATER_EFFECTS[name]: (getattr(effects, values[name]), ("participant",)) for name in self.differ}
+        return {**super().named_effects(effects), **own}
+
     def observe(self, ratings: ArrayLike, design: Design, stated: Stated | None = None) -> IntervalRatings:
         """Return the likelihood of these ratings: exact numbers, unless `stated` gives their intervals."""
         return IntervalRatings(ratings, design, self, stated=stated)
@@ -130,9 +186,10 @@ class SliderModel(IntervalModel):
 
 
 class IntervalRatings(RatingsLikelihood):
-    """Ratings under an `IntervalModel`, with mu, raters' scales and fabrics' deviations integrated out.
+    """Ratings under an `IntervalModel`, with the level and all effects of raters and fabrics integrated out.
 
     A rating that represents an interval contributes a probability; an exact rating contributes a density [1/unit].
+    Densities are those of the reference (`integrals`), but for the likelihood that the sampler uses.
 
     Parameters
     ----------
@@ -146,12 +203,13 @@ class IntervalRatings(RatingsLikelihood):
         Design over whose rows the response is centred; by default `design`.
     stated
         Intervals that the ratings represent; by default they are exact.
-    quadrature
-        Resolution of the integrals; by default chosen from the number of ratings per rater.
     lapses
         Distribution of lapses; by default that of raters with these ratings.
-    rough
-        The approximation for which this is a reference; by default none.
+    integrals
+        REFERENCE for the density of all ratings by the reference, LAPLACE by Laplace's method; LAPLACE is what the
+        sampler uses of a likelihood with REFERENCE, but not of one with ONLY_REFERENCE.
+    finer
+        Factor of the numbers of points of the reference.
 
     Raises
     ------
@@ -168,13 +226,13 @@ class IntervalRatings(RatingsLikelihood):
         model: IntervalModel = IntervalModel(),
         over: Design | None = None,
         stated: Stated | None = None,
-        quadrature: Quadrature | None = None,
         lapses: Lapses | None = None,
-        rough: Rough | None = None,
+        integrals: str = REFERENCE,
+        finer: int = 1,
     ) -> None:
         super().__init__(ratings, design, model, over)
         scale = model.scale
-        self._stated = self._understood(stated)
+        self._stated, self._how, self._finer = self._understood(stated), integrals, finer
         low, high = self._stated.ends(self.values)
         self._exact = low == high
         self._lapses = lapses or model.lapses(low, high, design)
@@ -185,34 +243,18 @@ class IntervalRatings(RatingsLikelihood):
         with np.errstate(divide="ignore"):
             lapse = self._lapses.log_probability(low, high, scale)
             self._rows = Rows(scale.additive(low), scale.additive(high), lapse).take(order)
-        narrow = self._rows.high - self._rows.low < 1.0
+        width = self._rows.high - self._rows.low
         self._middle = scale.additive(self.values)[order]
-        self._middle[narrow] = 0.5 * (self._rows.low + self._rows.high)[narrow]
-        weight = np.ones(order.size) if model.law == NORMAL else robust_weights(self._middle, rater, self._condition)
-        self._quadrature = quadrature or quadrature_for(np.bincount(rater).astype(float))
-        walled = np.bincount(rater, np.isfinite(self._widths())).min() == 0.0
-        times = times_of(rater, self._condition, self._rows.low, self._rows.high, self._middle)
-        level, ends = model.level, self._finite_ends()
-        how = model.law, rater, weight, level.mean, level.sd, self._widths(), times, ends
-        self._integrals, kind = self._kinds(bool(walled), how)
-        fabric = design.fabric[self._condition]
-        self._fabrics = kind(self._integrals, fabric, design.n_fabrics, self._widths(), times, rough)
+        self._middle[width < 1.0] = 0.5 * (self._rows.low + self._rows.high)[width < 1.0]
+        level = model.level
+        how = model.law, rater, design.fabric[self._condition], design.n_fabrics, level.mean, level.sd
+        by_sums = model.law == NORMAL and self._exact.all()
+        self._table = NormalTable(*how, values=self._middle) if by_sums else Table(*how)
+        weight = np.ones(order.size) if model.law == NORMAL else _robust_weights(self._middle, rater, self._condition)
+        weight = weight * self._certainty(width)
+        self._integrals = Integrals(self._table, weight, finer)
         self._slope = np.where(self._exact, scale.log_slope(self.values), 0.0)
         self._log = float(self._slope.sum())
-
-    def _kinds(self, walled: bool, how: tuple[Any, ...]) -> tuple[RaterIntegrals, type[FabricIntegrals]]:
-        """Return the integrals over raters' effects, and the kind of those over fabrics' deviations.
-
-        Parameters
-        ----------
-        walled
-            True if a rater has no interval with two ends.
-        how
-            Arguments of `RaterIntegrals`.
-        """
-        kind: type[RaterIntegrals] = WalledIntegrals if walled else RaterIntegrals
-        kind = DenseIntegrals if self._quadrature in (DENSE, DENSER) else kind
-        return kind(*how), FabricIntegrals
 
     def _understood(self, stated: Stated | None) -> Stated:
         """Return the intervals of the ratings, after a check that the ratings lie on the scale."""
@@ -223,17 +265,28 @@ class IntervalRatings(RatingsLikelihood):
             raise InputError(f"ratings: {wrong.sum()} of {wrong.size} are not {scale.suitable} numbers")
         return stated or Stated(self.values, zero, zero, zero + end, end)
 
+    def _certainty(self, width: FloatArray) -> FloatArray:
+        """Return the weight of each row's middle where a search starts; 0 if an end is infinite."""
+        return np.where(np.isfinite(width), 1.0 / (1.0 + np.where(np.isfinite(width), width, 0.0) ** 2), 0.0)
+
+    def _other(self, **changes: Any) -> Self:
+        """Return the likelihood with some arguments changed."""
+        how = {"over": self._over, "stated": self._stated, "integrals": self._how, "finer": self._finer, **changes}
+        values, design = how.pop("values", self.values), how.pop("design", self.design)
+        return type(self)(values, design, self.model, **how)
+
     def with_values(self, values: ArrayLike) -> Self:
         """Return the likelihood of other ratings of the same rows."""
-        return type(self)(values, self.design, self.model, self._over, self._stated, self._quadrature)
+        return self._other(values=values)
 
     def without(self, rows: NDArray[np.bool_]) -> Self:
         """Return the likelihood of the other ratings; centring of x and lapses still use all rows."""
-        rest = self._stated.take(~rows)
-        # derivatives alone need many rows
-        own = None if self._quadrature.fast else self._quadrature
-        lapses = self._lapses.take(~rows)
-        return type(self)(self.values[~rows], self.design.without(rows), self.model, self._over, rest, own, lapses)
+        return self._other(
+            values=self.values[~rows],
+            design=self.design.without(rows),
+            stated=self._stated.take(~rows),
+            lapses=self._lapses.take(~rows),
+        )
 
     @property
     def ends(self) -> tuple[FloatArray, FloatArray] | None:
@@ -246,155 +299,161 @@ class IntervalRatings(RatingsLikelihood):
         return ~self._exact
 
     def finer(self) -> Self:
-        """Return the same likelihood with finer integrals."""
-        walled = self._integrals.walled.size > 0
-        quadrature = finer_than(self._quadrature, self._integrals.count, self.model.law, walled)
-        return self.with_quadrature(quadrature, Rough(self._fabrics, self._quadrature))
+        """Return the likelihood by the reference."""
+        return self._other(lapses=self._lapses, integrals=REFERENCE) if self._how == LAPLACE else self
 
     def for_sampling(self) -> Self:
-        """Equivalent of `Likelihood.for_sampling`."""
-        return self.with_quadrature(SAMPLING) if self._quadrature.fast else self
+        """Return the likelihood by Laplace's method, unless only the reference serves."""
+        return self._other(lapses=self._lapses, integrals=LAPLACE) if self._how == REFERENCE else self
 
-    def with_quadrature(self, quadrature: Quadrature, rough: Rough | None = None) -> Self:
-        """Return the same likelihood with integrals of another resolution, as a reference of `rough` if given."""
-        how = self._stated, quadrature, self._lapses, rough
-        return type(self)(self.values, self.design, self.model, self._over, *how)
+    def without_approximation(self) -> Self:
+        """Return the likelihood that the sampler uses by the reference, too."""
+        return self._other(lapses=self._lapses, integrals=ONLY_REFERENCE)
 
     def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Log density of all ratings together, shape (...); arguments as `LogRatings.log_likelihood`."""
+        """Return the log density of all ratings together, shape (...); arguments as in `Likelihood`."""
+        density = self._integrals.laplace if self._how == LAPLACE else self._integrals.log_density
 
         def whole(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-            given, shape = self._given(mean_rate, parameters)
-            return self._fabrics.log_density(given, self._quadrature).reshape(*shape, 1) - self._log
+            given, middle, shape = self._given(mean_rate, parameters)
+            return density(given, middle).reshape(*shape, 1) - self._log
 
-        points = max(self._quadrature.points, 4)
-        return in_pieces(whole, points * self.design.n_rows + self._fabrics.width, mean_rate, parameters)[..., 0]
+        return in_pieces(whole, self.design.n_rows, mean_rate, parameters)[..., 0]
 
     def log_likelihood_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Log density of each rating given all the others, shape (..., rows).
-
-        The level's distribution given the other raters is approximated as normal, and with fabrics' deviations that of
-        a row's expectation.
-        """
+        """Return the log density of each rating given all the others, shape (..., rows)."""
 
         def alone(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-            given, shape = self._given(mean_rate, parameters)
-            return (self._log_left_out(given)[:, self._back] - self._slope).reshape(*shape, -1)
+            given, middle, shape = self._given(mean_rate, parameters)
+            density = self._integrals.of_rows(given, middle)[0]
+            return (density[:, self._back] - self._slope).reshape(*shape, -1)
 
-        return in_pieces(alone, self._loo_width, mean_rate, parameters)
+        return in_pieces(alone, self.design.n_rows, mean_rate, parameters)
 
     def below_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Probability of a rating below each observed one, given all the others, shape (..., rows).
+        """Return the probability of a rating below each observed one, given all the others, shape (..., rows).
 
         Half the probability of an equal one is added. Lapses are left out.
         """
 
         def smaller(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-            given, shape = self._given(mean_rate, parameters)
-            return self._below_left_out(given)[:, self._back].reshape(*shape, -1)
+            given, middle, shape = self._given(mean_rate, parameters)
+            return self._integrals.of_rows(given, middle)[1][:, self._back].reshape(*shape, -1)
 
-        return in_pieces(smaller, self._loo_width, mean_rate, parameters)
+        return in_pieces(smaller, self.design.n_rows, mean_rate, parameters)
 
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Log density of all ratings of each participant given all other participants', shape (draws, participants).
-
-        The level's distribution given the other raters is approximated as normal. With fabrics' deviations, it is the
-        difference of the log densities with and without them.
-        """
-        if (np.asarray(parameters.omega) > 0.0).any():
-            return block_log_likelihood(self, mean_rate, parameters, self.design.participant)
+        """Return the log density of all ratings of each participant given all others', shape (..., participants)."""
 
         def whole(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-            given, shape = self._given(mean_rate, parameters)
-            density = log_of_raters(self._integrals, given)
+            given, middle, shape = self._given(mean_rate, parameters)
+            density = self._integrals.of_raters(given, middle)
             found = np.zeros((len(density), self.design.n_participants))
             found[:, self._raters] = density
             found -= np.bincount(self.design.participant, self._slope, self.design.n_participants)
             return found.reshape(*shape, -1)
 
-        return in_pieces(whole, self._loo_width, mean_rate, parameters)
+        return in_pieces(whole, self.design.n_rows, mean_rate, parameters)
 
-    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Effects:
-        """Draws of all effects given the ratings: of fabrics by `FabricIntegrals`, of the others from grids."""
-        shape = np.broadcast_shapes(mean_rate.shape[:-1], *(np.shape(v) for v in parameters))
-        width = self.design.n_rows + LEVELS * FINE.scales * self.design.n_participants + self._fabrics.width
-        found = in_pieces(lambda rate, p: self._drawn(rng, rate, p), width, mean_rate, parameters)
-        tau = np.broadcast_to(np.asarray(parameters.tau, float), shape)[..., None]
-        participant = tau * rng.standard_normal((*shape, self.design.n_participants))
-        last = 1 + self._raters.size
-        participant[..., self._raters] = found[..., 1:last]
-        return Effects(found[..., 0], participant, found[..., last:])
+    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Any:
+        """Return draws of all effects given the ratings, one for each point of the batch."""
+        shape = batch_shape(mean_rate.shape[:-1], parameters)
+        design, raters = self.design, self._raters.size
 
-    def _drawn(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Return draws of mu, of the raters with ratings and of fabrics, (..., 1 + raters + fabrics)."""
-        given, shape = self._given(mean_rate, parameters)
-        drawn = self._fabrics.draw(rng, given, self._quadrature)
-        return np.concatenate(drawn, axis=-1).reshape(*shape, -1)
+        def drawn(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+            given, middle, shape = self._given(mean_rate, parameters)
+            drawn = self._integrals.draw(rng, given, middle)
+            own = np.zeros((*drawn.own.shape[:2], 3))
+            present = [True, given.tau_gamma is not None, given.tau_varsigma is not None]
+            own[..., present] = drawn.own
+            parts = (drawn.mu[:, None], np.swapaxes(own, 1, 2).reshape(len(own), -1), drawn.fabric)
+            return np.concatenate(parts, axis=1).reshape(*shape, -1)
+
+        found = in_pieces(drawn, design.n_rows, mean_rate, parameters)
+        effects = self.model.draw_effects(rng, parameters, shape, design.n_participants, design.n_fabrics)
+        spreads = (np.asarray(parameters.tau, float), *self.model.rater_spreads(parameters))
+        own = [np.array(effects.participant)]
+        if isinstance(effects, RaterEffects):
+            own += [np.array(effects.log_gamma), np.array(effects.log_varsigma)]
+        for k, (each, spread) in enumerate(zip(own, spreads, strict=False)):
+            each[..., self._raters] = spread[..., None] * found[..., 1 + k * raters : 1 + (k + 1) * raters]
+        fabric = np.asarray(parameters.omega, float)[..., None] * found[..., 1 + 3 * raters :]
+        return (RaterEffects if self.model.differ else Effects)(found[..., 0], own[0], fabric, *own[1:])
 
     def replicate(
         self,
         rng: np.random.Generator,
         drive: FloatArray,
         parameters: RatingParameters,
-        effects: Effects,
+        effects: Any,
         mean_rate: FloatArray | None = None,
     ) -> FloatArray:
         """Return one rating for every row, shape (..., rows), on its rater's grid."""
         numbers = self.model.draw_attentive(rng, self.design, drive, parameters, effects)
         return self._stated.rounded(self.model.with_lapses(rng, numbers, self.design, parameters, self._stated))
 
-    def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
-        """Return the residual of each log rating as a normal score times the spread, shape (..., rows).
+    def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Any) -> FloatArray:
+        """Return the residual of each log rating as a normal score times the typical spread, shape (..., rows).
 
         An interval's residual is taken at a random share of its probability, drawn once per row.
         """
-        drive, design = self.drive(mean_rate, parameters), self.design
-        expected = effects.mu[..., None] + (drive + effects.fabric[..., design.fabric])[..., design.condition]
-        expected = expected + effects.participant[..., design.participant]
-        spread = self.model.error_sd(parameters)[..., None]
-        rows = self._rows_at(parameters).take(self._back)
-        return spread * score_at(self.model.law, rows, self._shares, expected, spread, parameters)
+        model, design = self.model, self.design
+        expected = model.expected_log(design, self.drive(mean_rate, parameters), effects)
+        rows, spread = self._rows_at(parameters).take(self._back), model.error_spread(design, parameters, effects)
+        typical = model.error_sd(parameters)[..., None]
+        return typical * scores_at(model.law, rows, self._shares, expected, spread, parameters)
 
     @cached_property
     def _shares(self) -> FloatArray:
         return np.random.default_rng(_SEED).uniform(size=self.design.n_rows)
 
-    @property
-    def _loo_width(self) -> int:
-        return 100 * self.design.n_rows
-
-    def _given(self, mean_rate: FloatArray, parameters: RatingParameters) -> tuple[RowParameters, tuple[int, ...]]:
-        """Return the parameters with one axis of draws, and their batch shape."""
+    def _given(self, mean_rate: FloatArray, parameters: RatingParameters) -> tuple[Given, FloatArray, tuple[int, ...]]:
+        """Return everything but the effects for a flat batch, a number inside of each interval, and the batch shape."""
         drive = self.drive(mean_rate, parameters)
         shape = batch_shape(drive.shape[:-1], parameters)
-        flat = RatingParameters(*(v if is_number(v) else over_draws(v, shape) for v in parameters))
         drive = np.broadcast_to(drive, (*shape, drive.shape[-1])).reshape(-1, drive.shape[-1])
-        tau, varsigma, omega, nu, lapse = (over_draws(getattr(flat, name), drive.shape[:1]) for name in _OF_DRAWS)
-        drive = drive.T.take(self._condition, axis=0).T  # rows of draws are copied as a whole
-        spread, rows = np.maximum(varsigma, _LEAST_SPREAD)[:, None], self._rows_at(flat)
-        own = LawParameters(nu, lapse), rows, self._middle_of(rows, spread)
-        return RowParameters(drive, tau[:, None], spread, *own, omega[:, None]), shape
+
+        def column(value: ArrayLike) -> FloatArray:
+            return over_draws(value, shape)[:, None]
+
+        def present(value: ArrayLike) -> FloatArray | None:
+            return column(value) if (np.asarray(value) > 0.0).any() else None
+
+        spread = np.maximum(column(parameters.varsigma), _LEAST_SPREAD)
+        law = LawParameters(over_draws(parameters.nu, shape), over_draws(parameters.lapse, shape))
+        rows = self._rows_at(parameters)
+        exponent, noise = (present(value) for value in self.model.rater_spreads(parameters))
+        flat = Rows(*(part if part.ndim == 1 else _flat(part, shape) for part in rows))
+        given = Given(
+            drive.take(self._condition, axis=1), flat, spread, column(parameters.tau), law, exponent, noise,
+            present(parameters.omega),
+        )  # fmt: skip
+        if isinstance(self._table, NormalTable):
+            given = self._table.with_moments(given)
+        return given, self._middle_of(flat, spread), shape
 
     def _rows_at(self, parameters: RatingParameters) -> Rows:
         """Return every row's interval, sorted by rater; in this class independent of the parameters."""
         return self._rows
 
-    def _widths(self) -> FloatArray:
-        """Return the typical width of every row's interval, infinite if an end is, sorted by rater."""
-        return self._rows.high - self._rows.low
-
-    def _finite_ends(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Return True for rows whose interval has a finite lower (upper) end, sorted by rater."""
-        return np.isfinite(self._rows.low), np.isfinite(self._rows.high)
-
     def _middle_of(self, rows: Rows, spread: FloatArray) -> FloatArray:
-        """Return a number inside of each interval."""
+        """Return a number inside of each interval, (rows,) or (draws, rows)."""
         return self._middle
 
-    def _log_left_out(self, given: RowParameters) -> FloatArray:
-        """Return the log probability of each row given all others, (draws, rows), sorted by rater."""
-        return log_density_left_out(self._fabrics, given) if given.deviating else log_of_rows(self._integrals, given)
 
-    def _below_left_out(self, given: RowParameters) -> FloatArray:
-        """Return the probability below each row given all others, likewise."""
-        return below_left_out(self._fabrics, given) if given.deviating else below_rows(self._integrals, given)
+def _flat(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    """Return values (..., rows) with one axis for the batch."""
+    return np.broadcast_to(values, (*shape, values.shape[-1])).reshape(-1, values.shape[-1])
+
+
+def _robust_weights(values: FloatArray, rater: IndexArray, condition: IndexArray) -> FloatArray:
+    """Return weights of rows that fall with their distance from the medians of their raters and conditions."""
+    left = values.copy()
+    for _ in range(2):
+        for index in (rater, condition):
+            order = np.argsort(index, kind="stable")
+            parts = np.split(order, np.flatnonzero(np.diff(index[order])) + 1)
+            for part in parts:
+                left[part] -= np.median(left[part])
+    scale = 1.5 * np.median(np.abs(left))
+    return np.ones(values.size) if not scale > 0 else 1.0 / (1.0 + 0.25 * (left / scale) ** 2)

@@ -15,10 +15,11 @@ from scipy.special import ndtr
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import RISES, RatingDirection
+from softness_bayes.likelihood.effects import Effects
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.left_out import participant_log_density
 from softness_bayes.likelihood.pieces import in_pieces
-from softness_bayes.likelihood.random_effects import Effects, EffectSpreads, LeaveOneOut, RandomEffects
+from softness_bayes.likelihood.random_effects import EffectSpreads, LeaveOneOut, RandomEffects
 from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
 from softness_bayes.likelihood.scales import MAGNITUDE, Scale
 from softness_bayes.likelihood.stated import Stated

@@ -12,6 +12,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.likelihood.aggregated import AggregatedModel, AggregatedRatings
 from softness_bayes.likelihood.categories import CategoryModel, CategoryRatings
 from softness_bayes.likelihood.contract import Likelihood
+from softness_bayes.likelihood.custom import require_model
 from softness_bayes.likelihood.directions import RISES, RatingDirection
 from softness_bayes.likelihood.error_laws import ERROR_LAWS, GUMBEL, LAPSES, NORMAL, STUDENT, ErrorLaw
 from softness_bayes.likelihood.individual import IndividualRatings
@@ -19,9 +20,6 @@ from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings, 
 from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.orders import OrderModel, OrderRatings
-from softness_bayes.likelihood.own import require_model
-from softness_bayes.likelihood.own_answers import OwnAnswers, OwnAnswersModel
-from softness_bayes.likelihood.own_intervals import OwnIntervalModel, OwnIntervalRatings, OwnSliderModel
 from softness_bayes.likelihood.pairs import PairModel, PairRatings
 from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.likelihood.ratings import RatingsLikelihood, RatingsModel
@@ -68,10 +66,10 @@ OF_INTERVALS: Mapping[tuple[Scale, ErrorLaw], Callable[[RatingDirection], Rating
 )
 """The same for ratings that represent intervals, or that are places in lists."""
 
-OF_OWN_ANSWERS: Mapping[Scale, Callable[..., RatingsModel]] = MappingProxyType(
-    {MAGNITUDE: OwnIntervalModel, SLIDER: OwnSliderModel}
+OF_DIFFERENT_RATERS: Mapping[Scale, Callable[..., RatingsModel]] = MappingProxyType(
+    {MAGNITUDE: IntervalModel, SLIDER: SliderModel}
 )
-"""Constructors of the models in which raters have exponents or noise of their own, by scale."""
+"""Constructors of the models in which raters differ in exponents or noise, by scale."""
 
 UNDER_UNCERTAIN_LOADS: Mapping[Scale, Callable[..., RatingsLikelihood]] = MappingProxyType({MAGNITUDE: UncertainLoads})
 """Likelihoods of ratings with independent load errors, by scale."""
@@ -88,8 +86,6 @@ LIKELIHOODS: tuple[type[Likelihood], ...] = (
     UncertainLoads,
     SharedLoads,
     IndividualRatings,
-    OwnAnswers,
-    OwnIntervalRatings,
     StandardisedRatings,
     AggregatedRatings,
     RaterSpreads,
@@ -122,14 +118,10 @@ def rating_model(
     return models[scale, error](direction)
 
 
-def own_model(
-    scale: Scale,
-    differ: tuple[str, ...],
-    direction: RatingDirection = RISES,
-    error: ErrorLaw = NORMAL,
-    plain: bool = False,
+def model_of_different_raters(
+    scale: Scale, differ: tuple[str, ...], direction: RatingDirection = RISES, error: ErrorLaw = NORMAL
 ) -> RatingsModel:
-    """Return the observation model of raters who have exponents or noise of their own.
+    """Return the observation model of raters who differ in exponents or noise.
 
     Parameters
     ----------
@@ -137,22 +129,18 @@ def own_model(
         As for `rating_model`.
     differ
         The quantities that differ: gamma, varsigma or both.
-    plain
-        True for exact numbers whose fabrics have no deviations: with normal errors, these have a simpler model.
 
     Raises
     ------
     InputError
         If there is no such model for that scale.
     """
-    if scale not in OF_OWN_ANSWERS:
-        known = " and ".join(one.name for one in OF_OWN_ANSWERS)
+    if scale not in OF_DIFFERENT_RATERS:
+        known = " and ".join(one.name for one in OF_DIFFERENT_RATERS)
         raise InputError(
             f"individual: raters' own exponents or noise are modelled for {known} ratings, not for {scale.name} ratings"
         )
-    if plain and scale is MAGNITUDE and error == NORMAL:
-        return OwnAnswersModel(direction, differ=differ)
-    return OF_OWN_ANSWERS[scale](direction, law=error, differ=differ)
+    return OF_DIFFERENT_RATERS[scale](direction, law=error, differ=differ)
 
 
 def under_uncertain_loads(observed: RatingsLikelihood, errors: LoadErrors) -> RatingsLikelihood:

@@ -1,87 +1,305 @@
-"""Resolutions and rules of the quadrature over raters' scales and the level (model.md 9)."""
+"""The reference for Laplace's method: sums over points of each rater's effects and nodes of the level (model.md 9).
+
+Given mu and fabrics' deviations, raters are independent. A rater's `Points` are values of a_p = mu + s_p (and of the
+log exponent and log noise, if raters differ in them) with log weights that contain the density of the rater's rows. All
+levels share them: with the law of the scale, N(a_p; mu, tau²), they give the rater's density R_p(mu), and
+
+    log p(rows) = log of the integral of N(mu; centre, spread²) times the product of R_p(mu) over the raters
+
+by the trapezoid rule over evenly spaced mu. Points of a_p alone are evenly spaced, too; points of several effects are
+importance draws (fixed Sobol numbers, heavy tails) about the rater's mode, with weights over their density.
+
+What is said of a row or a rater given all others follows from the same points without its own factor.
+"""
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.polynomial.hermite_e import hermegauss
 from numpy.typing import NDArray
+from scipy.special import stdtrit
+from scipy.stats import qmc
 
-from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
+from softness_bayes.likelihood import student
+from softness_bayes.likelihood.laplace import Laplace, backward, cholesky, forward
+from softness_bayes.likelihood.mu_nodes import log_sum
+from softness_bayes.likelihood.pieces import blocks
+from softness_bayes.likelihood.rater_effects import Given, Table
+from softness_bayes.likelihood.row_laws import below, row_terms
 
 FloatArray = NDArray[np.float64]
 
+SPACING = 0.6
+"""Spacing of nodes, in standard deviations of the narrowest density that they may have to resolve."""
+REACH = 7.0
+"""Distance of the outermost nodes from the mode, in standard deviations of the widest density."""
+MOST_NODES = 3000
+"""Most nodes of a rater's scale or of the level."""
+OWN_DRAWS, BROAD = 512, 4
+"""Importance draws of a rater's effects about the mode, if there are several, and their ratio to draws from the law of
+the effects given the other raters: there may be other modes. Both are powers of 2."""
+FREEDOM, INFLATION = 6.0, 1.1
+"""Degrees of freedom of importance draws about a mode, and their scale [standard deviations without one row]."""
+FINER = 8
+"""Points between nodes where effects are drawn, by cubic interpolation of the log density."""
 
-class Quadrature(NamedTuple):
-    """Resolution of the integrals over raters' scales and the level."""
+_LOG_ROOT_TWO_PI = 0.5 * np.log(2.0 * np.pi)
+_ROOM = 300_000  # numbers in an array of points at several levels
+_LEAST_TAU = 0.01
 
-    points: int
-    """Chebyshev points at which a rater's log density is computed; 0 to use only derivatives at one point."""
-    scales: int
-    """Nodes of each rater's scale."""
-    levels: int
-    """Nodes of the level."""
-    settled: float
-    """Newton's method stops once no rater's mode moves by more than this, in its standard deviations."""
-    maxima: bool = True
-    """True to integrate raters' densities with several maxima over all of these (`several_maxima`)."""
+
+class Points(NamedTuple):
+    """Points of all raters' effects."""
+
+    scale: FloatArray
+    """a_p, shape (draws, raters, points)."""
+    others: FloatArray
+    """Further effects in units of their spreads, shape (draws, raters, points, effects - 1)."""
+    log_weight: FloatArray
+    """Log density of the rater's rows times the point's weight, without the scale's law, (draws, raters, points)."""
+
+
+class Marginal:
+    """The density of all rows with the level and raters' effects integrated out, at one draw without `omega`.
+
+    Parameters
+    ----------
+    table, given
+        The rows, and everything but the effects.
+    law
+        Laplace's approximation, which tells where points and nodes are needed.
+    middle
+        A number inside of each interval, shape (rows,) or (draws, rows).
+    finer
+        Factor of the numbers of points and nodes.
+    """
+
+    def __init__(self, table: Table, given: Given, law: Laplace, middle: FloatArray, finer: int = 1) -> None:
+        self.table, self.given, self._finer = table, given, finer
+        self._mode = table.effects(given, law.mode)
+        self._mu_mode = table.mu(self._mode.level)
+        expected, c, spread = table.expectations(given, self._mode)
+        slope = row_terms(table.law, given.rows, expected, spread, given.law_parameters).of_mean
+        # information of rows at most so far from the mode as their intervals are wide; none beyond an open end
+        information = np.broadcast_to(1.0 / (spread**2 + 0.25 * (given.rows.high - given.rows.low) ** 2), slope.shape)
+        self._sharpest = table.count / given.spread**2
+        # far below the width of a rater's density, tau cannot be told from 0
+        self._tau = np.maximum(given.tau, _LEAST_TAU * self._sharpest.max(axis=-1, keepdims=True) ** -0.5)
+        of_rater = np.add.reduceat(information, table.first, axis=-1)
+        of_level = 1.0 / (self._tau**2 + 1.0 / np.maximum(of_rater, 1e-300))
+        self._without = 1.0 / (table.spread**-2 + of_level.sum(axis=-1, keepdims=True) - of_level)
+        """Variance of the level given all raters but one, at most, shape (draws, raters)."""
+        self._width = np.sqrt(self._tau**2 + self._without)
+        """Standard deviation of a_p given all raters but p, at most, shape (draws, raters)."""
+        ends = self._ends(slope, information, of_rater, middle, c)
+        self.points = self._evenly_spaced(*ends) if len(given.effects) == 1 else self._drawn_points(law)
+        moved = np.abs(np.add.reduceat(slope, table.first, axis=-1)) * self._without
+        half = (REACH * np.sqrt(self._without) + moved).max(axis=-1)
+        if not table.law.concave:  # half of the other raters, and some more, may be far off
+            most = 0.5 * of_level.sum(axis=-1) * max(1.0 - 3.0 / table.n_raters, 0.0)
+            half = np.maximum(half, REACH * (table.spread**-2 + most) ** -0.5)
+        # the sharpest density of the level and a rater's scale together
+        sharp = self._sharpest / (1.0 + self._tau**2 * self._sharpest)
+        narrow = (table.spread**-2 + sharp.sum(axis=-1) + self._tau[:, 0] ** -2) ** -0.5
+        number = _number(2.0 * half, narrow, finer)
+        self.mu = self._mu_mode[:, None] + half[:, None] * np.linspace(-1.0, 1.0, number)
+        """Nodes of the level, shape (draws, nodes)."""
+        self._log_step = np.log(2.0 * half / (number - 1))[:, None]
+
+    def _ends(
+        self, slope: FloatArray, information: FloatArray, of_rater: FloatArray, middle: FloatArray, c: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the range of each rater's a_p outside of which it has no density, whichever row is left out."""
+        first, mid = self.table.first, self._mu_mode[:, None]
+        centre = mid + self.given.tau * self._mode.own[..., 0]
+        least = of_rater - np.maximum.reduceat(information, first, axis=-1)
+        width = (least + self._width**-2) ** -0.5
+        shift = np.maximum.reduceat(np.abs(slope), first, axis=-1) * width**2
+        low, high = centre - REACH * width - shift, centre + REACH * width + shift
+        if not self.table.law.concave:  # any row may be an outlier or a lapse, or all but one
+            own, reach = middle - c, REACH * np.minimum(self._sharpest**-0.5, self._width)
+            low = np.minimum(low, mid - REACH * self._width)
+            high = np.maximum(high, mid + REACH * self._width)
+            low = np.minimum(low, np.minimum.reduceat(own, first, axis=-1) - reach)
+            high = np.maximum(high, np.maximum.reduceat(own, first, axis=-1) + reach)
+        return low, high
+
+    def _evenly_spaced(self, low: FloatArray, high: FloatArray) -> Points:
+        """Return evenly spaced points of each rater's scale between these ends."""
+        number = _number(high - low, (self._sharpest + self._tau**-2) ** -0.5, self._finer)
+        scale = low[..., None] + (high - low)[..., None] * np.linspace(0.0, 1.0, number)
+        others = np.empty((*scale.shape, 0))
+        weight = np.log((high - low) / (number - 1))[..., None]
+        return Points(scale, others, weight + self.table.of_raters(self.given, scale, others))
+
+    def _drawn_points(self, law: Laplace) -> Points:
+        """Return importance draws of each rater's scale, log exponent and log noise."""
+        given, own = self.given, self._mode.own
+        size = own.shape[-1]
+        # a = mu + tau z instead of z: its derivatives with respect to z and to the level
+        root = backward(law.own_root, np.broadcast_to(np.eye(size), law.own_root.shape))  # of A⁻¹ = root' ... root
+        covariance = np.einsum("dpik,dpjk->dpij", root, root)
+        follows = -backward(law.own_root, law.coupling)[..., 0] / law.shared_root[:, None, 0, 0, None]
+        unit = np.ones((*own.shape[:2], size))
+        unit[..., 0] = given.tau
+        covariance = covariance * unit[..., :, None] * unit[..., None, :]
+        follows = follows * unit
+        follows[..., 0] += self.table.spread / law.shared_root[:, None, 0, 0]
+        covariance = covariance + follows[..., :, None] * follows[..., None, :]
+        scales = np.sqrt(np.einsum("dpii->dpi", covariance))
+        factor = scales[..., None] * cholesky(covariance / (scales[..., :, None] * scales[..., None, :]), 1e-6)
+        centre = own.copy()
+        centre[..., 0] = self._mu_mode[:, None] + given.tau * own[..., 0]
+        broad = np.ones_like(centre)
+        broad[..., 0] = self._width
+        aim = np.zeros_like(centre)
+        aim[..., 0] = self._mu_mode[:, None]
+        many = OWN_DRAWS * self._finer
+        few = many // BROAD
+        number = many + few
+        x = heavy_tailed(many, size)
+        # a row fewer leaves a wider law
+        wider = INFLATION * np.sqrt(1.0 + 1.0 / np.maximum(self.table.count - 1.0, 1.0))[:, None]
+        near = centre[..., None, :] + wider[..., None] * np.einsum("dpij,nj->dpni", factor, x)
+        far = aim[..., None, :] + broad[..., None, :] * heavy_tailed(few, size)
+        values = np.concatenate([near, far], axis=-2)
+        with np.errstate(over="ignore"):
+            gap = np.swapaxes(values - centre[..., None, :], -1, -2)
+            of_near = log_heavy_tailed(np.swapaxes(forward(factor, gap), -1, -2) / wider[..., None])
+            of_near -= np.log(wider * np.einsum("dpii->dpi", factor)).sum(axis=-1)[..., None]
+            of_far = log_heavy_tailed((values - aim[..., None, :]) / broad[..., None, :])
+            of_far -= np.log(broad).sum(axis=-1)[..., None]
+            density = np.logaddexp(np.log(many / number) + of_near, np.log(few / number) + of_far)
+            prior = -0.5 * (values[..., 1:] ** 2).sum(axis=-1) - (size - 1) * _LOG_ROOT_TWO_PI
+            rows = self.table.of_raters(given, values[..., 0], values[..., 1:])
+            # relative to the mean weight of the normal law at the same points, whose density is known to be 1
+            normal = -0.5 * (forward(factor, gap) ** 2).sum(axis=-2) - size * _LOG_ROOT_TWO_PI
+            normal -= np.log(np.einsum("dpii->dpi", factor)).sum(axis=-1)[..., None]
+        known = log_sum(normal - density, axis=-1)[..., None]
+        weight = np.nan_to_num(prior + rows, nan=-np.inf) - density - known
+        return Points(values[..., 0], values[..., 1:], weight)
+
+    @cached_property
+    def _of_levels(self) -> FloatArray:
+        """Log density of each rater's rows at the nodes of the level, log R_p, shape (draws, raters, nodes)."""
+        weight = self.points.log_weight[:, :, None]
+        parts = [log_sum(weight + self._law_of_scale(some), axis=-1) for some in self._some_levels]
+        return np.concatenate(parts, axis=-1)
 
     @property
-    def fast(self) -> bool:
-        """True if this is `FAST`, with or without a search for several maxima."""
-        return self._replace(maxima=True) == FAST
+    def _some_levels(self) -> list[slice]:
+        """Nodes of the level in groups whose arrays of points do not become too large."""
+        return blocks(self.mu.shape[-1], self.points.scale.size, _ROOM)
+
+    def _law_of_scale(self, nodes: slice) -> FloatArray:
+        """Return log N(a_p; mu, tau²) of all points at nodes of the level, (draws, raters, nodes, points)."""
+        tau = self._tau[..., None, None]
+        z = (self.points.scale[:, :, None] - self.mu[:, None, nodes, None]) / tau
+        return np.asarray(-0.5 * z * z - np.log(tau) - _LOG_ROOT_TWO_PI)
+
+    @cached_property
+    def _joint(self) -> FloatArray:
+        """Log density of the level and all rows, times the spacing of its nodes, (draws, nodes)."""
+        z = (self.mu - self.table.centre) / self.table.spread
+        prior = -0.5 * z * z - np.log(self.table.spread) - _LOG_ROOT_TWO_PI
+        return np.asarray(self._of_levels.sum(axis=1) + prior + self._log_step)
+
+    @property
+    def log_density(self) -> FloatArray:
+        """Log density of all rows, shape (draws,)."""
+        return np.asarray(log_sum(self._joint, axis=-1))
+
+    @property
+    def of_raters(self) -> FloatArray:
+        """Log density of each rater's rows given all others', shape (draws, raters)."""
+        if self.table.n_raters == 1:  # the others are none
+            return self.log_density[:, None]
+        rest = log_sum(self._joint[:, None] - self._of_levels, axis=-1)
+        return np.asarray(self.log_density[:, None] - rest)
+
+    @cached_property
+    def _given_others(self) -> FloatArray:
+        """Log weight of each rater's points given all rows of the other raters, (draws, raters, points)."""
+        rest = self._joint[:, None] - self._of_levels
+        parts = [log_sum(rest[..., some, None] + self._law_of_scale(some), axis=2) for some in self._some_levels]
+        return log_sum(np.array(parts), axis=0)
+
+    def of_rows(self) -> tuple[FloatArray, FloatArray]:
+        """Return the log density of each row given all others, and the probability below it, each (draws, rows)."""
+        table, given, points = self.table, self.given, self.points
+        weight = points.log_weight + self._given_others
+        value, expected, spread = table.row_values(given, points.scale, points.others)
+        own = np.swapaxes(weight, -1, -2)[..., table.rater]
+        with np.errstate(invalid="ignore"):
+            rest = np.where(value > -np.inf, own - value, -np.inf)
+        density = log_sum(own, axis=1) - log_sum(rest, axis=1)
+        share = np.exp(rest - log_sum(rest, axis=1)[:, None])
+        parameters = given.law_parameters.at_points()
+        smaller = below(table.law, given.rows.at_points(), expected, spread, parameters)
+        return density, (share * smaller).sum(axis=1)
+
+    def draw(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+        """Return draws of mu, (draws,), and of raters' effects less the level in units of their spreads, as `own`."""
+        points, tau = self.points, self._tau
+        mu = _draw_between(rng, self.mu, self._joint)
+        if points.others.shape[-1]:
+            z = (points.scale - mu[:, None, None]) / tau[..., None]
+            weight = points.log_weight - 0.5 * z * z
+            chosen = (weight + rng.gumbel(size=weight.shape)).argmax(axis=-1)[..., None]
+            scale = np.take_along_axis(points.scale, chosen, axis=-1)
+            others = np.take_along_axis(points.others, chosen[..., None], axis=-2)[..., 0, :]
+            return mu, np.concatenate([(scale - mu[:, None, None]) / tau[..., None], others], axis=-1)
+        at, weight = _between(points.scale), _between(points.log_weight)
+        z = (at - mu[:, None, None]) / tau[..., None]
+        scale = _draw_near(rng, at, weight - 0.5 * z * z)
+        return mu, ((scale - mu[:, None]) / tau)[..., None]
 
 
-FAST = Quadrature(0, 5, 3, 1.0)
-"""Quadrature for raters with many ratings each."""
-SAMPLING = FAST._replace(maxima=False)
-"""The same for sampling: all proposals far from the data are rejected, whatever the error of their density."""
-FINE = Quadrature(24, 13, 9, 0.05)
-"""Quadrature for raters with few ratings, and reference for the error of `FAST`."""
-FINEST = Quadrature(40, 13, 13, 0.01)
-"""Reference for the error of `FINE`."""
-
-ROUGHLY = Quadrature(12, 9, 5, 0.6)
-"""Quadrature for parameters far from the data, where derivatives are not accurate enough."""
-DENSE, DENSER = Quadrature(0, 9, 0, 0.35), Quadrature(0, 13, 0, 0.2)
-"""Resolution of `dense_integrals.DenseIntegrals`, and reference for its error: nodes of zeta, and spacing of points in
-standard deviations."""
-
-MANY_ROWS, FEW_ROWS = 20, 10
-"""Smallest number of ratings per rater for which `FAST` is used, and below which heavy tails need `DENSE`."""
+def _number(extent: FloatArray, narrow: FloatArray, finer: int) -> int:
+    """Return the number of evenly spaced nodes that all extents need, given the narrowest standard deviations."""
+    return int(np.clip(np.ceil((extent / (SPACING * narrow)).max() * finer) + 1, 9, MOST_NODES))
 
 
-def quadrature_for(count: FloatArray) -> Quadrature:
-    """Return the quadrature for the given numbers of ratings per rater, shape (raters,)."""
-    return FINE if count.min() < MANY_ROWS else FAST
+def _between(values: FloatArray) -> FloatArray:
+    """Return values at `FINER` points between the inner nodes (..., nodes), by cubics through four nodes."""
+    t = np.arange(FINER) / FINER
+    weights = np.array(
+        [
+            -t * (t - 1.0) * (t - 2.0) / 6.0,
+            (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0,
+            -(t + 1.0) * t * (t - 2.0) / 2.0,
+            (t + 1.0) * t * (t - 1.0) / 6.0,
+        ]
+    )
+    windows = np.lib.stride_tricks.sliding_window_view(values, 4, axis=-1)
+    return np.asarray((windows @ weights).reshape(*values.shape[:-1], -1))
 
 
-def finer_than(quadrature: Quadrature, count: FloatArray, law: ErrorLaw, walled: bool = False) -> Quadrature:
-    """Return a reference quadrature for the error of another one, given the numbers of ratings per rater.
+def _draw_between(rng: np.random.Generator, nodes: FloatArray, log_density: FloatArray) -> FloatArray:
+    """Return draws from densities at evenly spaced nodes (..., nodes), refined between them."""
+    return _draw_near(rng, _between(nodes), _between(log_density))
 
-    Of raters with a wall (`walled_integrals`), only the finest quadrature is a reference.
-    """
-    if quadrature in (DENSE, DENSER):
-        return DENSER
-    # compared by equality, because a law sent to a worker is a copy
-    if count.min() < FEW_ROWS and law != NORMAL:
-        return DENSE
-    return FINEST if walled or quadrature == FINE else FINE
+
+def _draw_near(rng: np.random.Generator, nodes: FloatArray, log_density: FloatArray) -> FloatArray:
+    """Return a draw about one of many evenly spaced nodes, chosen in proportion to the density there."""
+    cumulative = np.cumsum(np.exp(log_density - log_density.max(axis=-1, keepdims=True)), axis=-1)
+    at = rng.random(cumulative.shape[:-1])[..., None] * cumulative[..., -1:]
+    chosen = np.minimum((cumulative < at).sum(axis=-1, keepdims=True), nodes.shape[-1] - 1)
+    step = nodes[..., 1] - nodes[..., 0]
+    return np.take_along_axis(nodes, chosen, axis=-1)[..., 0] + step * (rng.random(step.shape) - 0.5)
 
 
 @cache
-def gauss_hermite(size: int) -> tuple[FloatArray, FloatArray]:
-    """Return Gauss-Hermite nodes x and log weights, such that the integral of f is the sum of exp(log weight) f(x)."""
-    x, weight = hermegauss(size)
-    return x, np.log(weight) + 0.5 * x**2
+def heavy_tailed(number: int, dimension: int, freedom: float = FREEDOM) -> FloatArray:
+    """Return fixed draws of independent Student's t from Sobol numbers, shape (number, dimension)."""
+    uniform = np.clip(qmc.Sobol(dimension, seed=1).random(number), 1e-12, 1.0 - 1e-12)
+    found = np.asarray(stdtrit(freedom, uniform))
+    found.flags.writeable = False
+    return found
 
 
-@cache
-def to_chebyshev(size: int) -> FloatArray:
-    """Return the matrix from values at Chebyshev points to coefficients."""
-    k = np.arange(size)
-    matrix = 2.0 / size * np.cos(np.pi * k[:, None] * (k + 0.5) / size)
-    matrix[0] /= 2.0
-    return matrix
+def log_heavy_tailed(x: FloatArray, freedom: float = FREEDOM) -> FloatArray:
+    """Return the log density of `heavy_tailed` at x (..., dimension)."""
+    return np.asarray(student.log_density(x, np.array(freedom)).sum(axis=-1))

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.effects import Effects
 from softness_bayes.likelihood.pieces import part_of, pieces
 from softness_bayes.likelihood.within import Dense, within_of
 
@@ -33,17 +34,6 @@ class EffectSpreads(NamedTuple):
     """varsigma."""
     fabric: ArrayLike
     """omega."""
-
-
-class Effects(NamedTuple):
-    """Values of the common mean and of the random effects."""
-
-    mu: FloatArray
-    """Shape (...)."""
-    participant: FloatArray
-    """Shape (..., participants)."""
-    fabric: FloatArray
-    """Shape (..., fabrics)."""
 
 
 class LeaveOneOut(NamedTuple):

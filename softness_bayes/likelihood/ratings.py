@@ -286,6 +286,10 @@ class RatingsLikelihood(Likelihood):
         """Return the same likelihood with finer numerical integration, where it uses any."""
         return self
 
+    def without_approximation(self) -> Self:
+        """Return the same likelihood, of which the sampler uses no approximation."""
+        return self
+
     def replicate(
         self,
         rng: np.random.Generator,

@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.effects import Effects
 from softness_bayes.likelihood.erring_loads import ErringLoads
 from softness_bayes.likelihood.load_errors import OUTER, LoadErrors
 from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.mu_nodes import log_sum
-from softness_bayes.likelihood.random_effects import Effects, EffectSpreads, LeaveOneOut
+from softness_bayes.likelihood.random_effects import EffectSpreads, LeaveOneOut
 from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.likelihood.shared_loads import FINE_NODES, between
 from softness_bayes.likelihood.weighted_effects import EffectLaw, WeightedEffects, law_of

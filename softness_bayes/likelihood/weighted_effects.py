@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.effects import Effects
 from softness_bayes.likelihood.left_out import given_the_others, summing
 from softness_bayes.likelihood.pieces import part_of, pieces
-from softness_bayes.likelihood.random_effects import Effects, EffectSpreads, LeaveOneOut
+from softness_bayes.likelihood.random_effects import EffectSpreads, LeaveOneOut
 
 Array = NDArray[np.float64]
 

@@ -13,12 +13,17 @@ from softness_bayes.data import Compression, Experiment, Ratings
 from softness_bayes.data.faults import listing
 from softness_bayes.errors import InputError
 from softness_bayes.kinds import require_kind
+from softness_bayes.likelihood.custom import try_likelihood
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import FREE, RISES, RatingDirection
 from softness_bayes.likelihood.individual import IndividualModel
 from softness_bayes.likelihood.load_errors import LoadErrors
-from softness_bayes.likelihood.models import own_model, rating_model, under_shared_loads, under_uncertain_loads
-from softness_bayes.likelihood.own import try_likelihood
+from softness_bayes.likelihood.models import (
+    model_of_different_raters,
+    rating_model,
+    under_shared_loads,
+    under_uncertain_loads,
+)
 from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.likelihood.pressed import PressedRaters
 from softness_bayes.likelihood.ratings import SKIN, RatingParameters, RatingsLikelihood, RatingsModel
@@ -300,8 +305,7 @@ def _model_of(options: ModelOptions, meaning: Interpretation, direction: RatingD
         return replace(model, raters=meaning.raters) if meaning.raters else model
     if answers := answers_of(options.individual):
         assert options.errors is not None
-        plain = meaning.intervals.exact and "omega" not in options.priors
-        return own_model(options.scale, answers, direction, options.errors, plain)
+        return model_of_different_raters(options.scale, answers, direction, options.errors)
     if options.scale is not MAGNITUDE:
         what = differing(options.individual)
         raise InputError(f"individual: raters' {what} need magnitude estimates, not {options.scale.name} ratings")

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.own_effects import OWN_ANSWERS
+from softness_bayes.likelihood.effects import RATER_SPREADS
 from softness_bayes.touch.fingers import SPREAD_OF, FingerFamily, FingerGrid
 from softness_bayes.touch.scene import Scene
 
@@ -34,13 +34,13 @@ def require_individual(names: Sequence[str]) -> None:
     InputError
         Naming what is expected.
     """
-    known = {**SPREAD_OF, **OWN_ANSWERS}
+    known = {**SPREAD_OF, **RATER_SPREADS}
     if len(set(names)) < len(names) or not known.keys() >= set(names):
         raise InputError(f"individual is {','.join(names)}, expected some of {', '.join(known)}, each once")
     if fingers_of(names) and answers_of(names):
         raise InputError(
             f"individual is {','.join(names)}: raters' own fingers ({', '.join(SPREAD_OF)}) and their own "
-            f"answers ({', '.join(OWN_ANSWERS)}) cannot be combined; use one kind at a time, and compare the "
+            f"answers ({', '.join(RATER_SPREADS)}) cannot be combined; use one kind at a time, and compare the "
             "two runs"
         )
 
@@ -52,7 +52,7 @@ def fingers_of(names: Sequence[str]) -> tuple[str, ...]:
 
 def answers_of(names: Sequence[str]) -> tuple[str, ...]:
     """Return the quantities among `names` that belong to raters' answers: exponents and noise."""
-    return tuple(name for name in OWN_ANSWERS if name in names)
+    return tuple(name for name in RATER_SPREADS if name in names)
 
 
 def differing(names: Sequence[str]) -> str:
@@ -63,7 +63,7 @@ def differing(names: Sequence[str]) -> str:
 
 def spreads_of(names: Sequence[str]) -> tuple[str, ...]:
     """Return the names of the parameters for the spreads of quantities that differ."""
-    return tuple({**SPREAD_OF, **OWN_ANSWERS}[name] for name in names)
+    return tuple({**SPREAD_OF, **RATER_SPREADS}[name] for name in names)
 
 
 def grid_of(names: Sequence[str]) -> FingerGrid:

@@ -18,9 +18,10 @@ from softness_bayes.kinds import require_kind, require_mapping
 from softness_bayes.likelihood.contract import NO_RESPONSE, Model
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import RISES, RatingDirection
+from softness_bayes.likelihood.effects import RATER_SPREADS
 from softness_bayes.likelihood.error_laws import GUMBEL, NORMAL, ErrorLaw
-from softness_bayes.likelihood.models import UNDER_UNCERTAIN_LOADS, own_model, rating_model
-from softness_bayes.likelihood.own_effects import OWN_ANSWERS
+from softness_bayes.likelihood.models import UNDER_UNCERTAIN_LOADS, model_of_different_raters, rating_model
+from softness_bayes.likelihood.effects import RATER_SPREADS
 from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
 from softness_bayes.likelihood.ratings import OF_FORCES, RatingParameters
 from softness_bayes.likelihood.scales import (
@@ -195,8 +196,8 @@ def _model_of(
         If a number of categories is given for another scale, or out of range; or spreads of raters' exponents or noise
         for a scale that does not support them.
     """
-    if differ := tuple(name for name, spread in OWN_ANSWERS.items() if values.get(spread, 0.0) > 0):
-        return own_model(scale, differ, direction, errors, not values.get("omega", 0.0))
+    if differ := tuple(name for name, spread in RATER_SPREADS.items() if values.get(spread, 0.0) > 0):
+        return model_of_different_raters(scale, differ, direction, errors)
     model: Any = rating_model(scale, direction, GUMBEL if scale is RANKS and errors == NORMAL else errors)
     if scale is AGGREGATED:
         model = model.of_one_rater

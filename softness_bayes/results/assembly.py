@@ -28,9 +28,9 @@ from softness_bayes.checking.exactness import Exactness
 from softness_bayes.checking.inflection import LEAST_DROP, curve_scene
 from softness_bayes.checking.sentences import exactness_sentence
 from softness_bayes.data import Experiment
+from softness_bayes.likelihood.effects import RATER_EFFECTS
 from softness_bayes.likelihood.error_laws import LAPSES, STUDENT
-from softness_bayes.likelihood.models import OF_OWN_ANSWERS
-from softness_bayes.likelihood.own_effects import EFFECT_OF_ANSWER
+from softness_bayes.likelihood.models import OF_DIFFERENT_RATERS
 from softness_bayes.likelihood.spreads import SPREADS
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.model.prediction import drive_slope, rates_of_other_moduli, rates_of_other_skins
@@ -274,8 +274,8 @@ def _findings(draws: RatedDraws) -> tuple[Finding, ...]:
         drive_slope(draws.posterior, few.theta, rates_of_others(draws.posterior, few.theta, step), step)
         for rates_of_others, step in ((rates_of_other_moduli, MODULUS_STEP), (rates_of_other_skins, SKIN_STEP))
     )
-    effects, available = model.named_effects(few.effects), model.scale in OF_OWN_ANSWERS
-    modelled = {name for name, effect in EFFECT_OF_ANSWER.items() if effect in effects}
+    effects, available = model.named_effects(few.effects), model.scale in OF_DIFFERENT_RATERS
+    modelled = {name for name, effect in RATER_EFFECTS.items() if effect in effects}
     found = [
         *check_fabrics(residuals, _condition_names(draws.experiment)),
         check_exponents(residuals, "gamma" in modelled, available),

@@ -82,7 +82,7 @@ def begin_comparison(posterior: Posterior, theta: Array, workers: Workers, rewei
     begun = _begin_exact(posterior, compared[first], workers)
 
     def finished() -> Exactness:
-        fast, names = posterior.log_likelihood(compared), posterior.names
+        fast, names = posterior.for_sampling.log_likelihood(compared), posterior.names
         rates = SAME_RATES if posterior.scene.firing.noise else EXACT_RATES
         exact = np.full(len(compared), np.nan)
         exact[first] = begun()
@@ -95,6 +95,23 @@ def begin_comparison(posterior: Posterior, theta: Array, workers: Workers, rewei
         return compare_likelihoods(names, compared, fast, exact, rates)
 
     return finished
+
+
+def compare_integrals(posterior: Posterior, theta: Array) -> Exactness:
+    """Compare the log-likelihood that was sampled with its reference for raters' effects, at evenly spaced draws.
+
+    Both have the fast response, so that only the integrals differ; arguments are those of `begin_comparison`.
+    """
+    sampled = posterior.for_sampling
+    for number in (FIRST_DRAWS, EXACT_DRAWS):
+        some = theta[evenly(theta.shape, number)]
+        same = "the same firing rates"
+        found = compare_likelihoods(
+            posterior.names, some, sampled.log_likelihood(some), posterior.log_likelihood(some), same
+        )
+        if found.certain:
+            break
+    return found
 
 
 def unchecked() -> Exactness:

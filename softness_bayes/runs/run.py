@@ -12,6 +12,7 @@ import numpy as np
 from softness_bayes import arviz_bridge
 from softness_bayes.checking.agreement import fabric_rating_table
 from softness_bayes.checking.check_table import check_table
+from softness_bayes.checking.exactness import HARMLESS, LARGEST_K, Exactness
 from softness_bayes.checking.identifiability import direction_table, information_table
 from softness_bayes.checking.individual import answer_table, finger_table, modulus_table
 from softness_bayes.checkpoints.checkpoint import Checkpoint
@@ -22,7 +23,7 @@ from softness_bayes.files.run_files import ANSWERS, FABRIC_RATINGS, FINGERS, MOD
 from softness_bayes.likelihood.directions import direction_named
 from softness_bayes.model.build import ExperimentModel, build
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.model.posterior import Density
+from softness_bayes.model.posterior import Density, Posterior
 from softness_bayes.provenance import (
     PRIOR,
     READING,
@@ -37,18 +38,23 @@ from softness_bayes.provenance import (
 )
 from softness_bayes.results.assembly import FigureDrawing, Listener, Stage, assembled, no_listener
 from softness_bayes.results.draws import FIRST_SHARE
+from softness_bayes.results.exact import compare_integrals
 from softness_bayes.results.result import Result
 from softness_bayes.results.result_file import SCHEMA
 from softness_bayes.results.run_options import Request, RunOptions
 from softness_bayes.results.summary import rater_table, with_covariates
 from softness_bayes.sampler.chains import RunState
-from softness_bayes.sampler.sampling import Progress, progress_of, sampled_of, walk
+from softness_bayes.sampler.sampling import Progress, Sampled, progress_of, sampled_of, walk
 from softness_bayes.sampler.workers import Workers, one_thread
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+BY_REFERENCE = (
+    "; effects of raters are summed over points in every step, because Laplace's method is too rough for this table"
+)
+"""Addition to the note on the errors of a run whose integrals by Laplace's method could not be corrected by weights."""
 MANY_RATINGS = 5000
 """Number of ratings above which each ensemble walks alone: the time of a call then grows with its points, and ensembles
 that walk together would leave processors without work."""
@@ -232,23 +238,54 @@ def sample_model(
     arviz_bridge.require_storable(asked, labels_of(experiment))
     with one_thread(), nullcontext(workers) if workers is not None else run.settings.workers(posterior) as workers:
         state = walked(experiment, posterior, request, progress, checkpoint, workers)
-        sampled, rng = sampled_of(state), rng_after(run)
-        tree, summary, shifts = assembled(
-            experiment,
-            posterior,
-            sampled.chains,
-            sampled.verdict.burn_in,
-            rng,
-            workers,
-            {**asked, **outcome(state, run)},
-            run.exact_reweight,
-            listener,
-            figures,
-            exact=not run.quick,
-            share=FIRST_SHARE if run.quick else 1.0,
-        )
-        listener(Stage.TABLES)
-        return Result(tree, summary.join(information_table(tree)), tables_of(experiment, tree, shifts))
+        sampled = sampled_of(state)
+        integrals = None if run.quick else _integrals(posterior, sampled)
+        if integrals is None or integrals.exact_enough or integrals.pareto_k <= LARGEST_K:
+            weighed = run.exact_reweight or (integrals is not None and integrals.sd > HARMLESS)
+            return _assembled(model, run, asked, state, workers, weighed, listener, figures)
+    # importance weights fail: the walk is repeated without the approximation
+    interpretation = model.interpretation._replace(errors_note=f"{model.interpretation.errors_note}{BY_REFERENCE}")
+    observation = posterior.observation.without_approximation()
+    sure = replace(model, interpretation=interpretation, posterior=posterior.with_term(observation))
+    return sample_model(sure, run, progress, None, listener, None, figures)
+
+
+def _integrals(posterior: Posterior, sampled: Sampled) -> Exactness | None:
+    """Return the comparison of the integrals that the sampler used with their reference; None if they are the same."""
+    if posterior.observation.for_sampling() is posterior.observation:
+        return None
+    kept = sampled.chains.kept(sampled.verdict.burn_in)
+    return compare_integrals(posterior, kept.by_walker(posterior.natural(kept.coordinates)))
+
+
+def _assembled(
+    model: ExperimentModel,
+    run: RunOptions,
+    asked: dict[str, Any],
+    state: RunState,
+    workers: Workers,
+    reweight: bool,
+    listener: Listener,
+    figures: FigureDrawing | None,
+) -> Result:
+    """Return the result of a walk that has ended, from draws that are weighted by the exact likelihood if asked."""
+    sampled = sampled_of(state)
+    tree, summary, shifts = assembled(
+        model.experiment,
+        model.posterior,
+        sampled.chains,
+        sampled.verdict.burn_in,
+        rng_after(run),
+        workers,
+        {**asked, **outcome(state, run)},
+        reweight,
+        listener,
+        figures,
+        exact=not run.quick,
+        share=FIRST_SHARE if run.quick else 1.0,
+    )
+    listener(Stage.TABLES)
+    return Result(tree, summary.join(information_table(tree)), tables_of(model.experiment, tree, shifts))
 
 
 def tables_of(experiment: Experiment, tree: xr.DataTree, shifts: pd.DataFrame | None) -> dict[str, pd.DataFrame]:

@@ -32,9 +32,9 @@ from softness_bayes.checking.uniformity import uniformity_p_value
 from softness_bayes.likelihood.contract import NO_RESPONSE
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import RISES
+from softness_bayes.likelihood.effects import Effects
+from softness_bayes.likelihood.intervals import IntervalModel
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel, RatingParameters
-from softness_bayes.likelihood.own_answers import OwnAnswersModel
-from softness_bayes.likelihood.random_effects import Effects
 from softness_bayes.likelihood.spreads import RaterSpreads, SpreadModel
 from softness_bayes.provenance import Finding
 from softness_bayes.touch.contact import Indentation
@@ -260,10 +260,10 @@ def shares(tau_gamma, tau_varsigma, differ=(), tables=60):
             *(np.full(1, v) for v in (1.0, 0.5, 0.3, 0.0, 0.1)), tau_gamma=tau_gamma, tau_varsigma=tau_varsigma
         )
         rate = np.exp(rng.normal(1.0, 0.8, (1, TOUCHES)))
-        truth = OwnAnswersModel(RISES, differ=("gamma", "varsigma"))
+        truth = IntervalModel(RISES, differ=("gamma", "varsigma"))
         effects = truth.draw_effects(rng, p, (1,), RATERS, WHO.n_fabrics)
         y = truth.draw_ratings(rng, WHO, truth.drive(WHO, rate, p), p, effects)[0]
-        fitted = OwnAnswersModel(RISES, differ=differ).observe(y, WHO) if differ else LogRatings(y, WHO, RatingModel())
+        fitted = IntervalModel(RISES, differ=differ).observe(y, WHO) if differ else LogRatings(y, WHO, RatingModel())
         held = Residuals(fitted, rate, p, fitted.draw_effects(rng, rate, p))
         found.append([one(held).p_value < LEVEL for one in (check_noise, check_exponents)])
     return np.mean(found, axis=0)

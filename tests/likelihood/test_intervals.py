@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy.interpolate import CubicSpline
-from scipy.special import logsumexp
-from scipy.stats import kstest, norm
+from scipy.stats import kstest
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
@@ -13,7 +11,6 @@ from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
 from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings, SliderModel
 from softness_bayes.likelihood.magnitude import RatingModel
-from softness_bayes.likelihood.quadrature import DENSE, DENSER, FAST, FINE, FINEST
 from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.likelihood.stated import Stated
 from support.interval_tables import POINTS, design_of, on_grid, points_of, rates_of, table
@@ -21,57 +18,13 @@ from support.interval_tables import POINTS, design_of, on_grid, points_of, rates
 LAWS = NORMAL, STUDENT, LAPSES
 
 
-def brute_force(observed, rate, points, row=slice(None)):
-    """The log density at one point, by dense grids of the level and of every rater's scale."""
-    found = []
-    for k in range(POINTS):
-        one = RatingParameters(*(np.asarray(v)[k : k + 1] for v in points))
-        given, _ = observed._given(rate[k : k + 1], one)
-        integrals, tau = observed._integrals, float(one.tau[0])
-        people = integrals.count.size
-        grid = np.linspace(-14.0, 16.0, 6001)
-        each = [
-            integrals.values(given, np.tile(part[None, :, None], (1, 1, people)))[0]
-            for part in np.split(grid, [2000, 4000])
-        ]
-        each = np.concatenate(each)
-        level, scale = np.linspace(-4.0, 7.0, 1401), np.linspace(-8.0, 8.0, 161)
-        total = norm.logpdf(level, np.log(20.0), 3.0) + np.log(level[1] - level[0])
-        for rater in range(people):
-            value = CubicSpline(grid, each[:, rater])(level[:, None] + tau * scale) + norm.logpdf(scale)
-            total = total + logsumexp(value, axis=1) + np.log(scale[1] - scale[0])
-        found.append(logsumexp(total))
-    return np.array(found) - observed._log
-
-
-CASES = {
-    "many rows on a grid": (4, 5, 1.0, 0.03, 0.5),
-    "raters that are alike": (3, 5, 1.0, 0.0, 0.02),
-    "few rows": (4, 1, 1.0, 0.05, 0.5),
-    "exact numbers": (4, 5, 0.0, 0.03, 0.5),
-}
-
-
-@pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
-def test_integrals_are_those_of_brute_force(law, case):
-    people, repeats, step, outliers, tau = CASES[case]
-    observed, rate, points = table(4, people, repeats, law, step, outliers, tau)
-    expected = brute_force(observed, rate, points)
-    error = np.abs(observed.log_likelihood(rate, points) - expected).max()
-    finer = np.abs(observed.finer().log_likelihood(rate, points) - expected).max()
-    few = 0.02 if case == "few rows" else 5e-3
-    assert error < (1e-3 if law is NORMAL else few), error
-    assert finer < 1e-4, finer
-
-
-@pytest.mark.parametrize("quadrature", [FAST, FINE, FINEST], ids=["fast", "fine", "finest"])
-def test_normal_errors_of_exact_numbers_are_the_closed_form(quadrature):
+def test_normal_errors_of_exact_numbers_are_the_closed_form():
     observed, rate, points = table(5, 5, 4)
     closed = RatingModel(RISES).observe(observed.values, observed.design)
-    own = IntervalRatings(observed.values, observed.design, observed.model, quadrature=quadrature)
+    own = IntervalRatings(observed.values, observed.design, observed.model)
     expected = closed.log_likelihood(rate, points)
     assert_allclose(own.log_likelihood(rate, points), expected, rtol=1e-10)
+    assert_allclose(own.for_sampling().log_likelihood(rate, points), expected, rtol=1e-12)
     for member in ("log_likelihood_loo", "below_loo", "log_likelihood_participants"):
         assert_allclose(
             getattr(own, member)(rate, points), getattr(closed, member)(rate, points), atol=1e-7, err_msg=member
@@ -201,13 +154,16 @@ def test_values_must_be_positive_and_finite():
         IntervalRatings(np.r_[np.ones(5), 0.0], design_of(1, 1))
 
 
-def test_finer_integrals_exist_for_every_quadrature():
-    observed, _, _ = table(13, 3, 1)
-    for quadrature, finer in ((FAST, FINE), (FINE, FINEST), (DENSE, DENSER)):
-        own = IntervalRatings(observed.values, observed.design, observed.model, quadrature=quadrature)
-        assert own.finer()._quadrature == finer
-    few = IntervalRatings(observed.values, observed.design, IntervalModel(RISES, law=STUDENT))
-    assert (few._quadrature, few.finer()._quadrature) == (FINE, DENSE)  # tails may hide a second maximum
+def test_the_sampler_has_laplace_s_method_and_all_else_the_reference():
+    observed, rate, points = table(13, 8, 4, STUDENT, 1.0)
+    sampled = observed.for_sampling()
+    assert sampled.for_sampling() is sampled
+    assert observed.finer() is observed
+    reference = sampled.finer().log_likelihood(rate, points)
+    assert_allclose(reference, observed.log_likelihood(rate, points), rtol=1e-12)
+    difference = sampled.log_likelihood(rate, points) - reference
+    assert (np.abs(difference) > 1e-6).all()
+    assert difference.std() < 0.05
 
 
 def shares(rng, design, step=0.0):

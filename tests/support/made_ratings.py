@@ -10,8 +10,8 @@ from softness_bayes.checking.check_table import NEW_PARTICIPANTS
 from softness_bayes.checking.layout import Layout
 from softness_bayes.checking.turning_check import EXCESS, PLATEAU, plateau, plateau_quantities
 from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.effects import Effects
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel, RatingParameters
-from softness_bayes.likelihood.random_effects import Effects
 from softness_bayes.provenance import Finding, ResidualChecks, attributes_of
 
 MODEL = RatingModel()

@@ -1,0 +1,333 @@
+"""Effects of raters, fabrics and the level on every row, and the log density of rows as their function (model.md 9).
+
+With standard normal zeta, z_p, u_p, v_p and h_k, row i of rater p and fabric k has
+
+    expectation  mu + tau z_p + exp(tau_gamma u_p) (d_i + omega h_k),   mu = centre + spread zeta
+    log spread   log varsigma + tau_varsigma v_p
+
+where d_i is the response's contribution. Effects whose spread a model lacks are absent. `Table.sums` is the log density
+of every rater's rows given all effects, with the derivatives that Newton's method needs.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.likelihood.error_laws import ErrorLaw
+from softness_bayes.likelihood.row_laws import Rows, log_probability, row_terms
+
+FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.intp]
+
+_ROOM = 200_000  # numbers in an array of rows at points
+_LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
+
+
+@dataclass(frozen=True)
+class Given:
+    """Everything but the effects, for a flat batch of draws.
+
+    Parameters
+    ----------
+    drive
+        The response's contribution d to every row, shape (draws, rows), rows sorted by rater.
+    rows
+        The rows' intervals.
+    spread
+        varsigma, shape (draws, 1).
+    tau
+        Spread of raters' scales, shape (draws, 1).
+    law_parameters
+        Parameters of the error law, each (draws,).
+    tau_gamma, tau_varsigma, omega
+        Spreads of raters' log exponents and log noise and of fabrics' deviations, each (draws, 1); None if absent.
+    """
+
+    drive: FloatArray
+    rows: Rows
+    spread: FloatArray
+    tau: FloatArray
+    law_parameters: LawParameters
+    tau_gamma: FloatArray | None = None
+    tau_varsigma: FloatArray | None = None
+    omega: FloatArray | None = None
+    moments: FloatArray | None = None
+    """For `NormalTable`: mean drive of each rater's rows, sums of products of deviations from the means of drive and
+    ratings, and of squares of those of drive, shape (draws, raters, 3)."""
+
+    @property
+    def effects(self) -> tuple[FloatArray, ...]:
+        """Spreads of the effects that each rater has, in the order of `Effects.own`."""
+        return tuple(spread for spread in (self.tau, self.tau_gamma, self.tau_varsigma) if spread is not None)
+
+    def part(self, draws: Any) -> Self:
+        """Return some of the draws."""
+        some = {f.name: getattr(self, f.name) for f in fields(self)}
+        chosen = {name: value[draws] for name, value in some.items() if isinstance(value, np.ndarray)}
+        parameters = LawParameters(*(value[draws] for value in self.law_parameters))
+        return replace(self, **chosen, rows=self.rows.part(draws), law_parameters=parameters)
+
+    def with_fabrics(self, h: FloatArray, fabric: IndexArray) -> Self:
+        """Return the same with known deviations of fabrics, h (draws, fabrics) in units of omega."""
+        assert self.omega is not None
+        return replace(self, drive=self.drive + self.omega * h[:, fabric], omega=None, moments=None)
+
+
+class LawParameters(NamedTuple):
+    """Parameters of error laws, each (draws, ...)."""
+
+    nu: FloatArray
+    lapse: FloatArray
+
+    def at_points(self) -> LawParameters:
+        """Return the parameters with an axis of points after that of draws."""
+        return LawParameters(self.nu[:, None], self.lapse[:, None])
+
+
+class Effects(NamedTuple):
+    """Values of all effects in units of their spreads, as views of one array (draws, effects)."""
+
+    level: FloatArray
+    """zeta, shape (draws,)."""
+    own: FloatArray
+    """Each rater's z, then u and v if the model has them, shape (draws, raters, effects)."""
+    fabric: FloatArray
+    """h, shape (draws, fabrics); without fabrics if omega is absent."""
+
+
+Sums = dict[str, FloatArray]
+"""Sums over rows of their log density, `value`, and of its derivatives, by name; those that are not needed are absent.
+
+`mean` and `mean2` are derivatives with respect to the expectation; `mean_c`, `mean2_c` and `mean2_cc` are multiplied by
+c, a row's expectation without level and scale; `noise` and `noise2` are derivatives with respect to the log spread,
+`both` and `both_c` mixed ones. `curvature` adds up minus the second derivatives, each at least 0. Arrays have shape
+(draws, raters), or (draws, raters, fabrics) if fabrics deviate.
+"""
+
+
+class Table:
+    """Rows of all raters under an error law.
+
+    Parameters
+    ----------
+    law
+        Law of the errors.
+    rater, fabric
+        Rater and fabric of each row, shape (rows,), sorted by rater; raters are numbered without gaps.
+    n_fabrics
+        Number of fabrics.
+    centre, spread
+        Prior mean and standard deviation of the level mu.
+    """
+
+    def __init__(
+        self, law: ErrorLaw, rater: IndexArray, fabric: IndexArray, n_fabrics: int, centre: float, spread: float
+    ) -> None:
+        self.law, self.rater, self.fabric, self.n_fabrics = law, rater, fabric, n_fabrics
+        self.centre, self.spread = centre, spread
+        self.first = np.flatnonzero(np.diff(rater, prepend=-1))
+        self.count = np.diff(np.append(self.first, rater.size)).astype(float)
+        self._by_fabric = np.argsort(rater * n_fabrics + fabric, kind="stable")
+        cell = (rater * n_fabrics + fabric)[self._by_fabric]
+        self._first_of_cell = np.flatnonzero(np.diff(cell, prepend=-1))
+        self._cells = cell[self._first_of_cell]
+
+    @property
+    def n_raters(self) -> int:
+        """Number of raters."""
+        return self.first.size
+
+    def mu(self, level: FloatArray) -> FloatArray:
+        """Return mu for zeta."""
+        return self.centre + self.spread * level
+
+    def effects(self, given: Given, values: FloatArray) -> Effects:
+        """Return views of all effects' values, shape (draws, effects): the level, raters' own, then fabrics'."""
+        shape = len(values), self.n_raters, len(given.effects)
+        last = 1 + shape[1] * shape[2]
+        return Effects(values[:, 0], values[:, 1:last].reshape(shape), values[:, last:])
+
+    def expectations(self, given: Given, effects: Effects) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return each row's expectation, its c, and the spread of its errors, each (draws, rows) or (draws, 1)."""
+        scale = self.mu(effects.level)[:, None] + given.tau * effects.own[..., 0]
+        c, spread, k = given.drive, given.spread, 1
+        if given.omega is not None:
+            c = c + given.omega * effects.fabric[:, self.fabric]
+        if given.tau_gamma is not None:
+            c = np.exp(given.tau_gamma * effects.own[..., k])[:, self.rater] * c
+            k += 1
+        if given.tau_varsigma is not None:
+            spread = (spread * np.exp(given.tau_varsigma * effects.own[..., k]))[:, self.rater]
+        return scale[:, self.rater] + c, c, spread
+
+    def sums(self, given: Given, effects: Effects) -> Sums:
+        """Return the sums over rows given all effects."""
+        expected, c, spread = self.expectations(given, effects)
+        noise = given.tau_varsigma is not None
+        terms = row_terms(self.law, given.rows, expected, spread, given.law_parameters, noise)
+        mean, mean2 = terms.of_mean, terms.of_mean2
+        add = self._summing(given)
+        second = add(mean2)
+        curvature = -second if self.law.concave else add(np.maximum(-mean2, 0.0))
+        sums = {"value": add(terms.value), "mean": add(mean), "mean2": second, "curvature": curvature}
+        if given.tau_gamma is not None:
+            sums |= {"mean_c": add(mean * c), "mean2_c": add(mean2 * c), "mean2_cc": add(mean2 * c * c)}
+        if given.tau_varsigma is not None:
+            sums |= {"noise": add(terms.of_noise), "noise2": add(terms.of_noise2), "both": add(terms.of_both)}
+            if given.tau_gamma is not None:
+                sums["both_c"] = add(terms.of_both * c)
+        return sums
+
+    def row_values(
+        self, given: Given, scale: FloatArray, others: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return each row's log probability at points of its rater's effects, its expectation, and the spread.
+
+        Parameters
+        ----------
+        given
+            Everything but the effects, without omega.
+        scale
+            Points of mu + tau z, shape (draws, raters, points).
+        others
+            Further effects in units of their spreads, shape (draws, raters, points, effects - 1).
+
+        Returns
+        -------
+        tuple of ndarray, shapes (draws, points, rows), of the spread (draws, 1 or points, 1 or rows)
+        """
+        c, spread, k = given.drive[:, None], given.spread[:, None], 0
+
+        def of_rows(values: FloatArray) -> FloatArray:
+            return np.swapaxes(values, -1, -2)[..., self.rater]
+
+        if given.tau_gamma is not None:
+            c = np.exp(given.tau_gamma[:, None] * of_rows(others[..., k])) * c
+            k += 1
+        if given.tau_varsigma is not None:
+            spread = spread * np.exp(given.tau_varsigma[:, None] * of_rows(others[..., k]))
+        expected = of_rows(scale) + c
+        parameters = given.law_parameters.at_points()
+        return log_probability(self.law, given.rows.at_points(), expected, spread, parameters), expected, spread
+
+    def of_raters(self, given: Given, scale: FloatArray, others: FloatArray) -> FloatArray:
+        """Return the log density of each rater's rows at points, (draws, raters, points); arguments of `row_values`."""
+        each, points = [], scale.shape[-1]
+        step = max(1, _ROOM // (self.rater.size * len(scale)))
+        for start in range(0, points, step):
+            some = slice(start, start + step)
+            value = self.row_values(given, scale[..., some], others[..., some, :])[0]
+            each.append(np.swapaxes(np.add.reduceat(value, self.first, axis=-1), -1, -2))
+        return np.concatenate(each, axis=-1)
+
+    def _summing(self, given: Given) -> Any:
+        """Return a function that adds rows (draws, rows) by rater, or by rater and fabric if fabrics deviate."""
+        if given.omega is None:
+            return lambda values: np.add.reduceat(values, self.first, axis=-1)
+
+        def by_cell(values: FloatArray) -> FloatArray:
+            found = np.zeros((len(values), self.n_raters * self.n_fabrics))
+            found[:, self._cells] = np.add.reduceat(values[:, self._by_fabric], self._first_of_cell, axis=-1)
+            return found.reshape(len(values), self.n_raters, self.n_fabrics)
+
+        return by_cell
+
+    def start(self, given: Given, middle: FloatArray, weight: FloatArray) -> FloatArray:
+        """Return effects near the mode, (draws, effects): those of weighted normal rows, only scales and level not 0.
+
+        Parameters
+        ----------
+        given
+            Everything but the effects.
+        middle
+            A number inside of each interval, shape (rows,) or (draws, rows).
+        weight
+            Weight of each row, shape (rows,).
+        """
+        shape = len(given.drive), self.n_raters
+        precision = np.add.reduceat(weight, self.first) / given.spread**2
+        pull = np.add.reduceat(weight * (middle - given.drive), self.first, axis=-1) / given.spread**2
+        mean = pull / np.maximum(precision, 1e-300) - self.centre
+        kept = precision / (1.0 + given.tau**2 * precision)
+        level = self.spread * (kept * mean).sum(axis=-1) / (1.0 + self.spread**2 * kept.sum(axis=-1))
+        own = np.zeros((*shape, len(given.effects)))
+        own[..., 0] = given.tau * kept * (mean - self.spread * level[:, None])
+        fabric = np.zeros((shape[0], 0 if given.omega is None else self.n_fabrics))
+        return np.concatenate([level[:, None], own.reshape(shape[0], -1), fabric], axis=1)
+
+
+class NormalTable(Table):
+    """Exact numbers with normal errors, by sums over each rater's rows that do not depend on the effects.
+
+    With n rows of mean y and mean drive d, and sums of squares and products about them, the sum of squared errors is
+    n (y - a - g d)² + S_yy - 2 g S_yd + g² S_dd. Where fabrics deviate, rows are evaluated one by one.
+    """
+
+    def __init__(self, *how: Any, values: FloatArray) -> None:
+        super().__init__(*how)
+        self._mean = self._means(values)
+        self._apart = values - self._mean[self.rater]
+        self._squares = np.add.reduceat(self._apart**2, self.first)
+
+    def _means(self, values: FloatArray) -> FloatArray:
+        return np.asarray(np.add.reduceat(values, self.first, axis=-1) / self.count)
+
+    def with_moments(self, given: Given) -> Given:
+        """Return the same with `Given.moments`."""
+        mean = self._means(given.drive)
+        apart = given.drive - mean[:, self.rater]
+        products = np.add.reduceat(apart * self._apart, self.first, axis=-1)
+        return replace(
+            given, moments=np.stack([mean, products, np.add.reduceat(apart**2, self.first, axis=-1)], axis=-1)
+        )
+
+    def sums(self, given: Given, effects: Effects) -> Sums:
+        """Return the sums over rows given all effects."""
+        if given.moments is None or given.omega is not None:
+            return super().sums(given, effects)
+        scale = self.mu(effects.level)[:, None] + given.tau * effects.own[..., 0]
+        k, g, noise = 1, np.ones(1), given.spread
+        if given.tau_gamma is not None:
+            g, k = np.exp(given.tau_gamma * effects.own[..., 1]), 2
+        if given.tau_varsigma is not None:
+            noise = noise * np.exp(given.tau_varsigma * effects.own[..., k])
+        d, products, drives = np.moveaxis(given.moments, -1, 0)
+        n, precision = self.count, noise**-2
+        left = self._mean - scale - g * d
+        squares = n * left**2 + self._squares - 2.0 * g * products + g**2 * drives
+        mean = n * left * precision
+        mean2 = np.broadcast_to(-n * precision, left.shape).copy()
+        c, c2 = g * d, g**2 * (drives + n * d**2)
+        mean_c = (n * left * c + g * (products - g * drives)) * precision
+        return {
+            "value": -0.5 * squares * precision - n * (np.log(noise) + _LOG_ROOT_TWO_PI),
+            "mean": mean,
+            "mean2": mean2,
+            "curvature": -mean2,
+            "mean_c": mean_c,
+            "mean2_c": mean2 * c,
+            "mean2_cc": -c2 * precision,
+            "noise": squares * precision - n,
+            "noise2": -2.0 * squares * precision,
+            "both": -2.0 * mean,
+            "both_c": -2.0 * mean_c,
+        }
+
+    def of_raters(self, given: Given, scale: FloatArray, others: FloatArray) -> FloatArray:
+        """Return the log density of each rater's rows at points, (draws, raters, points)."""
+        if given.moments is None:
+            return super().of_raters(given, scale, others)
+        k, g, noise = 0, np.ones(1), given.spread[..., None]
+        if given.tau_gamma is not None:
+            g, k = np.exp(given.tau_gamma[..., None] * others[..., 0]), 1
+        if given.tau_varsigma is not None:
+            noise = noise * np.exp(given.tau_varsigma[..., None] * others[..., k])
+        d, products, drives = np.moveaxis(given.moments[..., None], -2, 0)
+        left = self._mean[:, None] - scale - g * d
+        squares = self.count[:, None] * left**2 + self._squares[:, None] - 2.0 * g * products + g**2 * drives
+        return -0.5 * squares / noise**2 - self.count[:, None] * (np.log(noise) + _LOG_ROOT_TWO_PI)
