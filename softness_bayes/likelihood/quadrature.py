@@ -85,8 +85,9 @@ class Marginal:
         # information of rows at most so far from the mode as their intervals are wide; none beyond an open end
         information = np.broadcast_to(1.0 / (spread**2 + 0.25 * (given.rows.high - given.rows.low) ** 2), slope.shape)
         self._sharpest = table.count / given.spread**2
-        # far below the width of a rater's density, tau cannot be told from 0
-        self._tau = np.maximum(given.tau, _LEAST_TAU * self._sharpest.max(axis=-1, keepdims=True) ** -0.5)
+        # far below the width of a rater's density or of the level's, tau cannot be told from 0
+        finest = np.minimum(self._sharpest.max(axis=-1, keepdims=True) ** -0.5, table.spread)
+        self._tau = np.maximum(given.tau, _LEAST_TAU * finest)
         of_rater = np.add.reduceat(information, table.first, axis=-1)
         of_level = 1.0 / (self._tau**2 + 1.0 / np.maximum(of_rater, 1e-300))
         self._without = 1.0 / (table.spread**-2 + of_level.sum(axis=-1, keepdims=True) - of_level)

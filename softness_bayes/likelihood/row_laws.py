@@ -208,6 +208,10 @@ def _by_functions(
     ends = [_clipped((end - expected) * inverse) for end in (rows.low, rows.high)]
     low, high = (law.normal_scores(end, parameters) for end in ends)
     value = _log_between(low, high)
+    lost = np.isneginf(value) & np.isfinite(rows.high - rows.low)
+    if lost.any():  # so far out that scores of both ends are equal; the density is not below that of the farther end
+        least = np.minimum(*(law.log_density(end, parameters) for end in ends))
+        value = np.where(lost, least + np.log((rows.high - rows.low) * inverse), value)
     if not orders:
         return [value]
     # far out a ratio is the slope of the log density (Mills), and the difference of logarithms is rounding
