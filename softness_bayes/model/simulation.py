@@ -21,7 +21,6 @@ from softness_bayes.likelihood.directions import RISES, RatingDirection
 from softness_bayes.likelihood.effects import RATER_SPREADS
 from softness_bayes.likelihood.error_laws import GUMBEL, NORMAL, ErrorLaw
 from softness_bayes.likelihood.models import UNDER_UNCERTAIN_LOADS, model_of_different_raters, rating_model
-from softness_bayes.likelihood.effects import RATER_SPREADS
 from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
 from softness_bayes.likelihood.ratings import OF_FORCES, RatingParameters
 from softness_bayes.likelihood.scales import (

@@ -185,6 +185,10 @@ INTEGRATED_ONES = (
     "means of twelve raters and their spreads",
 )
 """Models whose likelihood is integrated numerically."""
+DRAWN_ONES = ("own exponents of raters",)
+"""Models integrated by importance draws, whose error is nearly a constant."""
+DRAWN = 5e-3
+"""Largest error of such a constant, and of what varies."""
 
 
 @cache
@@ -266,15 +270,23 @@ def test_prior_response_and_likelihood_are_the_stored_ones(name, stored):
     assert_allclose(present[:, :MOST_COLUMNS], rate, rtol=RESPONSE, atol=RESPONSE)
     if present.shape == rate.shape:
         found = of_terms(density, theta, rate)
-        if name in INTEGRATED_ONES:
-            near = slice(POINTS // 2)
+        near = slice(POINTS // 2)
+        if name in DRAWN_ONES:
+            assert_allclose(found[near], expected[near], rtol=0, atol=20.0 * DRAWN)
+            assert (found - expected)[near].std() < DRAWN
+        elif name in INTEGRATED_ONES:
             assert_allclose(found[near], expected[near], rtol=0, atol=INTEGRATED)
         else:
             assert_allclose(found, expected, rtol=EXACT)
     # all parts together, as a sampler calls them
-    near = slice(POINTS // 2 if name in INTEGRATED_ONES else POINTS)
+    near = slice(POINTS // 2 if name in (*INTEGRATED_ONES, *DRAWN_ONES) else POINTS)
     whole = density.log_prior(theta) + density.log_likelihood(theta)
-    assert_allclose(whole[near], (numbers["log_prior"] + expected)[near], rtol=1e-6, atol=2.0 * INTEGRATED)
+    assert_allclose(
+        whole[near],
+        (numbers["log_prior"] + expected)[near],
+        rtol=1e-6,
+        atol=20.0 * DRAWN if name in DRAWN_ONES else 2.0 * INTEGRATED,
+    )
 
 
 def test_a_change_of_a_millionth_is_noticed(stored):
