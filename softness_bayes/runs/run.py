@@ -239,7 +239,8 @@ def sample_model(
     with one_thread(), nullcontext(workers) if workers is not None else run.settings.workers(posterior) as workers:
         state = walked(experiment, posterior, request, progress, checkpoint, workers)
         sampled = sampled_of(state)
-        integrals = None if run.quick else _integrals(posterior, sampled)
+        ended = sampled.verdict.converged and not run.quick
+        integrals = _integrals(posterior, sampled) if ended else None
         if integrals is None or integrals.exact_enough or integrals.pareto_k <= LARGEST_K:
             weighed = run.exact_reweight or (integrals is not None and integrals.sd > HARMLESS)
             return _assembled(model, run, asked, state, workers, weighed, listener, figures)
