@@ -55,9 +55,9 @@ def test_what_is_drawn_depends_on_the_seed_alone(draws):
     first, again, other = (draw_replicates(np.random.default_rng(seed), draws) for seed in (1, 1, 2))
     assert same(first, again)
     assert not same(first, other)
-    # the levelled response shares its noise: where it is not levelled, ratings are the same
-    assert (first.levelled == first.again).any()
-    assert not (first.levelled == first.again).all()
+    # the response at its peak shares its noise: where it is not beyond the peak, ratings are the same
+    assert (first.plateau == first.again).any()
+    assert not (first.plateau == first.again).all()
 
 
 def test_groups_do_not_depend_on_the_order_in_which_they_are_made(draws):
@@ -70,7 +70,7 @@ def test_groups_do_not_depend_on_the_order_in_which_they_are_made(draws):
         lambda: predictive_groups(draws, drawn, alone),
         lambda: prediction_group(draws, grid, 1e-3),
         lambda: turning_groups(draws, 1e-3),
-        lambda: illustration_groups(draws, drawn, turn),
+        lambda: illustration_groups(draws, drawn.receptors, drawn.trains(), turn),
     ]
     before = copy.deepcopy([draws.theta, draws.mean_rate, draws.prior])
     forwards = [make() for make in makers]
