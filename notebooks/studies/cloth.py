@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from softness_bayes.data import Fabrics
-from softness_bayes.model.reach import COARSE, SKINS, reach
+from softness_bayes.model.build import COARSE
+from softness_bayes.model.reach import SKINS, reach
 from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
 from softness_bayes.readable import percent
 from softness_bayes.touch.contact import Force, Indentation, Load

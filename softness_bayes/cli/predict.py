@@ -136,7 +136,8 @@ def _of_run(
     InputError
         If there is no run, or it had no ratings, or a value cannot be set.
     """
-    from softness_bayes.model.reach import COARSE, reach_note
+    from softness_bayes.model.build import COARSE
+    from softness_bayes.model.reach import reach_note
     from softness_bayes.parameters.declared import SHAPE_PARAMETERS
     from softness_bayes.results.fitted import Fitted
     from softness_bayes.results.rating_table import predicted

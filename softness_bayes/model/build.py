@@ -46,7 +46,7 @@ from softness_bayes.touch.load_groups import groups_of
 from softness_bayes.touch.scene import Discretisation, Scene
 
 COARSE = PRESETS[0]
-"""Resolution sufficient to order fabrics by firing."""
+"""Resolution sufficient to decide whether receptors fire, and to order fabrics by firing."""
 
 ALPHA_WIDTH = 0.3
 """Distance from the rheobase [µA/cm²] beyond which alpha's coordinate is logarithmic."""

@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.errors import InputError
-from softness_bayes.model.build import moduli_of
+from softness_bayes.model.build import COARSE, moduli_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
 from softness_bayes.parameters.declared import SHAPE_PARAMETERS
 from softness_bayes.parameters.fabric_moduli import FabricModuli
 from softness_bayes.readable import percent
-from softness_bayes.touch.accuracy import PRESETS
 from softness_bayes.touch.contact import HERTZ_LIMIT, Finger, Force, Indentation, Load, Loads
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.parameters import TouchParameters
@@ -46,9 +45,6 @@ OTHER_LOADS: Mapping[type, tuple[Load, ...]] = {
 
 SKINS = ("default", "in-vivo")
 """Sets of priors whose skin is tried as an alternative."""
-
-COARSE = PRESETS[0]
-"""Discretisation sufficient to decide whether receptors fire."""
 
 
 class Reach(NamedTuple):

@@ -187,15 +187,16 @@ def assembled(
         listener(Stage.EXACT)
     exactness = comparison() if known is None else known
     listener(Stage.CHECKS)
+    plate, plate_found = _plate(draws, drawn)
     found = {
         **_checks(draws, error, exactness),
         **_held_eps(posterior.space),
         **({} if np.isnan(draws.rises) else {"direction_rises": draws.rises, "direction_rises_se": draws.rises_error}),
-        **_plate_check(draws, drawn),
+        **plate_found,
     }
     posterior_groups = merged(_posterior_groups(draws), {"sample_stats": exactness_stats(exactness, theta.shape)})
     tree = tree_of(
-        merged(posterior_groups, groups, _plate_groups(draws, drawn), shown),
+        merged(posterior_groups, groups, plate, shown),
         {**coordinates(draws, grid), **axes},
         {**attributes, **levels, **found},
     )
@@ -249,12 +250,14 @@ def _posterior_groups(draws: RatedDraws) -> Groups:
     return merged(groups, {"posterior": effects})
 
 
-def _plate_groups(draws: RatedDraws, drawn: Replicates) -> Groups:
-    """Return the groups added by compression data; empty without such data."""
+def _plate(draws: RatedDraws, drawn: Replicates) -> tuple[Groups, dict[str, Any]]:
+    """Return the groups and the provenance added by compression data; empty without such data."""
     data, forces = draws.experiment.compression, draws.posterior.compression
     if data is None or forces is None or drawn.plate is None:
-        return {}
-    return plate_groups(data, forces, draws.posterior.skin_parameters(draws.subset(draws.curves).theta), drawn.plate)
+        return {}, {}
+    skin = draws.posterior.skin_parameters(draws.subset(draws.curves).theta)
+    attributes = plate_attributes(data, check_exponent(forces, drawn.plate.again))
+    return plate_groups(data, forces, skin, drawn.plate), attributes
 
 
 def _with_picks(tree: xr.DataTree, draws: RatedDraws) -> xr.DataTree:
@@ -347,11 +350,3 @@ def _held_eps(space: ParameterSpace) -> dict[str, str]:
         "held_eps": f"eps is fixed at {held:g} Hz: all intervals treat it as known, although it cannot be "
         f"measured; omit '--fix eps={held:g}' to sample it with its prior {prior}"
     }
-
-
-def _plate_check(draws: RatedDraws, drawn: Replicates) -> dict[str, Any]:
-    """Return the provenance of compression data; empty without such data."""
-    data, forces = draws.experiment.compression, draws.posterior.compression
-    if data is None or forces is None or drawn.plate is None:
-        return {}
-    return plate_attributes(data, check_exponent(forces, drawn.plate.again))

@@ -24,6 +24,7 @@ from softness_bayes.likelihood.contract import NO_RESPONSE
 from softness_bayes.likelihood.pieces import part_of, pieces
 from softness_bayes.likelihood.plate import CompressionForces, FingerEffects, SkinParameters
 from softness_bayes.likelihood.ratings import RatingParameters
+from softness_bayes.model.posterior import Density
 from softness_bayes.provenance import PlateData, attributes_of
 from softness_bayes.results.draws import Groups, RatedDraws, Subset, Variable, named
 from softness_bayes.results.predictions import Trains, example_trains
@@ -90,7 +91,7 @@ def draw_replicates(rng: np.random.Generator, draws: RatedDraws, workers: Worker
     anew = _rated(rng, draws, drive, few.mean_rate, few.parameters, strangers)
     level = _plateau_rated(twin, draws, few)
     prior = _prior_rated(rng, draws)
-    plate = _plate(rng, draws, few)
+    plate = draw_plate(rng, draws.posterior, draws.theta, few.theta, draws.prior[: draws.replicates])
     receptors = draw_receptors(rng, draws.scene.finger, draws.scene.readings.receptor_density)
     trains = example_trains(rng, draws.scene, draws.touch(draws.subset(draws.curves).theta), workers)
     return Replicates(again, anew, level, prior, plate, receptors, trains)
@@ -188,36 +189,25 @@ def _prior_rated(rng: np.random.Generator, draws: RatedDraws) -> Array:
     return _rated(rng, draws, ratings.drive(rate, parameters), rate, parameters, effects)
 
 
-def _plate(rng: np.random.Generator, draws: RatedDraws, few: Subset) -> PlateReplicates | None:
-    forces, skin = draws.posterior.compression, draws.posterior.skin_parameters
-    if forces is None:
-        return None
-    return draw_plate(rng, forces, skin, draws.theta, few.theta, draws.prior[: draws.replicates])
-
-
 def draw_plate(
-    rng: np.random.Generator,
-    forces: CompressionForces,
-    skin: Callable[[Array], SkinParameters],
-    theta: Array,
-    replicates: Array,
-    prior: Array,
-) -> PlateReplicates:
-    """Draw the deviations of fingers, and replicated forces.
+    rng: np.random.Generator, density: Density, theta: Array, replicates: Array, prior: Array
+) -> PlateReplicates | None:
+    """Draw the deviations of fingers, and replicated forces; None without compression data.
 
     Parameters
     ----------
     rng
         Random generator of effects and noise.
-    forces
-        The likelihood.
-    skin
-        Function that returns the skin's parameters at points theta.
+    density
+        The density that was sampled.
     theta
         All draws, shape (chains, draws, dimension), for the deviations of fingers.
     replicates, prior
         Draws of the posterior and of the prior (draws, dimension) for which forces are simulated.
     """
+    forces, skin = density.compression, density.skin_parameters
+    if forces is None:
+        return None
 
     def forces_at(points: SkinParameters, effects: FingerEffects) -> Array:
         return forces.replicate(rng, forces.drive(NO_RESPONSE, points), points, effects)

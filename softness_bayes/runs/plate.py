@@ -99,8 +99,9 @@ def sample_skin_model(
     theta = kept.by_walker(posterior.natural(kept.coordinates))
     prior = posterior.space.draw_prior(rng, PRIOR_DRAWS)
     forces, skin = posterior.compression, posterior.skin_parameters
+    drawn = draw_plate(rng, posterior, theta, theta[evenly(theta.shape, REPLICATES)], prior[:REPLICATES])
     assert forces is not None
-    drawn = draw_plate(rng, forces, skin, theta, theta[evenly(theta.shape, REPLICATES)], prior[:REPLICATES])
+    assert drawn is not None
     groups = plate_groups(compression, forces, skin(theta[evenly(theta.shape, CURVES)]), drawn)
     check = check_exponent(forces, drawn.again)
     own = {"prior": named(posterior.space, prior[None]), "constant_data": held_parameters(posterior.space)}

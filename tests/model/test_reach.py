@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from softness_bayes.data import Experiment, Fabrics
+from softness_bayes.model.build import COARSE
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.model.reach import COARSE, DEEP, reach, reach_of, reach_of_priors, wide_contacts
+from softness_bayes.model.reach import DEEP, reach, reach_of, reach_of_priors, wide_contacts
 from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.parameters.priors import Normal, Uniform
