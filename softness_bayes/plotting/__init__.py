@@ -9,14 +9,12 @@ from softness_bayes.plotting.parameters import corner_figure, prior_figure, rank
 from softness_bayes.plotting.rating import Observed, observed_ratings, rating_figure
 from softness_bayes.plotting.response import inflection_figure, ratio_figure, response_figure
 from softness_bayes.plotting.style import USUAL, Style, save
-from softness_bayes.plotting.touch import compression_figure
 
 __all__ = [
     "FIGURES",
     "USUAL",
     "Observed",
     "Style",
-    "compression_figure",
     "corner_figure",
     "draw_figures",
     "figures_of",

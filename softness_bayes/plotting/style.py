@@ -265,49 +265,12 @@ def files_of(
     """Return the contents of the files that `save` writes, by file name (stem and suffix)."""
     require_formats(formats)
     contents: dict[str, bytes] = {}
-    with style.applied(), _laid_out(figure):
+    with style.applied():
         for name in formats:
             if name == DATA:
                 contents[f"{stem}.{name}"] = csv_of(data_of(figure), index=False).encode()
                 continue
-            drawn = io.BytesIO()
-            if name == "png":
-                _write_png(figure, drawn)
-            else:
-                figure.savefig(drawn, format=name, metadata=dict(METADATA[name]))
+            more: dict[str, Any] = {"pil_kwargs": {"compress_level": COMPRESSION}} if name == "png" else {}
+            figure.savefig(drawn := io.BytesIO(), format=name, metadata=dict(METADATA[name]), **more)
             contents[f"{stem}.{name}"] = drawn.getvalue()
     return contents
-
-
-@contextmanager
-def _laid_out(figure: Figure) -> Iterator[None]:
-    """Lay out a figure once, at the resolution of files, for all formats that are written inside the ``with`` block.
-
-    At the resolution of the PNG file, matplotlib measures each text once for both layout and drawing.
-    """
-    from matplotlib import rcParams
-
-    engine, dpi = figure.get_layout_engine(), figure.dpi
-    if rcParams["savefig.dpi"] != "figure":
-        figure.dpi = rcParams["savefig.dpi"]
-    try:
-        if engine is not None:
-            engine.execute(figure)
-            figure.set_layout_engine("none")
-        yield
-    finally:
-        figure.dpi = dpi
-        if engine is not None:
-            figure.set_layout_engine(engine)
-
-
-def _write_png(figure: Figure, file: io.BytesIO) -> None:
-    """Write a figure that is laid out; `savefig` would draw it twice."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    canvas = figure.canvas
-    try:
-        agg: Any = FigureCanvasAgg(figure)
-        agg.print_png(file, metadata=dict(METADATA["png"]), pil_kwargs={"compress_level": COMPRESSION})
-    finally:
-        figure.set_canvas(canvas)

@@ -5,9 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from softness_bayes.errors import InputError
 from softness_bayes.plotting import stored
 from softness_bayes.plotting.names import short_name
 from softness_bayes.plotting.panels import (
@@ -20,7 +18,7 @@ from softness_bayes.plotting.panels import (
     make_panels,
     number_ticks,
 )
-from softness_bayes.plotting.style import USUAL, Style, styled
+from softness_bayes.plotting.style import Style, styled
 from softness_bayes.readable import number
 
 if TYPE_CHECKING:
@@ -238,67 +236,29 @@ def membrane(result: stored.Drawable, style: Style) -> Figure:
     return figure
 
 
-def compression(result: stored.Drawable, style: Style) -> Figure:
-    """Draw the force of a rigid plate against indentation."""
-    predicted, constant = result.group("predictions").isel(chain=0), result.group("constant_data")
-    return compression_figure(
-        predicted["plate_indentation_mm"].values * 1e-3,
-        predicted["typical_force_n"].values,
-        constant["force_indentation_mm"].values * 1e-3,
-        result.group("observed_data")["plate_force_n"].values,
-        constant["finger_index"].values,
-        style=style,
-    )
-
-
 @styled
-def compression_figure(
-    indentation: ArrayLike,
-    force: ArrayLike,
-    observed_indentation: ArrayLike,
-    observed_force: ArrayLike,
-    finger: ArrayLike,
-    *,
-    style: Style = USUAL,
-) -> Figure:
-    """Draw the typical finger's force with credible bands, and the observed forces, on logarithmic axes.
+def compression(result: stored.Drawable, style: Style) -> Figure:
+    """Draw the force of a rigid plate on the typical finger, with credible bands, and the observed forces.
 
-    Parameters
-    ----------
-    indentation
-        Grid of indentations [m], shape (points,).
-    force
-        Draws of the typical finger's force [N], shape (draws, points).
-    observed_indentation, observed_force
-        Observed indentations [m] and forces [N], shape (rows,).
-    finger
-        Index of each row's finger, shape (rows,).
-    style
-        Style of the figure.
+    The axes are logarithmic; the indentation is in mm.
 
     Returns
     -------
     Figure
         Artists named ``median/plate``, ``band95/plate``, ``band50/plate`` and ``finger/k`` (points joined
-        in order of indentation); indentation in mm.
-
-    Raises
-    ------
-    InputError
-        If the shapes disagree.
+        in order of indentation).
     """
-    depth, draws = np.asarray(indentation, float) * 1e3, np.asarray(force, float)
-    x, y, member = np.asarray(observed_indentation, float) * 1e3, np.asarray(observed_force, float), np.asarray(finger)
-    if draws.shape[1:] != depth.shape or not x.shape == y.shape == member.shape:
-        raise InputError(f"compression figure: forces of shape {draws.shape} at {depth.size} indentations")
+    predicted, constant = result.group("predictions").isel(chain=0), result.group("constant_data")
+    depth, force = predicted["plate_indentation_mm"].values, result.group("observed_data")["plate_force_n"].values
+    indentation, finger = constant["force_indentation_mm"].values, constant["finger_index"].values
     grid = make_panels(1, style, 2.0, 1, "indentation [mm]", "force [N]", narrow=True)
     (axes,) = grid.panels
-    draw_bands(axes, depth, draws, style.posterior, style, "plate")
-    for k in np.unique(member):
-        rows = np.flatnonzero(member == k)
-        rows = rows[np.argsort(x[rows], kind="stable")]
-        label = "fingers" if k == member.min() else None
-        line = axes.plot(x[rows], y[rows], "o-", color=style.data, markersize=3, linewidth=0.5, label=label)[0]
+    draw_bands(axes, depth, predicted["typical_force_n"].values, style.posterior, style, "plate")
+    for k in np.unique(finger):
+        rows = np.flatnonzero(finger == k)
+        rows = rows[np.argsort(indentation[rows], kind="stable")]
+        (line,) = axes.plot(indentation[rows], force[rows], "o-", color=style.data, markersize=3, linewidth=0.5)
+        line.set_label("fingers" if k == finger.min() else None)
         line.set(gid=f"finger/{k}", zorder=3)
     axes.set(xscale="log", yscale="log", xlim=(depth.min(), depth.max()))
     number_ticks(axes.xaxis)

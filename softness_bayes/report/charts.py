@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from softness_bayes.checking.inflection import PERCENTS
 from softness_bayes.likelihood.scales import Scale
 from softness_bayes.plotting.panels import TINTS, title
-from softness_bayes.plotting.rating import observed_ratings
+from softness_bayes.plotting.rating import observed_of
 from softness_bayes.plotting.response import RatioAxis
 from softness_bayes.plotting.style import USUAL
 from softness_bayes.readable import chance, number
@@ -85,10 +85,11 @@ def shown(result: Result) -> dict[str, list[Shown]]:
     typical = result.typical_ratings()
     fabric = result.group("constant_data")["effective_modulus_kpa"].values
     names = [str(name) for name in result.group("constant_data")["fabric"].values]
-    modulus = curves.modulus * 1e-3
+    modulus, ratings = curves.modulus * 1e-3, observed_of(result)
     found: dict[str, list[Shown]] = {axis.name: [] for axis in AXES}
     for k, load in enumerate(groups.called):
-        row, observed = table.loc[str(load)], _observed(result, groups.of == k)
+        row, here = table.loc[str(load)], ratings.load == k
+        observed = {name: _plain(getattr(ratings, name)[here]) for name in ("mean", "low", "high")}
         turns = {"e_fab": _turn(row, "e_fab_kpa"), "ratio": _turn(row, "ratio")}
         on = RatioAxis.of(curves.modulus, curves.skin_modulus[:, k])
         layouts = {
@@ -114,22 +115,6 @@ def shown(result: Result) -> dict[str, list[Shown]]:
 def _band(x: Array, draws: Array) -> dict[str, list[float]]:
     limits = np.quantile(draws, [*QUANTILES.values()], axis=0)
     return {"x": _plain(x), **{name: _plain(column) for name, column in zip(QUANTILES, limits, strict=True)}}
-
-
-def _observed(result: Result, loads: NDArray[np.bool_]) -> dict[str, list[Any]]:
-    """Return a summary of every fabric's ratings under some loads, as in the figure of ratings."""
-    constant = result.group("constant_data")
-    modulus = constant["effective_modulus_kpa"].values * 1e3
-    every = observed_ratings(
-        result.group("observed_data")["rating"].values,
-        loads[constant["load_index"].values] * modulus.size + constant["fabric_index"].values,
-        constant["participant_index"].values,
-        np.tile(modulus, 2),
-        np.repeat([0, 1], modulus.size),
-        scale=result.scale,
-    )
-    here = every.load == 1
-    return {name: _plain(getattr(every, name)[here]) for name in ("mean", "low", "high")}
 
 
 def _turn(row: Any, name: str) -> dict[str, list[float]]:
