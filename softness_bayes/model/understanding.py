@@ -270,7 +270,7 @@ class Setting(NamedTuple):
 
 def ladder(scene: Scene, draws: Draws) -> tuple[Setting, ...]:
     """Measure errors and cost of a scene at every preset."""
-    found = (measured(scene.at_resolution(preset), draws) for preset in PRESETS)
+    found = (measured(scene.recompiled(discretisation=preset), draws) for preset in PRESETS)
     return tuple(
         Setting(one, seconds(one.scene, draws.parameters), one.discretisation == scene.discretisation) for one in found
     )

@@ -29,7 +29,7 @@ from softness_bayes.touch.neuron.polynomials import clenshaw
 from softness_bayes.touch.parameters import TouchParameters, checked_rows
 from softness_bayes.touch.population import Drive
 from softness_bayes.touch.scene import Scene
-from softness_bayes.touch.stress_table import StressFields
+from softness_bayes.touch.stress_fields import StressFields
 
 Array = NDArray[np.float64]
 

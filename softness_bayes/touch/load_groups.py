@@ -12,15 +12,12 @@ from numpy.typing import NDArray
 
 from softness_bayes.defaults import MOST_SHOWN
 from softness_bayes.readable import counted
-from softness_bayes.touch.contact import Force, Indentation, Load
+from softness_bayes.touch.contact import Indentation, Load, held
 
 IntArray = NDArray[np.intp]
 
 NEAR = 1.3
 """Largest ratio of two loads of a group, unless that makes more groups than are shown."""
-
-DIGITS = (3, 6, 12)
-"""Significant digits of the ends of groups; the first number that makes names unique is used."""
 
 
 @dataclass(frozen=True)
@@ -88,9 +85,10 @@ def groups_of(loads: Sequence[Load], most: int = MOST_SHOWN) -> LoadGroups:
     of = np.empty(count, dtype=np.intp)
     at: list[int] = []
     called: list[Load | LoadGroup] = []
-    kinds = [own for kind in (Indentation, Force) if (own := _of_kind(loads, kind)).size]
+    indented = np.array([isinstance(load, Indentation) for load in loads])
+    kinds = [own for own in (np.flatnonzero(indented), np.flatnonzero(~indented)) if own.size]
     for own, groups in zip(kinds, _most_of([own.size for own in kinds], most), strict=True):
-        log = np.log([_value(loads[k]) for k in own])
+        log = np.log([held(loads[k]) for k in own])
         members = [own[some] for some in _clusters(log, groups)]
         names = _names([[loads[k] for k in some] for some in members])
         for some, name in zip(members, names, strict=True):
@@ -99,15 +97,6 @@ def groups_of(loads: Sequence[Load], most: int = MOST_SHOWN) -> LoadGroups:
             at.append(int(middle))
             called.append(loads[middle] if some.size == 1 else LoadGroup(loads[middle], name))
     return LoadGroups(of, np.array(at, dtype=np.intp), tuple(called))
-
-
-def _of_kind(loads: Sequence[Load], kind: type[Load]) -> IntArray:
-    return np.array([k for k, load in enumerate(loads) if isinstance(load, kind)], dtype=np.intp)
-
-
-def _value(load: Load) -> float:
-    """Return the depth [m] or the force [N]."""
-    return load.depth if isinstance(load, Indentation) else load.newton
 
 
 def _most_of(counts: Sequence[int], most: int) -> list[int]:
@@ -135,8 +124,8 @@ def _clusters(log: NDArray[np.float64], most: int) -> list[IntArray]:
 def _names(groups: Sequence[Sequence[Load]]) -> list[str]:
     """Return the range of each group with its unit, with the fewest digits that keep names unique."""
     names: list[str] = []
-    for digits in DIGITS:
-        ends = [[type(load)(float(f"{_value(load):.{digits}g}")) for load in (one[0], one[-1])] for one in groups]
+    for digits in (3, 6, 12):
+        ends = [[type(load)(float(f"{held(load):.{digits}g}")) for load in (one[0], one[-1])] for one in groups]
         names = [f"{str(low).rpartition(' ')[0]} to {high}" for low, high in ends]
         if len(set(names)) == len(names):
             break

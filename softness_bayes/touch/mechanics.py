@@ -16,10 +16,10 @@ from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from softness_bayes.touch.contact import Contact, Finger, Fingertip, Load, Loads, log_compliance_ratio, reduced_modulus
-from softness_bayes.touch.inversion import values_to_coefficients
 from softness_bayes.touch.neuron.polynomials import TotalDegree
 from softness_bayes.touch.skin import SkinDisplacement, skin_modulus
-from softness_bayes.touch.stress_table import FieldsAt, Profile, StressFields
+from softness_bayes.touch.stress_fields import FieldsAt, Profile, StressFields
+from softness_bayes.touch.stress_table import values_to_coefficients
 
 Array = NDArray[np.float64]
 

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from softness_bayes.touch.neuron.firing import RateCurve
 from softness_bayes.touch.neuron.polynomials import horner
 from softness_bayes.touch.receptors import ReceptorCount
-from softness_bayes.touch.stress_table import Y_LEAST, FieldsAt, Profile
+from softness_bayes.touch.stress_fields import Y_LEAST, FieldsAt, Profile
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]

@@ -6,19 +6,20 @@ receptors of the pad per unit distance,
     N = integral of w(rho) nu(I(sigma(rho))) d rho    from 0 to the last receptor that fires,
 
 where the stress is exact at every node and w follows from the arcs of the circle inside the pad. The range is divided
-where w or sigma has a kink, and each piece is halved until its integral agrees with that of its halves.
+where w or sigma has a kink. SciPy's double-exponential rule integrates each piece: its ends may be singular, as
+they are at the onset of firing and beyond a kink of the arcs.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.integrate import tanhsinh
 from scipy.optimize import brentq
 
 from softness_bayes.errors import InputError, NumericalError
@@ -32,12 +33,6 @@ from softness_bayes.touch.stress import stress
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
-
-NODES = 12
-"""Gauss nodes of a piece."""
-
-HALVINGS = 60
-"""Largest number of halvings of a piece; 2^-60 of the pad is smaller than an atom."""
 
 INTERVAL_RTOL = 1e-7
 """Smallest tolerance of mean intervals. Near the onset of firing they diverge like an inverse square root, so that
@@ -113,36 +108,75 @@ def reference_response(
     NumericalError
         If an integral does not reach its tolerance.
     """
-    value = {name: _scalar(name, given) for name, given in parameters._asdict().items()}
-    law = law or SimulatedRate(Channels(*(value[name] for name in Channels._fields)), scene.readings.membrane)
-    alpha, beta, sigma_0 = value["alpha"], value["beta"], value["sigma_0"]
-    usual, readings = scene.finger, scene.readings
-    radius, depth = value["radius"] or usual.radius, value["receptor_depth"] or usual.receptor_depth
-    finger = replace(usual, radius=radius, receptor_depth=depth)
-    contact = _contact(scene, finger, value["b"], value["m"])
+    for name, given in parameters._asdict().items():
+        if np.size(given) != 1 or not np.isfinite(given).all():
+            raise InputError(f"parameters: {name} is {given}, expected one finite number")
+    value = TouchParameters(*(float(np.asarray(given, float).item()) for given in parameters))
+    law = law or SimulatedRate(Channels(*(getattr(value, name) for name in Channels._fields)), scene.readings.membrane)
+    usual, readings, n = scene.finger, scene.readings, scene.n_conditions
+    finger = replace(
+        usual, radius=value.radius or usual.radius, receptor_depth=value.receptor_depth or usual.receptor_depth
+    )
+    fields = np.empty((len(Contact._fields), n))
+    for index in np.unique(scene.load):
+        under = scene.load == index
+        fabric, displacement = (scene.modulus[under], scene.poisson[under]), readings.skin_displacement
+        fields[:, under] = solve_contact(*fabric, scene.loads[index], value.b, value.m, finger, displacement)
+    contact = Contact(*fields)
 
     def stress_at(rho: Array, condition: Indices) -> Array:
         state = contact.reduced_modulus[condition], contact.radius[condition]
         return stress(rho, *state, finger, readings.pressure, readings.stress_kernel, readings.stress_component)
 
-    def integrand(rho: Array, condition: Indices) -> Array:
-        current = receptor_current(stress_at(rho, condition[:, None]), alpha, beta, sigma_0)
-        rate = law.rate(current.ravel()).reshape(rho.shape)
-        interval = np.divide(1.0, rate, out=np.zeros_like(rate), where=rate > 0)
-        weight = receptors_per_distance(rho.ravel(), finger, readings.receptor_density).reshape(rho.shape)
-        return weight * np.stack([rate, np.ones_like(rate), interval])
+    def rate_at(rho: Array, condition: Indices) -> Array:
+        current = receptor_current(stress_at(rho, condition), value.alpha, value.beta, value.sigma_0)
+        return law.rate(current.ravel()).reshape(rho.shape)
 
-    def excess(rho: float, condition: int) -> float:
-        return float(stress_at(np.array(rho), np.array(condition))) - needed
+    def weight(rho: Array) -> Array:
+        return receptors_per_distance(rho.ravel(), finger, readings.receptor_density).reshape(rho.shape)
 
-    peak = stress_at(np.zeros(scene.n_conditions), np.arange(scene.n_conditions))
-    needed = _needed_stress(float(np.asarray(law.rheobase).item()), alpha, beta, sigma_0)
-    firing = np.flatnonzero(peak > needed)
-    ends = [_last_distance(excess, condition, finger) for condition in firing.tolist()]
-    kinks = [np.append(kink_distances(finger), contact.radius[c]) for c in firing]
-    pieces = _Pieces.cut(firing, ends, kinks)
-    rate, responding, interval = _integrate(integrand, pieces, scene.n_conditions, rtol)
+    rheobase = float(np.asarray(law.rheobase).item())
+    odds = (value.alpha - rheobase) / rheobase
+    needed = value.sigma_0 - math.log(odds) / value.beta if odds > 0 else math.inf
+    farthest = float(kink_distances(finger)[-1])
+
+    def end(condition: int) -> float:
+        """Return the distance [m] of the last receptor that fires, at most the pad's farthest corner."""
+
+        def excess(rho: float) -> float:
+            return float(stress_at(np.array(rho), np.array(condition))) - needed
+
+        return farthest if excess(farthest) >= 0 else float(brentq(excess, 0.0, farthest, xtol=1e-18, rtol=1e-15))
+
+    peak = stress_at(np.zeros(n), np.arange(n))
+    pieces = [np.empty((3, 0))]
+    for c in np.flatnonzero(peak > needed).tolist():
+        cuts, last = np.append(kink_distances(finger), contact.radius[c]), end(c)
+        cuts = np.unique([0.0, *cuts[cuts < last], last])
+        pieces.append(np.array([cuts[:-1], cuts[1:], np.full(cuts.size - 1, c)]))
+    lower, upper, which = np.concatenate(pieces, axis=1)
+    condition = which.astype(np.intp)
+    # each condition's integrals are in units of the rate on the axis, so that one absolute tolerance serves all
+    unit = rate_at(np.zeros(n), np.arange(n))
+    unit[unit == 0.0] = 1.0
+
+    def integral(power: int, tolerance: float) -> Array:
+        """Return the integrals of w (nu / unit)^power over each condition's receptors that fire, shape (n,)."""
+
+        def integrand(rho: Array, condition: Indices) -> Array:
+            share = rate_at(rho, condition) / unit[condition]
+            fires = share > 0.0
+            return np.where(fires, np.where(fires, share, 1.0) ** power, 0.0) * weight(rho)
+
+        # at lower levels the rule can miss a layer near the receptors' depth or threshold, and yet agree with itself
+        found = tanhsinh(integrand, lower, upper, args=(condition,), rtol=tolerance, atol=tolerance, minlevel=4)
+        if not found.success.all():
+            raise NumericalError(f"reference: an integral does not reach the tolerance {tolerance}")
+        return np.bincount(condition, found.integral, n)
+
+    rate, responding = unit * integral(1, rtol), integral(0, rtol)
     divisor = np.where(responding > 0, responding, np.nan)
+    interval = integral(-1, max(rtol, INTERVAL_RTOL)) / unit
     return Response(rate, responding, rate / divisor, interval / divisor, peak, contact)
 
 
@@ -163,97 +197,7 @@ def receptors_per_distance(rho: Array, finger: Finger, density: Density) -> Arra
     along, across = x + rho * np.cos(middle), y + rho * np.sin(middle)
     inside = (along >= 0) & (along <= length) & (across >= 0) & (across <= width) & (half > 0)
     circle = np.nonzero(inside)[1]
-    node, weight = np.polynomial.legendre.leggauss(ARC_NODES)
+    node, weight = np.polynomial.legendre.leggauss(40)  # an arc spans at most a quarter of the circle
     angle = middle[inside][:, None] + half[inside][:, None] * node
     arcs = half[inside] * (density.at(x + rho[circle][:, None] * np.cos(angle)) @ weight)
     return rho * np.bincount(circle, arcs, rho.size)
-
-
-def _scalar(name: str, value: ArrayLike) -> float:
-    array = np.asarray(value, float)
-    if array.size != 1 or not np.isfinite(array).all():
-        raise InputError(f"parameters: {name} is {array}, expected one finite number")
-    return float(array.item())
-
-
-def _contact(scene: Scene, finger: Finger, b: float, m: float) -> Contact:
-    fields = np.empty((len(Contact._fields), scene.n_conditions))
-    for index in np.unique(scene.load):
-        held = scene.load == index
-        load, displacement = scene.loads[index], scene.readings.skin_displacement
-        fabric = scene.modulus[held], scene.poisson[held]
-        fields[:, held] = solve_contact(*fabric, load, b, m, finger, displacement)
-    return Contact(*fields)
-
-
-def _needed_stress(rheobase: float, alpha: float, beta: float, sigma_0: float) -> float:
-    """Return the stress [Pa] at which the current equals the rheobase; infinite if the current never reaches it."""
-    odds = (alpha - rheobase) / rheobase
-    return sigma_0 - math.log(odds) / beta if odds > 0 else math.inf
-
-
-def _last_distance(excess: Callable[[float, int], float], condition: int, finger: Finger) -> float:
-    """Return the distance [m] up to which the stress of a condition suffices, at most the pad's farthest corner."""
-    farthest = float(kink_distances(finger)[-1])
-    if excess(farthest, condition) >= 0:
-        return farthest
-    return float(brentq(excess, 0.0, farthest, args=(condition,), xtol=1e-18, rtol=1e-15))
-
-
-class _Pieces(NamedTuple):
-    """Ranges of the distance, each of one condition; fields of shape (n,)."""
-
-    lower: Array
-    upper: Array
-    condition: Indices
-
-    def integrals(self, integrand: Callable[[Array, Indices], Array]) -> Array:
-        """Gauss quadrature on each piece, shape (3, n).
-
-        The substitution rho = lower + (upper - lower) sin²(phi) removes the square-root singularities at the ends of a
-        piece, at the onset of firing and beyond a kink of the arcs.
-        """
-        node, weight = np.polynomial.legendre.leggauss(NODES)
-        phi = 0.25 * np.pi * (node + 1.0)
-        span = (self.upper - self.lower)[:, None]
-        rho = self.lower[:, None] + span * np.sin(phi) ** 2
-        return np.einsum("knj,nj->kn", integrand(rho, self.condition), span * (0.25 * np.pi * weight * np.sin(2 * phi)))
-
-    def halves(self) -> _Pieces:
-        """Return the left halves, then the right ones."""
-        middle = 0.5 * (self.lower + self.upper)
-        lower, upper = np.append(self.lower, middle), np.append(middle, self.upper)
-        return _Pieces(lower, upper, np.tile(self.condition, 2))
-
-    def take(self, index: NDArray[np.bool_]) -> _Pieces:
-        """Return the pieces selected by a mask."""
-        return _Pieces(self.lower[index], self.upper[index], self.condition[index])
-
-    @classmethod
-    def cut(cls, condition: Indices, ends: list[float], kinks: list[Array]) -> _Pieces:
-        """Return [0, end] of each condition, cut at its kinks."""
-        cuts = [np.unique([0.0, *kink[kink < end], end]) for end, kink in zip(ends, kinks, strict=True)]
-        lower, upper = (np.concatenate([np.empty(0), *(cut[part] for cut in cuts)]) for part in (np.s_[:-1], np.s_[1:]))
-        return cls(lower, upper, np.repeat(condition, [cut.size - 1 for cut in cuts]))
-
-
-def _integrate(integrand: Callable[[Array, Indices], Array], pieces: _Pieces, n_conditions: int, rtol: float) -> Array:
-    """Sum the integrals over each condition's pieces, halving pieces until they agree with their halves."""
-    total = np.zeros((3, n_conditions))
-    if not pieces.lower.size:
-        return total
-    whole = pieces.integrals(integrand)
-    scale = np.array([np.bincount(pieces.condition, part, n_conditions) for part in whole])
-    allowed = np.array([[rtol], [rtol], [max(rtol, INTERVAL_RTOL)]]) * scale
-    for _ in range(HALVINGS):
-        halves = pieces.halves()
-        left, right = np.split(halves.integrals(integrand), 2, axis=1)
-        settled = (np.abs(left + right - whole) <= allowed[:, pieces.condition]).all(axis=0)
-        for sums, part in zip(total, (left + right)[:, settled], strict=True):
-            np.add.at(sums, pieces.condition[settled], part)
-        if settled.all():
-            return total
-        again = ~settled
-        pieces = halves.take(np.tile(again, 2))
-        whole = np.concatenate([left[:, again], right[:, again]], axis=1)
-    raise NumericalError(f"reference: an integral does not reach the tolerance {rtol}")

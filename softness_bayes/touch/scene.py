@@ -6,7 +6,7 @@ import copy
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,7 +29,8 @@ from softness_bayes.touch.parameters import TouchParameters, checked_rows
 from softness_bayes.touch.population import Drive, Population
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.receptors import receptor_count
-from softness_bayes.touch.stress_table import SHARE, StressFields, covered_moduli, cut_tables, stress_tables
+from softness_bayes.touch.stress_fields import StressFields
+from softness_bayes.touch.stress_table import SHARE, covered_moduli, cut_tables, stress_tables
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -42,12 +43,6 @@ CHUNK = 1 << 16
 
 LEAST_ROWS = 16
 """Vectors that are evaluated at once at least: each load's table is then read for all of them."""
-
-_KEPT = (
-    *("loads", "firing", "fabric", "load", "finger"),
-    *("readings", "discretisation", "modulus_range", "finger_box", "skin_box"),
-)
-"""Arguments of a scene that it keeps by their names."""
 
 
 @dataclass(frozen=True)
@@ -90,11 +85,6 @@ class BeyondHertz(NamedTuple):
     """Share with a > `HERTZ_LIMIT` R."""
     meaningless: float
     """Share with a >= R."""
-
-    @classmethod
-    def of(cls, extent: Array) -> Self:
-        """Return the shares for given ratios of contact radius to fingertip radius."""
-        return cls(float((extent > HERTZ_LIMIT).mean()), float((extent >= 1.0).mean()))
 
 
 class Scene:
@@ -149,7 +139,12 @@ class Scene:
         require_kind("finger", finger, Finger, "a Finger, such as Finger(receptor_depth=0.6e-3)")
         require_kind("readings", readings, Readings, "Readings, such as NAMED_READINGS['printed']")
         require_kind("discretisation", discretisation, Discretisation, "a Discretisation")
-        moduli, poisson = _checked_fabrics(fabric_modulus, fabric_poisson)
+        given = numbers("fabric_modulus", fabric_modulus, "numbers in Pa"), numbers("fabric_poisson", fabric_poisson)
+        moduli, poisson = np.broadcast_arrays(np.atleast_1d(given[0]), given[1])
+        if not ((moduli > 0) & np.isfinite(moduli)).all():
+            raise InputError("scene: every fabric modulus must be positive and finite [Pa]")
+        if not ((poisson > -1) & (poisson <= 0.5)).all():
+            raise InputError("scene: every fabric's Poisson ratio must lie in (-1, 0.5]")
         if fabric is None or load is None:
             fabric, load = np.tile(np.arange(moduli.size), len(loads)), np.repeat(np.arange(len(loads)), moduli.size)
         self.fabric, self.load = _indices(fabric, moduli.size, "fabric"), _indices(load, len(loads), "load")
@@ -242,7 +237,7 @@ class Scene:
             If a parameter is not finite, b, alpha or beta is not positive, m is negative, or a radius or a depth is
             given to a scene of one finger.
         """
-        shape, chunks = self._driven_chunks(parameters, modulus)
+        shape, chunks = self._chunks(parameters, modulus)
         rates = []
         for chunk, own, drive in chunks:
             fields = self.mechanics.fields(chunk.b, chunk.m, own, self.fingertip(chunk))
@@ -254,7 +249,7 @@ class Scene:
 
         Parameters and errors as in `total_rate`.
         """
-        shape, chunks = self._driven_chunks(parameters, modulus)
+        shape, chunks = self._chunks(parameters, modulus)
         parts = []
         for chunk, own, drive in chunks:
             finger = self.fingertip(chunk)
@@ -271,15 +266,15 @@ class Scene:
 
     def contact(self, parameters: TouchParameters, modulus: Array | None = None) -> Contact:
         """Return the state of the contact alone, fields of shape (..., conditions); parameters as in `total_rate`."""
-        shape, chunks = self._chunks(parameters, modulus)
-        parts = [self.mechanics.contact(chunk.b, chunk.m, own, self.fingertip(chunk)) for chunk, own in chunks]
+        shape, chunks = self._chunks(parameters, modulus, fires=False)
+        parts = [self.mechanics.contact(chunk.b, chunk.m, own, self.fingertip(chunk)) for chunk, own, _ in chunks]
         fields = zip(*parts, strict=True)
         return Contact(*(np.concatenate(part).reshape(*shape, self.n_conditions) for part in fields))
 
     def beyond_hertz(self, parameters: TouchParameters, modulus: Array | None = None) -> BeyondHertz:
         """Return the shares of draws × conditions with contact outside the range of Hertz's geometry."""
         radius = self.contact(parameters, modulus).radius / self.fingertip(parameters).radius
-        return BeyondHertz.of(radius)
+        return BeyondHertz(float((radius > HERTZ_LIMIT).mean()), float((radius >= 1.0).mean()))
 
     def refined(self) -> Scene:
         """Return a reference: the same scene with whole stress tables, solved contacts and a finer quadrature."""
@@ -350,19 +345,15 @@ class Scene:
         part.__dict__.pop("rates", None)
         return part
 
-    def at_resolution(self, discretisation: Discretisation) -> Scene:
-        """Compile the scene at another resolution."""
-        return self._with(discretisation=discretisation)
-
     def on_grid(self, modulus: Array, loads: Sequence[Load] | None = None) -> Scene:
         """Return a scene of fabrics with these moduli [Pa] and the median Poisson ratio, under some or all loads."""
         poisson = np.full(modulus.size, np.median(self.poisson))
         changed = {"fabric_modulus": modulus, "fabric_poisson": poisson, "loads": loads or self.loads}
-        return self._with(**changed, fabric=None, load=None)
+        return self.recompiled(**changed, fabric=None, load=None)
 
     def under(self, loads: Sequence[Load], fabric: ArrayLike, load: ArrayLike) -> Scene:
         """Return the scene of the same fabrics in other conditions, given by indices of fabrics and new loads."""
-        return self._with(loads=loads, fabric=fabric, load=load)
+        return self.recompiled(loads=loads, fabric=fabric, load=load)
 
     def beside(self, modulus: Array, fabric: ArrayLike, load: ArrayLike) -> Scene:
         """Return the scene with fabrics of these moduli [Pa] and the median Poisson ratio appended to its fabrics.
@@ -376,52 +367,29 @@ class Scene:
         """
         poisson = np.append(self._poissons, np.full(modulus.size, np.median(self.poisson)))
         moduli = np.append(self.fabric_modulus, modulus)
-        return self._with(fabric_modulus=moduli, fabric_poisson=poisson, fabric=fabric, load=load)
+        return self.recompiled(fabric_modulus=moduli, fabric_poisson=poisson, fabric=fabric, load=load)
 
-    def _with(self, **changed: Any) -> Scene:
-        """Compile a scene with the same arguments except the given ones."""
-        own = {name: getattr(self, name) for name in _KEPT}
+    def recompiled(self, **changed: Any) -> Scene:
+        """Compile a scene with the same arguments except the given ones; conditions are indices into its fabrics."""
+        names = (
+            *("loads", "firing", "fabric", "load", "finger"),
+            *("readings", "discretisation", "modulus_range", "finger_box", "skin_box"),
+        )
+        own = {name: getattr(self, name) for name in names}
         own |= {"fabric_modulus": self.fabric_modulus, "fabric_poisson": self._poissons}
         return Scene(**own | changed)
 
-    @property
-    def _rows(self) -> int:
-        """Number of vectors that are evaluated at once: the quadrature of a chunk fits into the processor's cache."""
-        return max(LEAST_ROWS, CHUNK // (self.n_conditions * self.discretisation.nodes))
-
-    def _driven_chunks(
-        self, parameters: TouchParameters, modulus: Array | None
-    ) -> tuple[tuple[int, ...], Iterator[tuple[TouchParameters, Array | None, Drive]]]:
-        """Return chunks as `_chunks` with their drives, whose rate curves are computed for several chunks at once.
-
-        Exact curves take seconds for any number of vectors, and more conditions make chunks of fewer vectors.
-        """
-        rows = self._rows
-        shape, several = self._chunks(parameters, modulus, max(rows, WITH_CURVES))
-
-        def chunks() -> Iterator[tuple[TouchParameters, Array | None, Drive]]:
-            for vectors, own in several:
-                drive = Drive(vectors.alpha, vectors.beta, vectors.sigma_0, self.rates.curves(vectors))
-                if vectors.b.size <= rows:
-                    yield vectors, own, drive
-                    continue
-                for start in range(0, vectors.b.size, rows):
-                    k = slice(start, start + rows)
-                    some = TouchParameters(*(value[k] for value in vectors))
-                    yield some, None if own is None else own[k], drive.part(k)
-
-        return shape, chunks()
-
     def _chunks(
-        self, parameters: TouchParameters, modulus: Array | None, rows: int | None = None
-    ) -> tuple[tuple[int, ...], Iterator[tuple[TouchParameters, Array | None]]]:
-        """Cut a batch of parameter vectors into chunks of some number of vectors, by default `_rows`.
+        self, parameters: TouchParameters, modulus: Array | None, fires: bool = True
+    ) -> tuple[tuple[int, ...], Iterator[tuple[TouchParameters, Array | None, Any]]]:
+        """Cut a batch of parameter vectors into chunks whose quadrature fits into the processor's cache.
 
         Returns
         -------
         shape, chunks
-            The batch shape, and the vectors of each chunk along one axis, with the moduli of their conditions. Chunks
-            are created lazily, so that the memory of one is released before the next.
+            The batch shape, and the vectors of each chunk along one axis, with the moduli of their conditions and their
+            drives, if `fires`. Chunks are created lazily, so that the memory of one is released before the next. Rate
+            curves are computed for several chunks at once: exact ones take seconds for any number of vectors.
         """
         require_members("parameters", parameters, ("b", "m"), "TouchParameters, as touch_parameters(values) returns")
         if modulus is not None:
@@ -429,25 +397,19 @@ class Scene:
             parameters = TouchParameters(*(np.broadcast_to(value, shape) for value in parameters))
             modulus = np.broadcast_to(modulus, (*shape, modulus.shape[-1])).reshape(-1, modulus.shape[-1])
         shape, flat = checked_rows(parameters)
-        rows = rows or self._rows
-        if flat.b.size <= rows:
-            return shape, iter([(flat, None if modulus is None else modulus[:, self.fabric])])
-        parts = (slice(start, start + rows) for start in range(0, flat.b.size, rows))
-        return shape, (
-            (TouchParameters(*(value[k] for value in flat)), None if modulus is None else modulus[k][:, self.fabric])
-            for k in parts
-        )
+        rows = max(LEAST_ROWS, CHUNK // (self.n_conditions * self.discretisation.nodes))
 
+        def chunks() -> Iterator[tuple[TouchParameters, Array | None, Any]]:
+            several = max(rows, WITH_CURVES)
+            for first in range(0, max(flat.b.size, 1), several):
+                group = TouchParameters(*(value[first : first + several] for value in flat))
+                drive = Drive(group.alpha, group.beta, group.sigma_0, self.rates.curves(group)) if fires else None
+                for start in range(0, max(group.b.size, 1), rows):
+                    k = slice(start, start + rows)
+                    own = None if modulus is None else modulus[first:][k][:, self.fabric]
+                    yield TouchParameters(*(value[k] for value in group)), own, drive and drive.part(k)
 
-def _checked_fabrics(modulus: ArrayLike, poisson: ArrayLike) -> tuple[Array, Array]:
-    """Return E_fab [Pa] and nu_fab of each fabric, shape (fabrics,)."""
-    given = numbers("fabric_modulus", modulus, "numbers in Pa"), numbers("fabric_poisson", poisson)
-    moduli, ratios = np.broadcast_arrays(np.atleast_1d(given[0]), given[1])
-    if not ((moduli > 0) & np.isfinite(moduli)).all():
-        raise InputError("scene: every fabric modulus must be positive and finite [Pa]")
-    if not ((ratios > -1) & (ratios <= 0.5)).all():
-        raise InputError("scene: every fabric's Poisson ratio must lie in (-1, 0.5]")
-    return moduli, ratios
+        return shape, chunks()
 
 
 def _indices(values: ArrayLike, size: int, what: str) -> Index:

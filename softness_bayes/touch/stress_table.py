@@ -20,22 +20,21 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
-from softness_bayes.errors import InputError, NumericalError
+from softness_bayes.errors import InputError
 from softness_bayes.touch.contact import Finger, FingerBox, Fingertip, Fingertips, Force, Indentation, Load, Loads
-from softness_bayes.touch.inversion import Inversion, values_to_coefficients
-from softness_bayes.touch.neuron.polynomials import chebyshev_values, clenshaw, horner, in_powers_of
+from softness_bayes.touch.neuron.polynomials import chebyshev_values
 from softness_bayes.touch.readings import Readings
+from softness_bayes.touch.stress import GAUSS_DENSITY, unit_stress
 
 Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 SHAPE_NODES = (41, 81, 161, 321)
 """Numbers of Chebyshev nodes in y at which fields are inverted before a series is truncated; the first sufficient one
@@ -48,9 +47,6 @@ ALONG_NODES = (24, 48, 96, 160)
 ACROSS_NODES = (3, 5, 7, 9, 12, 15, 20, 26, 34, 44)
 """Chebyshev nodes across the loads and fingers, likewise."""
 
-Y_LEAST = 1e-6
-"""Least y, at a thousand times the size of the patch: far beyond any pad."""
-
 SHARE = 0.1
 """Tolerance of a table as a share of that to which its series are truncated for a scene."""
 
@@ -61,31 +57,94 @@ LEAST_SKIN_MODULUS, STIFFEST_SKIN_MODULUS = 1e3, 1e7
 """Softest skin [Pa] in the tables of force-controlled loads, and the stiffest in all tables, a hundred times the median
 at rest; other skin is computed without tables, which is slow."""
 
-_INSIDE = 1.0 + 1e-9  # largest coordinate of a table, scaled to [-1, 1]
+
+BLOCK = 4
+"""Number of contacts inverted at once; arrays of more contacts do not fit into the cache."""
+
+FARTHEST = 500.0
+"""End of the grid on which the search begins, in sizes of the patch; beyond it the field follows its power law."""
+
+_ROUNDING = 1e-11  # change of ln y below which no slope follows from it
 
 
-class Profile(NamedTuple):
-    """The field of a batch of touches, ready to be evaluated at any stress."""
+@dataclass(frozen=True)
+class Inversion:
+    """The stress field of any contact radius and decay, inverted by the secant method.
 
-    peak: Array
-    """Stress on the axis [Pa], shape (...)."""
-    shape: Array
-    """Coefficients of rho² y / (1 - y) [m²] in T_k(2 y - 1), shape (order, ...)."""
-    powers: bool = False
-    """True if the coefficients are those of powers of 2 y - 1 instead, which take less time."""
+    Parameters
+    ----------
+    readings
+        Readings of kernel and component.
+    tolerance
+        Error allowed in S, relative to its maximum.
+    """
 
-    def among(self, mask: NDArray[np.bool_]) -> tuple[Index, Profile]:
-        """Return indices into the flattened batch of the elements of a mask, and their profile along one axis."""
-        at = np.flatnonzero(mask)
-        return at, self.take(at)
+    readings: Readings
+    tolerance: float
 
-    def take(self, at: Index) -> Profile:
-        """Return the profile of selected elements of the flattened batch, along one axis."""
-        return Profile(self.peak.take(at), self.shape.reshape(len(self.shape), -1).take(at, axis=1), self.powers)
+    @property
+    def root(self) -> float:
+        """2/n, the power of sigma / sigma_peak that gives y."""
+        component, kernel = self.readings.stress_component, self.readings.stress_kernel
+        return 2.0 / (component.far_power or kernel.far_power)
 
-    def squared_distance(self, y: Array) -> Array:
-        """Return rho² [m²] where the stress is y^(1/root) of its peak, of the shape of `y`: (..., *batch)."""
-        return (horner if self.powers else clenshaw)(self.shape, 2.0 * y - 1.0) * (1.0 / y - 1.0)
+    def unit(self, rho: Array, radius: Array, decay: Array) -> Array:
+        """Return the stress at distances rho under a pressure of amplitude 1; all broadcast."""
+        density = GAUSS_DENSITY if self.tolerance < 1e-7 else 0.5 * GAUSS_DENSITY
+        kernel, component = self.readings.stress_kernel, self.readings.stress_component
+        return unit_stress(rho, 1.0, radius, decay, kernel, component, density)
+
+    def rows(self, radius: Array, decay: Array, nodes: int) -> Array:
+        """Return [unit peak, coefficients of S in T_k(2 y - 1)] of contacts A and q (n,), shape (n, 1 + nodes)."""
+        found = self.values(radius, decay, 0.5 * (chebyshev.chebpts1(nodes) + 1.0))
+        found[:, 1:] = found[:, 1:] @ values_to_coefficients(nodes).T
+        return found
+
+    def values(self, radius: Array, decay: Array, y: Array) -> Array:
+        """Return [unit peak, S at each y] of contacts A and q (n,), shape (n, 1 + len(y))."""
+        found = np.empty((radius.size, 1 + y.size))
+        for start in range(0, radius.size, BLOCK):
+            some = slice(start, start + BLOCK)
+            a, q = radius[some], decay[some]
+            found[some, 0] = peak = self.unit(np.zeros_like(a), a, q)
+            squared = self._distance(y, a, q, peak) ** 2 / (1.0 + a**2 / (1.0 + q))[:, None]
+            found[some, 1:] = squared * (y / (1.0 - y))
+        return found
+
+    def _distance(self, y: Array, radius: Array, decay: Array, peak: Array) -> Array:
+        """Invert the field by the secant method: distances at which it is y^(1/root) of its peak; (n, len(y))."""
+        radius, decay, peak, log_y = radius[:, None], decay[:, None], peak[:, None], np.log(y)
+
+        def log_y_at(log_rho: Array) -> Array:
+            return self.root * np.log(self.unit(np.exp(log_rho), radius, decay) / peak)
+
+        # splines through the field start the search, on a grid from near the axis to where the field follows its power
+        # law, and finely across the edge of the contact
+        everywhere = np.geomspace(1e-4 * (1.0 + radius), FARTHEST * (1.0 + radius), 70, axis=-1)[:, 0]
+        edge = radius + np.sinh(np.linspace(-1, 1, 51) * np.arcsinh(0.9 * radius))
+        grid = np.log(np.sort(np.concatenate([everywhere, edge], axis=-1), axis=-1))
+        known = log_y_at(grid)
+        log_rho, slope = np.empty((2, radius.size, y.size))
+        for row in range(radius.size):
+            falling = np.concatenate([np.diff(known[row]) < -1e-13, [True]])
+            inverse = CubicSpline(known[row][falling][::-1], grid[row][falling][::-1])
+            log_rho[row], slope[row] = inverse(log_y), inverse(log_y, 1)
+        before, step, last = 0.0, np.zeros_like(log_rho), np.zeros_like(log_rho)
+        for _ in range(12):  # each step usually gains about three digits
+            gap = log_y_at(log_rho) - log_y
+            change = gap - last
+            known = (np.abs(change) > _ROUNDING) & (step * change < 0.0)
+            slope = np.where(known, step / np.where(known, change, 1.0), slope)
+            excess = slope * gap
+            step, last = -np.clip(excess, -1.0, 1.0), gap
+            log_rho = log_rho + step
+            found = float(np.abs(excess).max())
+            # the error shrinks by a similar factor at every step, estimated from two steps; ten times that is safe
+            shrinks = min(1.0, 10.0 * found / before) if before else 1.0
+            if found * shrinks < 1e-2 * self.tolerance:
+                break
+            before = found
+        return np.exp(log_rho)
 
 
 class StressTable:
@@ -139,8 +198,14 @@ class StressTable:
             modulus = np.broadcast_to(np.array(modulus_range), (depth.size, 2))
             along.append(self.along(*touched(Loads(load).radius(modulus, corners), modulus, corners, readings)))
             across.append(self.across(load, corners))
-            if box or greatest != least:
-                self._require_product(load, corners, across[-1])
+            for relative in (0.3, 1.0, 10.0) if (box or greatest != least) and not self._held else ():
+                usual = self._decay(self.load, self.finger, relative) * np.exp(across[-1])
+                if not np.allclose(self._decay(load, corners, relative), usual, rtol=1e-9, atol=1e-12):
+                    raise InputError(
+                        f"radius and receptor_depth cannot be sampled with pressure={readings.pressure.name} under "
+                        "a given force, because its decay is no product of a function of the contact radius and one of "
+                        "the finger; fix the finger"
+                    )
         # all indentations have the same limit for soft fabrics, at which the pressure has no decay
         low = 0.0 if self._held else np.min(along)
         self._ends = np.array([[low, np.max(along)], [np.min(across), np.max(across)]])
@@ -174,16 +239,6 @@ class StressTable:
         assert isinstance(load, Force)
         radius = np.asarray(relative * finger.receptor_depth)
         return self.readings.pressure.decay(0.75 * finger.radius * load.newton / radius**3, radius, finger)
-
-    def _require_product(self, load: Load, fingers: Fingertips, across: Array) -> None:
-        for relative in () if self._held else (0.3, 1.0, 10.0):
-            usual = self._decay(self.load, self.finger, relative)
-            if not np.allclose(self._decay(load, fingers, relative), usual * np.exp(across), rtol=1e-9, atol=1e-12):
-                raise InputError(
-                    f"radius and receptor_depth cannot be sampled with pressure={self.readings.pressure.name} under "
-                    "a given force, because its decay is no product of a function of the contact radius and one of the "
-                    "finger; fix the finger"
-                )
 
     def scaled(self, value: Array, side: int) -> Array:
         """Return a coordinate, along (0) or across (1), scaled to [-1, 1] over its range."""
@@ -342,183 +397,8 @@ def cut_tables(tables: Mapping[Load, StressTable], tolerance: float) -> dict[Loa
     return {load: cut[id(table)] for load, table in tables.items()}
 
 
-class StressFields:
-    """The stress fields of the conditions of a scene.
-
-    Parameters
-    ----------
-    tables
-        The table of each load.
-    loads, columns
-        The loads, and the conditions under each, as indices.
-    finger
-        The finger, where it does not vary.
-    """
-
-    def __init__(
-        self, tables: Mapping[Load, StressTable], loads: Sequence[Load], columns: Sequence[Index], finger: Finger
-    ) -> None:
-        groups: dict[int, list[int]] = {}
-        for k, load in enumerate(loads):
-            groups.setdefault(id(tables[load]), []).append(k)
-        self._finger, self._loads = finger, [loads[k] for group in groups.values() for k in group]
-        self._tables = [tables[loads[group[0]]] for group in groups.values()]
-        self._columns = [columns[k] for group in groups.values() for k in group]
-        self._groups = list(pairwise(np.cumsum([0, *map(len, groups.values())]).tolist()))
-        self.by_load = np.concatenate(self._columns)
-        self._stops = np.cumsum([0, *(where.size for where in self._columns)])
-        n = self.by_load.size
-        self._rise, self._fall, self._across = np.empty((3, n))
-        self._held = np.empty(n, dtype=bool)
-        self._peak = np.zeros((max(table.table.shape[1] for table in self._tables), n))
-        shapes: list[Array] = []
-        for table, (start, stop) in zip(self._tables, self._groups, strict=True):
-            own = np.array([float(table.across(load, finger)) for load in self._loads[start:stop]])
-            series = table.series(np.clip(table.scaled(own, 1), -1.0, 1.0))
-            shapes.append(np.swapaxes(series[..., 1:], 1, 2))
-            fall, one = table.scaled(np.array([0.0, 1.0]), 0)
-            for where, across, peak in zip(self._columns[start:stop], own, series[..., 0], strict=True):
-                self._rise[where], self._fall[where], self._across[where] = one - fall, fall, across
-                self._held[where] = isinstance(table.load, Indentation)
-                self._peak[: peak.size, where] = peak[:, None]
-        self._shapes, self.powers = _in_powers(shapes, [table.tolerance for table in self._tables])
-        self._order = max(part.shape[1] for part in shapes)
-
-    def at(self, modulus: Array, radius: Array, finger: Fingertip) -> FieldsAt | Profile:
-        """Return the fields at E_star [Pa] and contact radius [m], both of shape (batch, conditions).
-
-        Parameters
-        ----------
-        modulus, radius
-            Of contacts with this finger.
-        finger
-            The finger that touches, or `Fingertips` of shape (batch, 1).
-
-        Raises
-        ------
-        NumericalError
-            If a modulus is not a positive finite number.
-        """
-        if not ((modulus > 0) & np.isfinite(modulus)).all():
-            raise NumericalError("stress field: a reduced modulus is not positive and finite")
-        readings = self._tables[0].readings
-        relative, decay = touched(radius, modulus, finger, readings)
-        amplitude = readings.pressure.amplitude(modulus, radius, finger)
-        place = np.log(np.where(self._held, 1.0 + decay, relative)) * self._rise + self._fall
-        if isinstance(finger, Fingertips):
-            return self._of_fingers(place, relative, decay, amplitude, finger)
-        return FieldsAt(self, place, amplitude * self._unit_peak(place))
-
-    def covers(self, place: Array) -> bool:
-        """Return whether the tables cover some places."""
-        return bool((np.abs(place) <= _INSIDE).all())
-
-    def _unit_peak(self, place: Array) -> Array:
-        """Return the stress on the axis under a pressure of amplitude 1."""
-        inside = np.minimum(np.maximum(place, -1.0), 1.0)
-        unit = np.einsum("kbn,kn->bn", chebyshev_values(inside, len(self._peak)), self._peak)
-        beyond = np.nonzero(np.abs(place) > _INSIDE)
-        if beyond[0].size:
-            unit[beyond] = self._exact(place[beyond], beyond[1])[:, 0]
-        return unit
-
-    def shapes(self, place: Array, condition: Index, stops: Sequence[int]) -> Array:
-        """Return the series in y of places in the tables, shape (order, n).
-
-        Parameters
-        ----------
-        place, condition
-            Places and conditions, shape (n,), in the order of `by_load`.
-        stops
-            Where the places of each load begin, and the end of all.
-        """
-        shape, sizes = np.zeros((self._order, place.size)), np.empty(place.size)
-        beyond = np.flatnonzero(np.abs(place) > _INSIDE)
-        basis = chebyshev_values(np.minimum(np.maximum(place, -1.0), 1.0) if beyond.size else place, len(self._peak))
-        for table, series, (first, last) in zip(self._tables, self._shapes, self._groups, strict=True):
-            _, order, terms = series.shape
-            for one, (start, stop) in zip(series, pairwise(stops[first : last + 1]), strict=True):
-                np.matmul(one, basis[:terms, start:stop], out=shape[:order, start:stop])
-            whole = slice(stops[first], stops[last])
-            relative, decay = self._contacts(table, place[whole], condition[whole])
-            sizes[whole] = relative**2 / (1.0 + decay)
-        if beyond.size:
-            exact = self._exact(place[beyond], condition[beyond])[:, 1:]
-            shape[:, beyond] = (in_powers_of(exact) if self.powers else exact).T
-        sizes += 1.0
-        sizes *= self._finger.receptor_depth**2
-        shape *= sizes
-        return shape
-
-    def _contacts(self, table: StressTable, place: Array, condition: Index) -> tuple[Array, Array]:
-        along = (place - self._fall.take(condition)) / self._rise.take(condition)
-        return table.contacts(along, self._across.take(condition))
-
-    def _exact(self, place: Array, condition: Index) -> Array:
-        """Return rows of places beyond the tables, shape (n, 1 + order), one load after another."""
-        found = np.zeros((place.size, 1 + self._order))
-        of_condition = np.empty(self.by_load.size, dtype=np.intp)
-        for k, (start, stop) in enumerate(self._groups):
-            of_condition[np.concatenate(self._columns[start:stop])] = k
-        of_place = of_condition[condition]
-        for k in np.unique(of_place):
-            own = of_place == k
-            rows = self._tables[k].exact(
-                *np.broadcast_arrays(*self._contacts(self._tables[k], place[own], condition[own]))
-            )
-            found[own, : rows.shape[1]] = rows
-        return found
-
-    def _of_fingers(
-        self, place: Array, relative: Array, decay: Array, amplitude: Array, fingers: Fingertips
-    ) -> Profile:
-        """Return the profile of one finger for each row."""
-        unit, shape = np.empty_like(place), np.zeros((self._order, *place.shape))
-        tables = [t for t, (start, stop) in zip(self._tables, self._groups, strict=True) for _ in range(start, stop)]
-        for table, load, where in zip(tables, self._loads, self._columns, strict=True):
-            across = table.scaled(table.across(load, fingers), 1)
-            along, (_, terms, width) = place[:, where], table.table.shape
-            series = table.series(np.clip(across[:, 0], -1.0, 1.0))
-            rows = np.moveaxis(chebyshev_values(np.clip(along, -1.0, 1.0), terms), 0, -1) @ series
-            beyond = (np.abs(along) > _INSIDE) | (np.abs(across) > _INSIDE)
-            if beyond.any():
-                rows[beyond] = table.exact(relative[:, where][beyond], decay[:, where][beyond])
-            unit[:, where], shape[: width - 1, :, where] = rows[..., 0], np.moveaxis(rows[..., 1:], -1, 0)
-        shape *= fingers.receptor_depth**2 * (1.0 + relative**2 / (1.0 + decay))
-        return Profile(amplitude * unit, shape)
-
-
-class FieldsAt:
-    """The fields of a batch of touches, with profiles only where they are asked for.
-
-    Parameters
-    ----------
-    fields
-        The fields.
-    place
-        Places of the contacts in the tables, which end at -1 and 1, shape (batch, conditions).
-    peak
-        Stress on the axis [Pa], of the same shape.
-    """
-
-    def __init__(self, fields: StressFields, place: Array, peak: Array) -> None:
-        self._of, self.place, self.peak = fields, place, peak
-
-    def among(self, mask: NDArray[np.bool_]) -> tuple[Index, Profile]:
-        """Return indices into the flattened batch of the elements of a mask, load by load, and their profile."""
-        of, (batch, conditions) = self._of, self.peak.shape
-        found = np.flatnonzero(mask.T.take(of.by_load, axis=0))
-        row, vector = np.divmod(found, batch)
-        condition = of.by_load.take(row)
-        at = vector * conditions + condition
-        shape = of.shapes(self.place.take(at), condition, found.searchsorted(batch * of._stops).tolist())
-        return at, Profile(self.peak.take(at), shape, of.powers)
-
-
-def _in_powers(shapes: Sequence[Array], tolerances: Sequence[float]) -> tuple[list[Array], bool]:
-    """Return series in y, shape (loads, order, terms), in powers; as they are if one loses 1 % of its tolerance."""
-    found = [np.swapaxes(in_powers_of(np.swapaxes(part, 1, 2)), 1, 2) for part in shapes]
-    scale = [np.abs(part).sum(axis=1).max() for part in shapes]
-    lost = [np.finfo(float).eps * np.abs(part).sum(axis=(1, 2)).max() for part in found]
-    small = all(one <= 0.01 * t * s for one, t, s in zip(lost, tolerances, scale, strict=True))
-    return (found, True) if small else ([*shapes], False)
+def values_to_coefficients(order: int) -> Array:
+    """Return the matrix from values at the Chebyshev nodes of the first kind to coefficients."""
+    matrix = np.asarray(chebyshev.chebvander(chebyshev.chebpts1(order), order - 1).T * (2.0 / order), float)
+    matrix[0] *= 0.5
+    return matrix

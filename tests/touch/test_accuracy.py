@@ -91,7 +91,7 @@ def test_what_cannot_be_reached_is_refused_with_what_can(scenes):
     with pytest.raises(
         InputError, match=r"accuracy 1e-06 cannot be reached for these fabrics and loads.*\de-0\d.*fix c_Na"
     ):
-        choose(few.at_resolution, draws, 1e-6, PRESETS[:2])
+        choose(lambda preset: few.recompiled(discretisation=preset), draws, 1e-6, PRESETS[:2])
     for accuracy in (0.0, -1e-3, 2.0, float("nan")):
         with pytest.raises(InputError, match="accuracy"):
             choose(scenes, draws, accuracy)

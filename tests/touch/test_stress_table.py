@@ -10,14 +10,14 @@ from numpy.testing import assert_allclose
 
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.contact import Finger, FingerBox, Fingertips, Force, Indentation, Load, Loads, held
-from softness_bayes.touch.inversion import Inversion
 from softness_bayes.touch.pad import touch_profiles
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import ALTERNATIVES, NAMED_READINGS, Readings
 from softness_bayes.touch.reference import reference_response
 from softness_bayes.touch.scene import Discretisation, Scene
 from softness_bayes.touch.stress import ATTENUATED, Pressure, stress
-from softness_bayes.touch.stress_table import MANY_LOADS, StressFields, StressTable, cut_tables, stress_tables
+from softness_bayes.touch.stress_fields import StressFields
+from softness_bayes.touch.stress_table import MANY_LOADS, Inversion, StressTable, cut_tables, stress_tables
 
 FINGER, RANGE = Finger(), (1e3, 1e7)
 BOX = FingerBox((6.5e-3, 10e-3), (0.5e-3, 0.9e-3))

@@ -14,7 +14,8 @@ differentiating ``f(x_ss(V), I_ss(V)) = 0`` twice.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -69,16 +70,12 @@ class Cells:
     conductance: FloatArray
     leak: FloatArray
     current: FloatArray
-    _drive: FloatArray = field(init=False, repr=False, compare=False)
-    _reversal: FloatArray = field(init=False, repr=False, compare=False)
-    _channel_of_gate: list[int] = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
+    @cached_property
+    def _reversal(self) -> FloatArray:
+        """Reversal potentials [mV] of the gated channels, shape (2 or 3, 1)."""
         m = self.membrane
-        reversal = [m.e_na, m.e_k] if len(self.conductance) == 2 else [m.e_na, m.e_a, m.e_k]
-        object.__setattr__(self, "_reversal", np.array(reversal)[:, None])
-        object.__setattr__(self, "_channel_of_gate", channel_of_gate(2 * len(reversal) - 1))
-        object.__setattr__(self, "_drive", self.current + self.leak * m.e_l)
+        return np.array([m.e_na, m.e_k] if len(self.conductance) == 2 else [m.e_na, m.e_a, m.e_k])[:, None]
 
     @classmethod
     def of(cls, membrane: Membrane, channels: Channels, current: FloatArray) -> Cells:
@@ -100,12 +97,8 @@ class Cells:
         """Return the time derivative of the state [mV/ms and 1/ms], same shape."""
         return self._slope(state, *self.membrane.gating.rates(state[0]), open_fractions(state[1:]))
 
-    def linearise(self, state: FloatArray) -> ArrowJacobian:
-        """Return the derivative of :meth:`slope` with respect to the state."""
-        return self.slope_and_jacobian(state)[1]
-
     def slope_and_jacobian(self, state: FloatArray) -> tuple[FloatArray, ArrowJacobian]:
-        """Return :meth:`slope` and :meth:`linearise` together, with rates computed once."""
+        """Return :meth:`slope` and its derivative with respect to the state, with rates computed once."""
         voltage, gates = state[0], state[1:]
         opening, total, opening_slope, total_slope = self.membrane.gating.rates_and_slopes(voltage)
         fractions = open_fractions(gates)
@@ -113,24 +106,18 @@ class Cells:
         force = self.conductance * (self._reversal - voltage) / self.membrane.capacitance
         jacobian = ArrowJacobian(
             -conductance / self.membrane.capacitance,
-            fraction_slopes(gates) * force[self._channel_of_gate],
+            fraction_slopes(gates) * force[channel_of_gate(len(gates))],
             opening_slope - total_slope * gates,
             total,
         )
         return self._slope(state, opening, total, fractions), jacobian
 
     def _slope(self, state: FloatArray, opening: FloatArray, total: FloatArray, fractions: FloatArray) -> FloatArray:
-        """Time derivative of the state from its rates and open fractions; the latter are overwritten."""
+        """Return the time derivative of the state from its rates and open fractions."""
         voltage = state[0]
-        slope = np.empty_like(state)
-        np.subtract(opening, total * state[1:], out=slope[1:])
-        fractions *= self.conductance
-        fractions *= self._reversal - voltage
-        net = np.add.reduce(fractions)
-        net += self._drive
-        net -= self.leak * voltage
-        np.divide(net, self.membrane.capacitance, out=slope[0])
-        return slope
+        net = (fractions * self.conductance * (self._reversal - voltage)).sum(axis=0)
+        net += self.current + self.leak * (self.membrane.e_l - voltage)
+        return np.vstack([net / self.membrane.capacitance, opening - total * state[1:]])
 
 
 _GRID_STEP = 0.5  # mV
@@ -180,7 +167,7 @@ def fold(channels: Channels, membrane: Membrane) -> Fold:
     terms = steady_terms(voltage, membrane)
     current = (weights * terms.current).sum(axis=0)
     cells = Cells.of(membrane, channels, current)
-    jacobian = cells.linearise(steady_state(voltage, membrane))
+    _, jacobian = cells.slope_and_jacobian(steady_state(voltage, membrane))
     lag = (jacobian.voltage_by_gate * jacobian.gate_by_voltage / jacobian.decay**2).sum(axis=0)
     capacitance = membrane.capacitance * (1.0 + lag)
     bend = np.where(found & (capacitance > 0.0), curvature(voltage), np.nan)

@@ -8,9 +8,9 @@ channels have the rows Na, (A,) K.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,16 +70,6 @@ class GateRates(NamedTuple):
     total_slope: FloatArray
 
 
-class _Terms(NamedTuple):
-    """Terms common to all rates, with the rows stacked in ``Gating.__post_init__``."""
-
-    arguments: FloatArray
-    growth: FloatArray
-    linear: FloatArray
-    exponential: FloatArray
-    sigmoid: FloatArray
-
-
 @dataclass(frozen=True)
 class Gating:
     """All gates of one membrane: m, h and n, plus A and B if there is an A-current.
@@ -94,33 +84,6 @@ class Gating:
 
     kinetics: Kinetics
     a_current: AKinetics | None = None
-    _slopes: FloatArray = field(init=False, repr=False, compare=False)
-    _intercepts: FloatArray = field(init=False, repr=False, compare=False)
-    _open_scales: FloatArray = field(init=False, repr=False, compare=False)
-    _plain_scales: FloatArray = field(init=False, repr=False, compare=False)
-    _sigmoid_scales: FloatArray = field(init=False, repr=False, compare=False)
-    _tau_least: FloatArray = field(init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        k, a = self.kinetics, self.a_current
-        linear, plain, sigmoid = [k.m_open, k.n_open], [k.m_close, k.n_close, k.h_open], [k.h_close]
-        if a is not None:
-            scales = [a.a_scale, 1.0, 1.0, a.a_tau[1], a.b_tau[1]]
-            extra = [
-                Rate(*constants) for constants in zip(scales, a.offsets, [-width for width in a.widths], strict=True)
-            ]
-            plain, sigmoid = [*plain, extra[0]], [*sigmoid, *extra[1:]]
-        stack = [*linear, *plain, *sigmoid]
-        slopes = _column(-1.0 / rate.width for rate in stack)
-        for name, value in {
-            "_slopes": slopes,
-            "_intercepts": slopes * _column(rate.offset for rate in stack),
-            "_open_scales": _column(rate.scale * rate.width for rate in linear),
-            "_plain_scales": _column(rate.scale for rate in plain),
-            "_sigmoid_scales": _column(rate.scale for rate in sigmoid),
-            "_tau_least": _column([] if a is None else [a.a_tau[0], a.b_tau[0]]),
-        }.items():
-            object.__setattr__(self, name, value)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -129,80 +92,61 @@ class Gating:
 
     def rates(self, voltage: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return opening and total rates [1/ms] of all gates, each (gates, n), at voltages of shape (n,) [mV]."""
-        return self._compose(self._terms(voltage))
+        return self._formulas(np.minimum(np.maximum(voltage, -VOLTAGE_LIMIT), VOLTAGE_LIMIT))
 
     def rates_and_slopes(self, voltage: FloatArray) -> GateRates:
-        """Return rates of all gates at voltages of shape (n,) [mV] with their derivatives."""
-        terms = self._terms(voltage)
-        opening, total = self._compose(terms)
-        return GateRates(opening, total, *self._differentiate(terms, opening, total))
+        """Return rates of all gates at voltages of shape (n,) [mV] with their derivatives.
 
-    def _terms(self, voltage: FloatArray) -> _Terms:
-        arguments = self._slopes * np.minimum(np.maximum(voltage, -VOLTAGE_LIMIT), VOLTAGE_LIMIT)
-        arguments += self._intercepts
-        z = arguments[:2]
-        growth = np.expm1(z)
+        The derivatives are the imaginary parts of the formulas at a voltage with a tiny imaginary part, exact to
+        rounding because no difference is taken.
+        """
+        tiny = 1e-30
+        opening, total = self._formulas(np.clip(voltage, -VOLTAGE_LIMIT, VOLTAGE_LIMIT) + 1j * tiny)
+        return GateRates(opening.real, total.real, opening.imag / tiny, total.imag / tiny)
+
+    @cached_property
+    def _constants(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Scales, offsets and ``-1 / width`` of all exponentials, a row for each: two of m and n, h, then A and B."""
+        k, a = self.kinetics, self.a_current
+        rows = [k.m_open, k.n_open, k.m_close, k.n_close, k.h_open, k.h_close]
+        if a is not None:
+            scales = a.a_scale, 1.0, 1.0, a.a_tau[1], a.b_tau[1]
+            rows += [Rate(s, o, -w) for s, o, w in zip(scales, a.offsets, a.widths, strict=True)]
+        scale, offset, width = np.array(rows).T[..., None]
+        return scale, offset, -1.0 / width
+
+    def _formulas(self, voltage: Any) -> tuple[Any, Any]:
+        """Return opening and total rates at real or complex voltages."""
+        scale, offset, inverse = self._constants
+        z = (voltage + offset) * inverse
+        growth, exponential = np.expm1(z[:2]), np.exp(z[2:])
         # with z = -y: z / expm1(z) = y / (1 - exp(-y)), whose removable singularity has the value 1
-        linear = z / growth if growth.all() else np.divide(z, growth, out=np.ones_like(z), where=growth != 0.0)
-        exponential = np.exp(arguments[2:])
-        sigmoid = exponential[3 if self.a_current is None else 4 :] + 1.0
-        return _Terms(arguments, growth, linear, exponential, np.divide(1.0, sigmoid, out=sigmoid))
-
-    def _compose(self, terms: _Terms) -> tuple[FloatArray, FloatArray]:
-        plain = terms.exponential[: len(self._plain_scales)] * self._plain_scales
-        sigmoid = terms.sigmoid * self._sigmoid_scales
-        gates = 3 if self.a_current is None else 5
-        opening, total = np.empty((2, gates, plain.shape[1]))
-        h = gates // 2
-        ends = opening[:: gates - 1]  # m and n
-        np.multiply(self._open_scales, terms.linear, out=ends)
-        np.add(ends, plain[:2], out=total[:: gates - 1])
-        opening[h] = plain[2]
-        np.add(plain[2], sigmoid[0], out=total[h])
-        if self.a_current is not None:
-            middle, middle_total = opening[1:4:2], total[1:4:2]  # A and B
-            duration = sigmoid[3:]
-            duration += self._tau_least
-            np.divide(1.0, duration, out=middle_total)
-            np.cbrt(plain[3] * sigmoid[1], out=opening[1])
-            square = np.square(sigmoid[2])
-            np.square(square, out=opening[3])
-            middle *= middle_total
+        linear = np.divide(z[:2], growth, out=np.ones_like(growth), where=growth != 0.0)
+        opening, total = np.empty((2, len(self.names), *z.shape[1:]), z.dtype)
+        last = len(opening) - 1
+        opening[::last] = linear * (scale[:2] / -inverse[:2])  # m and n
+        total[::last] = opening[::last] + scale[2:4] * exponential[:2]
+        h = len(opening) // 2
+        opening[h] = scale[4] * exponential[2]
+        if self.a_current is None:
+            total[h] = opening[h] + scale[5] / (1.0 + exponential[3])
+            return opening, total
+        sigmoid = 1.0 / (1.0 + exponential[[3, 5, 6, 7, 8]])
+        total[h] = opening[h] + scale[5] * sigmoid[0]
+        total[1], total[3] = (
+            1.0 / (tau[0] + tau[1] * one)
+            for tau, one in zip((self.a_current.a_tau, self.a_current.b_tau), sigmoid[3:], strict=True)
+        )
+        opening[1] = (scale[6] * exponential[4] * sigmoid[1]) ** (1.0 / 3.0) * total[1]
+        opening[3] = np.square(np.square(sigmoid[2])) * total[3]
         return opening, total
-
-    def _differentiate(self, terms: _Terms, opening: FloatArray, total: FloatArray) -> tuple[FloatArray, FloatArray]:
-        e, sigmoid, slopes = terms.exponential, terms.sigmoid, self._slopes
-        gates = len(opening)
-        plain = len(e) - len(sigmoid)
-        closed = 1.0 - sigmoid
-        sigmoid_slope = -slopes[2 + plain :] * sigmoid * closed
-        opening_slope, total_slope = np.empty_like(opening), np.empty_like(total)
-        ends, h = slice(None, None, gates - 1), gates // 2
-        opening_slope[ends] = self._open_scales * slopes[:2] * _linear_slope(terms)
-        total_slope[ends] = opening_slope[ends] + self._plain_scales[:2] * slopes[2:4] * e[:2]
-        opening_slope[h] = slopes[4] * opening[h]
-        total_slope[h] = opening_slope[h] + self.kinetics.h_close.scale * sigmoid_slope[0]
-        if self.a_current is not None:
-            middle = slice(1, 4, 2)
-            total_slope[middle] = -self._sigmoid_scales[3:] * sigmoid_slope[3:] * total[middle] ** 2
-            relative = total_slope[middle] / total[middle]
-            relative[0] += (slopes[5] - slopes[7] * closed[1]) / 3.0
-            relative[1] -= 4.0 * slopes[8] * closed[2]
-            opening_slope[middle] = opening[middle] * relative
-        return opening_slope, total_slope
 
 
 def open_fractions(gates: FloatArray) -> FloatArray:
     """Return open fractions ``m^3 h``, (``A^3 B``,) ``n^4`` of the channels, shape (2 or 3, n)."""
     pairs = len(gates) // 2
-    activation, n = gates[:pairs], gates[-1]
-    fractions = np.empty((pairs + 1, gates.shape[1]))
-    cube = activation * activation
-    cube *= activation
-    np.multiply(cube, gates[pairs:-1], out=fractions[:pairs])
-    square = n * n
-    np.multiply(square, square, out=fractions[-1])
-    return fractions
+    activation, n = gates[:pairs], gates[-1:]
+    return np.concatenate([activation * activation * activation * gates[pairs:-1], np.square(np.square(n))])
 
 
 def channel_of_gate(gates: int) -> list[int]:
@@ -213,28 +157,9 @@ def channel_of_gate(gates: int) -> list[int]:
 def fraction_slopes(gates: FloatArray) -> FloatArray:
     """Return the derivative of each open fraction with respect to each of its gates, shape (gates, n)."""
     pairs = len(gates) // 2
-    activation, n = gates[:pairs], gates[-1]
+    activation, n = gates[:pairs], gates[-1:]
     square = activation * activation
-    slopes = np.empty_like(gates)
-    np.multiply(3.0 * square, gates[pairs:-1], out=slopes[:pairs])
-    np.multiply(square, activation, out=slopes[pairs:-1])
-    np.multiply(4.0 * n * n, n, out=slopes[-1])
-    return slopes
-
-
-def _column(values: Iterable[float]) -> FloatArray:
-    return np.array(list(values))[:, None]
-
-
-def _linear_slope(terms: _Terms) -> FloatArray:
-    """Derivative of ``z / expm1(z)``, from its series where the closed form suffers from cancellation."""
-    z, growth = terms.arguments[:2], terms.growth
-    near = np.abs(z) < 0.02
-    if not near.any():
-        return (1.0 - terms.linear - z) / growth
-    series = -0.5 + z * (1.0 / 6.0 - z**2 * (1.0 / 180.0 - z**2 / 5040.0))
-    closed = np.divide(1.0 - terms.linear - z, growth, out=np.zeros_like(z), where=~near)
-    return np.where(near, series, closed)
+    return np.concatenate([3.0 * square * gates[pairs:-1], square * activation, 4.0 * n * n * n])
 
 
 HODGKIN_HUXLEY_KINETICS = Kinetics(

@@ -24,11 +24,6 @@ from softness_bayes.touch.neuron.cells import ArrowJacobian, Cells
 
 FloatArray = NDArray[np.float64]
 
-ORDER = 5
-
-FIRST_LENGTH = 0.01
-"""Length of a first step [ms]."""
-
 _GAMMA = 0.21193756319429014
 _A = (
     (3.0,),
@@ -96,30 +91,9 @@ def local_error(error: FloatArray) -> FloatArray:
 
 
 def next_length(length: FloatArray, size: FloatArray) -> FloatArray:
-    """Return the length of the next step [ms] after a step whose error was ``size`` times the tolerance."""
-    factor = 0.9 * np.maximum(size, 1e-9) ** (-1.0 / ORDER)
+    """Return the length of the next step [ms] after a step of order 5, whose error was ``size`` times the tolerance."""
+    factor = 0.9 * np.maximum(size, 1e-9) ** (-0.2)
     return length * np.minimum(np.maximum(factor, 0.2), 5.0)
-
-
-def travel(cells: Cells, state: FloatArray, duration: FloatArray, tolerance: float) -> FloatArray:
-    """Return the state of every cell after its duration [ms], with shapes as in :func:`step`."""
-    state, left = state.copy(), duration.copy()
-    length = np.minimum(FIRST_LENGTH, duration)
-    under_way = np.flatnonzero(left > 0.0)
-    moving = cells.take(under_way)
-    while under_way.size:
-        attempt = np.minimum(length[under_way], left[under_way])
-        after, error, _ = step(moving, state[:, under_way], attempt)
-        size = local_error(error) / tolerance
-        accepted = size <= 1.0
-        done = under_way[accepted]
-        state[:, done] = after[:, accepted]
-        left[done] -= attempt[accepted]
-        length[under_way] = next_length(attempt, size)
-        if (left[done] <= 0.0).any():
-            under_way = under_way[left[under_way] > 0.0]
-            moving = cells.take(under_way)
-    return state
 
 
 class ArrowSolver:
@@ -269,8 +243,8 @@ class _Orbits:
             lane=np.arange(n),
             tolerance=np.broadcast_to(np.asarray(tolerance, dtype=float), (n,)),
             state=state.copy(),
-            stride=np.full(n, FIRST_LENGTH),
-            length=np.full(n, FIRST_LENGTH),
+            stride=np.full(n, 0.01),
+            length=np.full(n, 0.01),
             elapsed=np.full(n, np.nan),
             armed=state[0] < SPIKE_VOLTAGE - _REARM,
             rising=np.zeros(n, dtype=bool),
@@ -310,7 +284,11 @@ class _Orbits:
         self.armed = np.where(moved, (self.armed | (gap < -_REARM)) & ~spiking, self.armed)
         if spiking.any():
             self._record(np.flatnonzero(spiking))
-        self.length = np.where(self.high[0] > 0.0, self._secant(), self.stride) if busy else self.stride
+        self.length = self.stride
+        if busy:
+            (start, below), (end, above) = self.low, self.high
+            secant = start - below * (end - start) / np.where(above > below, above - below, 1.0)
+            self.length = np.where(end > 0.0, secant, self.stride)
 
     def _locate(self, locating: NDArray[np.bool_], crossing: NDArray[np.bool_], gap: FloatArray) -> NDArray[np.bool_]:
         """Tighten the bracket around every spike being located (Illinois method); return a mask of those found."""
@@ -325,10 +303,6 @@ class _Orbits:
         self.low = np.where(below, trial, self.low)
         self.high = np.where(found, 0.0, self.high)
         return found
-
-    def _secant(self) -> FloatArray:
-        (start, below), (end, above) = self.low, self.high
-        return start - below * (end - start) / np.where(above > below, above - below, 1.0)
 
     def _record(self, spiking: NDArray[np.intp]) -> None:
         """Record the intervals that end with the spikes just found."""
@@ -358,7 +332,7 @@ class _Orbits:
         slope = self.cells.slope(self.state)
         slow = np.flatnonzero(np.abs(slope).max(axis=0) < 1e-1)
         if slow.size:
-            jacobian = self.cells.take(slow).linearise(self.state[:, slow])
+            jacobian = self.cells.take(slow).slope_and_jacobian(self.state[:, slow])[1]
             distance = np.abs(ArrowSolver(jacobian, np.zeros(slow.size))(slope[:, slow]))
             near = (distance[0] < _SETTLED[0]) & (distance[1:].max(axis=0) < _SETTLED[1])
             settled[slow] = near & (growth_rate(jacobian) < 0.0)

@@ -184,34 +184,6 @@ def steady_terms(voltage: FloatArray, membrane: Membrane) -> SteadyTerms:
     return SteadyTerms(conductance * fractions * force, conductance * (slopes * force + fractions))
 
 
-def steady_current(
-    voltage: ArrayLike, channels: Channels = PAPER_CHANNELS, membrane: Membrane = CONNOR_STEVENS
-) -> FloatArray:
-    """Return the current that holds the membrane at a voltage, ``I_ss(V) = -sum of the steady ionic currents``.
-
-    Parameters
-    ----------
-    voltage : array_like
-        Voltages [mV], broadcast with the multipliers.
-    channels : Channels
-        Multipliers of the conductances [-].
-    membrane : Membrane
-        Constants.
-
-    Returns
-    -------
-    ndarray
-        Injected current at which each voltage is an equilibrium [µA/cm²]; its first local maximum is the fold.
-
-    Raises
-    ------
-    InputError
-        If a voltage or multiplier is not finite, or a multiplier negative.
-    """
-    shape, (*multipliers, flat) = lanes(channels, voltage=voltage)
-    return (np.array(multipliers) * steady_terms(flat, membrane).current).sum(axis=0).reshape(shape)
-
-
 def lanes(channels: Channels, **others: ArrayLike) -> tuple[tuple[int, ...], list[FloatArray]]:
     """Check and broadcast the multipliers and further named arrays; return the common shape and the flattened arrays.
 

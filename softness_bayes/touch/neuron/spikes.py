@@ -84,9 +84,15 @@ def spike_times(
     if not 0.0 < tolerance < 1.0:
         raise InputError(f"tolerance: {tolerance}, expected a number between 0 and 1")
     at = current if callable(current) else lambda _, constant=float(current): constant
-    if noise > 0.0 and rng is not None:
-        return _noisy_train(at, one, membrane, duration, noise, rng)
     cells = Cells.of(membrane, one, np.zeros(1))
+    if noise > 0.0 and rng is not None:
+        walk, times = _Walk(cells, rest(one, membrane), noise, rng, STEP), []
+        for k in range(int(np.ceil(duration / STEP))):
+            t = k * STEP
+            spike, part = walk.advance(_finite(at, t), _finite(at, t + 0.75 * STEP))
+            if spike[0]:
+                times.append(t + float(part[0]) * STEP)
+        return np.array([t for t in times if t <= duration])
 
     def slope(t: float, state: FloatArray) -> FloatArray:
         change = cells.slope(state[:, None])[:, 0]
@@ -112,31 +118,10 @@ def spike_times(
     )
     if not train.success:
         raise NumericalError(f"spike train: {train.message}")
-    return _rearmed(*train.t_events)
-
-
-def _rearmed(crossings: FloatArray, rearmings: FloatArray) -> FloatArray:
-    """Return the first crossing overall, and the first after each rearming."""
+    crossings, rearmings = train.t_events
+    # the first crossing of all, and the first after each rearming
     before = np.searchsorted(rearmings, crossings)
-    return crossings[np.append(True, np.diff(before) > 0)[: crossings.size]]
-
-
-def _noisy_train(
-    at: Callable[[float], float],
-    channels: Channels,
-    membrane: Membrane,
-    duration: float,
-    noise: float,
-    rng: np.random.Generator,
-) -> FloatArray:
-    walk = _Walk.start(Cells.of(membrane, channels, np.zeros(1)), rest(channels, membrane), noise, rng, STEP)
-    times = []
-    for k in range(int(np.ceil(duration / STEP))):
-        t = k * STEP
-        spike, part = walk.advance(_finite(at, t), _finite(at, t + 0.75 * STEP))
-        if spike[0]:
-            times.append(t + float(part[0]) * STEP)
-    return np.array([t for t in times if t <= duration])
+    return np.asarray(crossings[np.append(True, np.diff(before) > 0)[: crossings.size]])
 
 
 class FiringStatistics(NamedTuple):
@@ -200,11 +185,11 @@ def firing_statistics(
     _require(duration, noise, rng)
     if runs < 2 or not 0.0 < step <= 0.04:
         raise InputError(f"{runs} runs with steps of {step} ms: expected at least 2 runs and steps up to 0.04 ms")
-    shape, (*_, flat) = lanes(one, current=current)
+    _, (*_, flat) = lanes(one, current=current)
     shape = np.shape(current)
     many = Channels(*(np.full(flat.size * runs, c[0]) for c in one))
     cells = Cells.of(membrane, many, np.repeat(flat, runs))
-    walk = _Walk.start(cells, rest(many, membrane), noise, rng, step)
+    walk = _Walk(cells, rest(many, membrane), noise, rng, step)
     count, first, last, squares = np.zeros((4, len(cells)))
     for k in range(int(np.ceil((_TRANSIENT + duration) / step))):
         spike, part = walk.advance(0.0, 0.0)
@@ -217,45 +202,23 @@ def firing_statistics(
         first[i] = np.where(count[i] > 0, first[i], now)
         last[i] = now
         count[i] += 1
-
-    def by_current(x: FloatArray) -> FloatArray:
-        return x.reshape(flat.size, runs)
-
     with np.errstate(invalid="ignore", divide="ignore"):
         intervals = count - 1.0
         mean = np.where(intervals > 0, (last - first) / intervals, np.nan)
         spread = np.where(intervals > 0, np.sqrt(np.maximum(squares / intervals - mean**2, 0.0)), np.nan)
-        results = [_mean_and_error(by_current(x)) for x in (1000.0 * count / duration, mean, spread / mean)]
-    return FiringStatistics(*(x.reshape(shape) for pair in results for x in pair))
-
-
-def _mean_and_error(runs: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the mean over runs that are not NaN, and its standard error, along the last axis."""
-    known = np.isfinite(runs)
-    n = known.sum(axis=-1)
-    mean = np.where(known, runs, 0.0).sum(axis=-1) / n
-    squares = np.where(known, (runs - mean[:, None]) ** 2, 0.0).sum(axis=-1)
-    return mean, np.sqrt(squares / (n - 1) / n)
+        each = np.array([1000.0 * count / duration, mean, spread / mean]).reshape(3, flat.size, runs)
+        known = np.isfinite(each).sum(axis=-1)
+        means = np.nansum(each, axis=-1) / known
+        errors = np.sqrt(np.nansum((each - means[..., None]) ** 2, axis=-1) / (known - 1) / known)
+    return FiringStatistics(*(x.reshape(shape) for pair in zip(means, errors, strict=True) for x in pair))
 
 
 class _Walk:
     """Simultaneous integration of noisy cells."""
 
-    def __init__(
-        self,
-        cells: Cells,
-        state: FloatArray,
-        noise: float,
-        rng: np.random.Generator,
-        step: float,
-        armed: NDArray[np.bool_],
-    ) -> None:
-        self.cells, self.state, self.rng, self.step, self.armed = cells, state, rng, step, armed
-        self.noise = noise / cells.membrane.capacitance
-
-    @classmethod
-    def start(cls, cells: Cells, state: FloatArray, noise: float, rng: np.random.Generator, step: float) -> _Walk:
-        return cls(cells, state.copy(), noise, rng, step, state[0] < REARM_VOLTAGE)
+    def __init__(self, cells: Cells, state: FloatArray, noise: float, rng: np.random.Generator, step: float) -> None:
+        self.cells, self.state, self.rng, self.step = cells, state, rng, step
+        self.noise, self.armed = noise / cells.membrane.capacitance, state[0] < REARM_VOLTAGE
 
     def advance(self, extra: float, extra_later: float) -> tuple[NDArray[np.bool_], FloatArray]:
         """Take one SRA1 step; return the cells that spiked, and the fraction of the step at which they did.

@@ -118,19 +118,12 @@ class FiringSurface:
         return TotalDegree(3, self.design.border.degree if self.design.border is not None else 0)
 
     @cached_property
-    def _quadratic_rheobase(self) -> tuple[FloatArray, FloatArray]:
-        """Gradient g and matrix H of the rheobase to second order: g·x + x·H x relative to the box's centre."""
-        exponents, coefficients = self._terms.exponents, self.table[:, 0]
-        axes = len(exponents)
-        gradient, matrix = np.zeros(axes), np.zeros((axes, axes))
-        for exponent, coefficient in zip(exponents.T, coefficients, strict=True):
-            if exponent.sum() == 1:
-                gradient += coefficient * exponent
-            elif exponent.sum() == 2:
-                # T_2(x) = 2 x² - 1, T_1(x) T_1(y) = x y
-                share = np.outer(exponent, exponent) * 0.5
-                matrix += coefficient * (share if exponent.max() == 2 else share - np.diag(np.diag(share)))
-        return gradient, matrix
+    def _quadratic_rheobase(self) -> tuple[TotalDegree, FloatArray]:
+        """The terms of the rheobase up to second order, and their coefficients, so that the centre of the box has 0."""
+        terms = TotalDegree(len(self.design.axes), 2)
+        coefficients = self.table[self._terms.exponents.sum(axis=0) <= 2, 0]
+        coefficients[0] -= float((terms.basis(np.zeros((terms.variables, 1))) @ coefficients).item())
+        return terms, coefficients
 
     def corner(self, place: FloatArray) -> NDArray[np.bool_]:
         """Return True for points of shape (axes, n) in the corner or in the safety strip beside it."""
@@ -140,8 +133,8 @@ class FiringSurface:
     def rheobase_shift(self, channels: Channels) -> FloatArray:
         """Return the rheobase relative to that at the box's centre [µA/cm²], to second order."""
         shape, place = self._places(channels)
-        gradient, matrix = self._quadratic_rheobase
-        return (gradient @ place + (place * (matrix @ place)).sum(axis=0)).reshape(shape)
+        terms, coefficients = self._quadratic_rheobase
+        return (terms.basis(place) @ coefficients).reshape(shape)
 
     def _places(self, channels: Channels) -> tuple[tuple[int, ...], FloatArray]:
         """Return the batch shape of channel vectors and their box coordinates, shape (axes, n), not range-checked."""
@@ -276,14 +269,7 @@ class ExactRates:
         channels = Channels(*multipliers)
         expected = None if self.near is None else self.near.curve(channels).rheobase
         curves = exact_curves(channels, self.membrane, alpha, expected=expected, tolerance=_CHECKING)
-        shape = values[0].shape
-        return RateCurve(
-            curves.rheobase.reshape(shape),
-            curves.onset_rate.reshape(shape),
-            curves.coefficients.reshape(*shape, -1),
-            np.reshape(curves.max_current, shape),
-            curves.error,
-        )
+        return curves.take(np.arange(alpha.size).reshape(values[0].shape))
 
     def exact(self) -> ExactRates:
         """Return itself."""

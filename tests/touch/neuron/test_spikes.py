@@ -59,7 +59,7 @@ def test_subthreshold_voltage_has_the_variance_of_the_linear_membrane() -> None:
     channels = Channels(*(np.full(n, c) for c in PAPER_CHANNELS))
     state = rest(channels, CONNOR_STEVENS)
     cells = Cells.of(CONNOR_STEVENS, channels, np.zeros(n))
-    jacobian = cells.take(np.arange(1)).linearise(state[:, :1])
+    jacobian = cells.take(np.arange(1)).slope_and_jacobian(state[:, :1])[1]
     gates = len(state) - 1
     matrix = np.zeros((gates + 1, gates + 1))
     matrix[0, 0], matrix[0, 1:] = jacobian.voltage_by_voltage[0], jacobian.voltage_by_gate[:, 0]
@@ -68,7 +68,7 @@ def test_subthreshold_voltage_has_the_variance_of_the_linear_membrane() -> None:
     noise = np.zeros_like(matrix)
     noise[0, 0] = strength**2
     expected = solve_continuous_lyapunov(matrix, -noise)[0, 0]
-    walk = spikes._Walk.start(cells, state, strength, np.random.default_rng(3), step)
+    walk = spikes._Walk(cells, state, strength, np.random.default_rng(3), step)
     found = []
     for k in range(6000):
         walk.advance(0.0, 0.0)
@@ -107,7 +107,7 @@ def test_the_scheme_converges_strongly_with_order_three_halves() -> None:
     cells = Cells.of(CONNOR_STEVENS, channels, np.full(n, 10.0))
 
     def end(many: int) -> np.ndarray:
-        walk = spikes._Walk.start(cells, rest(channels, CONNOR_STEVENS), 1.0, Path(many), many * finest)
+        walk = spikes._Walk(cells, rest(channels, CONNOR_STEVENS), 1.0, Path(many), many * finest)
         for _ in range(count // many):
             walk.advance(0.0, 0.0)
         return walk.state[0]
