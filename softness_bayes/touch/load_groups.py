@@ -88,13 +88,13 @@ def groups_of(loads: Sequence[Load], most: int = MOST_SHOWN) -> LoadGroups:
     indented = np.array([isinstance(load, Indentation) for load in loads])
     kinds = [own for own in (np.flatnonzero(indented), np.flatnonzero(~indented)) if own.size]
     for own, groups in zip(kinds, _most_of([own.size for own in kinds], most), strict=True):
-        log = np.log([held(loads[k]) for k in own])
+        log = np.log([held(loads[k]) for k in own.tolist()])
         members = [own[some] for some in _clusters(log, groups)]
         names = _names([[loads[k] for k in some] for some in members])
         for some, name in zip(members, names, strict=True):
             of[some] = len(at)
-            middle = some[np.abs(log[some - own[0]] - log[some - own[0]].mean()).argmin()]
-            at.append(int(middle))
+            middle = int(some[np.abs(log[some - own[0]] - log[some - own[0]].mean()).argmin()])
+            at.append(middle)
             called.append(loads[middle] if some.size == 1 else LoadGroup(loads[middle], name))
     return LoadGroups(of, np.array(at, dtype=np.intp), tuple(called))
 

@@ -147,8 +147,8 @@ class Population:
         if intervals:
             top = np.sqrt(np.minimum(reach, self.saturation))
             t = top * self.gauss_part[:, None]
-            nodes = _Nodes(t, 2.0 * t * top * self.gauss_weight[:, None])
-            found = self._inner(profile, onset.take(vector), reach, nodes, within[0], True)
+            weight = 2.0 * t * top * self.gauss_weight[:, None]
+            found = self._inner(profile, onset.take(vector), reach, t, weight, within[0], True)
             sums = sums._replace(interval=found.interval)
         wide = np.flatnonzero((extent[0] > self.count.kinks[0] ** 2) | (stress < WIDE * profile.peak))
         if wide.size:
@@ -157,8 +157,11 @@ class Population:
                 whole[wide] = part
         return sums
 
-    def _steps(self, onset: _Onset, vector: Index, stress: Array, reach: Array) -> _Steps:
-        """Return the nodes of conditions from the onset, at some stress, to the peak, or to saturation and beyond.
+    def _steps(self, onset: _Onset, vector: Index, stress: Array, reach: Array) -> tuple[Array, Array]:
+        """Return nodes of conditions from the onset, at some stress, to the peak, or to saturation and beyond.
+
+        They are the stress to the power `root`, and the part of a receptor's rate due to each [Hz], both of shape
+        (nodes, n). The total rate is the sum of these parts times the number of receptors with at least that stress.
 
         Conditions whose peak is beyond saturation have the same nodes if they share a parameter vector. Beyond
         saturation the gain falls like exp(-u), up to terms of exp(-2 u): its integral is added to the last node, which
@@ -187,7 +190,7 @@ class Population:
         gain[-1] += tail
         moved = np.minimum(np.maximum((tail - lost * beyond) / gain[-1], 0.0), 1.0)
         root[-1] = self._root(stress + (height[-1].take(column) + moved) / onset.beta.take(vector))
-        return _Steps(root, gain)
+        return root, gain
 
     def _root(self, stress: Array) -> Array:
         """Return stresses to the power `root`; the ratio to its value at the peak is y."""
@@ -202,15 +205,18 @@ class Population:
         profile: Profile,
         onset: _Onset,
         reach: Array,
-        nodes: _Nodes,
+        t: Array,
+        weight: Array,
         responding: Array,
         intervals: bool,
     ) -> ReceptorSums:
-        """Integrate from the first node to the peak, for a patch inside the first kink of the receptor count."""
-        t = nodes.t
+        """Integrate from the first node to the peak, for a patch inside the first kink of the receptor count.
+
+        Nodes t and their weights in u have the shape (nodes, n), with the two ends, which have weight 0.
+        """
         extent = profile.squared_distance(self._y(profile, self._root(onset.stress_at(t))))
         within = self.count(np.minimum(extent, self.count.kinks[0] ** 2))
-        gain = nodes.weight * onset.gain(t * t)
+        gain = weight * onset.gain(t * t)
         saturated, rest = reach > self.saturation, np.zeros_like(reach)
         rest[saturated] = self.count.anywhere(extent[-1][saturated])
         at_top, at_peak = onset.rate(np.stack([t[-1], np.sqrt(reach)]))
@@ -230,8 +236,7 @@ class Population:
         # the integral ends at saturation if that comes first
         top = np.sqrt(np.minimum(reach, self.saturation))
         bottom = np.minimum(t_kinks[0], top)
-        nodes = self._stretched(onset, bottom, top)
-        inner = self._inner(profile, onset, reach, nodes, responding, intervals)
+        inner = self._inner(profile, onset, reach, *self._stretched(onset, bottom, top), responding, intervals)
         # from the outermost kink inwards; below its t every receptor of the pad fires
         whole = onset.rate(np.minimum(t_kinks[-1], bottom)) - onset.rate_0
         rate = inner.rate + onset.rate_0 * responding + self.count.total * whole
@@ -254,8 +259,8 @@ class Population:
                 interval = interval + np.where(weight > 0, missing, 0.0).sum(axis=0)
         return ReceptorSums(rate, responding, interval)
 
-    def _stretched(self, onset: _Onset, bottom: Array, top: Array) -> _Nodes:
-        """Return nodes from bottom to top for a wide patch, even in the logarithm of the stress.
+    def _stretched(self, onset: _Onset, bottom: Array, top: Array) -> tuple[Array, Array]:
+        """Return nodes t and weights from bottom to top for a wide patch, even in the logarithm of the stress.
 
         The count has a pole at stress 0, and a wide patch comes close to it. With h² = beta (stress -
         max(onset stress, 0)) the pole is at h = ±i sqrt(beta onset stress) or 0; a sinh map keeps nodes away from it.
@@ -268,7 +273,7 @@ class Population:
         height = scale * np.sinh(w)
         t = np.clip(np.sqrt(height**2 + below), bottom, top)
         weight = (stop - start) * self.gauss_weight[:, None] * scale * np.cosh(w)
-        return _Nodes(t, 2.0 * weight * height)
+        return t, 2.0 * weight * height
 
     def _t_at(self, profile: Profile, onset: _Onset, distance: Array) -> Array:
         """Return t at which the patch reaches some distances from the axis, shape (distances, n); 0 outside the patch.
@@ -298,23 +303,6 @@ class Population:
             low, high, low_stays = np.where(up, y, low), np.where(up, high, y), ~up
         stress = profile.peak * y ** (1.0 / self.root)
         return np.sqrt(np.maximum(onset.beta * (stress - onset.stress), 0.0))
-
-
-class _Steps(NamedTuple):
-    """Nodes of some conditions; arrays of shape (nodes, n)."""
-
-    root: Array
-    """The stress at each node to the power `Population.root`; its ratio to that of the peak is y."""
-    gain: Array
-    """Part of a receptor's rate due to each node [Hz]; the total rate is the sum over nodes of this part times the
-    number of receptors with at least the node's stress."""
-
-
-class _Nodes(NamedTuple):
-    """Nodes in t and their weights in u, with the two ends, which have weight 0; arrays of shape (nodes, n)."""
-
-    t: Array
-    weight: Array
 
 
 class _Onset(NamedTuple):

@@ -39,12 +39,6 @@ def _require_kind(place: str, value: Any) -> None:
         )
 
 
-def _name_of(place: str, value: Any) -> str:
-    if ALTERNATIVES[place].get(value.name) == value:
-        return str(value.name)
-    return reference(value) or str(value.name)
-
-
 @dataclass(frozen=True)
 class Readings:
     """One reading for each part of the model that the paper leaves ambiguous (model.md 1-8)."""
@@ -72,7 +66,11 @@ class Readings:
 
         A custom reading without an importable name is returned as it is; `require_names` rejects it.
         """
-        return {field.name: _name_of(field.name, getattr(self, field.name)) for field in fields(self)}
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {
+            place: str(value.name if ALTERNATIVES[place].get(value.name) == value else reference(value) or value.name)
+            for place, value in values.items()
+        }
 
     def require_names(self) -> None:
         """Raise an error for a reading that could not be restored by name from a stored run.

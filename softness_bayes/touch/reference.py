@@ -15,15 +15,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.integrate import tanhsinh
 from scipy.optimize import brentq
 
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.contact import Contact, Finger, solve_contact
+from softness_bayes.touch.neuron.firing import RateCurve
 from softness_bayes.touch.neuron.membrane import Channels, Membrane
 from softness_bayes.touch.neuron.rate import firing_rate, rheobase
 from softness_bayes.touch.parameters import TouchParameters
@@ -40,17 +40,6 @@ rounding errors of 1e-15 in the stress cause errors of about the square root of 
 
 ARC_NODES = 40
 """Gauss nodes of an arc, which spans at most a quarter of the circle."""
-
-
-class RateLaw(Protocol):
-    """Firing rate of a receptor against current: a `RateCurve` of one parameter vector, or the simulated membrane."""
-
-    @property
-    def rheobase(self) -> ArrayLike:
-        """Current at which firing starts [µA/cm²], a scalar; infinite for a membrane that never fires."""
-
-    def rate(self, current: Array) -> Array:
-        """Return the firing rate [Hz] at currents of any shape [µA/cm²]."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +68,7 @@ class SimulatedRate:
 
 
 def reference_response(
-    scene: Scene, parameters: TouchParameters, law: RateLaw | None = None, rtol: float = 1e-8
+    scene: Scene, parameters: TouchParameters, law: RateCurve | SimulatedRate | None = None, rtol: float = 1e-8
 ) -> Response:
     """Return the response of every condition of a scene to one parameter vector.
 
@@ -172,7 +161,7 @@ def reference_response(
         found = tanhsinh(integrand, lower, upper, args=(condition,), rtol=tolerance, atol=tolerance, minlevel=4)
         if not found.success.all():
             raise NumericalError(f"reference: an integral does not reach the tolerance {tolerance}")
-        return np.bincount(condition, found.integral, n)
+        return np.asarray(np.bincount(condition, found.integral, n), float)
 
     rate, responding = unit * integral(1, rtol), integral(0, rtol)
     divisor = np.where(responding > 0, responding, np.nan)

@@ -100,8 +100,9 @@ class Kernel:
     """Description of the reading, for lists."""
 
 
-def _line_common(gap: Array, z: float) -> Array:
-    return 2.0 * z / np.pi / (gap**2 + z**2) ** 2
+def _plane(gap: Array, z: float) -> tuple[Array, Array, Array]:
+    common = 2.0 * z / np.pi / (gap**2 + z**2) ** 2
+    return common * gap**2, common * z**2, common * z * gap
 
 
 def _line_vertical(rho: Array, s: Array, z: float) -> Array:
@@ -109,9 +110,7 @@ def _line_vertical(rho: Array, s: Array, z: float) -> Array:
 
 
 def _line_plane(rho: Array, s: Array, z: float) -> tuple[Array, Array, Array]:
-    gap = rho - s
-    common = _line_common(gap, z)
-    return common * gap**2, common * z**2, common * z * gap
+    return _plane(rho - s, z)
 
 
 def _line_centre(rho: Array, z: float) -> Array:
@@ -119,12 +118,11 @@ def _line_centre(rho: Array, z: float) -> Array:
 
 
 def _printed_vertical(rho: Array, s: Array, z: float) -> Array:
-    return _line_common(np.hypot(rho, z) - s, z) * z**2
+    return (2.0 * z**3 / np.pi) / ((np.hypot(rho, z) - s) ** 2 + z**2) ** 2
 
 
 def _printed_plane(rho: Array, s: Array, z: float) -> tuple[Array, Array, Array]:
-    gap, common = rho - s, _line_common(np.hypot(rho, z) - s, z)
-    return common * gap**2, common * z**2, common * z * gap
+    return _plane(np.hypot(rho, z) - s, z)
 
 
 def _printed_centre(rho: Array, z: float) -> Array:
@@ -275,12 +273,6 @@ def unit_stress(
     cut = np.where(apart, np.minimum(0.5 * centre, edge), lower)
     scale = np.where(apart, pole.imag, np.minimum(pole.imag, width))
 
-    def influence(rho: Array, s: Array, z: float) -> tuple[Array, ...]:
-        if not component.needs_plane:
-            return (kernel.vertical(rho, s, z),)
-        assert kernel.plane is not None, "refused by Readings"
-        return kernel.plane(rho, s, z)
-
     def piece(of: NDArray[np.bool_] | slice, low: Array, high: Array, centre: Array, scale: Array) -> Array:
         phi, weight = _graded(low[of], high[of], centre[of], scale[of], density)
         sine = np.sin(phi)
@@ -290,7 +282,10 @@ def unit_stress(
         share *= np.subtract(1.0, squared, out=squared)
         share *= weight
         sine *= a[of][:, None]
-        parts = influence(rho[of][:, None], sine, depth)
+        law = kernel.plane if component.needs_plane else kernel.vertical
+        assert law is not None, "refused by Readings"
+        found = law(rho[of][:, None], sine, depth)
+        parts = found if isinstance(found, tuple) else (found,)
         return a[of] * np.array([np.einsum("ni,ni->n", share, part) for part in parts])
 
     stresses = piece(slice(None), cut, edge, centre, scale)
@@ -321,8 +316,7 @@ def stress(
     """
     rho, modulus, a = numbers("rho", rho), numbers("reduced_modulus", reduced_modulus), numbers("radius", radius)
     amplitude, decay = pressure.amplitude(modulus, a, finger), pressure.decay(modulus, a, finger)
+    # with the depth as the unit of length, one call serves all depths; at depth 0 there is none
     depth = finger.receptor_depth
-    if np.ndim(depth):
-        # with the depth as the unit of length, one call serves all depths
-        return amplitude * unit_stress(np.asarray(rho, float) / depth, 1.0, a / depth, decay, kernel, component)
-    return amplitude * unit_stress(rho, float(depth), a, decay, kernel, component)
+    unit, one = (depth, 1.0) if np.all(depth) else (1.0, 0.0)
+    return amplitude * unit_stress(np.asarray(rho, float) / unit, one, a / unit, decay, kernel, component)

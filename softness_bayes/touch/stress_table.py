@@ -133,8 +133,8 @@ class Inversion:
         for _ in range(12):  # each step usually gains about three digits
             gap = log_y_at(log_rho) - log_y
             change = gap - last
-            known = (np.abs(change) > _ROUNDING) & (step * change < 0.0)
-            slope = np.where(known, step / np.where(known, change, 1.0), slope)
+            tells = (np.abs(change) > _ROUNDING) & (step * change < 0.0)
+            slope = np.where(tells, step / np.where(tells, change, 1.0), slope)
             excess = slope * gap
             step, last = -np.clip(excess, -1.0, 1.0), gap
             log_rho = log_rho + step

@@ -307,9 +307,7 @@ CURVES = "known_curves.json"
 
 def known_curve(channels: Channels, membrane: Membrane, max_current: float, nodes: int) -> RateCurve:
     """Return the shipped curve if there is one; otherwise compute it by `exact_curve` with the same arguments."""
-    kept = (
-        None if any(np.ndim(value) for value in channels) else _kept().get(key(channels, membrane, max_current, nodes))
-    )
+    kept = None if any(map(np.ndim, channels)) else _kept().get(key(channels, membrane, max_current, nodes))
     return exact_curve(channels, membrane, max_current, nodes) if kept is None else kept
 
 

@@ -83,19 +83,6 @@ def step(cells: Cells, state: FloatArray, length: FloatArray) -> tuple[FloatArra
     return within + error, error, slope
 
 
-def local_error(error: FloatArray) -> FloatArray:
-    """Return the size of a step's error estimate, relative to 100 mV and to a fully open gate, shape (n,)."""
-    size = np.abs(error)
-    size = np.maximum(size[0] / 100.0, np.maximum.reduce(size[1:]))
-    return np.where(np.isfinite(size), size, 1.0)
-
-
-def next_length(length: FloatArray, size: FloatArray) -> FloatArray:
-    """Return the length of the next step [ms] after a step of order 5, whose error was ``size`` times the tolerance."""
-    factor = 0.9 * np.maximum(size, 1e-9) ** (-0.2)
-    return length * np.minimum(np.maximum(factor, 0.2), 5.0)
-
-
 class ArrowSolver:
     """Solver of ``(w - J) x = b`` for arrowhead Jacobians J and scalars w, one of each per cell."""
 
@@ -266,7 +253,10 @@ class _Orbits:
     def advance(self) -> None:
         """Try one step of every trajectory."""
         after, error, slope = step(self.cells, self.state, self.length)
-        size = local_error(error) / self.tolerance
+        # the error is relative to 100 mV and to a fully open gate; a step that overflowed is far too long
+        size = np.abs(error)
+        size = np.maximum(size[0] / 100.0, np.maximum.reduce(size[1:]))
+        size = np.where(np.isfinite(size), size, 1.0) / self.tolerance
         locating = self.high[0] > 0.0
         accepted = (size <= 1.0) & ~locating
         gap = after[0] - SPIKE_VOLTAGE
@@ -277,7 +267,8 @@ class _Orbits:
         rising = slope[0] > 0.0
         self.peaks += self.rising & ~rising
         self.rising = rising
-        self.stride = np.where(locating, self.stride, next_length(self.length, size))
+        factor = 0.9 * np.maximum(size, 1e-9) ** -0.2  # the method has order 5
+        self.stride = np.where(locating, self.stride, self.length * np.minimum(np.maximum(factor, 0.2), 5.0))
         moved = (accepted & ~crossing) | spiking
         self.state = np.where(moved, after, self.state)
         self.elapsed = np.where(moved, self.elapsed + self.length, self.elapsed)
