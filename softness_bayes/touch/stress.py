@@ -100,8 +100,9 @@ class Kernel:
     """Description of the reading, for lists."""
 
 
-def _plane(gap: Array, z: float) -> tuple[Array, Array, Array]:
-    common = 2.0 * z / np.pi / (gap**2 + z**2) ** 2
+def _plane(gap: Array, away: Array, z: float) -> tuple[Array, Array, Array]:
+    """Return the plane stresses of a line load, with the gap of the numerators and that of the denominators."""
+    common = 2.0 * z / np.pi / (away**2 + z**2) ** 2
     return common * gap**2, common * z**2, common * z * gap
 
 
@@ -110,7 +111,7 @@ def _line_vertical(rho: Array, s: Array, z: float) -> Array:
 
 
 def _line_plane(rho: Array, s: Array, z: float) -> tuple[Array, Array, Array]:
-    return _plane(rho - s, z)
+    return _plane(rho - s, rho - s, z)
 
 
 def _line_centre(rho: Array, z: float) -> Array:
@@ -122,7 +123,7 @@ def _printed_vertical(rho: Array, s: Array, z: float) -> Array:
 
 
 def _printed_plane(rho: Array, s: Array, z: float) -> tuple[Array, Array, Array]:
-    return _plane(np.hypot(rho, z) - s, z)
+    return _plane(rho - s, np.hypot(rho, z) - s, z)
 
 
 def _printed_centre(rho: Array, z: float) -> Array:
