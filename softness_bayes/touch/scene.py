@@ -278,11 +278,9 @@ class Scene:
 
     def refined(self) -> Scene:
         """Return a reference: the same scene with whole stress tables, solved contacts and a finer quadrature."""
-        part, d = copy.copy(self), self.discretisation
+        d = self.discretisation
         finer = Discretisation(d.nodes + 12, d.saturation + 8.0, SHARE * d.field_tolerance, d.rate_nodes)
-        part.discretisation, part.skin_box = finer, None
-        part._compile()
-        return part
+        return self._copied(discretisation=finer, skin_box=None)
 
     def exact(self) -> Scene:
         """Return the refined scene with exact firing rates, which takes milliseconds for each vector.
@@ -324,17 +322,18 @@ class Scene:
         chosen = _indices(conditions, self.n_conditions, "condition")
         if not chosen.size:
             raise InputError("scene: expected at least one condition")
-        part = copy.copy(self)
-        part.finger = replace(self.finger, contact_centre=contact_centre or self.finger.contact_centre)
-        for name in ("fabric", "load", "modulus", "poisson"):
-            setattr(part, name, getattr(self, name)[chosen])
-        part._compile()
-        return part
+        finger = replace(self.finger, contact_centre=contact_centre or self.finger.contact_centre)
+        arrays = {name: getattr(self, name)[chosen] for name in ("fabric", "load", "modulus", "poisson")}
+        return self._copied(finger=finger, **arrays)
 
     def coarser(self, discretisation: Discretisation) -> Scene:
         """Return the scene at another resolution, with stress fields truncated from the present tables at no cost."""
+        return self._copied(discretisation=discretisation)
+
+    def _copied(self, **changed: Any) -> Scene:
+        """Return a copy with other attributes, compiled from the same whole tables."""
         part = copy.copy(self)
-        part.discretisation = discretisation
+        part.__dict__.update(changed)
         part._compile()
         return part
 

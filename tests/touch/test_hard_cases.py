@@ -31,20 +31,12 @@ def test_worst_error_is_within_bounds_and_as_kept(case):
             assert measured >= 0.25 * float(stated) or measured < 1e-9
 
 
-def test_every_case_is_kept():
-    assert [line["case"] for line in hard_cases.kept()] == [case.name for case in CASES]
-
-
 @pytest.mark.parametrize("broken", ["cos", "tan"])
 def test_a_wrong_chain_is_found_out(broken, monkeypatch):
     """Negative control: an influence that is a little wrong is far outside the bounds."""
     right = getattr(np, broken)
     monkeypatch.setattr(plain_chain.np, broken, lambda x: right(x) * (1 + 1e-3))
     assert hard_cases.stiffening_skin().usual > 1e-4
-
-
-def test_errors_are_written_to_one_digit_rounded_up():
-    assert [hard_cases.written(e) for e in (1.01e-6, 2e-6, 9.5e-6, 1e-14)] == ["2e-6", "2e-6", "1e-5", "< 1e-13"]
 
 
 @pytest.mark.parametrize(

@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 
-from softness_bayes.errors import InputError
 from softness_bayes.model.scenes import skin_of_priors
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.mechanics import SKIN_SHARE, SkinBox
-from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Discretisation, Scene
 
 FABRICS = np.geomspace(1e2, 1e8, 9)
@@ -91,9 +89,3 @@ def test_the_box_is_that_of_the_priors():
     # a law that reaches down to 0 gives a box with a positive end
     reaching = skin_of_priors(parameter_space(priors={"b": "uniform(0,300)"}))
     assert 0 < reaching.b[0] < 0.02 * reaching.b[1]
-
-
-def test_a_negative_stiffening_is_refused_where_there_is_a_box(smooth_firing):
-    scene = scene_at(1e-3, LOADS["depth"], smooth_firing())
-    with pytest.raises(InputError, match="m"):
-        scene.total_rate(TouchParameters(np.array([1e5]), np.array([-1.0]), 20.3, 0.6e-3, 9e3, 1.05, 1.16, 1.0, 1.5))

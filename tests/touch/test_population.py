@@ -9,7 +9,6 @@ import pytest
 
 from softness_bayes.touch.contact import Finger, Force, Indentation
 from softness_bayes.touch.readings import ALTERNATIVES, Readings
-from softness_bayes.touch.receptors import PRINTED_DENSITY
 from softness_bayes.touch.reference import reference_response
 from softness_bayes.touch.scene import Discretisation, Scene
 
@@ -175,33 +174,6 @@ def test_every_reading(pressure, kernel, smooth_firing, paper):
         for changed in ({}, {"sigma_0": 3e3}):
             exact = reference_response(touched, paper(**changed), firing.curve)
             assert_close(touched.respond(paper(**changed)), exact, 2e-4)
-
-
-def test_other_density_and_displacement(smooth_firing, paper):
-    firing = smooth_firing()
-    readings = Readings(receptor_density=PRINTED_DENSITY).override({"skin_displacement": "displacement"})
-    touched = scene(firing, readings=readings)
-    exact = reference_response(touched, paper(m=707.0), firing.curve)
-    assert exact.total_rate.max() > 10
-    assert_close(touched.respond(paper(m=707.0)), exact, 2e-4)
-
-
-def test_mean_interval_exceeds_the_mean_rates(default_scene, paper, rng):
-    # Jensen: the mean of 1/rate is at least 1 over the mean rate
-    parameters = paper(
-        b=1e5 * np.exp(0.5 * rng.normal(size=200)),
-        alpha=20.3 * np.exp(0.1 * rng.normal(size=200)),
-        beta=0.6e-3 * np.exp(0.3 * rng.normal(size=200)),
-        sigma_0=9e3 * np.exp(0.4 * rng.normal(size=200)),
-    )
-    found = default_scene.respond(parameters)
-    fires = found.responding > 0
-    assert fires.any()
-    assert not fires.all()
-    assert (found.mean_interval[fires] * found.mean_rate[fires] >= 1 - 1e-6).all()
-    assert np.isnan(found.mean_rate[~fires]).all()
-    assert np.isnan(found.mean_interval[~fires]).all()
-    assert (found.total_rate[~fires] == 0).all()
 
 
 def test_no_leap_where_the_patch_reaches_an_edge(default_scene, fine_scene, paper):

@@ -68,13 +68,6 @@ def test_a_place_for_every_field_and_the_default_first():
         assert len({id(value) for value in names.values()}) == len(names) > 1
 
 
-def test_every_alternative_is_reached_by_its_name():
-    for place, names in ALTERNATIVES.items():
-        for name in names:
-            base = {"stress_kernel": "line"} if place == "stress_component" else {}
-            assert MENDED.override({**base, place: name}).names[place] == name
-
-
 def test_every_combination_composes_or_says_why():
     refused = 0
     for choice in itertools.product(*ALTERNATIVES.values()):
@@ -111,15 +104,6 @@ def test_responses_are_what_responses_can_be(scene, parameters, rng):
     assert (found.peak_stress > 0).all()
     assert all((values > 0).all() for values in found.contact)
     assert ((found.total_rate > 0) == (found.responding > 0)).all()
-
-
-def test_a_batch_is_its_single_vectors(scene, parameters, rng):
-    batch = many(parameters, rng, 5)
-    together = scene.respond(batch)
-    for k in range(5):
-        alone = scene.respond(one_of(batch, k))
-        for name in ("total_rate", "responding", "peak_stress"):
-            np.testing.assert_allclose(getattr(alone, name), getattr(together, name)[k], rtol=1e-10, err_msg=name)
 
 
 def test_response_by_adaptive_integration(scene, parameters, rng):

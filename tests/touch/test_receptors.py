@@ -76,16 +76,6 @@ def test_receptors_within_a_distance(finger, density):
     assert found[0] == 0
 
 
-def test_receptors_within_agree_with_scattered_points(finger, rng):
-    points = rng.uniform([0, 0], [finger.pad_length, finger.pad_width], (200_000, 2))
-    number = CONSISTENT.at(points[:, 0]) * (finger.pad_length * finger.pad_width / len(points))
-    away = np.hypot(*(points - finger.contact_centre).T)
-    for distance in (3e-3, 11e-3, 21e-3):
-        inside = np.where(away <= distance, number, 0.0)
-        error = np.sqrt(len(points)) * inside.std()
-        assert abs(inside.sum() - receptors_within(distance, finger)) < 5 * error + 1e-9
-
-
 @pytest.mark.parametrize("density", DENSITIES, ids=lambda density: density.name)
 def test_arcs_add_up_to_the_count(finger, density):
     # the reference's own weight, from arcs in closed form, is the derivative of the count
@@ -116,13 +106,6 @@ def test_an_axis_on_the_edge_but_for_rounding():
     distance = np.linspace(0, 4e-3, 50)
     np.testing.assert_array_equal(on.kinks, beside.kinks)
     np.testing.assert_allclose(on(distance**2), beside(distance**2), atol=1e-9)
-
-
-def test_kinks_rise_and_omit_the_edge_under_the_axis():
-    assert kink_distances(Finger()) == pytest.approx(
-        [10e-3, 12e-3, np.hypot(10e-3, 12e-3), 18e-3, np.hypot(10e-3, 18e-3)]
-    )
-    assert kink_distances(Finger(contact_centre=(0.0, 0.0))) == pytest.approx([20e-3, 30e-3, np.hypot(20e-3, 30e-3)])
 
 
 def test_current_against_its_formula(rng):

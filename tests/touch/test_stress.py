@@ -8,8 +8,8 @@ import mpmath
 import numpy as np
 import pytest
 
-from softness_bayes.touch.contact import Finger, Force, Indentation, hertz_force, solve_contact
-from softness_bayes.touch.readings import ALTERNATIVES, Readings
+from softness_bayes.touch.contact import Finger, hertz_force
+from softness_bayes.touch.readings import ALTERNATIVES
 from softness_bayes.touch.stress import (
     ATTENUATED,
     AXISYMMETRIC,
@@ -183,26 +183,6 @@ def test_agrees_with_extended_precision_at_hard_points(kernel, rng):
             # Gauss's rule resolves a field against its own largest value
             largest = float(unit_stress(0.0, depth, a, decay, kernel))
             assert found == pytest.approx(exact, rel=1e-10, abs=1e-14 * largest), (depth, decay, a, rho)
-
-
-@pytest.mark.parametrize("pressure", PRESSURES, ids=ids(PRESSURES))
-@pytest.mark.parametrize(("kernel", "selected"), FIELDS, ids=ids(FIELDS))
-def test_stress_falls_with_distance(pressure, kernel, selected, rng):
-    for _ in range(25):
-        finger = Finger(receptor_depth=rng.uniform(0.3e-3, 1.5e-3))
-        load = Indentation(rng.uniform(1e-4, 4e-3)) if rng.random() < 0.5 else Force(rng.uniform(0.05, 4.0))
-        found = solve_contact(10 ** rng.uniform(3, 9), 0.3, load, 1e5, 2.0, finger)
-        rho = np.linspace(0.0, 0.03, 400)
-        sigma = stress(rho, found.reduced_modulus, found.radius, finger, pressure, kernel, selected)
-        assert (sigma > 0).all()
-        assert (np.diff(sigma) < 1e-11 * sigma[0]).all()
-
-
-def test_readings_refuse_the_plane_stress_of_a_round_contact():
-    from softness_bayes.errors import InputError
-
-    with pytest.raises(InputError, match="axisymmetric"):
-        Readings(stress_kernel=AXISYMMETRIC, stress_component=PRINCIPAL)
 
 
 def test_pressures_of_the_readings():

@@ -17,7 +17,7 @@ from softness_bayes.touch.reference import reference_response
 from softness_bayes.touch.scene import Discretisation, Scene
 from softness_bayes.touch.stress import ATTENUATED, Pressure, stress
 from softness_bayes.touch.stress_fields import StressFields
-from softness_bayes.touch.stress_table import MANY_LOADS, Inversion, StressTable, cut_tables, stress_tables
+from softness_bayes.touch.stress_table import MANY_LOADS, Inversion, StressTable, stress_tables
 
 FINGER, RANGE = Finger(), (1e3, 1e7)
 BOX = FingerBox((6.5e-3, 10e-3), (0.5e-3, 0.9e-3))
@@ -197,20 +197,6 @@ def test_a_decay_that_is_no_product_has_a_table_for_each_force_and_none_for_fing
         stress_tables([Force(1.0)], FINGER, BOX, readings, RANGE, 1e-1)
 
 
-def test_loads_side_by_side_are_the_loads_alone(rng):
-    loads = [Indentation(1e-3), Force(1.0)]
-    tables = cut_tables(stress_tables(loads, FINGER, None, Readings(), RANGE, 1e-4), 1e-4)
-    columns, modulus = [np.array([0, 3]), np.array([1, 2])], np.array([[1e4, 2e5, 3e5, 5e6], [3e3, 2e9, 5e4, 1e5]])
-    radius = Loads([loads[0], loads[1], loads[1], loads[0]]).radius(modulus, FINGER)
-    together = whole(StressFields(tables, loads, columns, FINGER).at(modulus, radius, FINGER))
-    y = np.full((2, 4), 0.7)
-    for load, where in zip(loads, columns, strict=True):
-        fields = StressFields(tables, [load], [np.arange(2)], FINGER)
-        alone = whole(fields.at(modulus[:, where], radius[:, where], FINGER))
-        assert_allclose(together.peak[:, where], alone.peak, rtol=1e-14)
-        assert_allclose(together.squared_distance(y)[:, where], alone.squared_distance(y[:, where]), rtol=1e-12)
-
-
 # scenes
 
 
@@ -280,17 +266,6 @@ def test_a_vector_without_a_finger_has_that_of_the_scene(smooth_firing, vectors)
         found = free.total_rate(vectors._replace(radius=radius, receptor_depth=depth))
         expected = fixed.total_rate(vectors._replace(radius=0.0, receptor_depth=0.0))
         assert_allclose(found, expected, atol=5e-4 * expected.max())
-
-
-def test_fingers_that_vary_have_one_table_for_many_loads(smooth_firing, vectors):
-    loads = [Indentation(float(x)) for x in np.linspace(0.5e-3, 3e-3, MANY_LOADS + 2)]
-    coarse = Discretisation(8, 9.0, 1e-3)
-    many = Scene(MODULI, 0.3, loads, smooth_firing(), discretisation=coarse, finger_box=BOX)
-    assert len({id(table) for table in many.tables.values()}) == 1
-    some = [0, 7, len(loads) - 1]
-    few = Scene(MODULI, 0.3, [loads[k] for k in some], smooth_firing(), discretisation=coarse, finger_box=BOX)
-    wanted = few.total_rate(vectors).reshape(6, -1, 5)
-    assert_allclose(many.total_rate(vectors).reshape(6, -1, 5)[:, some], wanted, atol=5e-3 * wanted.max())
 
 
 def test_details_along_the_pad_are_those_of_the_finger(smooth_firing, vectors):

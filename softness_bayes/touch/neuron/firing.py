@@ -239,7 +239,9 @@ def exact_curves(
         True to measure the error between the nodes; otherwise it is NaN.
     """
     limit = np.broadcast_to(np.asarray(max_current, dtype=float), np.shape(channels.c_Na))
-    rheobase, rate_0, prefactor, born = (np.reshape(x, -1) for x in onset(channels, membrane, expected, budget))
+    begin = onset(channels, membrane, expected, budget)
+    rheobase, rate_0, prefactor = (x.reshape(-1) for x in (begin.rheobase, begin.rate, begin.prefactor))
+    born = begin.born.reshape(-1)
     error = CurveError(*([0.0 if check else np.nan] * 3))
     curve = RateCurve(rheobase, np.zeros_like(limit), np.zeros((limit.size, nodes)), limit, error)
     fires = np.flatnonzero(rheobase < limit)

@@ -37,6 +37,7 @@ ERRORS = "firing_surface.json"
 FITTED = 3000
 """Channel vectors to which shorter surfaces are fitted."""
 
+_own_curve = lru_cache(maxsize=4096)(exact_curve)
 _CHECKING = 1e-6  # tolerance for batches of exact curves: rates within 1e-5 of the peak, in a third of the time
 _AT_THE_EDGE = 1e-9  # relative to the box's half-width: allows for rounding at a prior's end
 
@@ -278,8 +279,3 @@ class ExactRates:
     def shortened(self, terms: int) -> ExactRates:
         """Return itself: exact curves stay as they are."""
         return self
-
-
-@lru_cache(maxsize=4096)
-def _own_curve(channels: Channels, membrane: Membrane, max_current: float, nodes: int) -> RateCurve:
-    return exact_curve(channels, membrane, max_current, nodes)

@@ -36,14 +36,6 @@ def test_the_curve_ends_where_the_mean_rate_is_least(curve):
     assert 0 < curve.error.hertz < 5.0
 
 
-def test_equal_seeds_equal_curves(monkeypatch):
-    monkeypatch.setattr(module, "_end", lambda *_: 16.0)
-    monkeypatch.setattr(module, "_STEP", 0.03)
-    first, second, other = (noisy_curve(2.0, runs=2, duration=50.0, seed=seed) for seed in (3, 3, 4))
-    np.testing.assert_array_equal(first.coefficients, second.coefficients)
-    assert (first.coefficients != other.coefficients).any()
-
-
 def test_noise_that_is_none_and_currents_that_are_silent_are_refused():
     with pytest.raises(InputError, match=r"noise is 0\.0, expected a finite number above 0 and at most 100"):
         noisy_curve(0.0)

@@ -11,7 +11,6 @@ from softness_bayes.touch.neuron.polynomials import (
     clenshaw,
     horner,
     in_powers_of,
-    monomials,
 )
 
 
@@ -43,13 +42,6 @@ def test_powers(rng, order):
     coefficients = rng.normal(size=(4, order))
     exact = [np.polynomial.chebyshev.cheb2poly(row) for row in coefficients]
     np.testing.assert_allclose(in_powers_of(coefficients), exact, rtol=1e-9)
-
-
-@pytest.mark.parametrize("order", [1, 2, 3, 30])
-def test_monomials(rng, order):
-    x = rng.uniform(-1, 1, (3, 4))
-    exact = np.stack([x**k for k in range(order)])
-    np.testing.assert_allclose(monomials(x, order), exact, rtol=1e-13)
 
 
 @pytest.mark.parametrize("variables", [1, 2, 4])
