@@ -18,6 +18,7 @@ from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch import stress_table
 from softness_bayes.touch.neuron import fixed_channels, noise, spikes
 from softness_bayes.touch.neuron.firing import CurveError, RateCurve
+from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.neuron.rate import Onset
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.stress_table import StressTable
@@ -166,7 +167,7 @@ class OneCurve:
 
     curve: RateCurve
 
-    def curves(self, parameters: TouchParameters) -> RateCurve:
+    def curves(self, channels: Channels, alpha: object) -> RateCurve:
         return self.curve
 
 

@@ -64,7 +64,7 @@ class OneLaw:
     law: RootLaw = LAW
     noise: float = 0.0
 
-    def curves(self, parameters):
+    def curves(self, channels, alpha):
         law = self.law
         unmeasured = CurveError(*np.zeros(len(CurveError._fields)))
         return RateCurve(

@@ -112,7 +112,7 @@ class Bench:
     def measure(self, parameters: TouchParameters) -> Numbers:
         """Return the numbers of a batch of parameter vectors, shape (draws,)."""
         values = TouchParameters(*np.broadcast_arrays(*map(np.atleast_1d, parameters)))
-        if not (values.alpha > self.firing.curves(values).rheobase).any():
+        if not (values.alpha > self.firing.curves(values.channels, values.alpha).rheobase).any():
             shape = (values.alpha.size, len(self.loads))
             nothing = Numbers(*(np.full(shape, np.nan) for _ in Numbers._fields))
             return nothing._replace(largest=np.zeros(shape), interior=np.zeros(shape, bool))

@@ -386,7 +386,8 @@ def _bent(space: ParameterSpace, scene: Scene, directed: RatingDirection) -> Par
     reduces the autocorrelation time by a third. The data determine sigma_0 through the stress at which firing starts;
     with precise data, the posterior is a thin sheet that is straight only in this coordinate.
     """
-    rheobase = float(scene.firing.curves(space.touch(space.median)).rheobase)
+    median = space.touch(space.median)
+    rheobase = float(scene.firing.curves(median.channels, median.alpha).rheobase)
     rheobase -= float(space.rheobase_shift(space.median))
     # logarithmic away from 0 on either side
     bent: dict[str, Coordinate] = {"gamma": Bent(0.0, SIGN_WIDTH)} if directed == FREE else {}

@@ -321,7 +321,7 @@ def _firing_error(draws: RatedDraws) -> float:
     touch, modulus = draws.touches(draws.subset(ERROR_DRAWS).theta)
     response = draws.scene.respond(touch, modulus)
     peak = response.total_rate.max(axis=-1)
-    hertz = draws.scene.firing.curves(touch).error.hertz
+    hertz = draws.scene.firing.curves(touch.channels, touch.alpha).error.hertz
     fires = peak > 0
     return float((hertz * response.responding.max(axis=-1)[fires] / peak[fires]).max(initial=0.0))
 

@@ -346,7 +346,7 @@ def membrane_illustration(
     parameters
         Draws of the parameters of the forward model, shape (draws,).
     """
-    curve, rheobase = scene.firing.curves(parameters), _rheobase(scene, parameters)
+    curve, rheobase = scene.firing.curves(parameters.channels, parameters.alpha), _rheobase(scene, parameters)
     top = min(float(np.quantile(parameters.alpha, 0.975)), float(np.min(curve.max_current)))
     begin = min(float(rheobase.min()), top)
     current = np.linspace(max(0.0, begin - 0.25 * (top - begin)) if begin < top else 0.0, top, CURRENTS)
@@ -369,4 +369,5 @@ def membrane_illustration(
 
 def _rheobase(scene: Scene, parameters: TouchParameters) -> Array:
     """Return the rheobase of every draw [µA/cm²], shape (draws,)."""
-    return np.broadcast_to(scene.firing.curves(parameters).rheobase, np.shape(parameters.alpha))
+    curve = scene.firing.curves(parameters.channels, parameters.alpha)
+    return np.broadcast_to(curve.rheobase, np.shape(parameters.alpha))

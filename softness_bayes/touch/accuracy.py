@@ -19,7 +19,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.ranges import ACCURACIES
 from softness_bayes.touch.neuron.firing import RateCurve
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels
-from softness_bayes.touch.neuron.membrane import Channels, Driven, Membrane
+from softness_bayes.touch.neuron.membrane import Channels, Membrane
 from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Discretisation, Scene
@@ -81,10 +81,10 @@ class FiringSample:
         some = first(parameters, size)
         return some._replace(**{name: values[:size] for name, values in self.channels._asdict().items()})
 
-    def curves(self, parameters: Driven) -> RateCurve:
-        """Return the curves of parameter vectors, shape (vectors,), whose multipliers come from the sample."""
+    def curves(self, channels: Channels, alpha: ArrayLike) -> RateCurve:
+        """Return the curves of multipliers from the sample, shape (vectors,)."""
         order = np.argsort(self.channels.c_Na)
-        place = np.searchsorted(np.asarray(self.channels.c_Na)[order], parameters.c_Na)
+        place = np.searchsorted(np.asarray(self.channels.c_Na)[order], channels.c_Na)
         return self.curve.take(order[place])
 
     def exact(self) -> FiringSample:

@@ -270,7 +270,7 @@ class FingerFamily:
         log_modulus = log_modulus.reshape(len(log_modulus), -1, *log_modulus.shape[3:])  # people and b on one axis
         sigma_0 = p.sigma_0[:, None] * np.exp(np.multiply.outer(spread, self.grid.axis("sigma_0")))
         found = np.empty((len(p.b), sigma_0.shape[1], *log_modulus.shape[1:]))
-        curve = self.scene.firing.curves(p)
+        curve = self.scene.firing.curves(p.channels, p.alpha)
         rheobase = np.broadcast_to(np.reshape(curve.rheobase, (-1, 1)), (len(p.b), 1))
         with np.errstate(divide="ignore", invalid="ignore"):
             odds = p.alpha[:, None] / rheobase - 1.0

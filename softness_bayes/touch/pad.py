@@ -71,7 +71,8 @@ def _profiles(scene: Scene, parameters: TouchParameters, r: Array, modulus: Arra
     felt = stress(r, modulus, radius, finger, readings.pressure, readings.stress_kernel, readings.stress_component)
     alpha, beta, sigma_0 = (v[:, None, None] for v in (parameters.alpha, parameters.beta, parameters.sigma_0))
     current = receptor_current(felt, alpha, beta, sigma_0)
-    rate = scene.firing.curves(parameters).rate(current.reshape(len(current), -1)).reshape(current.shape)
+    curve = scene.firing.curves(parameters.channels, parameters.alpha)
+    rate = curve.rate(current.reshape(len(current), -1)).reshape(current.shape)
     return Profiles(pressure, felt, rate)
 
 

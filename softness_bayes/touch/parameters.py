@@ -39,6 +39,11 @@ class TouchParameters(NamedTuple):
     receptor_depth: Any = 0.0
     """Depth of the receptors [m]; 0 to use that of the scene's finger."""
 
+    @property
+    def channels(self) -> Channels:
+        """Multipliers of all conductances [-]."""
+        return Channels(self.c_Na, self.c_K, self.c_L, self.c_A)
+
 
 _POSITIVE = [TouchParameters._fields.index(name) for name in ("b", "alpha", "beta", *Channels._fields)]
 _FROM_ZERO = [TouchParameters._fields.index(name) for name in ("radius", "receptor_depth")]

@@ -402,7 +402,8 @@ class Scene:
             several = max(rows, WITH_CURVES)
             for first in range(0, max(flat.b.size, 1), several):
                 group = TouchParameters(*(value[first : first + several] for value in flat))
-                drive = Drive(group.alpha, group.beta, group.sigma_0, self.rates.curves(group)) if fires else None
+                curve = self.rates.curves(group.channels, group.alpha) if fires else None
+                drive = None if curve is None else Drive(group.alpha, group.beta, group.sigma_0, curve)
                 for start in range(0, max(group.b.size, 1), rows):
                     k = slice(start, start + rows)
                     own = None if modulus is None else modulus[first:][k][:, self.fabric]

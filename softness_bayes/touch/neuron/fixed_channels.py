@@ -6,11 +6,12 @@ import copy
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from softness_bayes.errors import NumericalError
 from softness_bayes.kinds import require_kind, require_members
 from softness_bayes.touch.neuron.firing import RateCurve, known_curve
-from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Driven, Membrane
+from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane
 from softness_bayes.touch.neuron.noise import averaged_curve
 
 LARGEST_CURRENT = 150.0
@@ -25,8 +26,8 @@ class Firing(Protocol):
 
     noise: float
 
-    def curves(self, parameters: Driven) -> RateCurve:
-        """Return the rate curve of each parameter vector, of batch shape (batch,) or ()."""
+    def curves(self, channels: Channels, alpha: ArrayLike) -> RateCurve:
+        """Return the rate curves of channel multipliers up to currents alpha, of batch shape (batch,) or ()."""
 
     def exact(self) -> Firing:
         """Return a source of exact curves, the reference for the error of these."""
@@ -91,7 +92,7 @@ class FixedChannels:
         part.curve = self.curve.shortened(terms)
         return part
 
-    def curves(self, parameters: Driven) -> RateCurve:
+    def curves(self, channels: Channels, alpha: ArrayLike) -> RateCurve:
         """Return the common curve, of batch shape (), or one per vector if an alpha requires a longer curve.
 
         Raises
@@ -99,7 +100,7 @@ class FixedChannels:
         NumericalError
             If an alpha exceeds `LARGEST_CURRENT`.
         """
-        alpha = np.asarray(parameters.alpha, float)
+        alpha = np.asarray(alpha, float)
         long = alpha > self.curve.max_current
         if not long.any():
             return self.curve

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,30 +37,6 @@ class Channels(NamedTuple):
     c_K: Any
     c_L: Any
     c_A: Any
-
-
-class Driven(Protocol):
-    """The parameters of the neuron: its channel multipliers and its largest current."""
-
-    @property
-    def c_Na(self) -> Any:
-        """Multiplier of the sodium conductance [-]."""
-
-    @property
-    def c_K(self) -> Any:
-        """Multiplier of the potassium conductance [-]."""
-
-    @property
-    def c_L(self) -> Any:
-        """Multiplier of the leak conductance [-]."""
-
-    @property
-    def c_A(self) -> Any:
-        """Multiplier of the A-current's conductance [-]."""
-
-    @property
-    def alpha(self) -> Any:
-        """Largest receptor current [µA/cm²]."""
 
 
 PAPER_CHANNELS = Channels(c_Na=1.05, c_K=1.16, c_L=1.0, c_A=1.5)

@@ -17,12 +17,12 @@ from importlib import resources
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.files.json_text import parse_json
 from softness_bayes.touch.neuron.firing import CurveError, RateCurve, exact_curve, exact_curves, shortening
-from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, Channels, Driven, Membrane, lanes, rows_of
+from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, Channels, Membrane, lanes, rows_of
 from softness_bayes.touch.neuron.polynomials import TotalDegree
 from softness_bayes.touch.neuron.surface_design import DESIGNS, NO_SURFACE, SurfaceInputs
 
@@ -184,21 +184,21 @@ class FiringSurface:
         values = values.reshape(*shape, values.shape[-1])
         return RateCurve(values[..., 0], values[..., 1], values[..., 2:], self.max_current, self.error)
 
-    def curves(self, parameters: Driven) -> RateCurve:
-        """Return rate curves of parameter vectors, of their batch shape.
+    def curves(self, channels: Channels, alpha: ArrayLike) -> RateCurve:
+        """Return rate curves of channel multipliers up to currents alpha, of the multipliers' batch shape.
 
         Raises
         ------
         NumericalError
             If an alpha exceeds `max_current`.
         """
-        alpha = np.asarray(parameters.alpha, float)
+        alpha = np.asarray(alpha, float)
         if not (alpha <= self.max_current).all():
             raise NumericalError(
                 f"alpha = {alpha.max():.6g} µA/cm² lies beyond the {self.max_current:g} that the firing-rate "
                 "surface covers; fix the channel multipliers for larger currents"
             )
-        return self._curve(*rows_of([getattr(parameters, name) for name in Channels._fields]))
+        return self._curve(*rows_of(channels))
 
     def exact(self) -> ExactRates:
         """Return the source of the exact curves that the surface approximates."""
@@ -263,14 +263,13 @@ class ExactRates:
     near: FiringSurface | None = None
     noise = 0.0
 
-    def curves(self, parameters: Driven) -> RateCurve:
-        """Return rate curves of parameter vectors, of their batch shape."""
-        values = np.broadcast_arrays(*(getattr(parameters, name) for name in (*Channels._fields, "alpha")))
-        *multipliers, alpha = (np.asarray(v, float).reshape(-1) for v in values)
+    def curves(self, channels: Channels, alpha: ArrayLike) -> RateCurve:
+        """Return rate curves of channel multipliers up to currents alpha, of their batch shape."""
+        shape, (*multipliers, limit) = rows_of([*channels, alpha])
         channels = Channels(*multipliers)
         expected = None if self.near is None else self.near.curve(channels).rheobase
-        curves = exact_curves(channels, self.membrane, alpha, expected=expected, tolerance=_CHECKING)
-        return curves.take(np.arange(alpha.size).reshape(values[0].shape))
+        curves = exact_curves(channels, self.membrane, limit, expected=expected, tolerance=_CHECKING)
+        return curves.take(np.arange(limit.size).reshape(shape))
 
     def exact(self) -> ExactRates:
         """Return itself."""

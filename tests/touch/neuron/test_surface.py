@@ -191,7 +191,7 @@ def test_what_lies_outside_is_refused(surface: FiringSurface) -> None:
         surface.curve(PAPER_CHANNELS._replace(c_K=np.nan))
     touch = TouchParameters(1e5, 2.0, surface.max_current * 1.01, 6e-4, 9e3, *PAPER_CHANNELS)
     with pytest.raises(NumericalError, match="fix the channel multipliers"):
-        surface.curves(touch)
+        surface.curves(touch.channels, touch.alpha)
 
 
 def test_a_membrane_without_a_surface_is_named() -> None:
