@@ -198,12 +198,10 @@ class Loads:
     def __init__(self, loads: Load | Sequence[Load]) -> None:
         every = [loads] if isinstance(loads, (Indentation, Force)) else [*loads]
         shape = () if isinstance(loads, (Indentation, Force)) else (len(every),)
-        self.indented = np.array([isinstance(load, Indentation) for load in every]).reshape(shape)
+        self.indented = np.array([isinstance(load, Indentation) for load in every], bool).reshape(shape)
+        value = np.array([held(load) for load in every], float).reshape(shape)
         # NaN for the quantity that a load does not fix
-        self._depth = np.array([load.depth if isinstance(load, Indentation) else np.nan for load in every]).reshape(
-            shape
-        )
-        self._newton = np.array([load.newton if isinstance(load, Force) else np.nan for load in every]).reshape(shape)
+        self._depth, self._newton = np.where(self.indented, value, np.nan), np.where(self.indented, np.nan, value)
 
     def radius(self, reduced_modulus: Array, finger: Fingertip) -> Array:
         """Return the contact radius [m] for E_star [Pa], of shape (..., conditions)."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,18 +54,19 @@ _LEAST[_POSITIVE], _LEAST[_FROM_ZERO] = np.nextafter(0.0, 1.0), 0.0
 
 
 def checked_rows(parameters: TouchParameters) -> tuple[tuple[int, ...], TouchParameters]:
-    """Check parameter vectors; return their batch shape, and the vectors as one-dimensional arrays."""
+    """Check parameter vectors; return their batch shape, and the vectors as one-dimensional arrays.
+
+    Raises
+    ------
+    InputError
+        If a value is not finite or out of range; the message names the first such parameter.
+    """
     shape, flat = rows_of(parameters)
     if not ((flat >= _LEAST).all() and (flat < np.inf).all()):  # NaN is not above anything
-        _refuse(flat)
+        for name, value in zip(TouchParameters._fields, flat, strict=True):
+            if not np.isfinite(value).all():
+                raise InputError(f"parameters: {name} is not finite")
+        wrong = [k for k in _POSITIVE if not (flat[k] > 0).all()]
+        row = (wrong or [k for k in _FROM_ZERO if not (flat[k] >= 0).all()])[0]
+        raise InputError(f"parameters: {TouchParameters._fields[row]} is {flat[row].min()}, expected a positive number")
     return shape, TouchParameters(*flat)
-
-
-def _refuse(flat: Array) -> NoReturn:
-    """Raise an error that names the first parameter (one per row) with an invalid value."""
-    for name, value in zip(TouchParameters._fields, flat, strict=True):
-        if not np.isfinite(value).all():
-            raise InputError(f"parameters: {name} is not finite")
-    wrong = [k for k in _POSITIVE if not (flat[k] > 0).all()]
-    row = (wrong or [k for k in _FROM_ZERO if not (flat[k] >= 0).all()])[0]
-    raise InputError(f"parameters: {TouchParameters._fields[row]} is {flat[row].min()}, expected a positive number")

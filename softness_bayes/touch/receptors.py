@@ -94,24 +94,13 @@ def receptors_within(distance: ArrayLike, finger: Finger, density: Density = CON
         clips = np.arccos(np.clip(sides[:, None] / r, 0, 1))
     ends, clips = np.where(r > 0, ends, 0.0), np.where(r > 0, clips, 0.0)
     cuts = np.sort(np.clip(np.concatenate([ends, clips, -clips]), ends[0], ends[1]), axis=0)
-    node, weight = _gauss()
+    node, weight = np.polynomial.legendre.leggauss(48)
     half = 0.5 * np.diff(cuts, axis=0)[..., None]
     psi = half * node + 0.5 * (cuts[1:] + cuts[:-1])[..., None]
     reach = r[:, None] * np.cos(psi)
     chord = np.minimum(reach, sides[0]) + np.minimum(reach, sides[1])
     integrand = density.at(x_c + r[:, None] * np.sin(psi)) * chord * reach
     return (half * weight * integrand).sum(axis=(0, -1)).reshape(np.shape(distance))
-
-
-@lru_cache(maxsize=1)
-def _gauss() -> tuple[Array, Array]:
-    return np.polynomial.legendre.leggauss(48)
-
-
-@lru_cache(maxsize=64)
-def receptor_count(finger: Finger, density: Density) -> ReceptorCount:
-    """Return the receptor count of a pad, cached for all scenes that share it."""
-    return ReceptorCount(finger, density)
 
 
 class ReceptorCount:
@@ -171,3 +160,7 @@ class ReceptorCount:
         for k in np.unique(interval):
             count[interval == k] = self(within[interval == k], k)
         return count
+
+
+receptor_count = lru_cache(maxsize=64)(ReceptorCount)
+"""The receptor count of a pad, cached for all scenes that share it."""

@@ -13,13 +13,13 @@ differentiating ``f(x_ss(V), I_ss(V)) = 0`` twice.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize.elementwise import find_root
 
 from softness_bayes.touch.neuron.gating import channel_of_gate, fraction_slopes, open_fractions
 from softness_bayes.touch.neuron.membrane import Channels, Membrane, steady_terms
@@ -122,8 +122,7 @@ class Cells:
 
 _GRID_STEP = 0.5  # mV
 _CURVATURE_STEP = 0.1  # mV, of the fourth-order difference that gives I_ss'' from I_ss'
-_ITERATIONS = 60
-_VOLTAGE_ERROR = 1e-12  # mV
+_VOLTAGE_ERROR = {"xatol": 1e-12, "xrtol": 0.0, "fatol": 0.0, "frtol": 0.0}  # mV
 
 
 class Fold(NamedTuple):
@@ -154,23 +153,23 @@ def fold(channels: Channels, membrane: Membrane) -> Fold:
     first = np.where(found, falling.argmax(axis=1), 1)
     found &= first > 0
 
-    def steepness(voltage: FloatArray) -> FloatArray:
-        return -(weights * steady_terms(voltage, membrane).slope).sum(axis=0)
+    def steepness(voltage: FloatArray, *weights: FloatArray) -> FloatArray:
+        return -(np.array(weights) * steady_terms(voltage, membrane).slope).sum(axis=0)
 
-    def curvature(voltage: FloatArray) -> FloatArray:
-        near, far = (
-            steepness(voltage + k * _CURVATURE_STEP) - steepness(voltage - k * _CURVATURE_STEP) for k in (1.0, 2.0)
-        )
-        return (8.0 * near - far) / (12.0 * _CURVATURE_STEP)
-
-    voltage = _rising_root(steepness, curvature, grid[first - 1], grid[first])
+    voltage = find_root(steepness, (grid[first - 1], grid[first]), args=channels, tolerances=_VOLTAGE_ERROR).x
+    voltage = np.where(found, voltage, grid[first])
+    near, far = (
+        steepness(voltage + k * _CURVATURE_STEP, *channels) - steepness(voltage - k * _CURVATURE_STEP, *channels)
+        for k in (1.0, 2.0)
+    )
+    curvature = (8.0 * near - far) / (12.0 * _CURVATURE_STEP)
     terms = steady_terms(voltage, membrane)
     current = (weights * terms.current).sum(axis=0)
     cells = Cells.of(membrane, channels, current)
     _, jacobian = cells.slope_and_jacobian(steady_state(voltage, membrane))
     lag = (jacobian.voltage_by_gate * jacobian.gate_by_voltage / jacobian.decay**2).sum(axis=0)
     capacitance = membrane.capacitance * (1.0 + lag)
-    bend = np.where(found & (capacitance > 0.0), curvature(voltage), np.nan)
+    bend = np.where(found & (capacitance > 0.0), curvature, np.nan)
     prefactor = 1000.0 * np.sqrt(np.maximum(bend, 0.0) / 2.0) / (np.pi * capacitance)
     return Fold(np.where(found, voltage, np.nan), np.where(found, current, np.nan), prefactor)
 
@@ -190,12 +189,11 @@ def rest(channels: Channels, membrane: Membrane) -> FloatArray:
     grid = np.append(np.arange(lowest, highest, _GRID_STEP), highest)
     outward = weights.T @ steady_terms(grid, membrane).current >= 0.0
     first = np.maximum(outward.argmax(axis=1), 1)
-    voltage = _rising_root(
-        lambda v: (weights * steady_terms(v, membrane).current).sum(axis=0),
-        lambda v: (weights * steady_terms(v, membrane).slope).sum(axis=0),
-        grid[first - 1],
-        grid[first],
-    )
+
+    def net(voltage: FloatArray, *weights: FloatArray) -> FloatArray:
+        return np.asarray((np.array(weights) * steady_terms(voltage, membrane).current).sum(axis=0))
+
+    voltage = find_root(net, (grid[first - 1], grid[first]), args=channels, tolerances=_VOLTAGE_ERROR).x
     return steady_state(voltage, membrane)
 
 
@@ -203,23 +201,3 @@ def steady_state(voltage: FloatArray, membrane: Membrane) -> FloatArray:
     """Return the state, shape (1 + gates, n), with all gates in equilibrium at voltages of shape (n,)."""
     opening, total = membrane.gating.rates(voltage)
     return np.vstack([voltage, opening / total])
-
-
-def _rising_root(
-    function: Callable[[FloatArray], FloatArray],
-    slope: Callable[[FloatArray], FloatArray],
-    low: FloatArray,
-    high: FloatArray,
-) -> FloatArray:
-    """Return the root of a function increasing through 0 between ``low`` and ``high``, by Newton and bisection."""
-    x = 0.5 * (low + high)
-    for _ in range(_ITERATIONS):
-        value, steepness = function(x), slope(x)
-        low, high = np.where(value < 0.0, x, low), np.where(value < 0.0, high, x)
-        newton = x - value / np.where(steepness == 0.0, 1.0, steepness)
-        inside = (newton > low) & (newton < high)
-        new = np.where(inside, newton, 0.5 * (low + high))
-        if (np.abs(new - x) <= _VOLTAGE_ERROR).all():
-            return new
-        x = new
-    return x

@@ -120,8 +120,13 @@ class Gating:
         scale, offset, inverse = self._constants
         z = (voltage + offset) * inverse
         growth, exponential = np.expm1(z[:2]), np.exp(z[2:])
-        # with z = -y: z / expm1(z) = y / (1 - exp(-y)), whose removable singularity has the value 1
-        linear = np.divide(z[:2], growth, out=np.ones_like(growth), where=growth != 0.0)
+        # with z = -y: z / expm1(z) = y / (1 - exp(-y)), near 0 from its series because the slope would lose its digits
+        near = np.abs(z[:2]) < 0.02
+        linear = z[:2] / np.where(near, 1.0, growth)
+        if near.any():
+            square = np.square(z[:2])
+            series = 1.0 - 0.5 * z[:2] + square * (1.0 / 12.0 - square * (1.0 / 720.0 - square / 30240.0))
+            linear = np.where(near, series, linear)
         opening, total = np.empty((2, len(self.names), *z.shape[1:]), z.dtype)
         last = len(opening) - 1
         opening[::last] = linear * (scale[:2] / -inverse[:2])  # m and n
