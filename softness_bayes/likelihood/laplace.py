@@ -21,7 +21,7 @@ from softness_bayes.likelihood.rater_effects import Given, Sums, Table
 
 FloatArray = NDArray[np.float64]
 
-SETTLED = 0.03
+SETTLED = 0.1
 """Newton's method ends once no effect moves by more than this, in its standard deviations given the others."""
 MOST_STEPS = 40
 """Most evaluations of the rows in one search: far from the data the mode need not be found."""
@@ -69,7 +69,7 @@ def laplace(table: Table, given: Given, start: FloatArray) -> Laplace:
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         point, value, sums = _search(table, given, start)
     step, size, gain, own_root, coupling, shared_root = _newton(_quadratic(table, given, point, sums, False))
-    near = size <= 3.0 * SETTLED  # elsewhere the search has not ended
+    near = size <= 2.0 * SETTLED  # elsewhere the search has not ended
     log_determinant = _log_determinant(own_root).sum(axis=-1) + _log_determinant(shared_root)
     mode = point + np.where(near[:, None], step, 0.0)
     log_density = value + np.where(near, gain, 0.0) - 0.5 * log_determinant
@@ -93,13 +93,15 @@ def _search(table: Table, given: Given, start: FloatArray) -> tuple[FloatArray, 
             whole[up] = here[name][risen]
         trial[down] = 0.5 * (trial[down] + point[down])
         if up.size:
-            step, size = _step(table, given.part(up), point[up], {name: value[up] for name, value in sums.items()})
+            every = up.size == len(start)
+            of_up = sums if every else {name: value[up] for name, value in sums.items()}
+            step, size = _step(table, given if every else given.part(up), point[up], of_up)
             trial[up] += step
             up = up[size > SETTLED]
         active = np.sort(np.concatenate([up, down]))
         if not active.size:
             break
-        part = given.part(active)
+        part = given if active.size == len(start) else given.part(active)
         here = table.sums(part, table.effects(part, trial[active]))
     return point, best, sums
 

@@ -130,8 +130,9 @@ def _by_kind(
     """Return the log probability and as many derivatives as asked, each row by the method that suits its interval."""
     half = 0.5 * (rows.high - rows.low)
     exact = half == 0.0
-    narrow = half <= spread * (WIDEST if law.slow_functions else NARROWEST)
-    narrow &= ~exact
+    narrow = (half <= spread * (WIDEST if law.slow_functions else NARROWEST)) & ~exact
+    if not (narrow.any() or exact.any()):
+        return _with_lapses(law, rows, _by_functions(law, rows, expected, spread, parameters, orders), parameters)
     kinds = [(_of_numbers, exact), (_by_points, narrow), (_by_functions, ~(narrow | exact))]
     kinds.sort(key=lambda kind: -int(kind[1].sum()))
     # the method of most rows takes all, without copies; the others overwrite theirs
