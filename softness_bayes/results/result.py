@@ -252,7 +252,7 @@ class Result(Stored):
         -------
         DataFrame
             A row per fabric and load: medians as in `prediction_table`, with 5-95 % limits as NAME_low and NAME_high,
-            then the ratings of `rating_columns` with the reasons for unusual predictions.
+            then ratings with the reasons for unusual predictions (`rating_table.predicted`).
 
         Raises
         ------
