@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
-TOLD: Mapping[str, str] = MappingProxyType(
+QUANTITY_LABELS: Mapping[str, str] = MappingProxyType(
     {
         "turns over": "turns over [–]",
         "inflection e_fab_kpa": "turning point [kPa]",
@@ -101,7 +101,7 @@ def checks(result: stored.Drawable, style: Style) -> Figure:
                 seen, low, high = np.array([(one.observed, one.low, one.high) for one in findings]).T
                 means.append(Means(load, np.array([modulus[name] for name in names]), seen, low, high, names))
         elif checked.quantity.columns is not Columns.PARTICIPANT:
-            label = TOLD[checked.quantity.name].format(scale=result.scale.short)
+            label = QUANTITY_LABELS[checked.quantity.name].format(scale=result.scale.short)
             columns = zip(checked.labels, checked.findings, checked.replicated.T, strict=True)
             for (load, _, _), finding, values in columns:
                 name = label if load == ALL else f"{label}, {load}"
@@ -208,13 +208,13 @@ def _draw_quantity(axes: Axes, quantity: Replicated, style: Style, gid: str) -> 
         top = float(heights.max())
     if np.isfinite(seen):
         axes.axvline(seen, color=style.data, linewidth=1.2, gid=f"observed/{gid}", label="of the data")
-    said = f"p = {quantity.p_value:.2f}" if np.isfinite(quantity.p_value) else "not in the data"
+    note = f"p = {quantity.p_value:.2f}" if np.isfinite(quantity.p_value) else "not in the data"
     if known.size < quantity.replicates.size:
-        said += f"\nin {known.size} of {quantity.replicates.size} replicates"
-    words = axes.text(0.98, 0.99, said, transform=axes.transAxes, ha="right", va="top", fontsize=style.small)
+        note += f"\nin {known.size} of {quantity.replicates.size} replicates"
+    words = axes.text(0.98, 0.99, note, transform=axes.transAxes, ha="right", va="top", fontsize=style.small)
     words.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 1})
     axes.set(xlabel=quantity.name, yticks=(), xscale="log" if wide else "linear")
-    axes.set_ylim(0.0, (1.7 if "\n" in said else 1.3) * top or 1.0)  # space for the text
+    axes.set_ylim(0.0, (1.7 if "\n" in note else 1.3) * top or 1.0)  # space for the text
     axes.spines["left"].set_visible(False)
     if yes_or_no:
         axes.set_xticks((0, 1), ("no", "yes"))

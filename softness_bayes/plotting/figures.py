@@ -76,8 +76,8 @@ class Drawing:
         figure = self.draw(result, style)
         if result.is_first_look:
             # a title of the figure, for which the layout makes room
-            said = filter(None, (FIRST_LOOK, figure.get_suptitle()))
-            figure.suptitle("\n".join(said), fontsize=style.small, color="firebrick")
+            notes = filter(None, (FIRST_LOOK, figure.get_suptitle()))
+            figure.suptitle("\n".join(notes), fontsize=style.small, color="firebrick")
         return figure
 
 

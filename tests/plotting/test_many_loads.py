@@ -1,5 +1,7 @@
 """Figures and words of a result with more loads than are shown one by one."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,6 @@ from softness_bayes.plotting.rating import observed_of
 from softness_bayes.results import result
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.load_groups import NEAR, LoadGroup, LoadGroups, groups_of
-from support.figures import TURNING, finished_run
 
 
 def test_few_are_all_shown_and_many_keep_their_ends():
@@ -66,15 +67,16 @@ def test_kinds_of_loads_are_never_merged(most):
 
 
 @pytest.fixture
-def merged(monkeypatch):
+def merged(report_run, monkeypatch):
     """The two loads of a finished run are a group, whose curves are those of the second one."""
     both = LoadGroups(np.array([0, 0]), np.array([1]), (LoadGroup(Force(0.5), "a to b N"),))
     monkeypatch.setattr(result, "groups_of", lambda loads: both)
-    made = finished_run()
-    for group in ("predictions", *TURNING):
-        stored = made.tree[group].to_dataset()
-        made.tree[group].dataset = stored.isel(load=[1]).drop_vars("load").rename_dims(load=LOAD_GROUP)
-    return made
+    made = report_run("ratings")
+    tree = made.tree.copy()
+    for group in ("predictions", "inflection", "prior_inflection"):
+        stored = tree[group].to_dataset()
+        tree[group].dataset = stored.isel(load=[1]).drop_vars("load").rename_dims(load=LOAD_GROUP)
+    return replace(made, tree=tree)
 
 
 @pytest.mark.parametrize("name", ["response", "response_ratio", "rating", "rating_ratio", "inflection"])

@@ -18,7 +18,7 @@ from softness_bayes.plotting.panels import number_ticks
 from softness_bayes.plotting.parameters import MOST_STEPS
 from softness_bayes.readable import chance
 from softness_bayes.touch.contact import Load
-from support.figures import FABRICS, FINGER_RADIUS, LOADS, artist, drawn, finished_run, invented_curves, outline
+from support.figures import FABRICS, FINGER_RADIUS, LOADS, artist, drawn, invented_curves, outline
 
 
 @pytest.mark.parametrize("loads", LOADS.values(), ids=LOADS)
@@ -274,19 +274,18 @@ def test_traces_and_ranks_tell_a_stray_ensemble() -> None:
         plotting.trace_figure(draws, ensemble[1:], labels)
 
 
-def test_a_finished_run_has_all_its_figures(tmp_path) -> None:
-    result = finished_run()
+def test_a_finished_run_has_all_its_figures(report_run, tmp_path) -> None:
+    result = report_run("ratings")
     paths = plotting.draw_figures(result, tmp_path / "figures", formats=("png",))
-    absent = {"corner_all", "predictive_checks", "loo_pit", "touch", "membrane", "compression"}
-    absent |= {"category_counts", "psychometric"}
+    absent = {"corner_all", "compression", "category_counts", "psychometric"}
     assert [path.stem for path in paths] == [name for name in plotting.FIGURES if name not in absent]
     assert all(path.stat().st_size > 5000 for path in paths)
-    rating = plotting.FIGURES["rating"](result, plotting.USUAL)
-    values = result.group("observed_data")["rating"].values.reshape(4, 3, 2)
-    assert_allclose(artist(rating, "ratings/0.5 N").get_xdata(), FABRICS / 1e3)
-    assert_allclose(artist(rating, "ratings/0.5 N").get_ydata(), np.exp(np.log(values[..., 1]).mean(axis=0)))
-    corner = plotting.FIGURES["corner"](result, plotting.USUAL)
-    assert [artist(corner, f"corner/1/{k}").get_xlabel() for k in (0, 1)] == ["$b$\n[kPa]", r"$\gamma$"]
+    rating, constant = plotting.FIGURES["rating"](result, plotting.USUAL), result.group("constant_data")
+    assert_allclose(artist(rating, "ratings/1.5 N").get_xdata(), constant["effective_modulus_kpa"])
+    table = result.group("observed_data")["rating"].values
+    # every participant rated every condition once, so the geometric means are those of the columns
+    logs = [np.log(table[(constant["fabric_index"] == k) & (constant["load_index"] == 1)]) for k in range(4)]
+    assert_allclose(artist(rating, "ratings/1.5 N").get_ydata(), np.exp(np.mean(logs, axis=1)))
 
 
 def test_saved_files_are_the_same_bytes_every_time(tmp_path) -> None:
