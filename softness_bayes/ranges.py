@@ -83,7 +83,8 @@ class Count:
         InputError
             With name, value and range.
         """
-        if not (isinstance(value, Integral) and self.low <= value <= self.high):
+        limited = self.high != sys.maxsize
+        if not (isinstance(value, Integral) and self.low <= value and (not limited or value <= self.high)):
             raise InputError(f"{name} is {_written(value)}, expected {self}")
 
     def __str__(self) -> str:

@@ -57,7 +57,7 @@ def command(
     """
     from softness_bayes.checkpoints.checkpoint import Checkpoint
     from softness_bayes.provenance import versions
-    from softness_bayes.results.run_options import Request
+    from softness_bayes.results.request import Request
     from softness_bayes.supplied import require_trusted
 
     checkpoint = Checkpoint.open(directory, salvage=True)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from softness_bayes.checkpoints.checkpoint import Checkpoint
     from softness_bayes.data import Compression, Experiment
     from softness_bayes.model.build import ExperimentModel
-    from softness_bayes.results.run_options import Request
+    from softness_bayes.results.request import Request
 
 
 @click.command
@@ -63,7 +63,7 @@ def command(
     """
     from softness_bayes.checkpoints.checkpoint import Checkpoint
     from softness_bayes.data import Compression
-    from softness_bayes.results.run_options import Request
+    from softness_bayes.results.request import Request
 
     data = files.read()
     if isinstance(data, Compression):

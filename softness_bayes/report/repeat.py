@@ -11,8 +11,9 @@ from typing import NamedTuple
 from softness_bayes.files.command_line import storable
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.options import Flag
+from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
-from softness_bayes.results.run_options import DataFiles, Request, RunOptions
+from softness_bayes.results.run_options import DataFiles, RunOptions
 
 PROGRAM = "softness-bayes"
 

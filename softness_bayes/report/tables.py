@@ -17,8 +17,8 @@ from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.priors import Prior, in_short
 from softness_bayes.provenance import NumericalErrors, Silence
 from softness_bayes.readable import counted, number, percent, with_error
+from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
-from softness_bayes.results.run_options import Request
 
 
 def share(value: Any) -> str:

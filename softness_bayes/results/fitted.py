@@ -27,7 +27,7 @@ from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS, KPA, FabricModuli
 from softness_bayes.parameters.priors import LogNormal, LogUniform
 from softness_bayes.results.constants import RATERS_OF_CELLS, RATING_AS_FILED
-from softness_bayes.results.run_options import Request
+from softness_bayes.results.request import Request
 from softness_bayes.results.stored import Stored
 from softness_bayes.touch.contact import Load
 from softness_bayes.touch.parameters import TouchParameters

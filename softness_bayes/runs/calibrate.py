@@ -26,8 +26,9 @@ from softness_bayes.model.fingers import values_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.results.fitted import experiment_of, options_of
+from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
-from softness_bayes.results.run_options import Request, RunOptions
+from softness_bayes.results.run_options import RunOptions
 from softness_bayes.runs.calibrated import Calibrated
 from softness_bayes.runs.calibration_files import (
     LOCK,

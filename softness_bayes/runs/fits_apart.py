@@ -18,7 +18,7 @@ from softness_bayes.errors import InputError, SoftnessError, quoted
 from softness_bayes.files.lock import Lock
 from softness_bayes.files.run_files import CHECKPOINT, LOCK, MANIFEST, MANIFEST_COPY, POSTERIOR
 from softness_bayes.files.whole import is_part, write_whole
-from softness_bayes.results.run_options import Request
+from softness_bayes.results.request import Request
 from softness_bayes.runs.table_fit import REFUSED, UNCONVERGED, Kept, TableOutcome, final_verdict, fit_table
 from softness_bayes.sampler.workers import Workers
 

@@ -29,8 +29,9 @@ from softness_bayes.results.draws import (
     tree_of,
 )
 from softness_bayes.results.replicates import draw_plate, plate_attributes, plate_coordinates, plate_groups
+from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
-from softness_bayes.results.run_options import Request, RunOptions
+from softness_bayes.results.run_options import RunOptions
 from softness_bayes.results.summary import summarise
 from softness_bayes.runs.run import labels_of, outcome, requested, rng_after, walked
 from softness_bayes.sampler.sampling import Progress, sampled_of

@@ -39,9 +39,10 @@ from softness_bayes.provenance import (
 from softness_bayes.results.assembly import FigureDrawing, Listener, Stage, assembled, no_listener
 from softness_bayes.results.draws import FIRST_SHARE
 from softness_bayes.results.exact import compare_integrals
+from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
 from softness_bayes.results.result_file import SCHEMA
-from softness_bayes.results.run_options import Request, RunOptions
+from softness_bayes.results.run_options import RunOptions
 from softness_bayes.results.summary import rater_table, with_covariates
 from softness_bayes.sampler.chains import RunState
 from softness_bayes.sampler.sampling import Progress, Sampled, progress_of, sampled_of, walk

@@ -17,7 +17,7 @@ from softness_bayes.data import Compression, Experiment
 from softness_bayes.errors import LockedError, ResourceError, SoftnessError
 from softness_bayes.files.run_files import CHECKPOINT, MANIFEST, POSTERIOR
 from softness_bayes.provenance import versions
-from softness_bayes.results.run_options import Request
+from softness_bayes.results.request import Request
 from softness_bayes.runs.kept import model_of, sample_kept
 from softness_bayes.sampler.diagnostics import Verdict
 

@@ -363,7 +363,7 @@ CASES = {
         ),
         dense_answers,
         joint=0.02,
-        left_out=0.02,
+        left_out=0.1,
     ),
     "raters who differ, with heavy tails": Case(
         IntervalRatings(20.0 * np.exp(NOISE), DESIGN, IntervalModel(RISES, law=STUDENT, differ=("gamma",))),
@@ -371,7 +371,7 @@ CASES = {
         RATED._replace(gamma=np.array([0.2, 0.1, 0.15]), omega=[0.0] * 3, tau_gamma=np.array([0.2, 0.4, 0.3])),
         dense_student_answers,
         joint=0.02,
-        left_out=0.02,
+        left_out=0.1,
     ),
     AggregatedRatings: Case(
         AggregatedRatings(20.0 * np.exp(NOISE), DESIGN, AggregatedModel(FALLS, raters=9)), RATES, RATED, dense_means

@@ -359,7 +359,7 @@ def test_z_scores_from_the_command_line(tmp_path):
 
     standardised = ("--ratings", "standardised")
     made = ("simulate", "--fabrics", DATA / "fabrics.csv", "--indentation-mm", "2", "--participants", "3")
-    done = call(*made, *standardised, "--direction", "inverse", "--slope", "0.8", "--out", tmp_path / "z")
+    done = call(*made, *standardised, "--direction", "falls-with-firing", "--slope", "0.8", "--out", tmp_path / "z")
     assert done.returncode == 0, done.stderr
     story = json.loads((tmp_path / "z" / "truth.json").read_text())
     assert (story["ratings"], story["direction"]) == ("standardised", "falls-with-firing")

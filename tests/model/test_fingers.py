@@ -12,8 +12,8 @@ from softness_bayes.errors import InputError
 from softness_bayes.model.build import build, forces_of
 from softness_bayes.model.fingers import FINGER_VALUES, finger_of, require_finger, values_of
 from softness_bayes.model.options import ModelOptions
+from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
-from softness_bayes.results.run_options import Request
 from softness_bayes.touch.contact import Finger
 from softness_bayes.touch.reference import reference_response
 from softness_bayes.touch.scene import Discretisation

@@ -34,8 +34,9 @@ from softness_bayes.report.charts import shown
 from softness_bayes.report.page import alternative_text, report_page, write_report
 from softness_bayes.report.repeat import repetition
 from softness_bayes.report.tables import MOST_FABRICS
+from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
-from softness_bayes.results.run_options import DataFiles, Request
+from softness_bayes.results.run_options import DataFiles
 from softness_bayes.touch.readings import CLASSICAL
 from support.report_runs import EVIL, OPTIONS, PERSON, RUNS, TYPED, converged
 

@@ -20,7 +20,7 @@ from softness_bayes.results.draws import (
 )
 from softness_bayes.results.predictions import illustration_groups, prediction_group, turning_groups
 from softness_bayes.results.replicates import draw_replicates, predictive_groups, prior_groups
-from softness_bayes.results.run_options import Request
+from softness_bayes.results.request import Request
 from softness_bayes.sampler.chains import Chains
 from support.report_runs import OPTIONS, experiment, quickly
 

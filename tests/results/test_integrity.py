@@ -12,9 +12,9 @@ import xarray as xr
 from softness_bayes import arviz_bridge
 from softness_bayes.errors import InputError
 from softness_bayes.results.fitted import experiment_of, options_of
+from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
 from softness_bayes.results.result_file import SCHEMA, TABLES
-from softness_bayes.results.run_options import Request
 from support.command_line import call, refused
 from support.paths import DATA
 from support.small_result import small_result

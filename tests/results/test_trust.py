@@ -15,8 +15,8 @@ from softness_bayes.checkpoints.manifest import read_manifest, sealed
 from softness_bayes.errors import InputError
 from softness_bayes.provenance import Provenance
 from softness_bayes.results import result_file
+from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
-from softness_bayes.results.run_options import Request
 from softness_bayes.supplied import require_trusted
 from support.command_line import FIXED, QUICK, call, few_ratings, refused
 from support.paths import ROOT

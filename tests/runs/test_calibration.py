@@ -44,7 +44,8 @@ from softness_bayes.model import understanding
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.plotting.checks import rank_ecdf_figure
-from softness_bayes.results.run_options import Request, RunOptions
+from softness_bayes.results.request import Request
+from softness_bayes.results.run_options import RunOptions
 from softness_bayes.runs.calibrate import RANKED, calibrate, finished
 from softness_bayes.runs.calibrated import LONG, Calibrated
 from softness_bayes.runs.calibration_scene import CalibrationScene

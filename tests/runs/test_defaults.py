@@ -18,8 +18,9 @@ from softness_bayes.model import build as building
 from softness_bayes.model.fingers import finger_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.priors import LogNormal
+from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
-from softness_bayes.results.run_options import DataFiles, Request, RunOptions
+from softness_bayes.results.run_options import DataFiles, RunOptions
 from softness_bayes.touch.readings import CLASSICAL
 from softness_bayes.touch.scene import Discretisation
 from support.command_line import HELD, few_ratings

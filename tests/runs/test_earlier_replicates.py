@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from softness_bayes.errors import InputError
-from softness_bayes.results.run_options import Request
+from softness_bayes.results.request import Request
 from softness_bayes.runs import calibration_files
 from softness_bayes.runs.calibrate import calibrate
 from softness_bayes.runs.calibrated import StoredReplicates

@@ -12,8 +12,9 @@ from softness_bayes.errors import InputError
 from softness_bayes.files.lock import Lock
 from softness_bayes.files.run_files import CHECKPOINT, LOCK, RUNS
 from softness_bayes.model.options import ModelOptions
+from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
-from softness_bayes.results.run_options import Request, RunOptions
+from softness_bayes.results.run_options import RunOptions
 from softness_bayes.runs import fits_apart
 from softness_bayes.runs.fits_apart import RunFiles, fit_slice, packed, unpack
 from softness_bayes.runs.study import study

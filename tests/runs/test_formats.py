@@ -9,7 +9,7 @@ import pandas as pd
 
 from softness_bayes.data import Experiment, fabrics_csv, ratings_csv, read_experiment
 from softness_bayes.model.build import build
-from softness_bayes.results.run_options import Request
+from softness_bayes.results.request import Request
 from softness_bayes.runs.run import walked
 from softness_bayes.sampler.sampling import sampled_of
 from support.report_runs import OPTIONS, quickly

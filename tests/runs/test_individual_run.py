@@ -181,7 +181,7 @@ def test_what_cannot_be_combined_is_refused():
 
 
 def test_spreads_of_nothing_give_the_usual_likelihood():
-    plain = ModelOptions(fix=OPTIONS["fix"])
+    plain = ModelOptions(fix=OPTIONS["fix"], accuracy=1e-5)
     with quickly():
         alike = build(experiment(), replace(plain, fix={**plain.fix, "tau_b": 0.0}, individual=("b",))).posterior
         usual = build(experiment(), plain).posterior

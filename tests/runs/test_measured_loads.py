@@ -1,11 +1,9 @@
 """A run on a table in which every touch has a force of its own: what it costs, and what it says."""
 
-import dataclasses
 import functools
 import re
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from softness_bayes.checking import inflection
@@ -17,7 +15,7 @@ from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.model import build
 from softness_bayes.plotting import FIGURES, USUAL
 from softness_bayes.results import predictions
-from softness_bayes.results.run_options import Request
+from softness_bayes.results.request import Request
 from softness_bayes.runs.run import sample
 from softness_bayes.touch.contact import Force
 from softness_bayes.touch.load_groups import groups_of
@@ -88,20 +86,6 @@ def test_what_is_said_names_groups_and_no_single_load(run, tmp_path, capsys):
     assert not [load for load in single if re.search(rf"(?<![\d.]){re.escape(load)}", said)]
     shifts = [name for name in result.tables[MODULUS_ERRORS].index if "turning point" in name]
     assert shifts == [f"turning point at {name}" for name in names]
-
-
-def test_a_result_that_holds_every_load_is_shown_by_groups_too(run):
-    """As earlier versions stored it."""
-    result, _ = run
-    tree, of, loads = result.tree.copy(), result.load_groups.of, [str(load) for load in result.loads]
-    for group in ("predictions", "inflection", "prior_inflection"):
-        every = tree[group].to_dataset().isel(load_group=of).drop_vars("load_group").rename(load_group="load")
-        tree[group].dataset = every.assign_coords(load=loads)
-    former = dataclasses.replace(result, tree=tree)
-    pd.testing.assert_frame_equal(former.inflection(), result.inflection())
-    np.testing.assert_array_equal(former.typical_ratings(), result.typical_ratings())
-    for one, other in ((former.curves(), result.curves()), (former.inflections(), result.inflections())):
-        assert all(np.array_equal(a, b, equal_nan=True) for a, b in zip(one, other, strict=True))
 
 
 @pytest.mark.parametrize("name", ["response", "rating_ratio", "inflection"])

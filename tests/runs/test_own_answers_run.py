@@ -162,7 +162,7 @@ def test_simulated_raters_have_their_own(tmp_path):
     assert made.returncode == 0, made.stderr
     truth = json.loads((out / "truth.json").read_text())["truth"]
     assert (truth["tau_gamma"], truth["tau_varsigma"]) == (0.3, 0.5)
-    assert "omega" not in truth
+    assert truth["omega"] == 0.0
     other = call("simulate", *words, "--force", "--set", "tau_gamma=0.3", "--errors", "student", "--resolution", "1")
     assert other.returncode == 0, other.stderr
     refused = call("simulate", *words, "--force", "--set", "tau_gamma=0.3", "--ratings", "ranks")

@@ -28,9 +28,10 @@ from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.parameters.priors import HalfNormal, LogNormal
 from softness_bayes.results import predictions
 from softness_bayes.results.exact import FIRST_DRAWS
+from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
 from softness_bayes.results.result_file import SCHEMA
-from softness_bayes.results.run_options import Request, RunOptions
+from softness_bayes.results.run_options import RunOptions
 from softness_bayes.runs.run import sample, sample_model
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch import scene
@@ -417,18 +418,6 @@ def test_the_prior_stands_beside_the_probability_of_a_turning_point(result, post
     found = result.inflection()["prior_p_interior"].to_numpy()
     assert_allclose(found, clear.mean(axis=0), atol=0.005)
     assert ((found > 0.02) & (found < 0.98)).any()
-
-
-def test_a_result_of_an_earlier_version_has_a_table_too(result):
-    former = dataclasses.replace(result, tree=result.tree.copy())
-    for name in ("inflection", "prior_inflection"):
-        del former.tree[name]
-    former.tree.attrs = {k: v for k, v in result.tree.attrs.items() if k != "inflection_least_drop"}
-    table = former.inflection()
-    assert former.least_drop == 0.02
-    assert table["prior_p_interior"].isna().all()
-    stored = result.group("predictions")["inflection_outcome"].values[0]
-    assert_allclose(table["p_interior"], (stored == 1).mean(axis=0))
 
 
 def test_the_summary(result, directory):

@@ -19,8 +19,8 @@ from softness_bayes.model.build import build
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression
 from softness_bayes.report.repeat import repetition
+from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
-from softness_bayes.results.run_options import Request
 from softness_bayes.runs import plate as skin
 from softness_bayes.runs import run
 from softness_bayes.runs.plate import sample_skin
@@ -100,7 +100,7 @@ def test_nothing_is_computed_or_left_of_a_run_that_could_not_be_stored(tmp_path,
         r"fabric 'A\\x00'": (data._replace(ratings=fabrics), OPTIONS),
         r"finger 'A\\x00'": (data._replace(compression=fingers), OPTIONS),
         r"command 'a\\x00b'": (data, OPTIONS | {"command": "a\0b"}),
-        "max_steps: expected a whole number of steps, got 1j": (data, OPTIONS | {"max_steps": 1j}),
+        "max_steps is 1j, expected a whole number from 1 to 1000000000": (data, OPTIONS | {"max_steps": 1j}),
     }
     for said, (asked, options) in cases.items():
         with quickly(), pytest.raises(InputError, match=said):
