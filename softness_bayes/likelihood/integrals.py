@@ -21,8 +21,8 @@ from softness_bayes.likelihood.rater_effects import Given, Table
 
 FloatArray = NDArray[np.float64]
 
-FABRIC_DRAWS, FEW_DRAWS = 64, 16
-"""Importance draws of fabrics' deviations: for the density of all rows, and for what is said of parts of them."""
+FABRIC_DRAWS = 64
+"""Importance draws of fabrics' deviations."""
 INFLATION, FREEDOM = 1.05, 30.0
 """Their scale [standard deviations without one rater] and degrees of freedom."""
 CACHED = 12_000
