@@ -44,6 +44,10 @@ def to_json(value: Any, arrays: list[NDArray[Any]] | None = None) -> Any:
     return value
 
 
+_ARRAYS = np.ndarray, get_origin(NDArray[np.float64])
+"""Origins of an array's type: newer versions of NumPy declare `NDArray` as an alias with an origin of its own."""
+
+
 def from_json(kind: Any, values: Any, arrays: Sequence[NDArray[Any]] = ()) -> Any:
     """Return the record of JSON values from `to_json`.
 
@@ -57,7 +61,7 @@ def from_json(kind: Any, values: Any, arrays: Sequence[NDArray[Any]] = ()) -> An
         The arrays that `to_json` appended.
     """
     origin, arguments = get_origin(kind), get_args(kind)
-    if origin is np.ndarray:
+    if origin in _ARRAYS:
         return np.array(values, dtype=float) if isinstance(values, list) else arrays[values]
     if origin is tuple:
         kinds = [arguments[0]] * len(values) if arguments[-1] is Ellipsis else arguments
