@@ -93,8 +93,8 @@ class IntervalModel(RatingModel):
 
     def with_new_participants(self, rng: np.random.Generator, parameters: RatingParameters, effects: Any) -> Any:
         """Replace all raters' effects with those of new raters."""
-        new = super().with_new_participants(rng, parameters, Effects(*effects[:3]))
-        return self._with_differences(rng, parameters, new)
+        new = super().with_new_participants(rng, parameters, effects)
+        return self._with_differences(rng, parameters, Effects(*new[:3])) if self.differ else new
 
     def _with_differences(
         self, rng: np.random.Generator, parameters: RatingParameters, effects: Effects
