@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     from matplotlib.collections import PolyCollection
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
+
+    from softness_bayes.checking.check_table import CheckedQuantity
+    from softness_bayes.checking.quantities import QuantityCheck
 
 QUANTITY_LABELS: Mapping[str, str] = MappingProxyType(
     {
@@ -57,56 +60,12 @@ FEW = 30
 """Smallest number of replicates for a histogram; fewer replicates are drawn as separate ticks."""
 
 
-class Means(NamedTuple):
-    """Mean log ratings of the fabrics under one load, every field of shape (fabrics,)."""
-
-    load: str
-    """Name of the load."""
-    modulus: Array
-    """E_fab [Pa]."""
-    observed: Array
-    low: Array
-    """Lower limit of the replicates, simultaneous over all conditions."""
-    high: Array
-    fabrics: Sequence[str] = ()
-    """Names of the fabrics; the figure names fabrics outside their limits."""
-
-
-class Replicated(NamedTuple):
-    """One test quantity, for the data and for the replicates."""
-
-    name: str
-    observed: float
-    """Value for the data; NaN if it is undefined."""
-    replicates: Array
-    """Values for the replicates, NaN where undefined, shape (replicates,)."""
-    p_value: float
-    """Probability that a replicate exceeds the observed value."""
-
-
 def checks(result: stored.Drawable, style: Style) -> Figure:
     """Draw test quantities of the ratings and of the replicates."""
-    from softness_bayes.checking.check_table import ALL, posterior_quantities
-    from softness_bayes.checking.quantities import Columns
+    from softness_bayes.checking.check_table import posterior_quantities
 
     modulus = dict(zip(stored.fabric_names(result), stored.fabric_modulus(result), strict=True))
-    means: list[Means] = []
-    quantities: list[Replicated] = []
-    for checked in posterior_quantities(result.tree):
-        if checked.quantity.columns is Columns.CONDITION:
-            for load in dict.fromkeys(load for load, _, _ in checked.labels):
-                here = [k for k, label in enumerate(checked.labels) if label[0] == load]
-                names = [checked.labels[k][1] for k in here]
-                findings = [checked.findings[k] for k in here]
-                seen, low, high = np.array([(one.observed, one.low, one.high) for one in findings]).T
-                means.append(Means(load, np.array([modulus[name] for name in names]), seen, low, high, names))
-        elif checked.quantity.columns is not Columns.PARTICIPANT:
-            label = QUANTITY_LABELS[checked.quantity.name].format(scale=result.scale.short)
-            columns = zip(checked.labels, checked.findings, checked.replicated.T, strict=True)
-            for (load, _, _), finding, values in columns:
-                name = label if load == ALL else f"{label}, {load}"
-                quantities.append(Replicated(name, finding.observed, values, finding.p_value))
-    figure = checks_figure(means, quantities, result.scale.short, style=style)
+    figure = checks_figure(posterior_quantities(result.tree), modulus, result.scale.short, style=style)
     return say_grouped(figure, result.load_groups, style, curves=False)
 
 
@@ -119,7 +78,7 @@ def loo_pit(result: stored.Drawable, style: Style) -> Figure:
 
 @styled
 def checks_figure(
-    means: Sequence[Means], quantities: Sequence[Replicated], scale: str = "log", *, style: Style = USUAL
+    checked: Sequence[CheckedQuantity], modulus: Mapping[str, float], scale: str = "log", *, style: Style = USUAL
 ) -> Figure:
     """Draw observed mean log ratings with the limits of the replicates, and histograms of test quantities.
 
@@ -130,10 +89,11 @@ def checks_figure(
 
     Parameters
     ----------
-    means
-        One panel for each load.
-    quantities
-        Test quantities, with one panel for each that is defined anywhere.
+    checked
+        Test quantities: one panel for each load of the conditions' means, and one for each other quantity that is
+        defined anywhere; those of single participants are not shown.
+    modulus
+        E_fab of each fabric [Pa].
     scale
         Unit of the means.
     style
@@ -150,42 +110,54 @@ def checks_figure(
     InputError
         If there is nothing to show.
     """
-    shown = [one for one in quantities if np.isfinite(one.observed) or np.isfinite(one.replicates).any()]
+    from softness_bayes.checking.quantities import Columns
+
+    means: dict[str, dict[str, QuantityCheck]] = {}
+    quantities = []
+    for one in checked:
+        for (load, fabric, _), finding, values in zip(one.labels, one.findings, one.replicated.T, strict=True):
+            if one.quantity.columns is Columns.CONDITION:
+                means.setdefault(load, {})[fabric] = finding
+            elif one.quantity.columns is not Columns.PARTICIPANT:
+                label = QUANTITY_LABELS[one.quantity.name].format(scale=scale)
+                quantities.append(
+                    (f"{label}, {load}" if one.quantity.columns is Columns.LOAD else label, finding, values)
+                )
+    shown = [one for one in quantities if np.isfinite(one[1].observed) or np.isfinite(one[2]).any()]
     if not means and not shown:
         raise InputError("predictive checks: nothing to show")
     left = len(quantities) - len(shown)
     more = f"not shown, because these ratings and their replicates do not have them: {left} of {len(quantities)}"
     grid = make_panels(len(means) + len(shown), style, 1.2)
-    for axes, of_load in zip(grid.panels, means, strict=False):
-        _draw_means(axes, of_load, style)
-    for place, (axes, quantity) in enumerate(zip(grid.panels[len(means) :], shown, strict=True)):
-        _draw_quantity(axes, quantity, style, str(place))
+    for axes, (load, findings) in zip(grid.panels, means.items(), strict=False):
+        _draw_means(axes, load, findings, np.array([modulus[name] for name in findings]), style)
+    for place, (axes, (label, finding, values)) in enumerate(zip(grid.panels[len(means) :], shown, strict=True)):
+        _draw_quantity(axes, finding, values, style, str(place))
+        axes.set_xlabel(label)
     for axes in grid.panels[: len(means) : fitting(4, style)]:
         axes.set_ylabel(f"mean rating\n[{scale}]")
     legend_below(grid.figure, grid.panels, f"{more} quantities" if left else "")
     return grid.figure
 
 
-def _draw_means(axes: Axes, means: Means, style: Style) -> None:
-    x = means.modulus / 1e3
-    bars = axes.vlines(x, means.low, means.high, color=style.tint(style.posterior, 0.5), linewidth=3.0)
-    bars.set(label="90 % of replicates", gid=f"limits/{means.load}")
-    points = axes.plot(x, means.observed, "o", color=style.data, markersize=2.5, gid=f"observed/{means.load}")[0]
+def _draw_means(axes: Axes, load: str, findings: Mapping[str, QuantityCheck], modulus: Array, style: Style) -> None:
+    x, names = modulus / 1e3, list(findings)
+    observed, low, high = np.array([(one.observed, one.low, one.high) for one in findings.values()]).T
+    bars = axes.vlines(x, low, high, color=style.tint(style.posterior, 0.5), linewidth=3.0)
+    bars.set(label="90 % of replicates", gid=f"limits/{load}")
+    points = axes.plot(x, observed, "o", color=style.data, markersize=2.5, gid=f"observed/{load}")[0]
     points.set(label="observed", zorder=3)
     for marks in (bars, points):
-        name_rows(marks, means.fabrics)
-    axes.set(xscale="log", title=means.load, xlabel=MODULUS_LABEL)
+        name_rows(marks, names)
+    axes.set(xscale="log", title=load, xlabel=MODULUS_LABEL)
     number_ticks(axes.xaxis, narrow=True)
-    outside = np.flatnonzero((means.observed < means.low) | (means.observed > means.high))
-    for k in outside[:MOST_OUTSIDE] if means.fabrics else ():
-        words = axes.annotate(
-            short_name(means.fabrics[k]), (x[k], means.observed[k]), (0, 4), textcoords="offset points"
-        )
-        words.set(ha="center", fontsize=style.small, color=style.data, gid=f"name/{means.load}/{means.fabrics[k]}")
+    for k in np.flatnonzero((observed < low) | (observed > high))[:MOST_OUTSIDE]:
+        words = axes.annotate(short_name(names[k]), (x[k], observed[k]), (0, 4), textcoords="offset points")
+        words.set(ha="center", fontsize=style.small, color=style.data, gid=f"name/{load}/{names[k]}")
 
 
-def _draw_quantity(axes: Axes, quantity: Replicated, style: Style, gid: str) -> None:
-    known, seen = quantity.replicates[np.isfinite(quantity.replicates)], quantity.observed
+def _draw_quantity(axes: Axes, finding: QuantityCheck, replicates: Array, style: Style, gid: str) -> None:
+    known, seen = replicates[np.isfinite(replicates)], finding.observed
     every = np.append(known, seen) if np.isfinite(seen) else known
     yes_or_no = bool(np.isin(every, (0.0, 1.0)).all())
     low, high = (float(every.min()), float(every.max())) if every.size else (0.0, 1.0)
@@ -208,12 +180,12 @@ def _draw_quantity(axes: Axes, quantity: Replicated, style: Style, gid: str) -> 
         top = float(heights.max())
     if np.isfinite(seen):
         axes.axvline(seen, color=style.data, linewidth=1.2, gid=f"observed/{gid}", label="of the data")
-    note = f"p = {quantity.p_value:.2f}" if np.isfinite(quantity.p_value) else "not in the data"
-    if known.size < quantity.replicates.size:
-        note += f"\nin {known.size} of {quantity.replicates.size} replicates"
+    note = f"p = {finding.p_value:.2f}" if np.isfinite(finding.p_value) else "not in the data"
+    if known.size < replicates.size:
+        note += f"\nin {known.size} of {replicates.size} replicates"
     words = axes.text(0.98, 0.99, note, transform=axes.transAxes, ha="right", va="top", fontsize=style.small)
     words.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 1})
-    axes.set(xlabel=quantity.name, yticks=(), xscale="log" if wide else "linear")
+    axes.set(yticks=(), xscale="log" if wide else "linear")
     axes.set_ylim(0.0, (1.7 if "\n" in note else 1.3) * top or 1.0)  # space for the text
     axes.spines["left"].set_visible(False)
     if yes_or_no:

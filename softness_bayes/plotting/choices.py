@@ -15,65 +15,47 @@ from softness_bayes.plotting.names import short_name
 from softness_bayes.plotting.panels import (
     MODULUS_LABEL,
     Array,
-    Panels,
     legend_below,
     make_panels,
     number_ticks,
     say_grouped,
 )
 from softness_bayes.plotting.style import USUAL, Style, styled
-from softness_bayes.readable import percent
+from softness_bayes.readable import counted
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 IndexArray = NDArray[np.intp]
 
-INSIDE = 0.9
-"""Probability of the replicates' pointwise limits, for each category or fabric separately."""
 
-
-class Counts(NamedTuple):
-    """Ratings in each category under one load."""
+class Answers(NamedTuple):
+    """Summary of the answers under one load along one axis, for the data and for replicates."""
 
     load: str
     """Name of the load."""
+    title: str
+    """Title of the panel."""
+    x: Array
+    """Categories, or E_fab of the fabrics [kPa], shape (points,)."""
     observed: Array
-    """Number of ratings in each category, shape (categories,)."""
+    """Number or share of answers, shape (points,)."""
     replicates: Array
-    """The same numbers for the replicates, shape (replicates, categories)."""
-
-
-class Wins(NamedTuple):
-    """Fraction of answers that judge each fabric softer than the standard, under one load."""
-
-    load: str
-    """Name of the load."""
-    standard: str
-    """Name of the standard: the fabric with which the others were compared."""
-    modulus: Array
-    """E_fab of the other fabrics [Pa], in ascending order, shape (fabrics,)."""
-    fabrics: Sequence[str]
-    """Names of the other fabrics."""
-    answers: IndexArray
-    """Number of answers for each of the other fabrics, shape (fabrics,)."""
-    observed: Array
-    """Fraction of these answers that judge the fabric softer than the standard, shape (fabrics,)."""
-    replicates: Array
-    """The same fractions for the replicates, shape (replicates, fabrics)."""
+    """The same for the replicates, shape (replicates, points)."""
+    fabrics: Sequence[str] = ()
+    """Names of the fabrics; none for categories."""
 
 
 def category_counts(result: stored.Drawable, style: Style) -> Figure:
     """Draw the number of ratings in each category."""
     load, (observed, again) = stored.rated_load(result), stored.answers(result)
-    most = int(max(observed.max(), again.max()))
+    each = np.arange(1, int(max(observed.max(), again.max())) + 1)
     counts = [
-        counts_of(name, observed[load == k], again[:, load == k], most)
+        counts_of(name, each, observed[load == k], again[:, load == k])
         for k, name in enumerate(result.load_groups.names)
         if (load == k).any()
     ]
-    return say_grouped(categories_figure(counts, style=style), result.load_groups, style, curves=False)
+    return say_grouped(answers_figure(counts, style=style), result.load_groups, style, curves=False)
 
 
 def psychometric(result: stored.Drawable, style: Style) -> Figure:
@@ -89,24 +71,26 @@ def psychometric(result: stored.Drawable, style: Style) -> Figure:
         for k, name in enumerate(result.load_groups.names)
         if (load == k).any()
     ]
-    return say_grouped(psychometric_figure(wins, style=style), result.load_groups, style, curves=False)
+    return say_grouped(answers_figure(wins, style=style), result.load_groups, style, curves=False)
 
 
-def counts_of(load: str, observed: Array, replicates: Array, categories: int) -> Counts:
-    """Return the number of ratings in each category; categories are numbered from 1.
+def counts_of(load: str, categories: IndexArray, observed: Array, replicates: Array) -> Answers:
+    """Return the number of ratings in each category.
 
     Parameters
     ----------
     load
         Name of the load.
+    categories
+        The categories, shape (categories,).
     observed, replicates
         Categories of the ratings under this load, shapes (rows,) and (replicates, rows).
-    categories
-        Number of categories.
     """
-    each = np.arange(1, categories + 1)
-    counts = [(replicates == category).sum(axis=1) for category in each]
-    return Counts(load, (observed == each[:, None]).sum(axis=1).astype(float), np.stack(counts, axis=1).astype(float))
+    seen, again = (
+        np.stack([(values == one).sum(axis=-1) for one in categories], axis=-1).astype(float)
+        for values in (observed, replicates)
+    )
+    return Answers(load, load, categories.astype(float), seen, again)
 
 
 def rows_of_pairs(lists: IndexArray) -> IndexArray:
@@ -117,13 +101,8 @@ def rows_of_pairs(lists: IndexArray) -> IndexArray:
 
 
 def wins_of(
-    load: str,
-    names: Sequence[str],
-    modulus: Array,
-    pairs: IndexArray,
-    observed: Array,
-    replicates: Array,
-) -> Wins:
+    load: str, names: Sequence[str], modulus: Array, pairs: IndexArray, observed: Array, replicates: Array
+) -> Answers:
     """Return the fraction of answers that judge each fabric softer than the standard.
 
     The standard is the fabric that was compared most often. If several qualify, it is the middle one of these.
@@ -139,7 +118,7 @@ def wins_of(
     observed
         1 if the first fabric was judged softer, 0 if the second was, 1/2 if neither was, shape (pairs,).
     replicates
-        The same values for the replicates, shape (replicates, pairs).
+        The same for the replicates, shape (replicates, pairs).
     """
     asked = np.bincount(pairs.ravel(), minlength=modulus.size)
     often = np.flatnonzero(asked == asked.max())
@@ -150,54 +129,22 @@ def wins_of(
     fabrics = np.unique(other)
     fabrics = fabrics[np.argsort(modulus[fabrics], kind="stable")]
     member = other == fabrics[:, None]
-    answers = member.sum(axis=1)
-    share = member / answers[:, None]
-    softer = np.where(first, observed[against], 1.0 - observed[against])
-    again = np.where(first, replicates[:, against], 1.0 - replicates[:, against])
+    share = member / member.sum(axis=1)[:, None]
+    softer, again = (np.where(first, values, 1.0 - values) for values in (observed[against], replicates[:, against]))
+    title = f"{load}, against {short_name(names[standard])} ({counted(int(member.sum()), 'answer')})"
     called = [names[k] for k in fabrics]
-    return Wins(load, names[standard], modulus[fabrics], called, answers, share @ softer, again @ share.T)
+    return Answers(load, title, modulus[fabrics] / 1e3, share @ softer, again @ share.T, called)
 
 
 @styled
-def categories_figure(counts: Sequence[Counts], *, style: Style = USUAL) -> Figure:
-    """Draw the number of ratings in each category as bars, with the limits of the replicates.
+def answers_figure(answers: Sequence[Answers], *, style: Style = USUAL) -> Figure:
+    """Draw the number of ratings in each category as bars, or shares of pairs as points, with limits of the replicates.
+
+    The limits contain 90 % of the replicates, for each category or fabric separately.
 
     Parameters
     ----------
-    counts
-        One panel for each load.
-    style
-        Style of the figure.
-
-    Returns
-    -------
-    Figure
-        Artists named ``observed/1 mm``, ``limits/1 mm`` and ``median/1 mm``.
-
-    Raises
-    ------
-    InputError
-        If there is nothing to show.
-    """
-    grid = _panels(len(counts), "number of ratings", style)
-    for axes, one in zip(grid.panels, counts, strict=True):
-        category = np.arange(1, one.observed.size + 1)
-        bars = axes.bar(category, one.observed, color=style.tint(style.data, 0.3), label="observed")
-        for bar in bars:
-            bar.set_gid(f"observed/{one.load}")
-        _limits(axes, category, one.replicates, one.load, style)
-        axes.set(title=one.load, xlabel="category", xticks=category, ylim=(0.0, None))
-    legend_below(grid.figure, grid.panels)
-    return grid.figure
-
-
-@styled
-def psychometric_figure(wins: Sequence[Wins], *, style: Style = USUAL) -> Figure:
-    """Draw the fraction of answers that judge a fabric softer than the standard, against the fabric's modulus.
-
-    Parameters
-    ----------
-    wins
+    answers
         One panel for each load.
     style
         Style of the figure.
@@ -212,33 +159,29 @@ def psychometric_figure(wins: Sequence[Wins], *, style: Style = USUAL) -> Figure
     InputError
         If there is nothing to show.
     """
-    grid = _panels(len(wins), "called softer [share]", style)
-    for axes, one in zip(grid.panels, wins, strict=True):
-        x = one.modulus / 1e3
-        _limits(axes, x, one.replicates, one.load, style)
-        points = axes.plot(x, one.observed, "o", color=style.data, markersize=3, label="observed", zorder=4)[0]
-        points.set_gid(f"observed/{one.load}")
-        name_rows(points, one.fabrics)
-        axes.axhline(0.5, color=style.prior, linewidth=0.6)
-        axes.set_title(f"{one.load}, against {short_name(one.standard)} ({one.answers.sum()} answers)")
-        axes.set(xlabel=MODULUS_LABEL, xscale="log", ylim=(-0.05, 1.05))
-        number_ticks(axes.xaxis)
+    if not answers:
+        raise InputError("figure: no load has answers to show")
+    pairs = bool(len(answers[0].fabrics))
+    ylabel = "called softer [share]" if pairs else "number of ratings"
+    grid = make_panels(len(answers), style, 1.6, min(len(answers), 3), ylabel=ylabel)
+    for axes, one in zip(grid.panels, answers, strict=True):
+        low, middle, high = np.quantile(one.replicates, [0.05, 0.5, 0.95], axis=0)
+        lines = axes.vlines(one.x, low, high, color=style.tint(style.posterior, 0.7), linewidth=3.0, zorder=3)
+        lines.set(label="90 % of replicates, pointwise", gid=f"limits/{one.load}")
+        (marks,) = axes.plot(one.x, middle, "_", color=style.posterior, markersize=8, zorder=3)
+        marks.set(label="their median", gid=f"median/{one.load}")
+        axes.set_title(one.title)
+        if pairs:
+            points = axes.plot(one.x, one.observed, "o", color=style.data, markersize=3, label="observed", zorder=4)[0]
+            points.set_gid(f"observed/{one.load}")
+            name_rows(points, one.fabrics)
+            axes.axhline(0.5, color=style.prior, linewidth=0.6)
+            axes.set(xlabel=MODULUS_LABEL, xscale="log", ylim=(-0.05, 1.05))
+            number_ticks(axes.xaxis)
+        else:
+            bars = axes.bar(one.x, one.observed, color=style.tint(style.data, 0.3), label="observed")
+            for bar in bars:
+                bar.set_gid(f"observed/{one.load}")
+            axes.set(xlabel="category", xticks=one.x, ylim=(0.0, None))
     legend_below(grid.figure, grid.panels)
     return grid.figure
-
-
-def _panels(count: int, ylabel: str, style: Style) -> Panels:
-    """Return a figure with the given number of panels; raise an error if the number is zero."""
-    if not count:
-        raise InputError("figure: no load has answers to show")
-    return make_panels(count, style, 1.6, min(count, 3), ylabel=ylabel)
-
-
-def _limits(axes: Axes, x: Array | IndexArray, replicates: Array, load: str, style: Style) -> None:
-    """Draw the median of the replicates and the limits that contain the fraction `INSIDE` of them."""
-    low, middle, high = np.quantile(replicates, [0.5 - INSIDE / 2, 0.5, 0.5 + INSIDE / 2], axis=0)
-    colour = style.tint(style.posterior, 0.7)
-    lines = axes.vlines(x, low, high, color=colour, linewidth=3.0, zorder=3)
-    lines.set(label=f"{percent(INSIDE)} of replicates, pointwise", gid=f"limits/{load}")
-    (marks,) = axes.plot(x, middle, "_", color=style.posterior, markersize=8, zorder=3)
-    marks.set(label="their median", gid=f"median/{load}")

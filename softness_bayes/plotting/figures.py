@@ -91,9 +91,13 @@ FORCES = {"predictions/typical_force_n": "the run had no compression data"}
 FIGURES: Mapping[str, Drawing] = MappingProxyType(
     {
         "response": Drawing(response.response, "response against E_fab under each load", CURVES),
-        "response_ratio": Drawing(response.response_ratio, "response against E_fab / E_skin", CURVES),
+        "response_ratio": Drawing(
+            partial(response.response, against_ratio=True), "response against E_fab / E_skin", CURVES
+        ),
         "rating": Drawing(rating.rating, "predicted and observed ratings against E_fab", CURVES),
-        "rating_ratio": Drawing(rating.rating_ratio, "predicted and observed ratings against E_fab / E_skin", CURVES),
+        "rating_ratio": Drawing(
+            partial(rating.rating, against_ratio=True), "predicted and observed ratings against E_fab / E_skin", CURVES
+        ),
         "inflection": Drawing(response.inflection, "where the response turns over under each load", CURVES),
         "predictive_checks": Drawing(
             checks.checks,
@@ -118,7 +122,9 @@ FIGURES: Mapping[str, Drawing] = MappingProxyType(
         ),
         "membrane": Drawing(touch.membrane, "firing rate against current, and example spike trains", CURVES | FIRING),
         "corner": Drawing(parameters.corner, "joint posterior of the most correlated pairs of parameters"),
-        "corner_all": Drawing(parameters.corner_all, "joint posterior of every pair of parameters", on_request=True),
+        "corner_all": Drawing(
+            partial(parameters.corner, every=True), "joint posterior of every pair of parameters", on_request=True
+        ),
         "prior": Drawing(parameters.prior, "prior and posterior of every parameter"),
         "trace": Drawing(parameters.trace, "traces of the ensembles"),
         "rank": Drawing(parameters.rank, "ranks of the draws of each ensemble"),
@@ -212,13 +218,7 @@ def own_drawing(name: str, given: Any) -> Drawing:
 
 
 def require_figures(names: Iterable[str]) -> None:
-    """Raise an error for unknown names of figures.
-
-    Raises
-    ------
-    InputError
-        Naming the first unknown name, and the known figures.
-    """
+    """Raise an `InputError` for the first unknown name of a figure, with the known ones."""
     for name in names:
         figure_named(name)
 

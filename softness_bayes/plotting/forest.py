@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError
+from softness_bayes.plotting.names import LONGEST_ROW, short_name
 from softness_bayes.plotting.panels import fitting, legend_below, number_ticks
 from softness_bayes.plotting.style import USUAL, Style, styled
 
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _ROW, _SPARE = 0.17, 1.0  # height of a row, and of the margins above and below [in]
-_LONGEST = 26  # largest number of letters in a name
 
 
 class Forest(NamedTuple):
@@ -74,7 +74,7 @@ def forest_figure(forests: Sequence[Forest], *, style: Style = USUAL) -> Figure:
         spare.remove()
     for axes, forest in zip(cells, forests, strict=False):
         _draw(axes, forest, style)
-    names = [name if len(name) <= _LONGEST else f"{name[: _LONGEST - 1]}…" for name in forests[0].tables]
+    names = [short_name(name, LONGEST_ROW) for name in forests[0].tables]
     cells[0].set_yticks(np.arange(rows), [*names, "population", "a further table"])
     cells[0].set_ylim(rows - 0.4, -0.6)
     legend_below(figure, list(cells[: len(forests)]))

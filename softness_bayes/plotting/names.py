@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-LONGEST = 18
-"""Largest number of letters in a name; the middle of a longer name is omitted."""
+LONGEST, LONGEST_ROW = 18, 26
+"""Largest number of letters in a name above a panel, and beside a row; the middle of a longer name is omitted."""
 
 MEASURED = 8
 """Number of longest names whose length is measured."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,11 +41,11 @@ FEWEST_DRAWS_FOR_CONTOURS = 400
 """Smallest number of draws for contours in the corner plot; fewer draws are shown as points."""
 
 
-def corner(result: stored.Drawable, style: Style) -> Figure:
-    """Draw the posterior of the most correlated pairs of parameters."""
+def corner(result: stored.Drawable, style: Style, every: bool = False) -> Figure:
+    """Draw the posterior of the most correlated pairs of parameters, or of every pair."""
     names, labels = stored.sampled_parameters(result)
     draws = stored.draws_of(result, "posterior", names)
-    shown = informative(draws)
+    shown = list(range(len(names))) if every else informative(draws)
     hidden = counted(len(names) - len(shown), "less correlated parameter is", "less correlated parameters are")
     return corner_figure(
         draws[:, shown],
@@ -52,12 +54,6 @@ def corner(result: stored.Drawable, style: Style) -> Figure:
         note=f"{hidden} not shown:\n'softness-bayes plot --all'" if len(shown) < len(names) else "",
         style=style,
     )
-
-
-def corner_all(result: stored.Drawable, style: Style) -> Figure:
-    """Draw the posterior of every pair of parameters."""
-    names, labels = stored.sampled_parameters(result)
-    return corner_figure(stored.draws_of(result, "posterior", names), labels, names=names, style=style)
 
 
 def prior(result: stored.Drawable, style: Style) -> Figure:
@@ -143,8 +139,6 @@ def corner_figure(
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from softness_bayes.plotting.libraries import corner
-
     values = _thinned(check_draws(draws, labels))
     count, dimension = values.shape
     if count <= dimension:
@@ -157,7 +151,7 @@ def corner_figure(
     width = style.page if dimension > 3 else style.column
     figure = Figure(figsize=(width, width))
     figure.subplots(dimension, dimension, squeeze=False)
-    corner.corner(
+    _corner_library().corner(
         values,
         bins=24,
         range=_ranges(values, 0.05),
@@ -181,6 +175,18 @@ def corner_figure(
         _region_legend(figure, tints if contours else (), note, style)
     carry(figure, pd.DataFrame(values, columns=list(names or labels)))
     return figure
+
+
+def _corner_library() -> Any:
+    """Import the library corner without ArviZ, which takes a second; it is needed only for arguments of its own."""
+    absent = "arviz" not in sys.modules
+    if absent:
+        sys.modules["arviz"] = None  # type: ignore[assignment]
+    try:
+        return import_module("corner")
+    finally:
+        if absent:
+            del sys.modules["arviz"]
 
 
 def _region_legend(figure: Figure, tints: Sequence[tuple[float, float, float]], note: str, style: Style) -> None:

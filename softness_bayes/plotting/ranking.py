@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import Scale
+from softness_bayes.plotting.names import LONGEST_ROW, short_name
 from softness_bayes.plotting.panels import number_ticks, title
 from softness_bayes.plotting.style import USUAL, Style, styled
 from softness_bayes.touch.contact import Load
@@ -36,7 +37,6 @@ LEAST_FRAMED, LEAST_SAID = 0.02, 0.16
 """Smallest fractions of the fabrics for which a tie is framed, and for which its number is written in the frame."""
 
 _ROW, _SPARE, _KEY = 0.16, 1.0, 0.6  # height of a named row, of the margins, and of the key [in]
-_LONGEST = 26  # largest number of letters in a name
 
 
 class Order(NamedTuple):
@@ -116,7 +116,7 @@ def _draw_places(axes: Axes, order: Order, style: Style) -> None:
     )
     cells.set_gid(f"places/{gid}")
     at = named_rows(count)
-    axes.set_yticks(at + 1, [_short(order.fabrics[k]) for k in at])
+    axes.set_yticks(at + 1, [short_name(order.fabrics[k], LONGEST_ROW) for k in at])
     for label, k in zip(axes.get_yticklabels(), at, strict=True):
         label.set_color(style.absent if order.silent[k] else "black")
     axes.tick_params(axis="y", length=0 if count <= NAMED else 3)
@@ -180,9 +180,3 @@ def _draw_ratings(axes: Axes, order: Order, scale: Scale, style: Style) -> None:
 def named_rows(count: int) -> NDArray[np.intp]:
     """Return the rows whose fabrics are named: all, or evenly spaced ones including the first and the last."""
     return np.arange(count) if count <= NAMED else np.linspace(0, count - 1, SOME).round().astype(np.intp)
-
-
-def _short(name: str) -> str:
-    """Return a name that fits beside a panel, with dollar signs escaped."""
-    short = name if len(name) <= _LONGEST else f"{name[: _LONGEST - 1]}…"
-    return short.replace("$", r"\$")

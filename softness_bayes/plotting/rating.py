@@ -76,11 +76,6 @@ def rating(result: stored.Drawable, style: Style, against_ratio: bool = False) -
     return say_grouped(figure, groups, style)
 
 
-def rating_ratio(result: stored.Drawable, style: Style) -> Figure:
-    """Draw predicted and observed ratings against E_fab / E_skin."""
-    return rating(result, style, against_ratio=True)
-
-
 def observed_of(result: stored.Drawable) -> Observed:
     """Return the ratings of a run by condition: a fabric under one load or under one group of loads."""
     constant, modulus = result.group("constant_data"), stored.fabric_modulus(result)

@@ -82,28 +82,15 @@ class RatioAxis(NamedTuple):
         return np.exp(np.median([np.interp(at, self.log_modulus, x) for x in self.log_ratio], axis=0))
 
 
-def response(result: stored.Drawable, style: Style) -> Figure:
-    """Draw the response against E_fab."""
-    from softness_bayes.touch.contact import Finger
-
-    constant = result.group("constant_data")
-    known = "finger_radius_mm" in constant
-    figure = response_figure(
-        result.curves(),
-        result.load_groups.called,
-        stored.fabric_modulus(result),
-        inflection=result.inflections(),
-        finger_radius=float(constant["finger_radius_mm"]) * 1e-3 if known else Finger().radius,
-        names=stored.fabric_names(result),
-        style=style,
-    )
-    return say_grouped(figure, result.load_groups, style)
-
-
-def response_ratio(result: stored.Drawable, style: Style) -> Figure:
-    """Draw the response against E_fab / E_skin."""
-    groups, modulus = result.load_groups, stored.fabric_modulus(result)
-    figure = ratio_figure(result.curves(), groups.called, modulus, names=stored.fabric_names(result), style=style)
+def response(result: stored.Drawable, style: Style, against_ratio: bool = False) -> Figure:
+    """Draw the response against E_fab, or against E_fab / E_skin."""
+    groups = result.load_groups
+    shown = result.curves(), groups.called, stored.fabric_modulus(result)
+    names = stored.fabric_names(result)
+    if against_ratio:
+        return say_grouped(ratio_figure(*shown, names=names, style=style), groups, style)
+    radius = float(result.group("constant_data")["finger_radius_mm"]) * 1e-3
+    figure = response_figure(*shown, inflection=result.inflections(), finger_radius=radius, names=names, style=style)
     return say_grouped(figure, groups, style)
 
 

@@ -10,9 +10,8 @@ from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, PAIRS
 from softness_bayes.plotting import FIGURES, USUAL
 from softness_bayes.plotting.choices import (
-    categories_figure,
+    answers_figure,
     counts_of,
-    psychometric_figure,
     rows_of_pairs,
     wins_of,
 )
@@ -26,10 +25,10 @@ NAMES = ["felt", "gauze", "lawn"]
 
 def test_categories_are_counted(rng):
     again = rng.integers(1, 5, (200, 40)).astype(float)
-    found = counts_of("1 mm", np.array([1.0, 1.0, 4.0]), again, 4)
+    found = counts_of("1 mm", np.arange(1, 5), np.array([1.0, 1.0, 4.0]), again)
     assert found.observed.tolist() == [2, 0, 0, 1]
     assert (found.replicates.sum(axis=1) == 40).all()
-    table = data_of(categories_figure([found]))
+    table = data_of(answers_figure([found]))
     limits = table[table["element"] == "limits"]
     np.testing.assert_allclose(limits["y"], np.quantile(found.replicates, 0.05, axis=0), rtol=1e-5)
     np.testing.assert_allclose(limits["y_end"], np.quantile(found.replicates, 0.95, axis=0), rtol=1e-5)
@@ -46,9 +45,8 @@ def test_answers_are_those_against_the_standard():
     observed = np.array([1.0, 1.0, 0.5, 0.0, 1.0])
     again = np.tile(observed, (3, 1))
     found = wins_of("1 mm", NAMES, MODULUS, pairs, observed, again)
-    assert (found.standard, found.fabrics) == ("lawn", ["gauze", "felt"])
-    assert found.modulus.tolist() == [1e4, 4e4]
-    assert found.answers.tolist() == [2, 2]
+    assert found.title == "1 mm, against lawn (4 answers)"
+    assert (found.fabrics, found.x.tolist()) == (["gauze", "felt"], [10.0, 40.0])
     np.testing.assert_allclose(found.observed, [0.75, 0.5])
     np.testing.assert_allclose(found.replicates, np.tile([0.75, 0.5], (3, 1)))
     turned = wins_of("1 mm", NAMES, MODULUS, pairs[:, ::-1], 1.0 - observed, 1.0 - again)
@@ -58,7 +56,7 @@ def test_answers_are_those_against_the_standard():
 
 def test_the_standard_of_equal_numbers_of_answers_lies_in_the_middle():
     pairs = np.array([[0, 1], [1, 2], [2, 0]])
-    assert wins_of("1 mm", NAMES, MODULUS, pairs, np.ones(3), np.ones((2, 3))).standard == "lawn"
+    assert wins_of("1 mm", NAMES, MODULUS, pairs, np.ones(3), np.ones((2, 3))).title.startswith("1 mm, against lawn")
 
 
 def run(scale, rating, **columns):
@@ -104,16 +102,5 @@ def test_a_run_shows_what_its_scale_has():
 
 
 def test_no_answers_make_no_figure():
-    for draw in (categories_figure, psychometric_figure):
-        with pytest.raises(InputError, match="no load has answers"):
-            draw([])
-
-
-def test_panels_name_load_and_standard(rng):
-    """Titles name the standard, and moduli have a logarithmic axis."""
-    wins = wins_of("1 mm", NAMES, MODULUS, np.array([[0, 1], [1, 2]]), np.array([1.0, 0.0]), rng.integers(0, 2, (9, 2)))
-    figure = psychometric_figure([wins, wins._replace(load="2 mm")])
-    assert [axes.get_title(loc="left") for axes in figure.axes] == [
-        f"{load}, against gauze (2 answers)" for load in ("1 mm", "2 mm")
-    ]
-    assert figure.axes[0].get_xscale() == "log"
+    with pytest.raises(InputError, match="no load has answers"):
+        answers_figure([])

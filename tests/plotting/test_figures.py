@@ -14,7 +14,7 @@ from softness_bayes.checking.uniformity import simultaneous_band
 from softness_bayes.cli import main
 from softness_bayes.errors import InputError
 from softness_bayes.plotting import FIGURES, USUAL, Style, figures_of
-from softness_bayes.plotting.checks import FEW
+from softness_bayes.plotting.checks import FEW, loo_pit_figure
 from softness_bayes.results.result import Result
 from support.figures import artist, drawn, outline
 
@@ -94,6 +94,30 @@ def test_loo_pit_shows_the_distribution_of_the_values_and_the_band(run):
     corners = artist(figure, "band").get_paths()[0].vertices[:, 1]
     assert_allclose([corners.min(), corners.max()], [(band.low - x).min(), (band.high - x).max()])
     assert "approximate" in " ".join(text.get_text() for text in figure.legends[0].get_texts())
+    # the figure tells uniform values from those of predictions that are far too wide
+    for values, inside in ((np.random.default_rng(4).uniform(size=200), True), (0.5 + 0.1 * (pit - 0.5), False)):
+        figure = drawn(loo_pit_figure(values, x))
+        line, limits = artist(figure, "ecdf"), simultaneous_band(values.size, x)
+        shown = line.get_ydata() + x
+        assert ((shown >= limits.low) & (shown <= limits.high)).all() == inside
+
+
+def test_p_values_are_shares_of_the_replicates(run):
+    """Counted without the code that makes the table; quantities of a load may tie."""
+    table, compared = run.tables["predictive_checks"].loc["posterior"], 0
+    for found in posterior_quantities(run.tree):
+        rows = table.loc[[found.quantity.name]]
+        observed = np.array([finding.observed for finding in found.findings])
+        assert_allclose(observed, rows["observed"])
+        assert_allclose([finding.high for finding in found.findings], rows["high"])
+        if found.quantity.columns is Columns.LOAD:
+            continue
+        for value, column, p_value in zip(observed, found.replicated.T, rows["p_value"], strict=True):
+            known = [again for again in column if again == again]
+            if known and value == value:
+                assert sum(again > value for again in known) / len(known) == pytest.approx(p_value)
+                compared += 1
+    assert compared > 10
 
 
 def test_ratings_against_the_ratio_stand_at_each_draws_own(run):

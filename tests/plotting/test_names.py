@@ -14,9 +14,11 @@ from matplotlib.text import Annotation
 from numpy.testing import assert_allclose
 
 from softness_bayes import plotting
+from softness_bayes.checking.check_table import ALL, CheckedQuantity
+from softness_bayes.checking.quantities import DROP, PLACE, QUANTITIES, QuantityCheck
 from softness_bayes.parameters.priors import LogNormal, Truncated
 from softness_bayes.plotting import style as styles
-from softness_bayes.plotting.checks import FEW, Means, Replicated, checks_figure
+from softness_bayes.plotting.checks import FEW, checks_figure
 from softness_bayes.plotting.data import carry, data_of
 from softness_bayes.plotting.names import LONGEST, apart, name_fabrics, short_name, short_names
 from softness_bayes.plotting.parameters import informative
@@ -145,29 +147,28 @@ def test_a_prior_is_drawn_exactly(rng) -> None:
     assert artist(figure, "prior/1").get_data().values.size  # without a law, its draws
 
 
-def test_few_replicates_are_drawn_one_by_one(rng) -> None:
-    means = Means(
-        "1 mm", np.array([1e3, 1e4]), np.array([0.0, 2.0]), np.array([-1.0, -1.0]), np.ones(2), ("lawn", "felt")
-    )
-    some = np.where(np.arange(500) < FEW - 1, rng.uniform(1, 2, 500), np.nan)
-    many = np.where(np.arange(500) < FEW, rng.uniform(1, 2, 500), np.nan)
-    figure = drawn(checks_figure([means], [Replicated(f"q{k}", 1.5, v, 0.5) for k, v in enumerate((some, many))]))
+def checked(quantity, observed, replicated, labels, low=-1.0, high=1.0):
+    """A test quantity as figures receive it."""
+    findings = [QuantityCheck(value, 0.0, low, high, 0.5) for value in np.atleast_1d(observed)]
+    return CheckedQuantity(quantity, labels, findings, np.asarray(replicated, float))
+
+
+def test_few_replicates_are_drawn_one_by_one_and_what_neither_has_is_left_out(rng) -> None:
+    of = {one.name: one for one in QUANTITIES}
+    labels = [("1 mm", "lawn", ALL), ("1 mm", "felt", ALL)]
+    means = checked(of["mean log rating"], [0.0, 2.0], np.zeros((500, 2)), labels)
+    some, many = (np.where(np.arange(500) < n, rng.uniform(1, 2, 500), np.nan)[:, None] for n in (FEW - 1, FEW))
+    spreads = [checked(of[n], 1.5, v, [(ALL, ALL, ALL)]) for n, v in (("residual spread", some), (DROP, many))]
+    absent = checked(of[PLACE], np.nan, np.full((500, 1), np.nan), [("1 mm", ALL, ALL)])
+    figure = drawn(checks_figure([means, *spreads, absent], {"lawn": 1e3, "felt": 1e4}))
     ticks = np.array([segment[0, 0] for segment in artist(figure, "each/0").get_segments()])
-    assert_allclose(ticks, some[: FEW - 1])
+    assert_allclose(ticks, some[: FEW - 1, 0])
     assert artist(figure, "replicates/1").get_data().values.sum() == pytest.approx(1.0)
     words = [text.get_text() for axes in figure.axes[1:] for text in axes.texts]
     assert words == [f"p = 0.50\nin {n} of 500 replicates" for n in (FEW - 1, FEW)]
     # the one fabric that lies outside of its limits is named
     assert [text.get_text() for text in figure.axes[0].texts] == ["felt"]
-
-
-def test_what_neither_data_nor_replicates_have_is_left_out(rng) -> None:
-    means = Means("1 mm", np.array([1e4, 2e4]), np.ones(2), np.zeros(2), 2 * np.ones(2))
-    none, seen = np.full(50, np.nan), rng.normal(size=50)
-    asked = [Replicated("drop", np.nan, none, np.nan), Replicated("spread", 0.0, seen, 0.5)]
-    figure = drawn(checks_figure([means], asked, "category"))
-    assert [axes.get_xlabel() for axes in figure.axes][1:] == ["spread"]
-    assert figure.legends[0].get_title().get_text().endswith("1 of 2 quantities")
+    assert figure.legends[0].get_title().get_text().endswith("1 of 3 quantities")
     # the label of the first panel is within the page
     label = figure.axes[0].yaxis.label.get_window_extent(FigureCanvasAgg(figure).get_renderer())
     assert 0.0 <= label.y0 < label.y1 <= figure.bbox.y1
