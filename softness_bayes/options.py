@@ -36,8 +36,8 @@ AUTO = "auto"
 class Kind:
     """Kind of values of an option: texts, unless a subclass says otherwise.
 
-    A subclass whose values are not JSON data redefines `store` and `restore`, one whose values are not texts
-    `parse` and `write`.
+    A subclass whose values are not texts redefines `parse` and `write`. Records hold numbers as they are, and other
+    values in their texts.
     """
 
     metavar = "TEXT"
@@ -70,14 +70,11 @@ class Kind:
 
     def store(self, value: Any) -> Any:
         """Return a value as JSON data."""
-        return value
+        return value if isinstance(value, (bool, int, float)) else self.write(value)
 
     def restore(self, stored: Any) -> Any:
         """Return the value of JSON data; the inverse of `store`."""
-        return stored
-
-    def require_storable(self, name: str, value: Any) -> None:
-        """Raise an error for a value that `restore` could not find again, such as a custom law without a module."""
+        return self.parse(stored) if isinstance(stored, (str, list)) else stored
 
     def complete(self, incomplete: str) -> Iterable[str]:
         """Return the words that a shell may offer."""
@@ -86,18 +83,6 @@ class Kind:
     def sets(self) -> Iterable[str]:
         """Return the names of starting points, for an option that has a flag for them."""
         return ()
-
-
-class Named(Kind):
-    """Values whose text on the command line is also their record."""
-
-    def store(self, value: Any) -> Any:
-        """Return the text of a value."""
-        return self.write(value)
-
-    def restore(self, stored: Any) -> Any:
-        """Return the value of a text."""
-        return self.parse(stored)
 
 
 @dataclass(frozen=True)
@@ -188,15 +173,7 @@ class Numbers(Kind):
 
     def write(self, value: Sequence[float]) -> str:
         """Return the numbers, separated by a comma."""
-        return ",".join(repr(number).removesuffix(".0") for number in value)
-
-    def store(self, value: Sequence[float]) -> list[float]:
-        """Return the numbers as a list."""
-        return list(value)
-
-    def restore(self, stored: Sequence[float]) -> tuple[float, ...]:
-        """Return the numbers of a list."""
-        return tuple(stored)
+        return ",".join(repr(float(number)).removesuffix(".0") for number in value)
 
 
 class Names(Kind):
@@ -217,28 +194,20 @@ class Names(Kind):
         """Return the names, separated by commas."""
         return ",".join(value)
 
-    def store(self, value: Sequence[str]) -> list[str]:
-        """Return the names as a list."""
-        return list(value)
-
-    def restore(self, stored: Sequence[str]) -> tuple[str, ...]:
-        """Return the names of a list."""
-        return tuple(stored)
-
 
 class ByName(Kind):
-    """Values by name, given as NAME=VALUE, once for each name."""
+    """Values by name, given as NAME=VALUE, once for each name; in records a mapping."""
 
     metavar = "NAME=VALUE"
     repeated = True
-    such_as = "{'rating': 'softness'}"
+    such_as = "a mapping, as in {'rating': 'softness'}"
 
     def __init__(self, metavar: str = "") -> None:
         self.metavar = metavar or self.metavar
 
     def accept(self, name: str, value: Any) -> Any:
         """Return values by name."""
-        require_kind(name, value, Mapping, f"a mapping, as in {self.such_as}")
+        require_kind(name, value, Mapping, self.such_as)
         return dict(value)
 
     def parse(self, texts: Sequence[str]) -> Any:
@@ -260,15 +229,19 @@ class ByName(Kind):
 
     def write(self, value: Any) -> list[str]:
         """Return one text for each name."""
-        return [f"{name}={self.write_value(one)}" for name, one in value.items()]
+        return [f"{name}={_shortest(one)}" for name, one in self.store(value).items()]
+
+    def store(self, value: Any) -> Any:
+        """Return numbers and texts by name."""
+        return {name: one if isinstance(one, (int, float)) else str(one) for name, one in value.items()}
+
+    def restore(self, stored: Any) -> Any:
+        """Return the value of numbers and texts by name."""
+        return {name: self.parse_value(one) if isinstance(one, str) else one for name, one in stored.items()}
 
     def parse_value(self, text: str) -> Any:
         """Return one value."""
         return text
-
-    def write_value(self, value: Any) -> str:
-        """Return the text of one value."""
-        return str(value)
 
     def check(self, values: dict[str, Any]) -> None:
         """Raise InputError if the values of the command line do not suit their names."""
@@ -277,18 +250,14 @@ class ByName(Kind):
 class NumbersByName(ByName):
     """Numbers by name."""
 
-    such_as = "{'m': 2.0}"
+    such_as = "a mapping from names to numbers, such as {'m': 2.0}"
 
     def parse_value(self, text: str) -> float:
         """Return a finite number."""
         return finite(text)
 
-    def write_value(self, value: float) -> str:
-        """Return the shortest text of the number."""
-        return repr(float(value))
 
-
-class FilePath(Named):
+class FilePath(Kind):
     """Paths of files."""
 
     metavar = "FILE"
@@ -346,7 +315,7 @@ class Option:
     @cached_property
     def default(self) -> Any:
         """The default value."""
-        return self.make()
+        return None if (value := self.make()) is None else self.kind.accept(self.name, value)
 
     def accept(self, value: Any) -> Any:
         """Return a value given in Python in its final form, as `Kind.accept`."""
@@ -472,6 +441,10 @@ class Options:
             if one.flag and (one.spelled or value != one.default):
                 found += one.words(value)
         return found
+
+
+def _shortest(value: float | str) -> str:
+    return value if isinstance(value, str) else repr(float(value))
 
 
 def finite(text: str) -> float:

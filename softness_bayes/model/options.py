@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Self
 
 from softness_bayes.defaults import ACCURACY, ERRORS, NOISE, PRIOR_SET
@@ -15,7 +17,6 @@ from softness_bayes.options import (
     AUTO,
     ByName,
     Kind,
-    Named,
     Names,
     Number,
     Numbers,
@@ -47,11 +48,6 @@ if TYPE_CHECKING:
 class FixedValues(NumbersByName):
     """Values of parameters by name [natural units]."""
 
-    def accept(self, name: str, value: Any) -> Any:
-        """Return values by name; `parameter_space` checks them against the parameters of the model."""
-        require_kind(name, value, Mapping, "a mapping from names to numbers, such as {'m': 2.0}")
-        return dict(value)
-
     def check(self, values: dict[str, float]) -> None:
         """Raise an error for an unknown parameter, or a value outside its range."""
         from softness_bayes.parameters.choice import require_values
@@ -65,55 +61,10 @@ class FixedValues(NumbersByName):
         return [f"{name}=" for name in EVERY_PARAMETER]
 
 
-class Law(Named):
-    """Prior distributions, in written form or as laws."""
-
-    metavar = "PRIOR"
-
-    def accept(self, name: str, value: Any) -> Prior:
-        """Return a law."""
-        from softness_bayes.parameters.priors import as_prior
-
-        return as_prior(name.replace("_", " "), value)
-
-    def parse(self, text: str) -> Prior:
-        """Return the law of a text such as lognormal(100,0.5)."""
-        from softness_bayes.parameters.priors import parse_prior
-
-        return parse_prior(text)
-
-    def require_storable(self, name: str, value: Prior) -> None:
-        """Raise an error for a law that its written form does not determine."""
-        from softness_bayes.parameters.priors import require_storable
-
-        require_storable(f"prior of {name.replace('_', ' ')}", value)
-
-
-class ModulusLaw(Law):
-    """Prior distributions of moduli [kPa]."""
-
-    def accept(self, name: str, value: Any) -> Prior:
-        """Return a law of positive numbers."""
-        from softness_bayes.parameters.fabric_moduli import require_law
-
-        law = super().accept(name, value)
-        require_law(name, law)
-        return law
-
-    def parse(self, text: str) -> Prior:
-        """Return the law of a text."""
-        from softness_bayes.parameters.fabric_moduli import require_law
-
-        law = super().parse(text)
-        require_law("distribution of unknown moduli", law)
-        return law
-
-
 class Laws(ByName):
-    """Prior distributions of parameters, by name."""
+    """Prior distributions by name, in written form or as laws."""
 
     metavar = "NAME=PRIOR"
-    law = Law()
 
     def accept(self, name: str, value: Any) -> dict[str, Prior]:
         """Return laws by name."""
@@ -122,21 +73,10 @@ class Laws(ByName):
         return as_priors(value)
 
     def parse_value(self, text: str) -> Prior:
-        """Return one law."""
-        return self.law.parse(text)
+        """Return the law of a text such as lognormal(100,0.5)."""
+        from softness_bayes.parameters.priors import parse_prior
 
-    def store(self, value: Mapping[str, Prior]) -> dict[str, str]:
-        """Return the written forms."""
-        return {name: str(law) for name, law in value.items()}
-
-    def restore(self, stored: Mapping[str, str]) -> dict[str, Prior]:
-        """Return the laws of written forms."""
-        return {name: self.law.parse(text) for name, text in stored.items()}
-
-    def require_storable(self, name: str, value: Mapping[str, Prior]) -> None:
-        """Raise an error for a law that its written form does not determine."""
-        for parameter, law in value.items():
-            self.law.require_storable(parameter, law)
+        return parse_prior(text)
 
 
 class Priors(Laws):
@@ -156,6 +96,25 @@ class Priors(Laws):
         name, given, _ = incomplete.partition("=")
         laws = [f"{name}={law}(" for law in (*LAWS, *installed(PRIORS))]
         return laws if given else [f"{parameter}=" for parameter in EVERY_PARAMETER]
+
+
+class ModulusLaw(Kind):
+    """Prior distributions of moduli [kPa], in written form or as laws."""
+
+    metavar = "PRIOR"
+
+    def accept(self, name: str, value: Any) -> Prior:
+        """Return a law of positive numbers."""
+        from softness_bayes.parameters.fabric_moduli import require_law
+        from softness_bayes.parameters.priors import as_prior
+
+        law = as_prior(name.replace("_", " "), value)
+        require_law(name, law)
+        return law
+
+    def parse(self, text: str) -> Prior:
+        """Return the law of a text."""
+        return self.accept("distribution of unknown moduli", text)
 
 
 class PriorSet(Kind):
@@ -185,17 +144,10 @@ class ReadingsByPlace(ByName):
 
     def parse(self, texts: Sequence[str]) -> Readings:
         """Return the readings of texts such as pressure=hertz; one without = names the set that they change."""
-        from softness_bayes.touch.readings import NAMED_READINGS, readings_named
+        from softness_bayes.touch.readings import readings_named
 
         sets = [text for text in texts if "=" not in text]
-        return readings_named([next(iter(NAMED_READINGS)), *sets][-1], super().parse([t for t in texts if "=" in t]))
-
-    def check(self, values: dict[str, str]) -> None:
-        """Raise an error for an unknown place, or a reading that it does not have."""
-        from softness_bayes.touch.readings import alternative
-
-        for place, name in values.items():
-            alternative(place, name)
+        return readings_named(["mended", *sets][-1], super().parse([text for text in texts if "=" in text]))
 
     def write(self, value: Readings) -> list[str]:
         """Return the name of the default set, and the places with other readings than it has."""
@@ -209,13 +161,7 @@ class ReadingsByPlace(ByName):
 
     def restore(self, stored: Mapping[str, str]) -> Readings:
         """Return the readings of names."""
-        from softness_bayes.touch.readings import Readings
-
-        return Readings().override(stored)
-
-    def require_storable(self, name: str, value: Readings) -> None:
-        """Raise an error for a custom reading without an importable name."""
-        value.require_names()
+        return _mended().override(stored)
 
     def sets(self) -> Iterable[str]:
         """Return the named sets."""
@@ -231,25 +177,6 @@ class ReadingsByPlace(ByName):
         if given and place in ALTERNATIVES:
             return [f"{place}={name}" for name in (*ALTERNATIVES[place], *installed(place))]
         return [f"{name}=" for name in ALTERNATIVES]
-
-
-class Direction(Named):
-    """Directions of ratings with the response."""
-
-    choices = (AUTO, FREE.name, *RATING_DIRECTIONS)
-
-    def accept(self, name: str, value: Any) -> Any:
-        """Return a direction."""
-        require_kind(name, value, RatingDirection, "RISES, FALLS, FREE or None")
-        return value
-
-    def parse(self, text: str) -> RatingDirection | None:
-        """Return the direction of a name."""
-        return None if text == AUTO else direction_named(text)
-
-    def write(self, value: RatingDirection) -> str:
-        """Return the name."""
-        return value.name
 
 
 class FingerValues(NumbersByName):
@@ -272,10 +199,6 @@ class FingerValues(NumbersByName):
         from softness_bayes.model.fingers import require_finger
 
         require_finger(values)
-
-    def write(self, value: Finger) -> list[str]:
-        """Return one text for each value that is not the default one."""
-        return super().write(self.store(value))
 
     def store(self, value: Finger) -> dict[str, float]:
         """Return the values that are not the default ones."""
@@ -312,52 +235,47 @@ class Differing(Names):
         return tuple(self.accept("individual", super().parse(text)))
 
 
-class Errors(Named):
-    """Error laws of ratings."""
+class Chosen(Kind):
+    """Objects that have a name, out of a few; the word AUTO stands for None.
 
-    choices = (AUTO, *ERRORS)
+    Parameters
+    ----------
+    choices
+        Words on the command line.
+    such_as
+        Examples, for messages.
+    of, named
+        Return the class of the objects, and the object of a name.
+    name_of
+        Returns the name of an object.
+    group
+        Group of entry points from which further objects may come.
+    """
 
-    def accept(self, name: str, value: Any) -> ErrorLaw:
-        """Return an error law."""
-        from softness_bayes.likelihood.error_laws import ErrorLaw
-
-        require_kind(name, value, ErrorLaw, "NORMAL, STUDENT, LAPSES or None")
-        law: ErrorLaw = value
-        return law
-
-    def parse(self, text: str) -> ErrorLaw | None:
-        """Return the law of a name."""
-        from softness_bayes.likelihood.error_laws import error_law_named
-
-        return None if text == AUTO else error_law_named(text)
-
-    def write(self, value: ErrorLaw) -> str:
-        """Return the name."""
-        return value.name
-
-
-class RatingScale(Named):
-    """Scales of ratings, custom ones by their importable name."""
-
-    choices = tuple(RATING_SCALES)
-    group = OWN_SCALES
+    def __init__(
+        self,
+        choices: tuple[str, ...],
+        such_as: str,
+        of: Callable[[], type],
+        named: Callable[[str], Any],
+        name_of: Callable[[Any], str] = attrgetter("name"),
+        group: str = "",
+    ) -> None:
+        self.choices, self.group, self._such_as = choices, group, such_as
+        self._of, self._named, self._name_of = of, named, name_of
 
     def accept(self, name: str, value: Any) -> Any:
-        """Return a scale."""
-        require_kind(name, value, Scale, "a Scale, such as SLIDER or CATEGORIES")
+        """Return an object of the class."""
+        require_kind(name, value, self._of(), self._such_as)
         return value
 
-    def parse(self, text: str) -> Scale:
-        """Return the scale of a name."""
-        return scale_named(text)
+    def parse(self, text: str) -> Any:
+        """Return the object of a name."""
+        return None if text == AUTO else self._named(text)
 
-    def write(self, value: Scale) -> str:
+    def write(self, value: Any) -> str:
         """Return the name."""
-        return name_of_scale(value)
-
-    def require_storable(self, name: str, value: Scale) -> None:
-        """Raise an error for a custom scale without an importable name."""
-        require_scale(value)
+        return self._name_of(value)
 
 
 class Resolution(Kind):
@@ -368,30 +286,18 @@ class Resolution(Kind):
         from softness_bayes.touch.scene import Discretisation
 
         require_kind(name, value, Discretisation, "a Discretisation or None")
-        found: Discretisation = value
-        return found
+        resolution: Discretisation = value
+        return resolution
 
-    def store(self, value: Discretisation) -> dict[str, Any]:
-        """Return the fields."""
-        return asdict(value)
-
-    def restore(self, stored: Mapping[str, Any]) -> Discretisation:
-        """Return the resolution of fields."""
+    def parse(self, text: str) -> Discretisation:
+        """Return the resolution of its fields as JSON."""
         from softness_bayes.touch.scene import Discretisation
 
-        return Discretisation(**stored)
+        return Discretisation(**json.loads(text))
 
-
-class Decided(Kind):
-    """Names of options that were chosen from the data."""
-
-    def accept(self, name: str, value: Any) -> frozenset[str]:
-        """Return a set of names."""
-        return frozenset(value)
-
-    def store(self, value: frozenset[str]) -> list[str]:
-        """Return the names in order."""
-        return sorted(value)
+    def write(self, value: Discretisation) -> str:
+        """Return the fields as JSON."""
+        return json.dumps(asdict(value))
 
 
 def _mended() -> Readings:
@@ -406,10 +312,16 @@ def _usual_finger() -> Finger:
     return Finger()
 
 
-def _unknown_modulus() -> Prior:
-    from softness_bayes.parameters.fabric_moduli import UNKNOWN_MODULUS
+def _error_law() -> type[ErrorLaw]:
+    from softness_bayes.likelihood.error_laws import ErrorLaw
 
-    return UNKNOWN_MODULUS
+    return ErrorLaw
+
+
+def _error_law_named(name: str) -> ErrorLaw:
+    from softness_bayes.likelihood.error_laws import error_law_named
+
+    return error_law_named(name)
 
 
 @described
@@ -450,7 +362,12 @@ class ModelOptions(Options):
         spelled=True,
     )
     direction: RatingDirection | None = option(
-        Direction(),
+        Chosen(
+            (AUTO, FREE.name, *RATING_DIRECTIONS),
+            "RISES, FALLS, FREE or None",
+            lambda: RatingDirection,
+            direction_named,
+        ),
         None,
         "--direction",
         f"Whether ratings rise or fall with the response. auto chooses from the data, or {RISES.name} if they "
@@ -478,9 +395,9 @@ class ModelOptions(Options):
     )
     unknown_modulus: Prior = option(
         ModulusLaw(),
-        flag="--unknown-modulus",
-        default_factory=_unknown_modulus,
-        help="Prior of the moduli [kPa] of fabrics without a modulus in their table; lognormal(100,2) by default.",
+        "lognormal(100,2)",
+        "--unknown-modulus",
+        "Prior of the moduli [kPa] of fabrics without a modulus in their table; lognormal(100,2) by default.",
     )
     load_cv: float | None = option(
         Number(LOAD_ERRORS),
@@ -508,7 +425,7 @@ class ModelOptions(Options):
         affects_draws=True,
     )
     errors: ErrorLaw | None = option(
-        Errors(),
+        Chosen((AUTO, *ERRORS), "NORMAL, STUDENT, LAPSES or None", _error_law, _error_law_named),
         None,
         "--errors",
         "Distribution of the errors of log ratings: normal, student (Student's t with sampled degrees of "
@@ -556,7 +473,14 @@ class ModelOptions(Options):
         needs_ratings=True,
     )
     scale: Scale = option(
-        RatingScale(),
+        Chosen(
+            tuple(RATING_SCALES),
+            "a Scale, such as SLIDER or CATEGORIES",
+            lambda: Scale,
+            scale_named,
+            name_of_scale,
+            OWN_SCALES,
+        ),
         MAGNITUDE,
         "--ratings",
         f"Whether ratings are {', or '.join(scale.meaning for scale in RATING_SCALES.values())}; or a custom "
@@ -581,9 +505,9 @@ class ModelOptions(Options):
         help="Resolution of the scene; None to choose the cheapest one that meets the accuracy.",
         affects_draws=True,
     )
-    decided: frozenset[str] = option(
-        Decided(),
-        frozenset(),
+    decided: tuple[str, ...] = option(
+        Names(),
+        (),
         help="Names of the options (direction, errors, discretisation) that were chosen automatically, for the record.",
     )
 
@@ -595,12 +519,16 @@ class ModelOptions(Options):
         InputError
             With the reason.
         """
-        for name, one in self.declared.items():
-            one.kind.require_storable(name, getattr(self, name))
+        from softness_bayes.parameters.priors import require_storable
+
+        for name, prior in {**self.priors, "unknown modulus": self.unknown_modulus}.items():
+            require_storable(f"prior of {name}", prior)
+        self.readings.require_names()
+        require_scale(self.scale)
 
     def decide(self, **chosen: Any) -> Self:
         """Return the options with open choices filled in, given by name."""
-        return replace(self, **chosen, decided=self.decided | chosen.keys())
+        return replace(self, **chosen, decided=tuple(dict.fromkeys([*self.decided, *chosen])))
 
     @property
     def kept_accuracy(self) -> float | None:
