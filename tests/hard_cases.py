@@ -19,7 +19,7 @@ import softness_bayes
 from oracles import plain_chain
 from oracles.plain_chain import RootLaw, Touch
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.magnitude import LogRatings, RatingParameters
+from softness_bayes.likelihood.magnitude import LogRatings
 from softness_bayes.touch.contact import Finger, Force, Indentation, solve_contact
 from softness_bayes.touch.neuron.firing import CurveError, RateCurve
 from softness_bayes.touch.neuron.gating import CONNOR_STEVENS_KINETICS, HODGKIN_HUXLEY_KINETICS, Gating
@@ -28,6 +28,7 @@ from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.receptors import receptor_current
 from softness_bayes.touch.scene import Scene
 from softness_bayes.touch.stress import ATTENUATED, HERTZ, stress
+from support.points import rated
 
 KEPT = Path(softness_bayes.__file__).parents[1] / "notebooks" / "results" / "hard_cases.csv"
 COLUMNS = ("case", "over", "worst error", "resolved more finely")
@@ -297,7 +298,7 @@ def likelihoods(designs):
         rate = np.array([0.0, 3.0, 12.0])
         design = Design(np.array(condition), np.array(participant), np.arange(3), max(participant) + 1)
         for tau, varsigma in ((0.5, 0.3), (1e-3, 2.0), (300.0, 100.0)):
-            given = RatingParameters(1.2, tau, varsigma)
+            given = rated(1.2, tau, varsigma)
             found = float(LogRatings(np.array(ratings), design).log_likelihood(rate, given))
             drive = 1.2 * np.log(rate[condition] + 0.1)
             exact = dense_log_density(ratings, participant, drive, tau, varsigma)

@@ -17,13 +17,14 @@ from softness_bayes.data import Fabrics, Ratings, write_fabrics, write_ratings
 from softness_bayes.data.columns import BEARABLE, FINGERTIP, SOLID
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import FALLS, RISES
-from softness_bayes.likelihood.magnitude import LogRatings, RatingModel, RatingParameters
+from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.parameters.priors import HalfNormal, LogNormal, Normal, Uniform
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.scene import Discretisation, Scene
 from softness_bayes.touch.stress import HERTZ
+from support.points import rated
 
 FEW = settings(derandomize=True, deadline=None, database=None, max_examples=25)
 VERY_FEW = settings(FEW, max_examples=4)
@@ -191,7 +192,7 @@ def test_the_order_of_the_kink_at_the_onset(smooth_firing, scene, onset_rate, po
 
 
 @st.composite
-def rated(draw):
+def ratings_of(draw):
     """Ratings of up to five fabrics under up to two loads by up to four participants, and mean rates."""
     fabrics, loads, people = draw(st.integers(1, 5)), draw(st.integers(1, 2)), draw(st.integers(1, 4))
     rows = draw(st.integers(1, 12))
@@ -200,14 +201,14 @@ def rated(draw):
     participant = np.array(draw(st.lists(index, min_size=rows, max_size=rows))) % people
     ratings = np.array(draw(st.lists(in_decades(1e-3, 1e5), min_size=rows, max_size=rows)))
     rate = draw(hnp.arrays(float, fabrics * loads, elements=st.just(0.0) | st.floats(1e-3, 40.0)))
-    parameters = RatingParameters(
+    parameters = rated(
         draw(st.floats(0.1, 3.0)), draw(in_decades(1e-3, 3.0)), draw(in_decades(0.02, 3.0)), draw(st.floats(0.0, 1.0))
     )
     return Design(condition, participant, np.tile(np.arange(fabrics), loads), people), ratings, rate, parameters
 
 
 @FEW
-@given(rated(), st.randoms(use_true_random=False))
+@given(ratings_of(), st.randoms(use_true_random=False))
 def test_likelihood_knows_no_order(case, random):
     design, ratings, rate, parameters = case
     value = float(LogRatings(ratings, design).log_likelihood(rate, parameters))
@@ -230,7 +231,7 @@ def test_likelihood_knows_no_order(case, random):
 
 
 @FEW
-@given(rated(), in_decades(1e-6, 1e6), st.sampled_from([RISES, FALLS]))
+@given(ratings_of(), in_decades(1e-6, 1e6), st.sampled_from([RISES, FALLS]))
 def test_likelihood_knows_no_unit_of_ratings(case, factor, direction):
     """With the prior's centre in the same unit the density changes by the Jacobian alone."""
     design, ratings, rate, parameters = case
@@ -241,24 +242,24 @@ def test_likelihood_knows_no_unit_of_ratings(case, factor, direction):
 
 
 @FEW
-@given(rated(), in_decades(0.1, 10.0))
+@given(ratings_of(), in_decades(0.1, 10.0))
 def test_likelihood_sees_ratios_of_rates_only(case, factor):
     """The logarithm of rate and eps is centred over the rows: one factor on both leaves it alone."""
     design, ratings, rate, parameters = case
     observed = LogRatings(ratings, design)
-    found = observed.log_likelihood(factor * rate, parameters._replace(eps=0.1 * factor))
+    found = observed.log_likelihood(factor * rate, parameters.replace(eps=0.1 * factor))
     assert float(found) == pytest.approx(float(observed.log_likelihood(rate, parameters)), rel=1e-9, abs=1e-8)
 
 
 @FEW
-@given(rated())
+@given(ratings_of())
 def test_one_batch_of_likelihoods_is_its_points(case):
     design, ratings, rate, parameters = case
     observed = LogRatings(ratings, design)
-    batch = RatingParameters(*(np.array([value, 1.3 * value + 0.01]) for value in parameters))
+    batch = parameters.each(lambda value: np.array([value, 1.3 * value + 0.01]))
     together = observed.log_likelihood(np.stack([rate, 2 * rate]), batch)
     for k in (0, 1):
-        alone = observed.log_likelihood((1 + k) * rate, RatingParameters(*(value[k] for value in batch)))
+        alone = observed.log_likelihood((1 + k) * rate, batch.part(k))
         assert together[k] == pytest.approx(float(alone), rel=1e-12, abs=1e-11)
 
 

@@ -101,7 +101,7 @@ class Residuals:
         member = csr_array((np.ones(rows), (group, np.arange(rows))), shape=(size, rows))
         found = np.empty((len(self.mean_rate), size))
         for k in pieces(len(found), rows):
-            values = self.observation.residual(self.mean_rate[k], part_of(self.parameters, k), part_of(self.effects, k))
+            values = self.observation.residual(self.mean_rate[k], self.parameters.part(k), part_of(self.effects, k))
             values = values**power if regressor is None else values * regressor[k][:, condition]
             found[k] = (member @ values.T).T
         return found

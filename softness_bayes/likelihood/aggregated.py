@@ -16,11 +16,12 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.effects import Effects
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.random_effects import LeaveOneOut
-from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
+from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.scales import AGGREGATED, Scale
 from softness_bayes.likelihood.stated import Stated
 
@@ -48,21 +49,21 @@ class AggregatedModel(RatingModel):
         """Model of single ratings by raters of the same population."""
         return RatingModel(self.direction, self.centre, self.spread)
 
-    def of_means(self, parameters: RatingParameters) -> RatingParameters:
+    def of_means(self, parameters: Parameters) -> Parameters:
         """Return the parameters with tau and varsigma replaced by those of means over n raters."""
         root = math.sqrt(self.raters)
-        return parameters._replace(
+        return parameters.replace(
             tau=np.asarray(parameters.tau, float) / root, varsigma=np.asarray(parameters.varsigma, float) / root
         )
 
-    def error_sd(self, parameters: RatingParameters) -> FloatArray:
+    def error_sd(self, parameters: Parameters) -> FloatArray:
         """Return the standard deviation of a log mean about its panel's, shape (...)."""
         return super().error_sd(self.of_means(parameters))
 
     def draw_effects(
         self,
         rng: np.random.Generator,
-        parameters: RatingParameters,
+        parameters: Parameters,
         shape: tuple[int, ...],
         n_participants: int,
         n_fabrics: int,
@@ -71,9 +72,7 @@ class AggregatedModel(RatingModel):
         """Effects of new panels and new fabrics, of batch ``shape``."""
         return super().draw_effects(rng, self.of_means(parameters), shape, n_participants, n_fabrics, levels)
 
-    def with_new_participants(
-        self, rng: np.random.Generator, parameters: RatingParameters, effects: Effects
-    ) -> Effects:
+    def with_new_participants(self, rng: np.random.Generator, parameters: Parameters, effects: Effects) -> Effects:
         """Replace all panels' effects with those of new panels."""
         return super().with_new_participants(rng, self.of_means(parameters), effects)
 
@@ -88,19 +87,19 @@ class AggregatedRatings(LogRatings):
     Arguments are those of `LogRatings`; the participants of the design are panels.
     """
 
-    def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Log density of all means together, shape (...)."""
         return super().log_likelihood(mean_rate, self.model.of_means(parameters))
 
-    def leave_one_out(self, mean_rate: FloatArray, parameters: RatingParameters) -> LeaveOneOut:
+    def leave_one_out(self, mean_rate: FloatArray, parameters: Parameters) -> LeaveOneOut:
         """The normal law of each log mean given all the others, arrays of shape (..., rows)."""
         return super().leave_one_out(mean_rate, self.model.of_means(parameters))
 
-    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Log density of all means of each panel given all other panels', shape (draws, panels)."""
         return super().log_likelihood_participants(mean_rate, self.model.of_means(parameters))
 
-    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Effects:
+    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
         """Exact draws of mu, panels and fabrics given the means, one for each point of the batch."""
         return super().draw_effects(rng, mean_rate, self.model.of_means(parameters))
 

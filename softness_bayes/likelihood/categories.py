@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.contract import Effects
+from softness_bayes.likelihood.contract import Effects, Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings
-from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.likelihood.row_laws import Rows
 from softness_bayes.likelihood.scales import CATEGORIES, Scale
 from softness_bayes.likelihood.stated import Stated
@@ -60,9 +59,9 @@ class CategoryModel(IntervalModel):
         """Names of the model's parameters."""
         return (*super().needs, *self.gaps)
 
-    def thresholds(self, parameters: RatingParameters) -> FloatArray:
+    def thresholds(self, parameters: Parameters) -> FloatArray:
         """Return the upper thresholds of all categories except the last, shape (..., categories - 1)."""
-        shape = np.broadcast_shapes(*(np.shape(value) for value in parameters))
+        shape = parameters.batch_shape()
         gaps = [np.broadcast_to(np.asarray(getattr(parameters, name), float), shape) for name in self.gaps]
         return np.cumsum(np.stack([np.zeros(shape), *gaps], axis=-1), axis=-1)
 
@@ -73,7 +72,7 @@ class CategoryModel(IntervalModel):
     def draw_effects(
         self,
         rng: np.random.Generator,
-        parameters: RatingParameters,
+        parameters: Parameters,
         shape: tuple[int, ...],
         n_participants: int,
         n_fabrics: int,
@@ -83,7 +82,7 @@ class CategoryModel(IntervalModel):
         drawn = super().draw_effects(rng, parameters, shape, n_participants, n_fabrics, levels)
         return self.with_thresholds(drawn, parameters)
 
-    def with_thresholds(self, effects: Effects, parameters: RatingParameters) -> CategoryEffects:
+    def with_thresholds(self, effects: Effects, parameters: Parameters) -> CategoryEffects:
         """Return the effects together with the thresholds of categories."""
         found = self.thresholds(parameters)
         threshold = np.broadcast_to(found, (*effects.mu.shape, found.shape[-1]))
@@ -94,7 +93,7 @@ class CategoryModel(IntervalModel):
         rng: np.random.Generator,
         design: Design,
         drive: FloatArray,
-        parameters: RatingParameters,
+        parameters: Parameters,
         effects: Effects,
     ) -> FloatArray:
         """One category for every row of a design, shape (..., rows)."""
@@ -136,7 +135,7 @@ class CategoryRatings(IntervalRatings):
         """None, because the thresholds of categories are sampled."""
         return None
 
-    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Effects:
+    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
         """Draws of mu and participants' scales given the ratings, together with the thresholds."""
         return self.model.with_thresholds(super().draw_effects(rng, mean_rate, parameters), parameters)
 
@@ -144,14 +143,14 @@ class CategoryRatings(IntervalRatings):
         self,
         rng: np.random.Generator,
         drive: FloatArray,
-        parameters: RatingParameters,
+        parameters: Parameters,
         effects: Effects,
         mean_rate: FloatArray | None = None,
     ) -> FloatArray:
         """Return one category for every row, shape (..., rows)."""
         return self.model.draw_ratings(rng, self.design, drive, parameters, effects)
 
-    def _rows_at(self, parameters: RatingParameters) -> Rows:
+    def _rows_at(self, parameters: Parameters) -> Rows:
         ends = self.model.thresholds(parameters)
         shape = (*ends.shape[:-1], 1)
         ends = np.concatenate([np.full(shape, -np.inf), ends, np.full(shape, np.inf)], axis=-1)

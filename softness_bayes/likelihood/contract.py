@@ -9,7 +9,7 @@ one point, or any array of draws; members treat each point independently.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
@@ -21,13 +21,40 @@ from softness_bayes.likelihood.scales import Scale
 from softness_bayes.parameters.priors import Prior
 
 FloatArray = NDArray[np.float64]
-Parameters = Any
-"""A NamedTuple of numbers and arrays (...): the parameters that a model needs, in SI units."""
 Effects = Any
 """A NamedTuple of arrays: those shared by all observations (...), and those of participants or fabrics (..., k)."""
 
 NO_RESPONSE: FloatArray = np.empty(0)
 """The mean rate without conditions, for models without receptors: shape (0,), or (..., 0) with a batch shape."""
+
+
+class Parameters:
+    """Parameters of a model by name, in SI units: numbers, or arrays of batch shape (...), as attributes.
+
+    Those that a model lacks are absent: asking for one is an error.
+    """
+
+    def __init__(self, **values: ArrayLike) -> None:
+        vars(self).update(values)
+
+    def __getattr__(self, name: str) -> Any:
+        raise AttributeError(f"these parameters have no {name!r}, only {', '.join(vars(self))}")
+
+    def replace(self, **values: ArrayLike) -> Parameters:
+        """Return the parameters with some replaced or added."""
+        return Parameters(**{**vars(self), **values})
+
+    def each(self, change: Callable[[Any], Any]) -> Parameters:
+        """Return the parameters with a function applied to each value."""
+        return Parameters(**{name: change(value) for name, value in vars(self).items()})
+
+    def part(self, draws: Any) -> Parameters:
+        """Return the parameters of some draws; numbers are unchanged."""
+        return self.each(lambda value: np.asarray(value)[draws] if np.ndim(value) else value)
+
+    def batch_shape(self, *first: tuple[int, ...]) -> tuple[int, ...]:
+        """Return the common shape of all values and of any other shapes; numbers, which are most, have none."""
+        return np.broadcast_shapes(*first, *(shape for v in vars(self).values() if (shape := getattr(v, "shape", ()))))
 
 
 class Model(Protocol):
@@ -48,9 +75,6 @@ class Model(Protocol):
     @property
     def levels(self) -> Mapping[str, Prior]:
         """Priors of the effects that all observations share, by name; these are drawn after a run."""
-
-    def take(self, values: Mapping[str, ArrayLike]) -> Parameters:
-        """Return the model's parameters from values by name [SI], numbers or arrays (...); other names are ignored."""
 
     def error_sd(self, parameters: Parameters) -> FloatArray:
         """Return the standard deviation of an error's `ErrorLaw.normal_scores`, shape (...), in `Scale.unit`."""
@@ -110,7 +134,7 @@ class Likelihood(ABC):
             its batch shape, as that of `NO_RESPONSE`. Here and elsewhere, its batch shape is broadcast with that of the
             parameters.
         parameters
-            From `Model.take`, of batch shape (...).
+            Those that the model needs, of batch shape (...).
         """
 
     @abstractmethod

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
+from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.error_laws import ERROR_LAWS
 from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.scales import Scale
@@ -16,7 +17,7 @@ from softness_bayes.likelihood.scales import Scale
 FloatArray = NDArray[np.float64]
 
 MEMBERS = (
-    "scale", "error", "needs", "levels", "direction", "take", "error_sd", "typical", "named_effects", "drive",
+    "scale", "error", "needs", "levels", "direction", "error_sd", "typical", "named_effects", "drive",
     "drive_at", "draw_effects", "with_new_participants", "for_others", "draw_ratings", "observe",
 )  # fmt: skip
 """Required members of a model of ratings."""
@@ -70,7 +71,7 @@ def try_likelihood(observed: RatingsLikelihood, mean_rate: FloatArray, values: M
             raise InputError(f"{own}{name} has shape {np.shape(found)}, expected {shape}")
         return found
 
-    p = tried("take", lambda: model.take(values))
+    p = Parameters(**values)
     tried("error_sd", lambda: model.error_sd(p), (draws,))
     tried("log_likelihood", lambda: observed.log_likelihood(mean_rate, p), (draws,))
     tried("log_likelihood_loo", lambda: observed.log_likelihood_loo(mean_rate, p), (draws, rows))

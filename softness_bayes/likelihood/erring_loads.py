@@ -7,10 +7,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design, IndexArray
 from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
-from softness_bayes.likelihood.ratings import RatingParameters
 
 FloatArray = NDArray[np.float64]
 
@@ -53,19 +53,19 @@ class ErringLoads(LogRatings):
             [fabric, *[fabric[self.errors.condition[self.errors.uncertain]]] * len(self.errors.nodes)]
         )
 
-    def drive(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def drive(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the response's contribution in each condition at its stated load, shape (..., conditions)."""
         return super().drive_at(self._stated(mean_rate), self._stated(mean_rate), parameters)
 
-    def drive_at(self, elsewhere: FloatArray, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def drive_at(self, elsewhere: FloatArray, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return `drive` at other mean rates [Hz], shape (..., k)."""
         return super().drive_at(elsewhere, self._stated(mean_rate), parameters)
 
-    def predictor(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def predictor(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return log(N/N_ref + eps) at the stated loads, shape (..., conditions)."""
         return super().predictor(self._stated(mean_rate), parameters)
 
-    def drives(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def drives(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the drive of each touch under its lower, stated and higher loads, (loads, ..., touches)."""
         return np.moveaxis(self.drive_at(mean_rate, mean_rate, parameters)[..., self._columns], -1, 0)
 

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.contract import Effects
+from softness_bayes.likelihood.contract import Effects, Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.individual_effects import IndividualEffects, own_drive
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
@@ -25,7 +25,7 @@ from softness_bayes.likelihood.mu_nodes import RaterLaw, about_mu, at_nodes, dra
 from softness_bayes.likelihood.pieces import in_pieces
 from softness_bayes.likelihood.pressed import PressedRaters
 from softness_bayes.likelihood.rater_sums import RaterSums
-from softness_bayes.likelihood.ratings import OF_FORCES, SKIN, RatingParameters
+from softness_bayes.likelihood.ratings import OF_FORCES, SKIN
 from softness_bayes.likelihood.stated import Stated
 from softness_bayes.touch.fingers import EFFECT_OF, SPREAD_OF, FingerGrid, SkinLaws
 
@@ -52,7 +52,7 @@ class IndividualModel(RatingModel):
     grid: FingerGrid = field(default_factory=lambda: FingerGrid({"b": 3}))
 
     def drive_at(
-        self, elsewhere: FloatArray, design: Design, mean_rate: FloatArray, parameters: RatingParameters
+        self, elsewhere: FloatArray, design: Design, mean_rate: FloatArray, parameters: Parameters
     ) -> FloatArray:
         """As `RatingModel.drive_at`, centred over the typical finger's response."""
         return super().drive_at(elsewhere, design, mean_rate[..., : design.n_conditions], parameters)
@@ -60,7 +60,7 @@ class IndividualModel(RatingModel):
     def draw_effects(
         self,
         rng: np.random.Generator,
-        parameters: RatingParameters,
+        parameters: Parameters,
         shape: tuple[int, ...],
         n_participants: int,
         n_fabrics: int,
@@ -70,16 +70,14 @@ class IndividualModel(RatingModel):
         mu = self.draw_level(rng, shape, levels)
         return self._with_raters(rng, parameters, mu, (*shape, n_participants))
 
-    def with_new_participants(
-        self, rng: np.random.Generator, parameters: RatingParameters, effects: Effects
-    ) -> Effects:
+    def with_new_participants(self, rng: np.random.Generator, parameters: Parameters, effects: Effects) -> Effects:
         """Replace all raters' effects with those of new raters."""
         return self._with_raters(rng, parameters, effects.mu, effects.participant.shape)
 
     def for_others(
         self,
         rng: np.random.Generator,
-        parameters: RatingParameters,
+        parameters: Parameters,
         effects: Effects,
         n_participants: int,
         fabric: NDArray[np.intp],
@@ -88,13 +86,13 @@ class IndividualModel(RatingModel):
         return self._with_raters(rng, parameters, effects.mu, (*np.shape(effects.mu), n_participants))
 
     def _with_raters(
-        self, rng: np.random.Generator, parameters: RatingParameters, mu: FloatArray, shape: tuple[int, ...]
+        self, rng: np.random.Generator, parameters: Parameters, mu: FloatArray, shape: tuple[int, ...]
     ) -> Effects:
         participant = np.asarray(parameters.tau, float)[..., None] * rng.standard_normal(shape)
         finger = rng.choice(self.grid.size, size=shape, p=np.exp(self.grid.log_weight))
         return IndividualEffects(mu, participant, finger, self.deviation(finger, parameters))
 
-    def deviation(self, finger: NDArray[np.intp], parameters: RatingParameters) -> FloatArray:
+    def deviation(self, finger: NDArray[np.intp], parameters: Parameters) -> FloatArray:
         """Return the deviations of fingers of the grid from the typical one, shape (..., participants, quantities)."""
         spread = (np.asarray(getattr(parameters, SPREAD_OF[name]), float)[..., None] for name in self.grid.names)
         parts = [tau * self.grid.z[name][finger] for name, tau in zip(self.grid.names, spread, strict=True)]
@@ -105,7 +103,7 @@ class IndividualModel(RatingModel):
         rng: np.random.Generator,
         design: Design,
         drive: FloatArray,
-        parameters: RatingParameters,
+        parameters: Parameters,
         effects: Effects,
     ) -> FloatArray:
         """One rating for every row of a design, shape (..., rows), given the effects and the `drive` of all fingers."""
@@ -118,7 +116,7 @@ class IndividualModel(RatingModel):
         own = {EFFECT_OF[name]: (effects.deviation[..., k], ("participant",)) for k, name in enumerate(self.grid.names)}
         return {"mu": (effects.mu, ()), "participant_effect": (effects.participant, ("participant",)), **own}
 
-    def deviation_of_known(self, finger: NDArray[np.intp], known: SkinLaws, parameters: RatingParameters) -> FloatArray:
+    def deviation_of_known(self, finger: NDArray[np.intp], known: SkinLaws, parameters: Parameters) -> FloatArray:
         """Return `deviation` for the people in `known`, whose grids are centred on the laws of their own fingers."""
         found, z = self.deviation(finger, parameters), self.grid.z
         nothing = np.zeros(self.grid.size)
@@ -190,7 +188,7 @@ class IndividualRatings(LogRatings):
         """Return the likelihood if nobody had plate forces, with the same columns of mean rates."""
         return self if self.pressed is None else self.with_pressed(self.pressed.as_strangers())
 
-    def skins_of_pressed(self, parameters: RatingParameters) -> SkinLaws | None:
+    def skins_of_pressed(self, parameters: Parameters) -> SkinLaws | None:
         """Return the laws of the raters' skins given their plate forces; None if there are none."""
         return None if self.pressed is None else self.pressed.skins(self.model.grid.names, parameters)
 
@@ -202,16 +200,16 @@ class IndividualRatings(LogRatings):
         """Return the likelihood of the other ratings, with x still centred over all rows."""
         return type(self)(self.values[~rows], self.design.without(rows), self.model, self._over, self.pressed)
 
-    def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Log density of all ratings together, shape (...); arguments as for `LogRatings.log_likelihood`."""
         law = self._law(mean_rate, parameters)
         found = log_sum(self._at_mu(law), axis=-1) + law.constant.sum(axis=-1)
         return np.asarray(found - self._log.sum())
 
-    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Log density of each participant's ratings given those of all others, shape (draws, participants)."""
 
-        def alone(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        def alone(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
             law = self._law(mean_rate, parameters)
             found = np.zeros((*law.centre.shape, self.design.n_participants))
             everyone = log_sum(self._at_mu(law), axis=-1)
@@ -225,10 +223,10 @@ class IndividualRatings(LogRatings):
 
         return in_pieces(alone, 3 * self._own.rows.size * self.model.grid.size, mean_rate, parameters)
 
-    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Log density of each rating given all the others, shape (..., rows)."""
 
-        def alone(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        def alone(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
             total, density = [], []
             for weight, score, sd in self._left_out(mean_rate, parameters):
                 total.append(log_sum(weight, axis=-2))
@@ -238,10 +236,10 @@ class IndividualRatings(LogRatings):
 
         return in_pieces(alone, self._loo_width, mean_rate, parameters)
 
-    def below_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def below_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Probability of a smaller rating than the observed one given all the others, shape (..., rows)."""
 
-        def below(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        def below(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
             parts = [(weight, ndtr(score)) for weight, score, _ in self._left_out(mean_rate, parameters)]
             largest = np.max([weight.max(axis=-2) for weight, _ in parts], axis=0)[..., None, :]
             total = sum(np.exp(weight - largest).sum(axis=-2) for weight, _ in parts)
@@ -249,11 +247,11 @@ class IndividualRatings(LogRatings):
 
         return in_pieces(below, self._loo_width, mean_rate, parameters)
 
-    def predictor(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def predictor(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return log(N/N_ref + eps) of the typical finger, shape (..., conditions)."""
         return super().predictor(mean_rate[..., : self.design.n_conditions], parameters)
 
-    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Effects:
+    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
         """Draws of mu, raters' fingers and scales given the ratings, one for each point of the batch.
 
         Fingers are drawn given a node of mu, then mu and the scales exactly given the fingers.
@@ -278,7 +276,7 @@ class IndividualRatings(LogRatings):
         finger = finger + self._block * self.model.grid.size
         return IndividualEffects(mu + math.log(self.model.centre), participant, finger, deviation)
 
-    def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
+    def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return the residual of each log rating given the effects, shape (..., rows)."""
         own = own_drive(self.drive(mean_rate, parameters), self.design, effects.finger)
         expected = effects.mu[..., None] + own + effects.participant[..., self.design.participant]
@@ -288,7 +286,7 @@ class IndividualRatings(LogRatings):
     def _loo_width(self) -> int:
         return 20 * self.design.n_rows * self.model.grid.size
 
-    def _deviation_of(self, finger: NDArray[np.intp], parameters: RatingParameters) -> FloatArray:
+    def _deviation_of(self, finger: NDArray[np.intp], parameters: Parameters) -> FloatArray:
         """Return the deviations of each rater's finger in the grid of that rater, (..., participants, quantities)."""
         deviation, pressed = self.model.deviation(finger, parameters), self.pressed
         if pressed is None:
@@ -300,7 +298,7 @@ class IndividualRatings(LogRatings):
         deviation[..., pressed.rater[among], :] = own[..., among, :]
         return deviation
 
-    def _drives(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def _drives(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the drive of every finger in every condition, shape (..., grids, fingers, conditions)."""
         width, size = self.design.n_conditions, self.model.grid.size
         if mean_rate.shape[-1] != width * (1 + self.n_blocks * size):
@@ -328,7 +326,7 @@ class IndividualRatings(LogRatings):
             found[..., k] = values[..., self._block[raters[k]], :, :] @ weights[k]
         return found
 
-    def _law(self, mean_rate: FloatArray, parameters: RatingParameters) -> RaterLaw:
+    def _law(self, mean_rate: FloatArray, parameters: Parameters) -> RaterLaw:
         drive = self._drives(mean_rate, parameters)
         row = np.maximum(np.asarray(parameters.varsigma, float) ** 2, _LEAST_VARIANCE)[..., None]
         tau = np.asarray(parameters.tau, float)[..., None] ** 2
@@ -356,7 +354,7 @@ class IndividualRatings(LogRatings):
         return log_prior(law, self.model.spread) + at_nodes(law).sum(axis=-1)
 
     def _left_out(
-        self, mean_rate: FloatArray, parameters: RatingParameters
+        self, mean_rate: FloatArray, parameters: Parameters
     ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
         """Yield the predictive law of each row given all others, at one node of mu after another.
 

@@ -18,15 +18,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
+from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.effects import RATER_EFFECTS, RATER_SPREADS, Effects, RaterEffects
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.integrals import Integrals
 from softness_bayes.likelihood.lapses import Lapses, RaterRange, WholeScale
 from softness_bayes.likelihood.magnitude import RatingModel
-from softness_bayes.likelihood.pieces import batch_shape, in_pieces, over_draws
-from softness_bayes.likelihood.rater_effects import Given, LawParameters, NormalTable, Table
-from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
+from softness_bayes.likelihood.pieces import in_pieces, over_draws
+from softness_bayes.likelihood.rater_effects import Given, NormalTable, Table
+from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.row_laws import Rows, scores_at
 from softness_bayes.likelihood.scales import SLIDER, Scale
 from softness_bayes.likelihood.stated import Stated
@@ -68,11 +69,7 @@ class IntervalModel(RatingModel):
         """Names of the model's parameters."""
         return (*RatingModel.needs, *self.law.needs, *(RATER_SPREADS.values() if self.differ else ()))
 
-    def take(self, values: Mapping[str, ArrayLike]) -> RatingParameters:
-        """Return the model's parameters from values by name; without omega, fabrics have no deviations."""
-        return super().take({"omega": 0.0, **values})
-
-    def rater_spreads(self, parameters: RatingParameters) -> tuple[FloatArray, FloatArray]:
+    def rater_spreads(self, parameters: Parameters) -> tuple[FloatArray, FloatArray]:
         """Return the spreads of log exponents and log noise, (...); 0 for a quantity that does not differ."""
         exponent = parameters.tau_gamma if "gamma" in self.differ else 0.0
         noise = parameters.tau_varsigma if "varsigma" in self.differ else 0.0
@@ -81,7 +78,7 @@ class IntervalModel(RatingModel):
     def draw_effects(
         self,
         rng: np.random.Generator,
-        parameters: RatingParameters,
+        parameters: Parameters,
         shape: tuple[int, ...],
         n_participants: int,
         n_fabrics: int,
@@ -91,13 +88,13 @@ class IntervalModel(RatingModel):
         effects = super().draw_effects(rng, parameters, shape, n_participants, n_fabrics, levels)
         return self._with_differences(rng, parameters, effects)
 
-    def with_new_participants(self, rng: np.random.Generator, parameters: RatingParameters, effects: Any) -> Any:
+    def with_new_participants(self, rng: np.random.Generator, parameters: Parameters, effects: Any) -> Any:
         """Replace all raters' effects with those of new raters."""
         new = super().with_new_participants(rng, parameters, effects)
         return self._with_differences(rng, parameters, Effects(*new[:3])) if self.differ else new
 
     def _with_differences(
-        self, rng: np.random.Generator, parameters: RatingParameters, effects: Effects
+        self, rng: np.random.Generator, parameters: Parameters, effects: Effects
     ) -> Effects | RaterEffects:
         """Return effects with exponents and noise of new raters, if raters differ in them."""
         if not self.differ:
@@ -114,13 +111,13 @@ class IntervalModel(RatingModel):
             felt = np.exp(effects.log_gamma)[..., design.participant] * felt
         return np.asarray(effects.mu[..., None] + effects.participant[..., design.participant] + felt)
 
-    def error_spread(self, design: Design, parameters: RatingParameters, effects: Any) -> FloatArray:
+    def error_spread(self, design: Design, parameters: Parameters, effects: Any) -> FloatArray:
         """Return the spread of every row's error, shape (..., 1), or (..., rows) if raters differ."""
         typical = self.error_sd(parameters)[..., None]
         return typical * np.exp(effects.log_varsigma[..., design.participant]) if self.differ else typical
 
     def draw_attentive(
-        self, rng: np.random.Generator, design: Design, drive: FloatArray, parameters: RatingParameters, effects: Any
+        self, rng: np.random.Generator, design: Design, drive: FloatArray, parameters: Parameters, effects: Any
     ) -> FloatArray:
         """Return a number for every row without lapses and rounding, shape (..., rows)."""
         expected = self.expected_log(design, drive, effects)
@@ -128,7 +125,7 @@ class IntervalModel(RatingModel):
         return np.asarray(self.scale.natural(expected + self.error_spread(design, parameters, effects) * noise))
 
     def draw_ratings(
-        self, rng: np.random.Generator, design: Design, drive: FloatArray, parameters: RatingParameters, effects: Any
+        self, rng: np.random.Generator, design: Design, drive: FloatArray, parameters: Parameters, effects: Any
     ) -> FloatArray:
         """Return one number for every row of a design, shape (..., rows), before rounding to a grid."""
         numbers = self.draw_attentive(rng, design, drive, parameters, effects)
@@ -139,7 +136,7 @@ class IntervalModel(RatingModel):
         rng: np.random.Generator,
         numbers: FloatArray,
         design: Design,
-        parameters: RatingParameters,
+        parameters: Parameters,
         stated: Stated | None = None,
     ) -> FloatArray:
         """Return numbers (..., rows), a share `lapse` of them replaced by lapses.
@@ -310,42 +307,42 @@ class IntervalRatings(RatingsLikelihood):
         """Return the likelihood that the sampler uses by the reference, too."""
         return self._other(lapses=self._lapses, integrals=ONLY_REFERENCE)
 
-    def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of all ratings together, shape (...); arguments as in `Likelihood`."""
         density = self._integrals.laplace if self._how == LAPLACE else self._integrals.log_density
 
-        def whole(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        def whole(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
             given, middle, shape = self._given(mean_rate, parameters)
             return density(given, middle).reshape(*shape, 1) - self._log
 
         return in_pieces(whole, self.design.n_rows, mean_rate, parameters)[..., 0]
 
-    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of each rating given all the others, shape (..., rows)."""
 
-        def alone(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        def alone(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
             given, middle, shape = self._given(mean_rate, parameters)
             density = self._integrals.of_rows(given, middle)[0]
             return (density[:, self._back] - self._slope).reshape(*shape, -1)
 
         return in_pieces(alone, self.design.n_rows, mean_rate, parameters)
 
-    def below_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def below_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the probability of a rating below each observed one, given all the others, shape (..., rows).
 
         Half the probability of an equal one is added. Lapses are left out.
         """
 
-        def smaller(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        def smaller(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
             given, middle, shape = self._given(mean_rate, parameters)
             return self._integrals.of_rows(given, middle)[1][:, self._back].reshape(*shape, -1)
 
         return in_pieces(smaller, self.design.n_rows, mean_rate, parameters)
 
-    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of all ratings of each participant given all others', shape (..., participants)."""
 
-        def whole(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        def whole(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
             given, middle, shape = self._given(mean_rate, parameters)
             density = self._integrals.of_raters(given, middle)
             found = np.zeros((len(density), self.design.n_participants))
@@ -355,12 +352,12 @@ class IntervalRatings(RatingsLikelihood):
 
         return in_pieces(whole, self.design.n_rows, mean_rate, parameters)
 
-    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Any:
+    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: Parameters) -> Any:
         """Return draws of all effects given the ratings, one for each point of the batch."""
-        shape = batch_shape(mean_rate.shape[:-1], parameters)
+        shape = parameters.batch_shape(mean_rate.shape[:-1])
         design, raters = self.design, self._raters.size
 
-        def drawn(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        def drawn(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
             given, middle, shape = self._given(mean_rate, parameters)
             drawn = self._integrals.draw(rng, given, middle)
             own = np.zeros((*drawn.own.shape[:2], 3))
@@ -384,7 +381,7 @@ class IntervalRatings(RatingsLikelihood):
         self,
         rng: np.random.Generator,
         drive: FloatArray,
-        parameters: RatingParameters,
+        parameters: Parameters,
         effects: Any,
         mean_rate: FloatArray | None = None,
     ) -> FloatArray:
@@ -392,7 +389,7 @@ class IntervalRatings(RatingsLikelihood):
         numbers = self.model.draw_attentive(rng, self.design, drive, parameters, effects)
         return self._stated.rounded(self.model.with_lapses(rng, numbers, self.design, parameters, self._stated))
 
-    def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Any) -> FloatArray:
+    def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: Any) -> FloatArray:
         """Return the residual of each log rating as a normal score times the typical spread, shape (..., rows).
 
         An interval's residual is taken at a random share of its probability, drawn once per row.
@@ -407,10 +404,10 @@ class IntervalRatings(RatingsLikelihood):
     def _shares(self) -> FloatArray:
         return np.random.default_rng(_SEED).uniform(size=self.design.n_rows)
 
-    def _given(self, mean_rate: FloatArray, parameters: RatingParameters) -> tuple[Given, FloatArray, tuple[int, ...]]:
+    def _given(self, mean_rate: FloatArray, parameters: Parameters) -> tuple[Given, FloatArray, tuple[int, ...]]:
         """Return everything but the effects for a flat batch, a number inside of each interval, and the batch shape."""
         drive = self.drive(mean_rate, parameters)
-        shape = batch_shape(drive.shape[:-1], parameters)
+        shape = parameters.batch_shape(drive.shape[:-1])
         drive = np.broadcast_to(drive, (*shape, drive.shape[-1])).reshape(-1, drive.shape[-1])
 
         def column(value: ArrayLike) -> FloatArray:
@@ -420,7 +417,7 @@ class IntervalRatings(RatingsLikelihood):
             return column(value) if (np.asarray(value) > 0.0).any() else None
 
         spread = np.maximum(column(parameters.varsigma), _LEAST_SPREAD)
-        law = LawParameters(over_draws(parameters.nu, shape), over_draws(parameters.lapse, shape))
+        law = Parameters(**{name: over_draws(getattr(parameters, name), shape) for name in self.model.law.needs})
         rows = self._rows_at(parameters)
         exponent, noise = (present(value) for value in self.model.rater_spreads(parameters))
         flat = Rows(*(part if part.ndim == 1 else _flat(part, shape) for part in rows))
@@ -432,7 +429,7 @@ class IntervalRatings(RatingsLikelihood):
             given = self._table.with_moments(given)
         return given, self._middle_of(flat, spread), shape
 
-    def _rows_at(self, parameters: RatingParameters) -> Rows:
+    def _rows_at(self, parameters: Parameters) -> Rows:
         """Return every row's interval, sorted by rater; in this class independent of the parameters."""
         return self._rows
 

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from softness_bayes.errors import InputError
+from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import RISES, RatingDirection
 from softness_bayes.likelihood.effects import Effects
@@ -20,7 +21,7 @@ from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.left_out import participant_log_density
 from softness_bayes.likelihood.pieces import in_pieces
 from softness_bayes.likelihood.random_effects import EffectSpreads, LeaveOneOut, RandomEffects
-from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
+from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.scales import MAGNITUDE, Scale
 from softness_bayes.likelihood.stated import Stated
 from softness_bayes.parameters.priors import Normal, Prior
@@ -57,15 +58,11 @@ class RatingModel:
         """The prior of mu."""
         return Normal(math.log(self.centre), self.spread)
 
-    def take(self, values: Mapping[str, ArrayLike]) -> RatingParameters:
-        """Return the model's parameters from values by name."""
-        return RatingParameters.among(values)
-
-    def error_sd(self, parameters: RatingParameters) -> FloatArray:
+    def error_sd(self, parameters: Parameters) -> FloatArray:
         """Return the standard deviation of a log rating about its expectation for the participant, shape (...)."""
         return np.asarray(parameters.varsigma, float)
 
-    def drive(self, design: Design, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def drive(self, design: Design, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the response's contribution to the log rating in each condition of a design.
 
         Parameters
@@ -84,7 +81,7 @@ class RatingModel:
         return self.drive_at(mean_rate, design, mean_rate, parameters)
 
     def drive_at(
-        self, elsewhere: FloatArray, design: Design, mean_rate: FloatArray, parameters: RatingParameters
+        self, elsewhere: FloatArray, design: Design, mean_rate: FloatArray, parameters: Parameters
     ) -> FloatArray:
         """Return `drive` at other mean rates [Hz], shape (..., k), centred over the rows of the design."""
         eps = np.asarray(parameters.eps, float)[..., None]
@@ -96,7 +93,7 @@ class RatingModel:
     def draw_effects(
         self,
         rng: np.random.Generator,
-        parameters: RatingParameters,
+        parameters: Parameters,
         shape: tuple[int, ...],
         n_participants: int,
         n_fabrics: int,
@@ -118,9 +115,7 @@ class RatingModel:
             mu = math.log(self.centre) + self.spread * rng.standard_normal(shape)
         return np.broadcast_to(np.asarray(mu, float), shape)
 
-    def with_new_participants(
-        self, rng: np.random.Generator, parameters: RatingParameters, effects: Effects
-    ) -> Effects:
+    def with_new_participants(self, rng: np.random.Generator, parameters: Parameters, effects: Effects) -> Effects:
         """Replace all participants' effects with those of new participants."""
         tau = np.asarray(parameters.tau, float)[..., None]
         return effects._replace(participant=tau * rng.standard_normal(effects.participant.shape))
@@ -128,7 +123,7 @@ class RatingModel:
     def for_others(
         self,
         rng: np.random.Generator,
-        parameters: RatingParameters,
+        parameters: Parameters,
         effects: Effects,
         n_participants: int,
         fabric: NDArray[np.intp],
@@ -143,7 +138,7 @@ class RatingModel:
         rng: np.random.Generator,
         design: Design,
         drive: FloatArray,
-        parameters: RatingParameters,
+        parameters: Parameters,
         effects: Effects,
     ) -> FloatArray:
         """One rating for every row of a design, shape (..., rows), given the effects and `drive`."""
@@ -154,7 +149,7 @@ class RatingModel:
         rng: np.random.Generator,
         design: Design,
         drive: FloatArray,
-        parameters: RatingParameters,
+        parameters: Parameters,
         effects: Effects,
     ) -> FloatArray:
         """Equivalent of `draw_ratings` without lapses and rounding."""
@@ -162,7 +157,7 @@ class RatingModel:
         log_rating = log_rating + effects.participant[..., design.participant]
         return self.scatter(rng, log_rating, parameters)
 
-    def scatter(self, rng: np.random.Generator, log_rating: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def scatter(self, rng: np.random.Generator, log_rating: FloatArray, parameters: Parameters) -> FloatArray:
         """Ratings, shape (..., rows), whose logs scatter about their expectations."""
         noise = self.error.draw(rng, log_rating.shape, parameters)
         return self.scale.natural(log_rating + self.error_sd(parameters)[..., None] * noise)
@@ -232,7 +227,7 @@ class LogRatings(RatingsLikelihood):
     def _effects(self) -> RandomEffects:
         return RandomEffects(self.design, self._log, math.log(self.model.centre), self.model.spread)
 
-    def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Log density of all ratings together.
 
         Parameters
@@ -249,42 +244,42 @@ class LogRatings(RatingsLikelihood):
         drive = self.drive(mean_rate, parameters)
         return self._effects.log_density(drive, spreads_of(parameters)) + self._jacobian
 
-    def leave_one_out(self, mean_rate: FloatArray, parameters: RatingParameters) -> LeaveOneOut:
+    def leave_one_out(self, mean_rate: FloatArray, parameters: Parameters) -> LeaveOneOut:
         """The normal law of each log rating given all the others, arrays of shape (..., rows)."""
         drive = self.drive(mean_rate, parameters)
         return self._effects.leave_one_out(drive, spreads_of(parameters))
 
-    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Log density of each rating given all the others, shape (..., rows)."""
 
-        def alone(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        def alone(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
             mean, sd = self.leave_one_out(mean_rate, parameters)
             return -0.5 * ((self._log - mean) / sd) ** 2 - np.log(sd) - _LOG_ROOT_TWO_PI - self._log
 
         return in_pieces(alone, self._effects.width, mean_rate, parameters)
 
-    def below_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def below_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Probability of a smaller rating than the observed one given all the others, shape (..., rows)."""
 
-        def below(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        def below(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
             mean, sd = self.leave_one_out(mean_rate, parameters)
             return np.asarray(ndtr((self._log - mean) / sd))
 
         return in_pieces(below, self._effects.width, mean_rate, parameters)
 
-    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Log density of each participant's ratings given those of all others, shape (draws, participants)."""
         drive, model, person = self.drive(mean_rate, parameters), self.model, self.design.participant
         level = math.log(model.centre), model.spread
         density = participant_log_density(self.design, self._log, *level, drive, spreads_of(parameters))
         return density - np.bincount(person, self._log, self.design.n_participants)
 
-    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Effects:
+    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
         """Exact draws of mu, participants and fabrics given the ratings, one for each point of the batch."""
         drive = self.drive(mean_rate, parameters)
         return self._effects.draw_effects(rng, drive, spreads_of(parameters))
 
-    def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
+    def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return the residual of each log rating given the effects, shape (..., rows)."""
         drive, design = self.drive(mean_rate, parameters), self.design
         expected = effects.mu[..., None] + (drive + effects.fabric[..., design.fabric])[..., design.condition]
@@ -292,6 +287,6 @@ class LogRatings(RatingsLikelihood):
         return self.model.error.normal_scores(errors, parameters)
 
 
-def spreads_of(parameters: RatingParameters) -> EffectSpreads:
+def spreads_of(parameters: Parameters) -> EffectSpreads:
     """Return the standard deviations of the effects."""
     return EffectSpreads(parameters.tau, parameters.varsigma, parameters.omega)

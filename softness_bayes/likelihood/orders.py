@@ -18,13 +18,13 @@ from scipy.special import expit, ndtri
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.comparison_information import Comparisons, order_information
-from softness_bayes.likelihood.contract import Effects
+from softness_bayes.likelihood.contract import Effects, Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import GUMBEL, GUMBEL_SD, ErrorLaw
 from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.pieces import in_pieces
 from softness_bayes.likelihood.places import RankedLists
-from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
+from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.scales import RANKS, Scale
 from softness_bayes.likelihood.stated import Stated
 from softness_bayes.parameters.priors import Prior
@@ -56,11 +56,7 @@ class OrderModel(RatingModel):
     error: ClassVar[ErrorLaw] = GUMBEL
     needs: ClassVar[tuple[str, ...]] = ("gamma", "varsigma", "eps")
 
-    def take(self, values: Mapping[str, ArrayLike]) -> RatingParameters:
-        """Return the model's parameters from values by name; participants and fabrics have no effects."""
-        return super().take(values)._replace(tau=0.0, omega=0.0)
-
-    def noise_of(self, parameters: RatingParameters) -> FloatArray:
+    def noise_of(self, parameters: Parameters) -> FloatArray:
         """Return the scale of the Gumbel distribution, the unit of the noise, shape (...)."""
         return np.asarray(np.maximum(np.asarray(parameters.varsigma, float), LEAST_SPREAD) / GUMBEL_SD)
 
@@ -72,7 +68,7 @@ class OrderModel(RatingModel):
     def draw_effects(
         self,
         rng: np.random.Generator,
-        parameters: RatingParameters,
+        parameters: Parameters,
         shape: tuple[int, ...],
         n_participants: int,
         n_fabrics: int,
@@ -81,16 +77,14 @@ class OrderModel(RatingModel):
         """Return the scale of the noise, of batch ``shape``: there are no effects to draw."""
         return OrderEffects(np.broadcast_to(self.noise_of(parameters), shape))
 
-    def with_new_participants(
-        self, rng: np.random.Generator, parameters: RatingParameters, effects: Effects
-    ) -> Effects:
+    def with_new_participants(self, rng: np.random.Generator, parameters: Parameters, effects: Effects) -> Effects:
         """Return the same effects: participants have none."""
         return effects
 
     def for_others(
         self,
         rng: np.random.Generator,
-        parameters: RatingParameters,
+        parameters: Parameters,
         effects: Effects,
         n_participants: int,
         fabric: IndexArray,
@@ -103,7 +97,7 @@ class OrderModel(RatingModel):
         rng: np.random.Generator,
         design: Design,
         drive: FloatArray,
-        parameters: RatingParameters,
+        parameters: Parameters,
         effects: Effects,
     ) -> FloatArray:
         """Return the place of every row in the list of all rows of its participant, shape (..., rows)."""
@@ -111,7 +105,7 @@ class OrderModel(RatingModel):
         return shares(drawn, design.participant)
 
     def draw_latent(
-        self, rng: np.random.Generator, design: Design, drive: FloatArray, parameters: RatingParameters
+        self, rng: np.random.Generator, design: Design, drive: FloatArray, parameters: Parameters
     ) -> FloatArray:
         """Return the latent softness of every row of a design, shape (..., rows)."""
         expected = drive[..., design.condition]
@@ -122,7 +116,7 @@ class OrderModel(RatingModel):
         """Return the probability of being placed above a touch with the design's mean drive, shape (..., k)."""
         return self.chance(drive / effects.noise[..., None])
 
-    def chance(self, apart: FloatArray, parameters: RatingParameters | None = None) -> FloatArray:
+    def chance(self, apart: FloatArray, parameters: Parameters | None = None) -> FloatArray:
         """Return the probability that the first of two touches is placed above the second.
 
         Parameters
@@ -134,7 +128,7 @@ class OrderModel(RatingModel):
         """
         return np.asarray(expit(apart))
 
-    def guesses(self, parameters: RatingParameters) -> FloatArray:
+    def guesses(self, parameters: Parameters) -> FloatArray:
         """Return the share of guesses, shape (...) or (); laws without lapses have none."""
         return np.asarray(parameters.lapse, float) if self.error.lapses else np.asarray(0.0)
 
@@ -225,14 +219,14 @@ class OrderRatings(RatingsLikelihood):
         design = self.design.without(rows)
         return type(self)(self.values[~rows], design, self.model, self._over, self.lists[~rows])
 
-    def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Log probability of all orders together, shape (...); arguments as `LogRatings.log_likelihood`."""
         return self._by_list(mean_rate, parameters).sum(axis=-1)
 
-    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Log probability of each touch's place given the order of all others of its list, shape (..., rows)."""
 
-        def alone(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        def alone(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
             worth = self._worth(mean_rate, parameters)
             whole = self._places.log_factors(worth).sum(axis=-1)
             rest = [self._places.without(k).log_factors(worth).sum(axis=-1) for k in range(self._places.width)]
@@ -240,13 +234,13 @@ class OrderRatings(RatingsLikelihood):
 
         return in_pieces(alone, self._places.width * self.design.n_rows, mean_rate, parameters)
 
-    def below_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def below_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Probability of a lower place than that of each touch given the order of all others, shape (..., rows).
 
         Half the probability of the observed place is added.
         """
 
-        def smaller(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        def smaller(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
             worth, places = self._worth(mean_rate, parameters), self._places
             found = []
             for k in range(places.width):
@@ -256,19 +250,19 @@ class OrderRatings(RatingsLikelihood):
 
         return in_pieces(smaller, self._places.width * self.design.n_rows, mean_rate, parameters)
 
-    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Log probability of each participant's orders, shape (draws, participants); participants are independent."""
         return self._by_list(mean_rate, parameters) @ self._member
 
-    def log_likelihood_answers(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def log_likelihood_answers(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Log probability of the order of each list, shape (..., lists); lists are independent given the parameters."""
         return in_pieces(self._by_list, self._places.width * self.design.n_rows, mean_rate, parameters)
 
-    def expected(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
+    def expected(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return the expected share of its list that is placed below each condition, shape (..., conditions)."""
         return in_pieces(self._expected, self.design.n_conditions**2, mean_rate, parameters)
 
-    def _expected(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def _expected(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         drive = self.drive(mean_rate, parameters)
         return np.stack(
             [self._above(drive[..., [c]], drive, parameters, met)[..., 0] for c, met in enumerate(self._met)], axis=-1
@@ -277,7 +271,7 @@ class OrderRatings(RatingsLikelihood):
     def typical(
         self,
         mean_rate: FloatArray,
-        parameters: RatingParameters,
+        parameters: Parameters,
         effects: Effects,
         drive: FloatArray,
         among: IndexArray | None = None,
@@ -287,7 +281,7 @@ class OrderRatings(RatingsLikelihood):
         met = self._met[slice(None) if among is None else among].sum(axis=0)
         return self._above(drive, field, parameters, met)
 
-    def _above(self, drive: FloatArray, field: FloatArray, parameters: RatingParameters, met: FloatArray) -> FloatArray:
+    def _above(self, drive: FloatArray, field: FloatArray, parameters: Parameters, met: FloatArray) -> FloatArray:
         """Return the weighted mean probability of being placed above the conditions, shape (..., k)."""
         noise, total = self.model.noise_of(parameters)[..., None], 0.0
         for other in np.flatnonzero(met):
@@ -305,23 +299,23 @@ class OrderRatings(RatingsLikelihood):
             np.add.at(found, (own[:, None], own), mates)
         return found
 
-    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Effects:
+    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
         """Return the scale of the noise: there are no effects to draw."""
-        shape = np.broadcast_shapes(mean_rate.shape[:-1], *(np.shape(v) for v in parameters))
+        shape = parameters.batch_shape(mean_rate.shape[:-1])
         return self.new_effects(rng, parameters, shape)
 
     def replicate(
         self,
         rng: np.random.Generator,
         drive: FloatArray,
-        parameters: RatingParameters,
+        parameters: Parameters,
         effects: Effects,
         mean_rate: FloatArray | None = None,
     ) -> FloatArray:
         """Return the places of a simulated order of every list, shape (..., rows); ties keep their places."""
         return self._places.reordered(self._latent(rng, drive, parameters), self.values)
 
-    def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
+    def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return a normal score times varsigma for each touch, shape (..., rows).
 
         The touches of a list are taken one by one, in a fixed random order. The score is that of the place among the
@@ -332,7 +326,7 @@ class OrderRatings(RatingsLikelihood):
         share = np.clip(in_pieces(self._place_among_earlier, width, mean_rate, parameters), 1e-300, 1.0 - 1e-16)
         return np.asarray(self.model.error_sd(parameters)[..., None] * ndtri(share))
 
-    def _place_among_earlier(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def _place_among_earlier(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the distribution function of each touch's place among those taken before it, shape (..., rows)."""
         worth, places, found = self._worth(mean_rate, parameters), self._places, []
         for k in range(places.width):
@@ -343,11 +337,11 @@ class OrderRatings(RatingsLikelihood):
         lower, own = (places.by_row(part) for part in np.stack(found, axis=-1))
         return np.asarray(lower + self._shares * own)
 
-    def _by_list(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def _by_list(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log probability of each list's order, shape (..., lists)."""
         return self._places.log_factors(self._worth(mean_rate, parameters)).sum(axis=-1)
 
-    def _latent(self, rng: np.random.Generator, drive: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def _latent(self, rng: np.random.Generator, drive: FloatArray, parameters: Parameters) -> FloatArray:
         """Return simulated latent values whose order is the answer, shape (..., rows)."""
         return self.model.draw_latent(rng, self.design, drive, parameters)
 
@@ -364,7 +358,7 @@ class OrderRatings(RatingsLikelihood):
     def _shares(self) -> FloatArray:
         return np.random.default_rng(_SEED + 1).uniform(size=self.design.n_rows)
 
-    def _worth(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def _worth(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return each slot's drive in units of the noise, shape (..., lists, slots)."""
         return (self.drive(mean_rate, parameters) / self.model.noise_of(parameters)[..., None])[..., self._condition]
 

@@ -17,11 +17,11 @@ from scipy.special import log_ndtr, ndtr
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.comparison_information import Comparisons, pair_information
+from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.orders import LEAST_SPREAD, OrderModel, OrderRatings
 from softness_bayes.likelihood.places import index_within
-from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.likelihood.scales import PAIRS, Scale
 from softness_bayes.likelihood.stated import Stated
 
@@ -54,11 +54,11 @@ class PairModel(OrderModel):
         """Names of the model's parameters."""
         return ("gamma", "varsigma", "eps", *self.law.needs)
 
-    def noise_of(self, parameters: RatingParameters) -> FloatArray:
+    def noise_of(self, parameters: Parameters) -> FloatArray:
         """Return the standard deviation of the difference of two touches' noise, shape (...)."""
         return math.sqrt(2.0) * np.maximum(np.asarray(parameters.varsigma, float), LEAST_SPREAD)
 
-    def chance(self, apart: FloatArray, parameters: RatingParameters | None = None) -> FloatArray:
+    def chance(self, apart: FloatArray, parameters: Parameters | None = None) -> FloatArray:
         """Return the probability that the first of two touches is judged softer, as `OrderModel.chance`."""
         told = np.asarray(ndtr(apart))
         if parameters is None or not self.law.lapses:
@@ -103,22 +103,22 @@ class PairRatings(OrderRatings):
         # a tie carries no information
         self._told = self._places.filled.all(axis=1) & (self._places.group[:, -1] > 0)
 
-    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Log probability of each touch's place given the other touch, that of the pair, shape (..., rows)."""
         return self._by_list(mean_rate, parameters)[..., self._of_row]
 
-    def below_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def below_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Probability of a lower place than each touch's, plus half that of the observed place, shape (..., rows)."""
         own = np.exp(self.log_likelihood_loo(mean_rate, parameters))
         return np.where(self._upper, 1.0 - 0.5 * own, 0.5 * own)
 
-    def _latent(self, rng: np.random.Generator, drive: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def _latent(self, rng: np.random.Generator, drive: FloatArray, parameters: Parameters) -> FloatArray:
         """Return simulated latent values whose order is the answer, shape (..., rows); a guess is a random order."""
         latent = super()._latent(rng, drive, parameters)
         guessed = rng.random((*latent.shape[:-1], len(self._list))) < self.model.guesses(parameters)[..., None]
         return np.where(guessed[..., self._of_row], rng.standard_normal(latent.shape), latent)
 
-    def _place_among_earlier(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def _place_among_earlier(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the distribution function of each touch's place given the touch taken before it, shape (..., rows).
 
         The first touch of a pair has nothing to be compared with; its value is a fixed random number.
@@ -127,7 +127,7 @@ class PairRatings(OrderRatings):
         share = np.where(self._upper, 1.0 - own + self._shares * own, self._shares * own)
         return np.where(self._second, share, self._shares)
 
-    def _by_list(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def _by_list(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log probability of each pair's answer, shape (..., pairs); 0 for ties."""
         worth = self._worth(mean_rate, parameters)
         if self._places.width < 2:

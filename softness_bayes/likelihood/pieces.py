@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from softness_bayes.likelihood.contract import Parameters
 
 Array = NDArray[np.float64]
 
@@ -38,25 +40,17 @@ def part_of(values: Any, piece: Any) -> Any:
     return type(values)(*(value if np.ndim(value) == 0 else np.asarray(value)[piece] for value in values))
 
 
-def is_number(value: Any) -> bool:
-    """Return True for a number, or an array without axes; faster than `numpy.ndim`."""
-    return not getattr(value, "shape", ())
-
-
 def over_draws(value: Any, shape: tuple[int, ...]) -> Array:
     """Return a number or array for each of the draws of a batch shape, as one axis; without a copy where possible."""
-    if is_number(value):
+    if not getattr(value, "shape", ()):
         return np.full(math.prod(shape), value, float)
     found = np.asarray(value, float)
     return (found if found.shape == shape else np.broadcast_to(found, shape)).ravel()
 
 
-def batch_shape(first: tuple[int, ...], values: Iterable[Any]) -> tuple[int, ...]:
-    """Return the common shape of a first one and of all values; numbers, which are most, have none."""
-    return np.broadcast_shapes(first, *(np.shape(value) for value in values if not is_number(value)))
-
-
-def in_pieces(work: Callable[[Array, Any], Array], width: int, mean_rate: Array, parameters: Any) -> Array:
+def in_pieces(
+    work: Callable[[Array, Parameters], Array], width: int, mean_rate: Array, parameters: Parameters
+) -> Array:
     """Return ``work(mean_rate, parameters)``, of shape (..., columns), computed in chunks.
 
     Parameters
@@ -68,18 +62,18 @@ def in_pieces(work: Callable[[Array, Any], Array], width: int, mean_rate: Array,
     mean_rate
         Shape (..., conditions).
     parameters
-        A NamedTuple of numbers and arrays of the batch shape (...).
+        Numbers and arrays of the batch shape (...).
     """
-    shape = batch_shape(mean_rate.shape[:-1], parameters)
+    shape = parameters.batch_shape(mean_rate.shape[:-1])
     draws = int(np.prod(shape))
     parts = pieces(draws, width)
     if len(parts) <= 1:
         return work(mean_rate, parameters)
     rate = np.broadcast_to(mean_rate, (*shape, mean_rate.shape[-1])).reshape(draws, -1)
-    flat = type(parameters)(*(v if is_number(v) else over_draws(v, shape) for v in parameters))
-    first = work(rate[parts[0]], part_of(flat, parts[0]))
+    flat = parameters.each(lambda value: over_draws(value, shape) if np.ndim(value) else value)
+    first = work(rate[parts[0]], flat.part(parts[0]))
     found = np.empty((draws, first.shape[-1]))
     found[parts[0]] = first
     for piece in parts[1:]:
-        found[piece] = work(rate[piece], part_of(flat, piece))
+        found[piece] = work(rate[piece], flat.part(piece))
     return found.reshape((*shape, -1))

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.contract import NO_RESPONSE, Likelihood
+from softness_bayes.likelihood.contract import NO_RESPONSE, Likelihood, Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.pieces import in_pieces
@@ -29,19 +29,9 @@ _LOG_TWO_PI = math.log(2.0 * math.pi)
 _WIDTH = 8  # numbers per force and draw in leave-one-out densities
 
 
-class SkinParameters(NamedTuple):
-    """Skin of the typical finger, and spreads between fingers and of forces; numbers or arrays of batch shape (...)."""
-
-    b: ArrayLike
-    """Modulus at rest of the typical finger [Pa]."""
-    m: ArrayLike
-    """Its stiffening ([-] or [1/m], depending on the displacement reading)."""
-    tau_b: ArrayLike
-    """Standard deviation of ln b between fingers [-]."""
-    tau_m: ArrayLike
-    """Standard deviation of m between fingers."""
-    varsigma_f: ArrayLike
-    """Standard deviation of a log force about the curve of its finger [-]."""
+PLATE_PARAMETERS = ("b", "m", "tau_b", "tau_m", "varsigma_f")
+"""Skin of the typical finger, modulus at rest [Pa] and stiffening ([-] or [1/m], depending on the displacement
+reading); spreads of ln b and m between fingers; standard deviation of a log force about the curve of its finger [-]."""
 
 
 class FingerEffects(NamedTuple):
@@ -71,16 +61,12 @@ class PlateModel:
 
     scale: ClassVar[Scale] = PLATE_FORCE
     error: ClassVar[ErrorLaw] = NORMAL
-    needs: ClassVar[tuple[str, ...]] = SkinParameters._fields
+    needs: ClassVar[tuple[str, ...]] = PLATE_PARAMETERS
     levels: ClassVar[Mapping[str, Prior]] = MappingProxyType({})
     shape: Finger = Finger()
     displacement: SkinDisplacement = STRAIN
 
-    def take(self, values: Mapping[str, ArrayLike]) -> SkinParameters:
-        """Return the skin and its spreads from values by name [SI]."""
-        return SkinParameters(*(values[name] for name in SkinParameters._fields))
-
-    def error_sd(self, parameters: SkinParameters) -> Array:
+    def error_sd(self, parameters: Parameters) -> Array:
         """Return the standard deviation of a log force about the curve of its finger, shape (...)."""
         return np.asarray(parameters.varsigma_f, float)
 
@@ -177,7 +163,7 @@ class CompressionForces(Likelihood):
         kept = self.indentation[~rows], self.values[~rows], self.finger[~rows]
         return type(self)(*kept, self.n_fingers, self.model.shape, self.model.displacement)
 
-    def log_likelihood(self, mean_rate: Array, parameters: SkinParameters) -> Array:
+    def log_likelihood(self, mean_rate: Array, parameters: Parameters) -> Array:
         """Return the log density of all forces [1/N each] at parameters of batch shape (...), shape (...)."""
         law = self._law(mean_rate, parameters)
         spare, squares = self.n_rows - 2 * self.n_fingers, sum(self._noise.tolist())
@@ -186,7 +172,7 @@ class CompressionForces(Likelihood):
         quadratic = (law.residual[..., 1] ** 2 / law.second + law.apart**2 / law.first_given).sum(axis=-1)
         return np.asarray(-0.5 * (noise + determinant + quadratic) - self._log.sum())
 
-    def log_likelihood_participants(self, mean_rate: Array, parameters: SkinParameters) -> Array:
+    def log_likelihood_participants(self, mean_rate: Array, parameters: Parameters) -> Array:
         """Return the log density of each finger's forces, shape (..., fingers); fingers are independent."""
         law, rows = self._law(mean_rate, parameters), self.design.cells.sum(axis=1)
         variance = law.variance[..., None]
@@ -195,37 +181,37 @@ class CompressionForces(Likelihood):
         quadratic = law.residual[..., 1] ** 2 / law.second + law.apart**2 / law.first_given
         return -0.5 * (noise + determinant + quadratic) - np.bincount(self.finger, self._log, self.n_fingers)
 
-    def log_likelihood_loo(self, mean_rate: Array, parameters: SkinParameters) -> Array:
+    def log_likelihood_loo(self, mean_rate: Array, parameters: Parameters) -> Array:
         """Return the log density of each force given all the others, shape (..., rows)."""
 
-        def density(rate: Array, some: SkinParameters) -> Array:
+        def density(rate: Array, some: Parameters) -> Array:
             mean, sd = self._without_one(rate, some)
             return -0.5 * (((self._log - mean) / sd) ** 2 + _LOG_TWO_PI) - np.log(sd) - self._log
 
         return in_pieces(density, _WIDTH * self.n_rows, mean_rate, parameters)
 
-    def below_loo(self, mean_rate: Array, parameters: SkinParameters) -> Array:
+    def below_loo(self, mean_rate: Array, parameters: Parameters) -> Array:
         """Return the probability of a smaller force than the observed one given all the others, shape (..., rows)."""
 
-        def below(rate: Array, some: SkinParameters) -> Array:
+        def below(rate: Array, some: Parameters) -> Array:
             mean, sd = self._without_one(rate, some)
             return np.asarray(ndtr((self._log - mean) / sd))
 
         return in_pieces(below, _WIDTH * self.n_rows, mean_rate, parameters)
 
-    def drive(self, mean_rate: Array, parameters: SkinParameters) -> Array:
+    def drive(self, mean_rate: Array, parameters: Parameters) -> Array:
         """Return the log force [ln N] of every row on the typical finger, shape (..., rows)."""
         b, m = (np.asarray(v, float)[..., None] for v in (parameters.b, parameters.m))
         return np.asarray(np.log(b) + m * self._line.slope + self._line.offset + np.zeros((*mean_rate.shape[:-1], 1)))
 
-    def predictor(self, mean_rate: Array, parameters: SkinParameters) -> Array:
+    def predictor(self, mean_rate: Array, parameters: Parameters) -> Array:
         """Return u of every row, the regressor of ln F with slope m, shape (rows,)."""
         return self._line.slope
 
     def new_effects(
         self,
         rng: np.random.Generator,
-        parameters: SkinParameters,
+        parameters: Parameters,
         shape: tuple[int, ...],
         levels: Mapping[str, ArrayLike] | None = None,
     ) -> FingerEffects:
@@ -236,12 +222,12 @@ class CompressionForces(Likelihood):
         )
 
     def with_new_participants(
-        self, rng: np.random.Generator, parameters: SkinParameters, effects: FingerEffects
+        self, rng: np.random.Generator, parameters: Parameters, effects: FingerEffects
     ) -> FingerEffects:
         """Return the deviations of the same number of new fingers."""
         return self.new_effects(rng, parameters, effects.log_b.shape[:-1])
 
-    def draw_effects(self, rng: np.random.Generator, mean_rate: Array, parameters: SkinParameters) -> FingerEffects:
+    def draw_effects(self, rng: np.random.Generator, mean_rate: Array, parameters: Parameters) -> FingerEffects:
         """Return exact draws of the fingers' deviations given their forces, one for each point of the batch.
 
         A draw from the prior is corrected by the residual of its own simulated forces (Matheron's rule).
@@ -260,11 +246,13 @@ class CompressionForces(Likelihood):
         pulled = np.einsum("jab,...ja->...jb", turn, solved)
         return FingerEffects(blank.log_b + tau_b**2 * pulled[..., 0], blank.m + tau_m**2 * pulled[..., 1])
 
-    def finger_law(self, parameters: SkinParameters) -> FingerLaw:
+    def finger_law(self, parameters: Parameters) -> FingerLaw:
         """Return the law of each finger's deviations from the typical one given its forces, for batch shape (...)."""
         law = self._law(NO_RESPONSE, parameters)
         shape = law.residual.shape[:-1]
-        spread = np.stack(np.broadcast_arrays(*(np.asarray(v, float) for v in parameters[2:4])), axis=-1)
+        spread = np.stack(
+            np.broadcast_arrays(*(np.asarray(v, float) for v in (parameters.tau_b, parameters.tau_m))), axis=-1
+        )
         spread = np.broadcast_to(spread[..., None, :], (*shape, 2))
         reach = self._turn * spread[..., None, :]  # effect of each deviation's standard deviation, (..., fingers, 2, 2)
         turned = np.swapaxes(reach, -1, -2) / law.variance[..., None, None, None]
@@ -277,7 +265,7 @@ class CompressionForces(Likelihood):
         self,
         rng: np.random.Generator,
         drive: Array,
-        parameters: SkinParameters,
+        parameters: Parameters,
         effects: FingerEffects,
         mean_rate: Array | None = None,
     ) -> Array:
@@ -286,7 +274,7 @@ class CompressionForces(Likelihood):
         noise = self.model.error.draw(rng, expected.shape, parameters)
         return self.model.scale.natural(expected + self.model.error_sd(parameters)[..., None] * noise)
 
-    def residual(self, mean_rate: Array, parameters: SkinParameters, effects: FingerEffects) -> Array:
+    def residual(self, mean_rate: Array, parameters: Parameters, effects: FingerEffects) -> Array:
         """Return each log force minus the expectation for its finger, shape (..., rows)."""
         errors = self._log - self.drive(mean_rate, parameters) - self._own(effects)
         return self.model.error.normal_scores(errors, parameters)
@@ -307,14 +295,16 @@ class CompressionForces(Likelihood):
         """Return the finger's contribution to each log force, shape (..., rows)."""
         return effects.log_b[..., self.finger] + effects.m[..., self.finger] * self._line.slope
 
-    def _without_one(self, mean_rate: Array, parameters: SkinParameters) -> tuple[Array, Array]:
+    def _without_one(self, mean_rate: Array, parameters: Parameters) -> tuple[Array, Array]:
         """Return mean and standard deviation of each log force given all the others, shape (..., rows).
 
         The normal equations of a finger's deviations are summed over its other forces, which avoids cancellation.
         """
         z = np.column_stack([np.ones(self.n_rows), self._line.slope])
         others = (self.finger[:, None] == self.finger) & ~np.eye(self.n_rows, dtype=bool)
-        scale = np.stack(np.broadcast_arrays(*(np.asarray(v, float) for v in parameters[2:4])), axis=-1)[..., None, :]
+        scale = np.stack(
+            np.broadcast_arrays(*(np.asarray(v, float) for v in (parameters.tau_b, parameters.tau_m))), axis=-1
+        )[..., None, :]
         variance = np.maximum(self.model.error_sd(parameters) ** 2, _LEAST_VARIANCE)[..., None]
         typical = self.drive(mean_rate, parameters)
         left = np.einsum("ij,...j,ja->...ia", others, self._log - typical, z) / variance[..., None]
@@ -325,9 +315,9 @@ class CompressionForces(Likelihood):
         mean, reach = np.moveaxis((own[..., None] * solved).sum(axis=-2), -1, 0)
         return typical + mean, np.sqrt(variance + reach)
 
-    def _law(self, mean_rate: Array, parameters: SkinParameters) -> _Law:
-        b, m, tau_b, tau_m, varsigma = (np.asarray(v, float) for v in parameters)
-        shape = np.broadcast_shapes(mean_rate.shape[:-1], *(v.shape for v in (b, m, tau_b, tau_m, varsigma)))
+    def _law(self, mean_rate: Array, parameters: Parameters) -> _Law:
+        b, m, tau_b, tau_m, varsigma = (np.asarray(getattr(parameters, name), float) for name in PLATE_PARAMETERS)
+        shape = parameters.batch_shape(mean_rate.shape[:-1])
         variance = np.broadcast_to(np.maximum(varsigma**2, _LEAST_VARIANCE), shape)
         skin = np.stack([np.broadcast_to(np.log(b), shape), np.broadcast_to(m, shape)], axis=-1)
         residual = self._turned - np.einsum("jab,...b->...ja", self._turn, skin)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
-from softness_bayes.likelihood.ratings import RatingParameters
+from softness_bayes.likelihood.contract import Parameters
+from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.touch.fingers import SkinLaws
 
 
@@ -49,14 +49,13 @@ class PressedRaters:
         """Return the same people as if none of them were raters."""
         return PressedRaters(self.forces, np.full_like(self.rater, -1), self.finger)
 
-    def skins(self, names: Sequence[str], parameters: RatingParameters) -> SkinLaws:
+    def skins(self, names: Sequence[str], parameters: Parameters) -> SkinLaws:
         """Return the laws of their skins given the forces, for the quantities that differ between raters (`names`).
 
         Quantities that do not differ between raters have deviation 0. If m is one of them, a rater has the m of the
         typical finger, and the law of ln b is marginal over m in the forces.
         """
-        skin = SkinParameters(*(getattr(parameters, name) for name in SkinParameters._fields))
-        law = self.forces.finger_law(skin)
+        law = self.forces.finger_law(parameters)
         mean, root = law.mean[..., self.finger, :], law.root[..., self.finger, :, :]
         nothing = np.zeros(mean.shape[:-1])
         if "m" not in names:

@@ -237,7 +237,7 @@ class Marginal:
             rest = np.where(value > -np.inf, own - value, -np.inf)
         density = log_sum(own, axis=1) - log_sum(rest, axis=1)
         share = np.exp(rest - log_sum(rest, axis=1)[:, None])
-        parameters = given.law_parameters.at_points()
+        parameters = given.law_parameters.each(lambda value: value[:, None])
         smaller = below(table.law, given.rows.at_points(), expected, spread, parameters)
         return density, (share * smaller).sum(axis=1)
 

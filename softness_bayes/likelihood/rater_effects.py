@@ -18,6 +18,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.error_laws import ErrorLaw
 from softness_bayes.likelihood.row_laws import Rows, log_probability, row_terms
 
@@ -52,7 +53,7 @@ class Given:
     rows: Rows
     spread: FloatArray
     tau: FloatArray
-    law_parameters: LawParameters
+    law_parameters: Parameters
     tau_gamma: FloatArray | None = None
     tau_varsigma: FloatArray | None = None
     omega: FloatArray | None = None
@@ -69,24 +70,13 @@ class Given:
         """Return some of the draws."""
         some = {f.name: getattr(self, f.name) for f in fields(self)}
         chosen = {name: value[draws] for name, value in some.items() if isinstance(value, np.ndarray)}
-        parameters = LawParameters(*(value[draws] for value in self.law_parameters))
+        parameters = self.law_parameters.part(draws)
         return replace(self, **chosen, rows=self.rows.part(draws), law_parameters=parameters)
 
     def with_fabrics(self, h: FloatArray, fabric: IndexArray) -> Self:
         """Return the same with known deviations of fabrics, h (draws, fabrics) in units of omega."""
         assert self.omega is not None
         return replace(self, drive=self.drive + self.omega * h[:, fabric], omega=None, moments=None)
-
-
-class LawParameters(NamedTuple):
-    """Parameters of error laws, each (draws, ...)."""
-
-    nu: FloatArray
-    lapse: FloatArray
-
-    def at_points(self) -> LawParameters:
-        """Return the parameters with an axis of points after that of draws."""
-        return LawParameters(self.nu[:, None], self.lapse[:, None])
 
 
 class Effects(NamedTuple):
@@ -212,7 +202,7 @@ class Table:
         if given.tau_varsigma is not None:
             spread = spread * np.exp(given.tau_varsigma[:, None] * of_rows(others[..., k]))
         expected = of_rows(scale) + c
-        parameters = given.law_parameters.at_points()
+        parameters = given.law_parameters.each(lambda value: value[:, None])
         return log_probability(self.law, given.rows.at_points(), expected, spread, parameters), expected, spread
 
     def of_raters(self, given: Given, scale: FloatArray, others: FloatArray) -> FloatArray:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple, Protocol, Self
+from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.contract import Effects, Likelihood, Model
+from softness_bayes.likelihood.contract import Effects, Likelihood, Model, Parameters
 from softness_bayes.likelihood.design import Design, IndexArray
 from softness_bayes.likelihood.directions import RatingDirection
 from softness_bayes.likelihood.load_errors import LoadErrors
@@ -25,60 +25,10 @@ SKIN = ("b", "m")
 """Parameters of the forward model that rigid-plate forces depend on, too."""
 
 OF_FORCES = (*SKIN, "varsigma_f")
-"""Fields of `RatingParameters` used for plate forces, and for ratings by people with plate forces."""
+"""Parameters of plate forces, also needed for ratings by people with plate forces."""
 
 
-class RatingParameters(NamedTuple):
-    """Parameters of all rating models, each a number or an array (...); NaN if not in the model."""
-
-    gamma: ArrayLike
-    """Exponent of the rating [-]."""
-    tau: ArrayLike
-    """Standard deviation of participants' rating scales, in the log [-]."""
-    varsigma: ArrayLike
-    """Standard deviation of a log rating about its expectation for the participant [-]."""
-    omega: ArrayLike = 0.0
-    """Standard deviation of fabrics' deviations, in the log [-]."""
-    eps: ArrayLike = 0.1
-    """Rate added to that of every fabric, so that silent ones have a logarithm [Hz]."""
-    tau_b: ArrayLike = 0.0
-    """Spread of raters' ln b [-]."""
-    tau_m: ArrayLike = 0.0
-    """Spread of raters' m, in its unit."""
-    tau_sigma: ArrayLike = 0.0
-    """Spread of raters' ln sigma_0 [-]."""
-    nu: ArrayLike = np.inf
-    """Degrees of freedom of Student's t errors [-]."""
-    lapse: ArrayLike = 0.0
-    """Share of lapses among ratings [-]."""
-    b: ArrayLike = np.nan
-    """Modulus at rest of the typical finger [Pa], if raters have plate forces; the next two likewise."""
-    m: ArrayLike = np.nan
-    """Its stiffening ([-] or [1/m])."""
-    varsigma_f: ArrayLike = np.nan
-    """Standard deviation of a log force about the curve of its finger [-]."""
-    gap_2: ArrayLike = 0.0
-    """Width of the second category, in the log [-]; the others likewise."""
-    gap_3: ArrayLike = 0.0
-    gap_4: ArrayLike = 0.0
-    gap_5: ArrayLike = 0.0
-    gap_6: ArrayLike = 0.0
-    gap_7: ArrayLike = 0.0
-    gap_8: ArrayLike = 0.0
-    gap_9: ArrayLike = 0.0
-    gap_10: ArrayLike = 0.0
-    tau_gamma: ArrayLike = 0.0
-    """Spread of raters' ln gamma [-]."""
-    tau_varsigma: ArrayLike = 0.0
-    """Spread of raters' ln varsigma [-]."""
-
-    @classmethod
-    def among(cls, values: Mapping[str, ArrayLike]) -> RatingParameters:
-        """Return the parameters taken from values by name; missing ones are NaN."""
-        return cls(*(values.get(name, np.nan) for name in cls._fields))
-
-
-def log_rate(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+def log_rate(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
     """Return log(N/N_ref + eps), shape (..., conditions)."""
     return np.asarray(np.log(mean_rate + np.asarray(parameters.eps, float)[..., None]))
 
@@ -91,17 +41,17 @@ class RatingsModel(Model, Protocol):
         """Direction of ratings with the response."""
 
     def drive_at(
-        self, elsewhere: FloatArray, design: Design, mean_rate: FloatArray, parameters: RatingParameters
+        self, elsewhere: FloatArray, design: Design, mean_rate: FloatArray, parameters: Parameters
     ) -> FloatArray:
         """Return `Likelihood.drive` at other mean rates [Hz], shape (..., k), centred over the design's rows."""
 
-    def drive(self, design: Design, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def drive(self, design: Design, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return `Likelihood.drive` of a design's conditions, shape (..., conditions)."""
 
     def draw_effects(
         self,
         rng: np.random.Generator,
-        parameters: RatingParameters,
+        parameters: Parameters,
         shape: tuple[int, ...],
         n_participants: int,
         n_fabrics: int,
@@ -109,15 +59,13 @@ class RatingsModel(Model, Protocol):
     ) -> Effects:
         """Return effects of the given numbers of new participants and fabrics, as `Likelihood.new_effects` does."""
 
-    def with_new_participants(
-        self, rng: np.random.Generator, parameters: RatingParameters, effects: Effects
-    ) -> Effects:
+    def with_new_participants(self, rng: np.random.Generator, parameters: Parameters, effects: Effects) -> Effects:
         """Replace all participants' effects with those of new participants."""
 
     def for_others(
         self,
         rng: np.random.Generator,
-        parameters: RatingParameters,
+        parameters: Parameters,
         effects: Effects,
         n_participants: int,
         fabric: NDArray[np.intp],
@@ -137,7 +85,7 @@ class RatingsModel(Model, Protocol):
         rng: np.random.Generator,
         design: Design,
         drive: FloatArray,
-        parameters: RatingParameters,
+        parameters: Parameters,
         effects: Effects,
     ) -> FloatArray:
         """Return a rating for every row of a design, shape (..., rows)."""
@@ -186,19 +134,19 @@ class RatingsLikelihood(Likelihood):
         """
         return type(self)(self.values[~rows], self.design.without(rows), self.model, self._over)
 
-    def drive(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def drive(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the response's contribution in each condition, shape (..., conditions), in `Scale.unit`."""
         return self.drive_at(mean_rate, mean_rate, parameters)
 
-    def drive_at(self, elsewhere: FloatArray, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def drive_at(self, elsewhere: FloatArray, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return `drive` at other mean rates [Hz], shape (..., k)."""
         return np.asarray(self.model.drive_at(elsewhere, self._over, mean_rate, parameters))
 
-    def predictor(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def predictor(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return log(N/N_ref + eps), shape (..., conditions): a slope is an exponent."""
         return log_rate(mean_rate, parameters)
 
-    def expected(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
+    def expected(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return the typical rating of each condition of the design [as in the file], shape (..., conditions)."""
         drive = self.drive(mean_rate, parameters)[..., : self.design.n_conditions]
         return np.asarray(self.model.typical(effects, drive))
@@ -206,7 +154,7 @@ class RatingsLikelihood(Likelihood):
     def typical(
         self,
         mean_rate: FloatArray,
-        parameters: RatingParameters,
+        parameters: Parameters,
         effects: Effects,
         drive: FloatArray,
         among: IndexArray | None = None,
@@ -228,7 +176,7 @@ class RatingsLikelihood(Likelihood):
     def new_effects(
         self,
         rng: np.random.Generator,
-        parameters: RatingParameters,
+        parameters: Parameters,
         shape: tuple[int, ...],
         levels: Mapping[str, ArrayLike] | None = None,
     ) -> Effects:
@@ -237,9 +185,7 @@ class RatingsLikelihood(Likelihood):
             rng, parameters, shape, self.design.n_participants, self.design.n_fabrics, levels
         )
 
-    def with_new_participants(
-        self, rng: np.random.Generator, parameters: RatingParameters, effects: Effects
-    ) -> Effects:
+    def with_new_participants(self, rng: np.random.Generator, parameters: Parameters, effects: Effects) -> Effects:
         """Replace all participants' effects with those of new participants."""
         return self.model.with_new_participants(rng, parameters, effects)
 
@@ -278,7 +224,7 @@ class RatingsLikelihood(Likelihood):
         """Return the likelihood if nobody had plate forces, with the same columns of mean rates."""
         return self
 
-    def skins_of_pressed(self, parameters: RatingParameters) -> SkinLaws | None:
+    def skins_of_pressed(self, parameters: Parameters) -> SkinLaws | None:
         """Return the laws of the raters' skins given their plate forces; None if there are none."""
         return None
 
@@ -294,7 +240,7 @@ class RatingsLikelihood(Likelihood):
         self,
         rng: np.random.Generator,
         drive: FloatArray,
-        parameters: RatingParameters,
+        parameters: Parameters,
         effects: Effects,
         mean_rate: FloatArray | None = None,
     ) -> FloatArray:

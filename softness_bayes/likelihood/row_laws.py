@@ -156,7 +156,7 @@ def _elements(
     def of(values: FloatArray) -> FloatArray:
         return np.broadcast_to(values, shape)[some][:, None]
 
-    own = type(parameters)(*(np.broadcast_to(value, shape[:-1])[some[:-1]] for value in parameters))
+    own = parameters.each(lambda value: np.broadcast_to(value, shape[:-1])[some[:-1]])
     return Rows(*(of(part) for part in rows)), of(expected), of(spread), own
 
 

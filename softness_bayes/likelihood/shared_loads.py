@@ -14,14 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
-from softness_bayes.likelihood.contract import Effects
+from softness_bayes.likelihood.contract import Effects, Parameters
 from softness_bayes.likelihood.design import Design, IndexArray
 from softness_bayes.likelihood.erring_loads import ErringLoads
 from softness_bayes.likelihood.load_errors import NODE, OUTER, LoadErrors
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel, spreads_of
 from softness_bayes.likelihood.pieces import in_pieces
 from softness_bayes.likelihood.random_effects import LeaveOneOut
-from softness_bayes.likelihood.ratings import RatingParameters
 
 FloatArray = NDArray[np.float64]
 
@@ -114,14 +113,14 @@ class SharedLoads(ErringLoads):
         errors = self.errors.at_nodes(FINE_NODES)
         return OverFactors(self.values, self.design, self.model, errors, self.load, self._over)
 
-    def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Log density of all ratings together, shape (...)."""
         law = self._factors(mean_rate, parameters)
         inside = np.eye(law.mean.shape[-1]) + law.information
         explained = 0.5 * (law.pull * law.mean).sum(axis=-1)
         return np.asarray(law.base + explained - 0.5 * np.linalg.slogdet(inside)[1] - self._log.sum())
 
-    def leave_one_out(self, mean_rate: FloatArray, parameters: RatingParameters) -> LeaveOneOut:
+    def leave_one_out(self, mean_rate: FloatArray, parameters: Parameters) -> LeaveOneOut:
         """The normal law of each log rating given all the others, arrays of shape (..., rows)."""
         law = self._factors(mean_rate, parameters)
         spreads = spreads_of(parameters)
@@ -139,10 +138,10 @@ class SharedLoads(ErringLoads):
         solved = solved - (reach * law.mean[..., None, :]).sum(axis=-1)
         return LeaveOneOut(self._log - solved / diagonal, diagonal**-0.5)
 
-    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Log density of each participant's ratings given those of all others, shape (draws, participants)."""
 
-        def alone(rate: FloatArray, some: RatingParameters) -> FloatArray:
+        def alone(rate: FloatArray, some: Parameters) -> FloatArray:
             joint = self.log_likelihood(rate, some)
             found = np.zeros((*joint.shape, self.design.n_participants))
             for rater in np.unique(self.design.participant):
@@ -156,7 +155,7 @@ class SharedLoads(ErringLoads):
     def new_effects(
         self,
         rng: np.random.Generator,
-        parameters: RatingParameters,
+        parameters: Parameters,
         shape: tuple[int, ...],
         levels: Mapping[str, ArrayLike] | None = None,
     ) -> Effects:
@@ -165,7 +164,7 @@ class SharedLoads(ErringLoads):
         factor = rng.standard_normal((*shape, self._member.shape[0]))
         return SharedEffects(effects.mu, effects.participant, effects.fabric, factor)
 
-    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Effects:
+    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
         """Exact draws of all effects given the ratings, one for each point of the batch; the factors come first."""
         law = self._factors(mean_rate, parameters)
         root = np.linalg.cholesky(np.linalg.inv(np.eye(law.mean.shape[-1]) + law.information))
@@ -174,7 +173,7 @@ class SharedLoads(ErringLoads):
         others = self._effects.draw_effects(rng, drive, spreads_of(parameters))
         return SharedEffects(others.mu, others.participant, others.fabric, factor)
 
-    def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
+    def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return the residual of each log rating given the effects, shape (..., rows)."""
         design = self.design
         touched = self._touched(mean_rate, parameters, effects)
@@ -187,7 +186,7 @@ class SharedLoads(ErringLoads):
         self,
         rng: np.random.Generator,
         drive: FloatArray,
-        parameters: RatingParameters,
+        parameters: Parameters,
         effects: Effects,
         mean_rate: FloatArray | None = None,
     ) -> FloatArray:
@@ -202,18 +201,18 @@ class SharedLoads(ErringLoads):
         moved = self._touched(rates, parameters, effects) - self.drive(rates, parameters)
         return super().replicate(rng, drive + moved, parameters, effects, mean_rate)
 
-    def _touched(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
+    def _touched(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return the drive of each condition for the loads in `effects`."""
         middle, slope = self._line(mean_rate, parameters)
         return np.asarray(middle + (effects.load[..., None] * slope).sum(axis=-2))
 
-    def _line(self, mean_rate: FloatArray, parameters: RatingParameters) -> tuple[FloatArray, FloatArray]:
+    def _line(self, mean_rate: FloatArray, parameters: Parameters) -> tuple[FloatArray, FloatArray]:
         """Return mean and slope of the drive over the law of the factors, the slope (..., loads, conditions)."""
         lower, stated, higher = self.drives(mean_rate, parameters)
         middle = stated + OUTER * (higher + lower - 2.0 * stated)
         return middle, (OUTER * NODE * (higher - lower))[..., None, :] * self._member
 
-    def _factors(self, mean_rate: FloatArray, parameters: RatingParameters) -> _Factors:
+    def _factors(self, mean_rate: FloatArray, parameters: Parameters) -> _Factors:
         """Return the law of the factors.
 
         The log density is quadratic in the factors, so values at 0, at each factor and at pairs of factors determine
@@ -243,7 +242,7 @@ class OverFactors(SharedLoads):
     the normal law of the factors under linearisation; if the response is linear, the sum is exact.
     """
 
-    def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Log density of all ratings together, shape (...)."""
         from scipy.stats import qmc
 
@@ -265,7 +264,7 @@ class OverFactors(SharedLoads):
         total = largest + np.log(np.exp(terms_of - largest).mean(axis=0))
         return np.asarray(total + np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(axis=-1) - self._log.sum())
 
-    def _line(self, mean_rate: FloatArray, parameters: RatingParameters) -> tuple[FloatArray, FloatArray]:
+    def _line(self, mean_rate: FloatArray, parameters: Parameters) -> tuple[FloatArray, FloatArray]:
         knots = np.sort(np.append(self.errors.nodes, 0.0))
         every = self.drives(mean_rate, parameters)
         weight = np.exp(-0.5 * knots**2)

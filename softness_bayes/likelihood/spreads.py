@@ -19,12 +19,11 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import chndtr, gammaln, logsumexp, ndtri
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.contract import Likelihood
+from softness_bayes.likelihood.contract import Likelihood, Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.log_bessel import log_bessel, log_bessel_slope
 from softness_bayes.likelihood.pieces import in_pieces
-from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.likelihood.scales import LOG_SD, Scale
 from softness_bayes.parameters.priors import Prior
 
@@ -71,11 +70,7 @@ class SpreadModel:
         """Degrees of freedom of a standard deviation, n - 1."""
         return self.raters - 1
 
-    def take(self, values: Mapping[str, ArrayLike]) -> RatingParameters:
-        """Return tau and varsigma from values by name; the other parameters of ratings are NaN."""
-        return RatingParameters.among(values)
-
-    def error_sd(self, parameters: RatingParameters) -> FloatArray:
+    def error_sd(self, parameters: Parameters) -> FloatArray:
         """Return 1: residuals are normal scores."""
         return np.ones_like(np.asarray(parameters.varsigma, float))
 
@@ -142,28 +137,28 @@ class RaterSpreads(Likelihood):
         """Return the likelihood of the other rows."""
         return type(self)(self.values[~rows], self.design.without(rows), self.model)
 
-    def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of all standard deviations together, shape (...)."""
         return self.log_likelihood_participants(mean_rate, parameters).sum(axis=-1)
 
-    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of each panel's standard deviations, (..., panels); panels are independent."""
         return in_pieces(self._by_panel, self._width, mean_rate, parameters)
 
-    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of each standard deviation given all the others, shape (..., rows)."""
 
-        def density(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        def density(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
             whole = self._by_panel(mean_rate, parameters)
             rest = [self._by_panel(mean_rate, parameters, k)[..., panel] for k, panel in self._panels]
             return whole[..., self.design.participant] - np.stack(rest, axis=-1)
 
         return in_pieces(density, self._width, mean_rate, parameters)
 
-    def below_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def below_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the probability of a smaller standard deviation than each one given all others, shape (..., rows)."""
 
-        def below(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        def below(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
             found = []
             for k, panel in self._panels:
                 scatter, rest = (part[..., panel, :] for part in self._nodes(mean_rate, parameters, k))
@@ -175,18 +170,18 @@ class RaterSpreads(Likelihood):
 
         return in_pieces(below, self._width, mean_rate, parameters)
 
-    def drive(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def drive(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return 0 for each condition: standard deviations do not depend on the response."""
         return np.zeros((*mean_rate.shape[:-1], self.design.n_conditions))
 
-    def predictor(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def predictor(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return 0 for each condition."""
         return self.drive(mean_rate, parameters)
 
     def new_effects(
         self,
         rng: np.random.Generator,
-        parameters: RatingParameters,
+        parameters: Parameters,
         shape: tuple[int, ...],
         levels: Mapping[str, ArrayLike] | None = None,
     ) -> SpreadEffects:
@@ -195,14 +190,12 @@ class RaterSpreads(Likelihood):
         return SpreadEffects(np.asarray(parameters.tau, float)[..., None] ** 2 * drawn)
 
     def with_new_participants(
-        self, rng: np.random.Generator, parameters: RatingParameters, effects: SpreadEffects
+        self, rng: np.random.Generator, parameters: Parameters, effects: SpreadEffects
     ) -> SpreadEffects:
         """Return the scatter for the same number of new panels."""
         return self.new_effects(rng, parameters, effects.scatter.shape[:-1])
 
-    def draw_effects(
-        self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters
-    ) -> SpreadEffects:
+    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: Parameters) -> SpreadEffects:
         """Return draws of the scatter given the standard deviations, one for each point of the batch.
 
         Their cumulative distribution at the nodes is inverted, with linear interpolation in log u.
@@ -227,7 +220,7 @@ class RaterSpreads(Likelihood):
         self,
         rng: np.random.Generator,
         drive: FloatArray,
-        parameters: RatingParameters,
+        parameters: Parameters,
         effects: SpreadEffects,
         mean_rate: FloatArray | None = None,
     ) -> FloatArray:
@@ -237,7 +230,7 @@ class RaterSpreads(Likelihood):
         squares = variance * rng.noncentral_chisquare(self.model.freedom, noncentrality)
         return np.asarray(np.sqrt(squares / self.model.freedom))
 
-    def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: SpreadEffects) -> FloatArray:
+    def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: SpreadEffects) -> FloatArray:
         """Return the normal score of each standard deviation given its panel's scatter, shape (..., rows)."""
         variance = _variance(parameters)[..., None]
         noncentrality = effects.scatter[..., self.design.participant] / variance
@@ -249,12 +242,12 @@ class RaterSpreads(Likelihood):
         """Pairs of row index and panel index, one for each row."""
         return list(enumerate(self.design.participant.tolist()))
 
-    def _by_panel(self, mean_rate: FloatArray, parameters: RatingParameters, left_out: int | None = None) -> FloatArray:
+    def _by_panel(self, mean_rate: FloatArray, parameters: Parameters, left_out: int | None = None) -> FloatArray:
         """Return the log density of each panel's rows, optionally without one row, shape (..., panels)."""
         return np.asarray(logsumexp(self._nodes(mean_rate, parameters, left_out).log_density, axis=-1))
 
     def _nodes(
-        self, mean_rate: FloatArray, parameters: RatingParameters, left_out: int | None = None, finer: int = 1
+        self, mean_rate: FloatArray, parameters: Parameters, left_out: int | None = None, finer: int = 1
     ) -> _Nodes:
         """Return the nodes of the trapezoidal rule in s = log(u / tau²) / 2, about the most probable s of each panel.
 
@@ -315,5 +308,5 @@ class RaterSpreads(Likelihood):
         return s, np.minimum(curvature**-0.5, 1.1 / math.sqrt(2.0 * freedom))
 
 
-def _variance(parameters: RatingParameters) -> FloatArray:
+def _variance(parameters: Parameters) -> FloatArray:
     return np.maximum(np.asarray(parameters.varsigma, float) ** 2, _LEAST_VARIANCE)

@@ -12,6 +12,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.effects import Effects
 from softness_bayes.likelihood.erring_loads import ErringLoads
@@ -19,7 +20,6 @@ from softness_bayes.likelihood.load_errors import OUTER, LoadErrors
 from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.mu_nodes import log_sum
 from softness_bayes.likelihood.random_effects import EffectSpreads, LeaveOneOut
-from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.likelihood.shared_loads import FINE_NODES, between
 from softness_bayes.likelihood.weighted_effects import EffectLaw, WeightedEffects, law_of
 
@@ -75,31 +75,31 @@ class UncertainLoads(ErringLoads):
         """Return the reference likelihood, integrated over each load without approximation as normal."""
         return OverLoads(self.values, self.design, self.model, self.errors.at_nodes(FINE_NODES), self._over)
 
-    def moments(self, mean_rate: FloatArray, parameters: RatingParameters) -> tuple[FloatArray, FloatArray]:
+    def moments(self, mean_rate: FloatArray, parameters: Parameters) -> tuple[FloatArray, FloatArray]:
         """Return mean and variance of the drive under the distribution of each touch's load, each (..., touches)."""
         lower, stated, higher = self.drives(mean_rate, parameters)
         up, down = higher - stated, lower - stated
         shift = OUTER * (up + down)
         return stated + shift, OUTER * ((up - shift) ** 2 + (down - shift) ** 2) + (1.0 - 2.0 * OUTER) * shift**2
 
-    def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Log density of all ratings together, shape (...)."""
         return self._weighted.log_density(self._law(mean_rate, parameters)) - self._log.sum()
 
-    def leave_one_out(self, mean_rate: FloatArray, parameters: RatingParameters) -> LeaveOneOut:
+    def leave_one_out(self, mean_rate: FloatArray, parameters: Parameters) -> LeaveOneOut:
         """The normal law of each log rating given all the others, arrays of shape (..., rows)."""
         return self._weighted.leave_one_out(self._law(mean_rate, parameters))
 
-    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Log density of each participant's ratings given those of all others, shape (draws, participants)."""
         density = self._weighted.log_density_participants(self._law(mean_rate, parameters))
         return density - np.bincount(self.design.participant, self._log, self.design.n_participants)
 
-    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Effects:
+    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
         """Exact draws of mu, participants and fabrics given the ratings, one for each point of the batch."""
         return self._weighted.draw_effects(rng, self._law(mean_rate, parameters))
 
-    def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
+    def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return the residual of each log rating given the effects, shape (..., rows), scaled for the checks.
 
         It is multiplied by varsigma and divided by the row's standard deviation, so that all residuals have standard
@@ -117,7 +117,7 @@ class UncertainLoads(ErringLoads):
         self,
         rng: np.random.Generator,
         drive: FloatArray,
-        parameters: RatingParameters,
+        parameters: Parameters,
         effects: Effects,
         mean_rate: FloatArray | None = None,
     ) -> FloatArray:
@@ -138,7 +138,7 @@ class UncertainLoads(ErringLoads):
         noise = self.model.error.draw(rng, log_rating.shape, parameters)
         return np.asarray(self.model.scale.natural(log_rating + sd[..., row] * noise))
 
-    def _law(self, mean_rate: FloatArray, parameters: RatingParameters) -> EffectLaw:
+    def _law(self, mean_rate: FloatArray, parameters: Parameters) -> EffectLaw:
         mean, variance = self.moments(mean_rate, parameters)
         spreads = EffectSpreads(parameters.tau, parameters.varsigma, parameters.omega)
         return law_of(mean, variance + np.asarray(parameters.varsigma, float)[..., None] ** 2, spreads)
@@ -152,7 +152,7 @@ class OverLoads(UncertainLoads):
     this approximation, of the ratio of both densities given the deviations.
     """
 
-    def moments(self, mean_rate: FloatArray, parameters: RatingParameters) -> tuple[FloatArray, FloatArray]:
+    def moments(self, mean_rate: FloatArray, parameters: Parameters) -> tuple[FloatArray, FloatArray]:
         """Return mean and variance of the drive under the distribution of each touch's load, each (..., touches)."""
         knots = np.sort(np.append(self.errors.nodes, 0.0))
         weight = np.exp(-0.5 * knots**2)
@@ -161,7 +161,7 @@ class OverLoads(UncertainLoads):
         mean = np.tensordot(weight, every, 1)
         return mean, np.tensordot(weight, (every - mean) ** 2, 1)
 
-    def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Log density of all ratings together, shape (...)."""
         knots = np.sort(np.append(self.errors.nodes, 0.0))
         every, law = self.drives(mean_rate, parameters), self._law(mean_rate, parameters)

@@ -12,12 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_ndtr, ndtr, owens_t
 
 from softness_bayes.errors import InputError
+from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import RISES, RatingDirection
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.left_out import given_the_others, minimum, summing
 from softness_bayes.likelihood.pieces import in_pieces
-from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
+from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.scales import STANDARDISED, Scale
 from softness_bayes.likelihood.stated import Stated
 from softness_bayes.parameters.priors import HalfNormal, Normal, Prior
@@ -57,20 +58,16 @@ class StandardisedModel:
     needs: ClassVar[tuple[str, ...]] = ("varsigma",)
     direction: RatingDirection = RISES
 
-    def take(self, values: Mapping[str, ArrayLike]) -> RatingParameters:
-        """Return varsigma from values by name; the other parameters of ratings are NaN."""
-        return RatingParameters.among(values)
-
-    def error_sd(self, parameters: RatingParameters) -> FloatArray:
+    def error_sd(self, parameters: Parameters) -> FloatArray:
         """Return the standard deviation of a rating about the line, shape (...)."""
         return np.asarray(parameters.varsigma, float)
 
-    def drive(self, design: Design, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def drive(self, design: Design, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """± x of each condition of a design, shape (..., conditions), from mean rates [Hz] of that shape."""
         return self.drive_at(mean_rate, design, mean_rate, parameters)
 
     def drive_at(
-        self, elsewhere: FloatArray, design: Design, mean_rate: FloatArray, parameters: RatingParameters
+        self, elsewhere: FloatArray, design: Design, mean_rate: FloatArray, parameters: Parameters
     ) -> FloatArray:
         """Return `drive` at other mean rates [Hz], shape (..., k), standardised over the rows of the design."""
         centre = (mean_rate @ design.weight)[..., None]
@@ -81,7 +78,7 @@ class StandardisedModel:
     def draw_effects(
         self,
         rng: np.random.Generator,
-        parameters: RatingParameters,
+        parameters: Parameters,
         shape: tuple[int, ...],
         n_participants: int,
         n_fabrics: int,
@@ -95,7 +92,7 @@ class StandardisedModel:
         )
 
     def with_new_participants(
-        self, rng: np.random.Generator, parameters: RatingParameters, effects: RegressionLine
+        self, rng: np.random.Generator, parameters: Parameters, effects: RegressionLine
     ) -> RegressionLine:
         """Return the same line: z-scores have no effects of participants."""
         return effects
@@ -103,7 +100,7 @@ class StandardisedModel:
     def for_others(
         self,
         rng: np.random.Generator,
-        parameters: RatingParameters,
+        parameters: Parameters,
         effects: RegressionLine,
         n_participants: int,
         fabric: NDArray[np.intp],
@@ -116,7 +113,7 @@ class StandardisedModel:
         rng: np.random.Generator,
         design: Design,
         drive: FloatArray,
-        parameters: RatingParameters,
+        parameters: Parameters,
         effects: RegressionLine,
     ) -> FloatArray:
         """One rating for every row of a design, shape (..., rows), given the line and `drive`."""
@@ -181,7 +178,7 @@ class StandardisedRatings(RatingsLikelihood):
         self._condition = total / np.maximum(self._count, 1.0)
         self._within = float(((self.values - self._mean - self._condition[design.condition]) ** 2).sum())
 
-    def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Log density of all ratings together.
 
         Parameters
@@ -205,36 +202,36 @@ class StandardisedRatings(RatingsLikelihood):
         quadratic = squares / variance + misfit + fit.slope**2
         return -0.5 * (n * _LOG_TWO_PI + log_scale + quadratic) + math.log(2.0) + log_ndtr(fit.deviate)
 
-    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Log density of each rating given all the others, shape (..., rows).
 
         It is the normal density for c1 of either sign, times Phi(t) / Phi(t without the rating).
         """
 
-        def density(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        def density(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
             alone = self._without_one(mean_rate, parameters)
             normal = -0.5 * alone.deviate**2 - np.log(alone.sd) - 0.5 * _LOG_TWO_PI
             return normal + log_ndtr(alone.with_all)[..., None] - log_ndtr(alone.without)
 
         return in_pieces(density, self.design.n_rows, mean_rate, parameters)
 
-    def below_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def below_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Probability of a smaller rating than the observed one given all the others, shape (..., rows).
 
         Given the others, rating and c1 are jointly normal, truncated to positive c1.
         """
 
-        def below(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        def below(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
             alone = self._without_one(mean_rate, parameters)
             joint = bivariate_below(alone.deviate, alone.without, -alone.correlation)
             return np.clip(joint * np.exp(-log_ndtr(alone.without)), 0.0, 1.0)
 
         return in_pieces(below, self.design.n_rows, mean_rate, parameters)
 
-    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Log density of each participant's ratings given those of all others, shape (draws, participants)."""
 
-        def density(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        def density(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
             return self._participants(self._fit(mean_rate, parameters))
 
         return in_pieces(density, self.design.n_rows, mean_rate, parameters)
@@ -260,7 +257,7 @@ class StandardisedRatings(RatingsLikelihood):
         without = (line[:, None, 1] + given.moved[..., 1]) * np.sqrt(c - b**2 / a)
         return given.log_density + log_ndtr(fit.deviate)[:, None] - log_ndtr(without)
 
-    def _without_one(self, mean_rate: FloatArray, parameters: RatingParameters) -> _Alone:
+    def _without_one(self, mean_rate: FloatArray, parameters: Parameters) -> _Alone:
         """Return the law of each rating and c1 given all the other ratings, for c1 of either sign."""
         fit = self._fit(mean_rate, parameters)
         n = self.design.n_rows
@@ -278,13 +275,11 @@ class StandardisedRatings(RatingsLikelihood):
         correlation = reach * variance / left / (sd * spread)
         return _Alone(residual / sd, sd, without / spread, correlation, fit.deviate)
 
-    def predictor(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def predictor(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return ± x, shape (..., conditions): a slope is in z-scores per standard deviation of the response."""
         return self.drive(mean_rate, parameters)
 
-    def draw_effects(
-        self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters
-    ) -> RegressionLine:
+    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: Parameters) -> RegressionLine:
         """Exact draws of the line given the ratings, one for each point of the batch: c1, then c0."""
         from scipy.stats import truncnorm  # imported here because the import takes a third of a second
 
@@ -296,13 +291,13 @@ class StandardisedRatings(RatingsLikelihood):
         c0 = expected + np.sqrt(fit.variance / (n + fit.variance)) * rng.standard_normal(fit.slope.shape)
         return RegressionLine(np.asarray(c0), np.maximum(c1, 0.0))
 
-    def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: RegressionLine) -> FloatArray:
+    def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: RegressionLine) -> FloatArray:
         """Return the residual of each rating, shape (..., rows)."""
         drive = self.drive(mean_rate, parameters)
         errors = self.values - self.model.typical(effects, drive)[..., self.design.condition]
         return self.model.error.normal_scores(errors, parameters)
 
-    def _fit(self, mean_rate: FloatArray, parameters: RatingParameters) -> _Fit:
+    def _fit(self, mean_rate: FloatArray, parameters: Parameters) -> _Fit:
         """Return the posterior of a line whose c1 may have either sign."""
         drive = self.drive(mean_rate, parameters)
         shape = np.broadcast_shapes(drive.shape[:-1], np.shape(parameters.varsigma))

@@ -18,6 +18,7 @@ from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import FREE, RISES, RatingDirection
 from softness_bayes.likelihood.individual import IndividualModel
 from softness_bayes.likelihood.load_errors import LoadErrors
+from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.models import (
     model_of_different_raters,
     rating_model,
@@ -26,7 +27,7 @@ from softness_bayes.likelihood.models import (
 )
 from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.likelihood.pressed import PressedRaters
-from softness_bayes.likelihood.ratings import SKIN, RatingParameters, RatingsLikelihood, RatingsModel
+from softness_bayes.likelihood.ratings import SKIN, RatingsLikelihood, RatingsModel
 from softness_bayes.likelihood.scales import MAGNITUDE, STANDARDISED
 from softness_bayes.likelihood.spreads import RaterSpreads, SpreadModel
 from softness_bayes.model.direction import DRAWS, DirectionChoice, evidence_of
@@ -38,7 +39,7 @@ from softness_bayes.model.posterior import Density, Posterior
 from softness_bayes.model.scenes import at_other_loads, fabric_moduli, prior_draws, scene_of, skin_of_priors
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.coordinates import Bent, Coordinate, Scaled
-from softness_bayes.parameters.declared import ERROR_PARAMETERS, FINGER_PARAMETERS, PARAMETERS, SHAPE_PARAMETERS
+from softness_bayes.parameters.declared import ERROR_PARAMETERS, PARAMETERS, SHAPE_PARAMETERS
 from softness_bayes.parameters.fabric_moduli import FabricModuli
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.touch.accuracy import PRESETS, ChosenResolution, choose
@@ -281,7 +282,7 @@ def space_of(experiment: Experiment, options: ModelOptions, meaning: Interpretat
         prior_set=options.prior_set,
         skin_displacement=options.readings.skin_displacement,
         n_participants=raters_told(experiment.ratings),
-        absent=set(RatingParameters._fields) - {*needs, *SKIN, *FINGER_PARAMETERS, *ERROR_PARAMETERS},
+        absent={*RatingModel.needs} - {*needs},
         n_fingers=None if experiment.compression is None else len(experiment.compression.participants),
         membrane=options.readings.membrane,
         spreads=spreads_of(options.individual),

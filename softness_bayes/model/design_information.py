@@ -20,12 +20,12 @@ from softness_bayes.checking.inflection import CurveShape, turning_points
 from softness_bayes.checking.sensitivity import prior_moments
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.comparison_information import Comparisons
+from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import STUDENT
 from softness_bayes.likelihood.expected_information import EffectGroup, Moments, normal_information
 from softness_bayes.likelihood.orders import OrderModel
 from softness_bayes.likelihood.plate import CompressionForces, plate_line
-from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.likelihood.scales import MAGNITUDE, PAIRS, RANKS, SLIDER, STANDARDISED
 from softness_bayes.likelihood.stated import Stated
 from softness_bayes.model.build import ExperimentModel, design_of
@@ -324,7 +324,7 @@ class _Foresight:
         parts = zip(drive[:, 0], slopes, guesses, strict=True)
         return np.stack([model.information(compared, *part) for part in parts])
 
-    def _driven(self, theta: Array) -> tuple[RatingParameters, Array]:
+    def _driven(self, theta: Array) -> tuple[Parameters, Array]:
         """Return the rating parameters at points (truths, k, d), and the drives of the design's conditions there."""
         parameters = self.posterior.rating_parameters(theta)
         rate = self.planned.rate(self.posterior, theta.reshape(-1, theta.shape[-1])).reshape(*theta.shape[:2], -1)
@@ -400,7 +400,7 @@ def _at(value: Any, theta: Array) -> Array:
     return np.broadcast_to(np.asarray(value, float), theta.shape[:2])
 
 
-def _heavier(law: Any, parameters: RatingParameters) -> Any:
+def _heavier(law: Any, parameters: Parameters) -> Any:
     """Return the variance, relative to varsigma², of normal errors with the same information about the mean."""
     if law is STUDENT:
         nu = np.asarray(parameters.nu, float)

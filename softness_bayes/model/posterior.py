@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.likelihood.contract import Likelihood, Parameters
 from softness_bayes.likelihood.individual import IndividualRatings
-from softness_bayes.likelihood.plate import FORCES, CompressionForces, SkinParameters
-from softness_bayes.likelihood.ratings import RATINGS, RatingParameters, RatingsLikelihood
+from softness_bayes.likelihood.plate import FORCES, CompressionForces
+from softness_bayes.likelihood.ratings import RATINGS, RatingsLikelihood
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.touch.fingers import SPREAD_OF, FingerFamily, FingerSpreads
@@ -93,7 +93,7 @@ class Density:
     def parameters_of(self, term: Likelihood, theta: FloatArray) -> Parameters:
         """Return the parameters of a term's model at points theta, in SI: numbers if fixed, arrays (...) if sampled."""
         known = [name for name in term.model.needs if self.space.knows(name)]
-        return term.model.take({name: self.space.value(name, theta) * EVERY_PARAMETER[name].si for name in known})
+        return Parameters(**{name: self.space.value(name, theta) * EVERY_PARAMETER[name].si for name in known})
 
     def log_likelihood(self, theta: FloatArray) -> FloatArray:
         """Log density of the data at points theta (..., dimension), shape (...).
@@ -155,12 +155,10 @@ class Density:
         """The likelihood of plate forces; None if there are none."""
         return cast("CompressionForces | None", self.term(FORCES))
 
-    def skin_parameters(self, theta: FloatArray) -> SkinParameters:
+    def skin_parameters(self, theta: FloatArray) -> Parameters:
         """Return skin and spreads between fingers, in SI, at points theta, each of shape (...)."""
-        values, shape = self.space.values(theta), theta.shape[:-1]
-        return SkinParameters(
-            *(np.broadcast_to(values[name] * EVERY_PARAMETER[name].si, shape) for name in SkinParameters._fields)
-        )
+        assert self.compression is not None
+        return self.parameters_of(self.compression, theta).each(lambda value: np.broadcast_to(value, theta.shape[:-1]))
 
 
 @dataclass(frozen=True)
@@ -233,9 +231,9 @@ class Posterior(Density):
         """The likelihood of the ratings."""
         return cast(RatingsLikelihood, self.term(RATINGS))
 
-    def rating_parameters(self, theta: FloatArray) -> RatingParameters:
-        """Return the parameters of the rating model at points theta; NaN if not in the model."""
-        return cast(RatingParameters, self.parameters_of(self.observation, theta))
+    def rating_parameters(self, theta: FloatArray) -> Parameters:
+        """Return the parameters of the rating model at points theta."""
+        return self.parameters_of(self.observation, theta)
 
     def draw_start(self, rng: np.random.Generator, size: int) -> FloatArray:
         """Return prior draws that fire in at least `LEAST_FIRING` conditions, in sampler coordinates.

@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.data import Fabrics
-from softness_bayes.likelihood.contract import Effects
+from softness_bayes.likelihood.contract import Effects, Parameters
 from softness_bayes.likelihood.design import Design, IndexArray
 from softness_bayes.likelihood.pieces import pieces
-from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.model.individual import family_of
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.touch.parameters import TouchParameters
@@ -231,7 +230,7 @@ class OtherTouches:
         return OtherRatings(response[..., :conditions] * self.scene.n_receptors, typical, new, mean, alike)
 
     def _rating(
-        self, rng: np.random.Generator, design: Design, drive: Array, parameters: RatingParameters, others: Effects
+        self, rng: np.random.Generator, design: Design, drive: Array, parameters: Parameters, others: Effects
     ) -> Array:
         """Return the ratings by one new rater at every draw, shape (draws, conditions)."""
         model = self.posterior.observation.single

@@ -15,14 +15,14 @@ from softness_bayes.data.fabrics import log_sd
 from softness_bayes.data.forms import PANEL, AggregatedCells
 from softness_bayes.errors import InputError
 from softness_bayes.kinds import require_kind, require_mapping
-from softness_bayes.likelihood.contract import NO_RESPONSE, Model
+from softness_bayes.likelihood.contract import NO_RESPONSE, Model, Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import RISES, RatingDirection
 from softness_bayes.likelihood.effects import RATER_SPREADS
 from softness_bayes.likelihood.error_laws import GUMBEL, NORMAL, ErrorLaw
 from softness_bayes.likelihood.models import UNDER_UNCERTAIN_LOADS, model_of_different_raters, rating_model
-from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
-from softness_bayes.likelihood.ratings import OF_FORCES, RatingParameters
+from softness_bayes.likelihood.plate import PLATE_PARAMETERS, CompressionForces
+from softness_bayes.likelihood.ratings import OF_FORCES
 from softness_bayes.likelihood.scales import (
     AGGREGATED,
     CATEGORIES,
@@ -46,6 +46,7 @@ from softness_bayes.ranges import (
     SLOPES,
 )
 from softness_bayes.touch.contact import Finger, Load, require_loads
+from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import MENDED, Readings
 from softness_bayes.touch.scene import Discretisation, Scene
 
@@ -146,12 +147,12 @@ def simulate_ratings(
     people = np.repeat(np.arange(participants), conditions.size)
     design = Design(np.tile(conditions, participants), people, scene.fabric, participants)
     values = {**values, **{n: EVERY_PARAMETER[n].prior.median for n in model.needs if n not in values}}
-    parameters = model.take(values)
+    parameters = Parameters(**{name: values[name] for name in model.needs})
     drive = model.drive(design, rate / scene.n_receptors, parameters)
     effects = model.draw_effects(rng, parameters, (), participants, design.n_fabrics, levels)
     drawn = model.named_effects(effects)
     effect, _ = drawn.get("participant_effect", (np.zeros(participants), ()))
-    absent = set(RatingParameters._fields) - {*model.needs, *OF_FORCES}
+    absent = EVERY_PARAMETER.keys() - {*TouchParameters._fields, *model.needs, *OF_FORCES}
     truth = {name: value for name, value in values.items() if name not in absent}
     truth |= {name: float(value) for name, (value, axes) in drawn.items() if not axes}
     responses = rate.reshape(len(loads), len(fabrics)).T
@@ -306,7 +307,7 @@ def paired(
     participants: int,
     missing: float,
     drive: NDArray[np.float64],
-    parameters: RatingParameters,
+    parameters: Parameters,
     fabrics: tuple[str, ...],
     loads: tuple[Load, ...],
 ) -> Ratings:
@@ -414,10 +415,10 @@ def simulate_compression(
     """
     require_kind("rng", rng, np.random.Generator, _RNG)
     require_mapping("values", values, _VALUES)
-    if missing := [name for name in SkinParameters._fields if name not in values]:
+    if missing := [name for name in PLATE_PARAMETERS if name not in values]:
         raise InputError(f"values: no {missing[0]}, expected all that usual_values(readings, n_fingers=8) returns")
     replace(FINGERS, low=1).require("simulate: number of fingers", fingers)
-    skin = SkinParameters(*(np.float64(values[n]) * EVERY_PARAMETER[n].si for n in SkinParameters._fields))
+    skin = Parameters(**{name: np.float64(values[name]) * EVERY_PARAMETER[name].si for name in PLATE_PARAMETERS})
     finger, depth = np.repeat(np.arange(fingers), len(depths)), np.tile(depths, fingers)
     plate = CompressionForces(
         depth, np.ones(depth.size), finger, fingers, displacement=readings.skin_displacement, shape=shape

@@ -16,9 +16,10 @@ from softness_bayes.checking.individual import UNCERTAIN
 from softness_bayes.checking.inflection import Inflection
 from softness_bayes.checking.layout import LOAD_GROUP
 from softness_bayes.data import Experiment
+from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.directions import FREE
 from softness_bayes.likelihood.pieces import pieces
-from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood, RatingsModel
+from softness_bayes.likelihood.ratings import RatingsLikelihood, RatingsModel
 from softness_bayes.model.posterior import Density, Posterior
 from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS
 from softness_bayes.parameters.space import ParameterSpace
@@ -64,7 +65,7 @@ class Subset(NamedTuple):
 
     theta: Array
     mean_rate: Array
-    parameters: RatingParameters
+    parameters: Parameters
     effects: Any
     """Effects, in the form of the rating model."""
 

@@ -20,10 +20,9 @@ from softness_bayes.checking.layout import Layout, merge
 from softness_bayes.checking.turning_check import EXCESS, PLATEAU, TurnQuantities, plateau, plateau_quantities
 from softness_bayes.data.columns import FORCE, INDENTATION
 from softness_bayes.data.compression import Compression
-from softness_bayes.likelihood.contract import NO_RESPONSE
+from softness_bayes.likelihood.contract import NO_RESPONSE, Parameters
 from softness_bayes.likelihood.pieces import part_of, pieces
-from softness_bayes.likelihood.plate import CompressionForces, FingerEffects, SkinParameters
-from softness_bayes.likelihood.ratings import RatingParameters
+from softness_bayes.likelihood.plate import CompressionForces, FingerEffects
 from softness_bayes.model.posterior import Density
 from softness_bayes.provenance import PlateData, attributes_of
 from softness_bayes.results.draws import Groups, RatedDraws, Subset, Variable, named
@@ -157,13 +156,13 @@ def _rated(
     draws: RatedDraws,
     drive: Array,
     mean_rate: Array,
-    parameters: RatingParameters,
+    parameters: Parameters,
     effects: Any,
 ) -> Array:
     """Return a rating for every row at every draw, drawn a few draws at a time."""
     made = np.empty((len(drive), draws.ratings.design.n_rows))
     for k in pieces(*made.shape):
-        some = part_of(parameters, k), part_of(effects, k)
+        some = parameters.part(k), part_of(effects, k)
         made[k] = draws.ratings.replicate(rng, drive[k], *some, mean_rate[k])
     return made
 
@@ -209,7 +208,7 @@ def draw_plate(
     if forces is None:
         return None
 
-    def forces_at(points: SkinParameters, effects: FingerEffects) -> Array:
+    def forces_at(points: Parameters, effects: FingerEffects) -> Array:
         return forces.replicate(rng, forces.drive(NO_RESPONSE, points), points, effects)
 
     fingers = forces.draw_effects(rng, NO_RESPONSE, skin(theta))
@@ -219,7 +218,7 @@ def draw_plate(
 
 
 def plate_groups(
-    compression: Compression, forces: CompressionForces, typical: SkinParameters, drawn: PlateReplicates
+    compression: Compression, forces: CompressionForces, typical: Parameters, drawn: PlateReplicates
 ) -> Groups:
     """Return fingers, replicated forces, the typical finger's force and the data.
 

@@ -29,20 +29,21 @@ from softness_bayes.checking.checks import (
 )
 from softness_bayes.checking.sentences import modulus_sentence, residual_sentences
 from softness_bayes.checking.uniformity import uniformity_p_value
-from softness_bayes.likelihood.contract import NO_RESPONSE
+from softness_bayes.likelihood.contract import NO_RESPONSE, Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import RISES
 from softness_bayes.likelihood.effects import Effects
 from softness_bayes.likelihood.intervals import IntervalModel
-from softness_bayes.likelihood.magnitude import LogRatings, RatingModel, RatingParameters
+from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.spreads import RaterSpreads, SpreadModel
 from softness_bayes.provenance import Finding
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import CLASSICAL, MENDED
 from softness_bayes.touch.scene import Scene
 from support.made_ratings import MODEL, PLAIN, RATE, design, ratings
+from support.points import rated
 
-DEVIATING = PLAIN._replace(omega=0.2)
+DEVIATING = PLAIN.replace(omega=0.2)
 NAMES = [f"{fabric} under {load} mm" for load in (1, 2) for fabric in "abcdef"]
 
 
@@ -60,7 +61,7 @@ def shifted(rng, layout, shift):
 def residuals(rng, observation, assumed, draws=1, rate=RATE):
     """Residuals of a data set at draws of the effects given the parameters that are assumed."""
     rate = np.broadcast_to(rate, (draws, rate.size))
-    parameters = RatingParameters(*(np.full(draws, value) for value in assumed))
+    parameters = assumed.each(lambda value: np.full(draws, value))
     return Residuals(observation, rate, parameters, observation.draw_effects(rng, rate, parameters))
 
 
@@ -91,9 +92,9 @@ def test_p_is_uniform_under_the_model(rng, truth):
     ("truth", "assumed"),
     [
         (DEVIATING, PLAIN),
-        (PLAIN._replace(varsigma=0.6), PLAIN),  # noise understated
-        (PLAIN._replace(varsigma=0.15), PLAIN),  # noise overstated
-        (PLAIN, PLAIN._replace(gamma=1.4)),
+        (PLAIN.replace(varsigma=0.6), PLAIN),  # noise understated
+        (PLAIN.replace(varsigma=0.15), PLAIN),  # noise overstated
+        (PLAIN, PLAIN.replace(gamma=1.4)),
     ],
     ids=["fabrics deviate", "noise too small", "noise too large", "another exponent"],
 )
@@ -124,7 +125,7 @@ def test_p_is_what_the_definition_says(rng):
     rows, fabric, draws = 40, np.array([0, 1, 3, 3]), 5
     layout = Design(rng.integers(4, size=rows), rng.integers(3, size=rows), fabric, 3)
     values, rate = rng.lognormal(3, 1, rows), rng.gamma(2, 1, (draws, 4))
-    parameters = RatingParameters(*rng.uniform(0.5, 1.5, (5, draws)))
+    parameters = rated(*rng.uniform(0.5, 1.5, (5, draws)))
     effects = Effects(rng.normal(3, 1, draws), rng.normal(size=(draws, 3)), rng.normal(size=(draws, 4)))
     slope = rng.normal(size=(draws, 4))
     expected = {name: [] for name in (FABRICS, CONDITIONS, LOADS, ALONG, EXPONENTS, FINGERS)}
@@ -256,9 +257,7 @@ def shares(tau_gamma, tau_varsigma, differ=(), tables=60):
     found = []
     for seed in range(tables):
         rng = np.random.default_rng(seed)
-        p = RatingParameters(
-            *(np.full(1, v) for v in (1.0, 0.5, 0.3, 0.0, 0.1)), tau_gamma=tau_gamma, tau_varsigma=tau_varsigma
-        )
+        p = rated(*(np.full(1, v) for v in (1.0, 0.5, 0.3, 0.0, 0.1)), tau_gamma=tau_gamma, tau_varsigma=tau_varsigma)
         rate = np.exp(rng.normal(1.0, 0.8, (1, TOUCHES)))
         truth = IntervalModel(RISES, differ=("gamma", "varsigma"))
         effects = truth.draw_effects(rng, p, (1,), RATERS, WHO.n_fabrics)
@@ -295,7 +294,7 @@ def test_deviation_of_noise_is_its_spread():
     sizes = np.exp(0.5 * rng.standard_normal(60))
     who = Design(np.tile(np.arange(30), 60), np.repeat(np.arange(60), 30), np.arange(30), 60)
     y = np.exp(3.0 + 0.2 * sizes[who.participant] * rng.standard_normal(1800))
-    found = check_noise(residuals(rng, LogRatings(y, who, RatingModel()), (1.0, 0.1, 0.2, 0.0, 0.1), 1, np.ones(30)))
+    found = check_noise(residuals(rng, LogRatings(y, who, RatingModel()), rated(1.0, 0.1, 0.2), 1, np.ones(30)))
     assert abs(found.estimate - np.log(sizes).std()) < 0.1
     assert found.p_value < 1e-3
 
@@ -336,7 +335,7 @@ MEASURED = Design(
     np.repeat(np.arange(FABRIC_COUNT), 3),
     PEOPLE,
 )
-TRUTH = RatingParameters(gamma=1.0, tau=0.3, varsigma=0.3)
+TRUTH = rated(gamma=1.0, tau=0.3, varsigma=0.3)
 
 
 def with_wrong_moduli(rng, off=0.0):
@@ -376,7 +375,7 @@ def spreads(rng, noise=0.3, raters=PANEL):
 
 def spread_finding(rng, values):
     term = RaterSpreads(values, Design(np.arange(CELLS), np.zeros(CELLS, int), np.arange(CELLS), 1), SpreadModel(PANEL))
-    drawn = RatingParameters(*(np.broadcast_to(float(v), DRAWS) for v in RatingParameters(0.8, 0.5, 0.3)))
+    drawn = Parameters(tau=np.full(DRAWS, 0.5), varsigma=np.full(DRAWS, 0.3))
     return check_spreads(term, np.broadcast_to(NO_RESPONSE, (DRAWS, 0)), drawn, rng)
 
 
@@ -474,8 +473,8 @@ def test_loo_pit_is_uniform_under_the_model_only(rng):
     right = [uniformity_p_value(pit().value, points) for _ in range(30)]
     assert np.mean(np.array(right) < 0.05) <= 0.05
     assert off_uniform([pit().value[0] for _ in range(150)]) > 1e-3  # each of them is exactly uniform
-    assert uniformity_p_value(pit(truth=PLAIN._replace(varsigma=0.5)).value, points) < 1e-3
-    assert uniformity_p_value(pit(truth=PLAIN._replace(varsigma=0.15)).value, points) < 1e-3
+    assert uniformity_p_value(pit(truth=PLAIN.replace(varsigma=0.5)).value, points) < 1e-3
+    assert uniformity_p_value(pit(truth=PLAIN.replace(varsigma=0.15)).value, points) < 1e-3
 
 
 def test_loo_weights_leave_the_rating_out(rng):

@@ -15,8 +15,8 @@ from softness_bayes.checking.modulus_errors import (
 from softness_bayes.checking.sentences import shift_sentences
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.magnitude import RatingModel
-from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.sampler.jackknife import GROUPS
+from support.points import rated
 
 FABRICS, LOADS, PEOPLE = 8, 3, 20
 DESIGN = Design(
@@ -25,7 +25,7 @@ DESIGN = Design(
     np.repeat(np.arange(FABRICS), LOADS),
     PEOPLE,
 )
-TRUTH = RatingParameters(gamma=1.0, tau=0.3, varsigma=0.3)
+TRUTH = rated(gamma=1.0, tau=0.3, varsigma=0.3)
 
 
 def rated(rng):
@@ -33,7 +33,7 @@ def rated(rng):
     model, rate = RatingModel(), np.exp(rng.normal(0.0, 0.7, DESIGN.n_conditions)) * 20.0
     effects = model.draw_effects(rng, TRUTH, (), PEOPLE, FABRICS, {"mu": 3.0})
     values = model.draw_ratings(rng, DESIGN, model.drive(DESIGN, rate, TRUTH), TRUTH, effects)
-    return model.observe(values, DESIGN), np.tile(rate, (100, 1)), RatingParameters(*(np.full(100, v) for v in TRUTH))
+    return model.observe(values, DESIGN), np.tile(rate, (100, 1)), TRUTH.each(lambda v: np.full(100, v))
 
 
 def normal_toy(rng, draws, fabrics=6):

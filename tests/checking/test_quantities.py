@@ -69,13 +69,13 @@ def heavy(rng, sign):
 
 
 CONTROLS = {
-    "mean log rating": {"truth": PLAIN._replace(gamma=1.6)},
+    "mean log rating": {"truth": PLAIN.replace(gamma=1.6)},
     "turns over": {"rate": np.tile(np.geomspace(0.2, 3, FABRICS), LOADS), "assumed_rate": STEEP},
     "inflection e_fab_kpa": {"rate": np.tile([0.2, 0.7, 1.2, 1.8, 3.0, 1.2], LOADS), "assumed_rate": STEEP},
     "drop beyond inflection": {"rate": np.tile(np.geomspace(0.2, 3, FABRICS), LOADS), "assumed_rate": STEEP},
-    "participant log mean": {"assumed": PLAIN._replace(tau=0.02)},
-    "spread of participants": {"truth": PLAIN._replace(tau=2.0)},
-    "residual spread": {"truth": PLAIN._replace(varsigma=0.5)},
+    "participant log mean": {"assumed": PLAIN.replace(tau=0.02)},
+    "spread of participants": {"truth": PLAIN.replace(tau=2.0)},
+    "residual spread": {"truth": PLAIN.replace(varsigma=0.5)},
     "largest residual / sd": {"noise": +1.0},
     "smallest residual / sd": {"noise": -1.0},
 }

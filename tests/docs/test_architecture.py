@@ -9,8 +9,8 @@ from dataclasses import replace
 import pytest
 
 from softness_bayes.likelihood.directions import FALLS
-from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.model.scenes import touch_parameters, usual_values
+from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.priors import require_prior
 from softness_bayes.tools.rooms import FILE, PACKAGE, drawing, floors, imports, needed
 from softness_bayes.touch import stress
@@ -122,4 +122,4 @@ def test_the_observation_model_of_ones_own_is_one():
     exec(code, made)
     scale, model = made["AGREEMENT"], made["AGREEMENT"].model(FALLS)
     assert (model.scale, model.direction, scale.name) == (scale, FALLS, "agreement")
-    assert {*model.needs} <= {*RatingParameters._fields}
+    assert {*model.needs} <= {*EVERY_PARAMETER}

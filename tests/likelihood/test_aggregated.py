@@ -8,11 +8,11 @@ from scipy.stats import chi2, kstest
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.aggregated import AggregatedModel
+from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import FALLS
 from softness_bayes.likelihood.log_bessel import LARGE, log_bessel
 from softness_bayes.likelihood.magnitude import RatingModel
-from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.likelihood.spreads import RaterSpreads, SpreadModel
 
 N, FABRICS, CELLS = 7, np.array([0, 0, 1, 1, 2]), 5
@@ -23,7 +23,7 @@ NONE = np.empty((1, 0))
 
 def points(rng, size):
     draw = {name: rng.uniform(0.2, 1.2, size) for name in ("gamma", "tau", "varsigma", "omega", "eps")}
-    return RatingParameters.among(draw), rng.gamma(1.0, 20.0, (size, CELLS))
+    return Parameters(**draw), rng.gamma(1.0, 20.0, (size, CELLS))
 
 
 def table(rng, people=N, cells=CELLS, tau=0.6, varsigma=0.4):
@@ -40,7 +40,7 @@ def test_means_and_deviations_make_the_law_of_single_ratings(omega, rng):
     """
     log = table(rng)
     p, rate = points(rng, 40)
-    p = p._replace(omega=np.full(40, omega) * p.omega)
+    p = p.replace(omega=np.full(40, omega) * p.omega)
     single = RatingModel(FALLS).observe(np.exp(log).ravel(), EACH).log_likelihood(rate, p)
     means = AggregatedModel(FALLS, raters=N).observe(np.exp(log.mean(axis=0)), ONE_PANEL).log_likelihood(rate, p)
     left = log - log.mean(axis=0)
@@ -66,7 +66,7 @@ def test_one_standard_deviation_is_chi_square(rng):
 @pytest.mark.parametrize("raters", [2, 12, 300, *(pytest.param(raters, marks=pytest.mark.slow) for raters in (3, 60))])
 def test_simulated_raters_have_the_law(raters, rng):
     """Standard deviations of simulated single ratings, whose cells share the raters, lie uniformly in it."""
-    p = RatingParameters.among({"tau": np.array([0.6]), "varsigma": np.array([0.4])})
+    p = Parameters(tau=np.array([0.6]), varsigma=np.array([0.4]))
     design = Design([0, 1, 2], [0, 0, 0], [0, 1, 2], 1)
     places = []
     for _ in range(150):
@@ -99,7 +99,7 @@ def test_no_spread_of_scales_leaves_chi_squares(rng):
     """tau = 0 is no special case: the cells are independent."""
     design = Design([0, 1, 2], [0, 0, 0], [0, 1, 2], 1)
     s = np.array([0.3, 0.5, 0.4])
-    p = RatingParameters.among({"tau": np.array([0.0]), "varsigma": np.array([0.4])})
+    p = Parameters(tau=np.array([0.0]), varsigma=np.array([0.4]))
     found = RaterSpreads(s, design, SpreadModel(10)).log_likelihood(NONE, p)
     expected = (chi2.logpdf(9 * s * s / 0.16, 9) + np.log(2 * 9 * s / 0.16)).sum()
     assert_allclose(found, expected, atol=1e-8)
@@ -116,7 +116,7 @@ def test_what_is_no_standard_deviation_is_refused():
 def test_posteriors_of_the_spreads_are_calibrated(rng):
     """Ranks of tau and varsigma, drawn from a prior, in their posteriors given six standard deviations of 15 raters."""
     tau, varsigma = (axis.ravel() for axis in np.meshgrid(np.linspace(0.05, 1.5, 40), np.linspace(0.05, 1.0, 40)))
-    p = RatingParameters.among({"tau": tau, "varsigma": varsigma})
+    p = Parameters(tau=tau, varsigma=varsigma)
     design = Design(np.arange(6), np.zeros(6, int), np.arange(6), 1)
     places = []
     for _ in range(400):

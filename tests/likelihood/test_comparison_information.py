@@ -11,8 +11,8 @@ from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import LAPSES
 from softness_bayes.likelihood.orders import OrderModel
 from softness_bayes.likelihood.pairs import PairModel
-from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.likelihood.stated import Stated
+from support.points import rated
 
 STEP = 1e-4
 
@@ -43,7 +43,7 @@ def summed(model, answers, conditions, drive, slopes, parameters):
 @pytest.mark.parametrize("guesses", [0.0, 0.1])
 def test_information_of_a_pair(rng, guesses):
     model = PairModel(law=LAPSES)
-    parameters = RatingParameters(*map(np.float64, (1.0, 0.0, 1.0 / np.sqrt(2.0), 0.0, 0.0)), lapse=np.float64(guesses))
+    parameters = rated(*map(np.float64, (1.0, 0.0, 1.0 / np.sqrt(2.0), 0.0, 0.0)), lapse=np.float64(guesses))
     drive, slopes = rng.normal(size=4), rng.normal(size=(4, 3))
     expected = summed(model, [(1, 0), (0, 1)], [2, 0], drive, slopes, parameters)
     found = pair_information(Comparisons(np.array([[2, 0]]), np.ones(1)), drive, slopes, guesses)
@@ -53,7 +53,7 @@ def test_information_of_a_pair(rng, guesses):
 def test_information_of_an_order(rng):
     """Of four touches all 24 orders are summed; the other estimate is a mean over simulated orders."""
     model = OrderModel()
-    parameters = RatingParameters(*map(np.float64, (1.0, 0.0, np.pi / np.sqrt(6.0), 0.0, 0.0)))
+    parameters = rated(*map(np.float64, (1.0, 0.0, np.pi / np.sqrt(6.0), 0.0, 0.0)))
     drive, slopes = rng.normal(size=4), rng.normal(size=(4, 2))
     expected = summed(model, list(permutations(range(4))), range(4), drive, slopes, parameters)
     compared = Comparisons(np.arange(4)[None], np.ones(1))

@@ -22,7 +22,7 @@ import softness_bayes
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.aggregated import AggregatedModel, AggregatedRatings
 from softness_bayes.likelihood.categories import CategoryModel, CategoryRatings
-from softness_bayes.likelihood.contract import NO_RESPONSE, Likelihood
+from softness_bayes.likelihood.contract import NO_RESPONSE, Likelihood, Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
@@ -34,8 +34,8 @@ from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.models import LIKELIHOODS, RATING_MODELS, rating_model
 from softness_bayes.likelihood.orders import OrderModel, OrderRatings
 from softness_bayes.likelihood.pairs import PairModel, PairRatings
-from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
-from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
+from softness_bayes.likelihood.plate import CompressionForces
+from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, RATING_SCALES, scale_named
 from softness_bayes.likelihood.shared_loads import SharedLoads
 from softness_bayes.likelihood.spreads import RaterSpreads, SpreadModel
@@ -43,6 +43,7 @@ from softness_bayes.likelihood.uncertain_loads import UncertainLoads
 from softness_bayes.likelihood.z_scores import StandardisedModel, StandardisedRatings
 from softness_bayes.touch.contact import plate_line
 from softness_bayes.touch.fingers import FingerGrid
+from support.points import rated
 
 ROWS = 7
 CONDITIONS = 5
@@ -67,9 +68,7 @@ class Case:
 
     def at(self, k):
         """The k-th point by itself."""
-        return self.rate[k], type(self.points)(
-            *(np.asarray(value)[k] if np.ndim(value) else value for value in self.points)
-        )
+        return self.rate[k], self.points.part(k)
 
 
 def dense_ratings(y, rate, p):
@@ -255,15 +254,14 @@ def dense_forces(y, rate, p):
 
 
 NOISE = np.array([0.3, -1.1, 0.6, 1.4, -0.2, 0.9, -0.7])
-RATED = RatingParameters(
+RATED = rated(
     np.array([1.0, 0.7, 1.4]),
     np.array([0.8, 0.3, 0.5]),
     np.array([0.3, 0.5, 0.2]),
     np.array([0.4, 0.1, 0.2]),
-    [0.1] * 3,
-    *[[0.0] * 3] * 3,
-    np.array([4.0, 9.0, 30.0]),
-    np.array([0.02, 0.1, 0.01]),
+    np.full(3, 0.1),
+    nu=np.array([4.0, 9.0, 30.0]),
+    lapse=np.array([0.02, 0.1, 0.01]),
 )
 
 
@@ -288,13 +286,13 @@ def dense_spreads(y, rate, p):
     return total
 
 
-SCORED = RatingParameters(*[np.full(3, np.nan)] * 2, np.array([0.5, 0.9, 0.4]), *[np.full(3, np.nan)] * 7)
-PRESSED = SkinParameters(
-    np.array([8e3, 6e3, 1e4]),
-    np.array([3.8, 3.0, 4.0]),
-    np.array([0.3, 0.5, 0.2]),
-    np.array([0.4, 0.9, 0.3]),
-    [0.2] * 3,
+SCORED = Parameters(varsigma=np.array([0.5, 0.9, 0.4]))
+PRESSED = Parameters(
+    b=np.array([8e3, 6e3, 1e4]),
+    m=np.array([3.8, 3.0, 4.0]),
+    tau_b=np.array([0.3, 0.5, 0.2]),
+    tau_m=np.array([0.4, 0.9, 0.3]),
+    varsigma_f=np.full(3, 0.2),
 )
 CASES = {
     SharedLoads: Case(
@@ -307,7 +305,7 @@ CASES = {
     IntervalRatings: Case(
         IntervalRatings(20.0 * np.exp(NOISE), DESIGN, IntervalModel(RISES, law=STUDENT)),
         RATES,
-        RATED._replace(omega=[0.0] * 3),
+        RATED.replace(omega=np.zeros(3)),
         dense_student,
         joint=1e-5,
         left_out=1e-5,
@@ -315,9 +313,9 @@ CASES = {
     CategoryRatings: Case(
         CategoryRatings([1, 2, 3, 3, 4, 2, 4], DESIGN, CategoryModel(RISES, categories=4)),
         RATES,
-        RATED._replace(
+        RATED.replace(
             gamma=np.array([0.4, 0.3, 0.5]),
-            omega=[0.0] * 3,
+            omega=np.zeros(3),
             gap_2=np.array([0.6, 0.9, 0.4]),
             gap_3=np.array([0.5, 0.3, 1.0]),
         ),
@@ -329,14 +327,14 @@ CASES = {
     OrderRatings: Case(
         OrderRatings([2, 1, 4, 1, 2, 2, 1], DESIGN, OrderModel(RISES)),
         RATES,
-        RATED._replace(gamma=np.array([0.1, 0.2, 0.15]), tau=[0.0] * 3, omega=[0.0] * 3),
+        RATED.replace(gamma=np.array([0.1, 0.2, 0.15]), tau=np.zeros(3), omega=np.zeros(3)),
         dense_orders,
         numbers=(1, 3),
     ),
     PairRatings: Case(
         PairRatings([2, 1, 5, 1, 2, 2, 1], DESIGN, PairModel(RISES, law=LAPSES), lists=np.array([0, 0, 1, 2, 2, 3, 3])),
         RATES,
-        RATED._replace(gamma=np.array([0.1, 0.2, 0.15]), tau=[0.0] * 3, omega=[0.0] * 3),
+        RATED.replace(gamma=np.array([0.1, 0.2, 0.15]), tau=np.zeros(3), omega=np.zeros(3)),
         dense_pairs,
         numbers=(1, 3),
     ),
@@ -349,15 +347,15 @@ CASES = {
     IndividualRatings: Case(
         IndividualRatings(20.0 * np.exp(NOISE), DESIGN, IndividualModel(RISES, grid=GRID)),
         WIDE,
-        RATED._replace(omega=[0.0] * 3, tau_b=np.array([0.2, 0.3, 0.4])),
+        RATED.replace(omega=np.zeros(3), tau_b=np.array([0.2, 0.3, 0.4])),
         dense_fingers,
     ),
     "raters who differ": Case(
         IntervalRatings(20.0 * np.exp(NOISE), DESIGN, IntervalModel(RISES, differ=("gamma", "varsigma"))),
         RATES,
-        RATED._replace(
+        RATED.replace(
             gamma=np.array([0.2, 0.1, 0.15]),
-            omega=[0.0] * 3,
+            omega=np.zeros(3),
             tau_gamma=np.array([0.2, 0.4, 0.3]),
             tau_varsigma=np.array([0.3, 0.2, 0.4]),
         ),
@@ -368,7 +366,7 @@ CASES = {
     "raters who differ, with heavy tails": Case(
         IntervalRatings(20.0 * np.exp(NOISE), DESIGN, IntervalModel(RISES, law=STUDENT, differ=("gamma",))),
         RATES,
-        RATED._replace(gamma=np.array([0.2, 0.1, 0.15]), omega=[0.0] * 3, tau_gamma=np.array([0.2, 0.4, 0.3])),
+        RATED.replace(gamma=np.array([0.2, 0.1, 0.15]), omega=np.zeros(3), tau_gamma=np.array([0.2, 0.4, 0.3])),
         dense_student_answers,
         joint=0.02,
         left_out=0.1,
@@ -499,7 +497,7 @@ DRAWS = 1600
 def many(case):
     """One point many times over."""
     rate, point = case.at(0)
-    return np.tile(rate, (DRAWS, 1)), type(point)(*(np.full(DRAWS, value) for value in point))
+    return np.tile(rate, (DRAWS, 1)), point.each(lambda value: np.full(DRAWS, value))
 
 
 def of_tables(y, made, ask):
@@ -517,8 +515,8 @@ def replicates_fit_the_density(case):
     first, point = case.at(slice(0, 1))
     name = next(n for n in ("varsigma", "varsigma_f") if n in y.model.needs)
     # a category tells less of the spread than a number does
-    other = point._replace(**{name: (0.9 if case.numbers is None else 0.4) * getattr(point, name)})
-    both = type(point)(*(np.append(p, q) for p, q in zip(point, other, strict=True)))
+    other = point.replace(**{name: (0.9 if case.numbers is None else 0.4) * getattr(point, name)})
+    both = Parameters(**{name: np.append(getattr(point, name), value) for name, value in vars(other).items()})
     density = of_tables(y, made[:250], lambda table: table.log_likelihood(np.tile(first, (2, 1)), both))
     weight = np.exp(density[:, 1] - density[:, 0])
     assert abs(weight.mean() - 1.0) < 5.0 * weight.std() / np.sqrt(weight.size)
@@ -605,8 +603,6 @@ def test_members_and_shapes(case):
     y, model, rng = case.observed, case.observed.model, np.random.default_rng(1)
     assert isinstance(y, Likelihood)
     assert y.name
-    taken = model.take({**dict.fromkeys(model.needs, 0.5), "unknown": 1.0})
-    assert [float(getattr(taken, name)) for name in model.needs] == [0.5] * len(model.needs)
     effects = y.draw_effects(rng, case.rate, case.points)
     assert y.residual(case.rate, case.points, effects).shape == (3, ROWS)
     assert model.error_sd(case.points).shape == (3,)
@@ -634,7 +630,7 @@ def test_other_raters_and_fabrics_are_of_the_population(case):
     y, model = case.observed, case.observed.model
     _, points = many(case)
     if "omega" in model.needs:
-        points = points._replace(omega=np.full(DRAWS, 0.3))
+        points = points.replace(omega=np.full(DRAWS, 0.3))
     before = y.new_effects(rng, points, (DRAWS,))
     others = model.for_others(rng, points, before, 2, np.array([-1, 2, -1, 0]))
     drawn, known = model.named_effects(others), model.named_effects(before)
@@ -695,7 +691,7 @@ class Noisy(LogRatings):
     """Replicates with more noise than the density has."""
 
     def replicate(self, rng, drive, parameters, effects, mean_rate=None):
-        return super().replicate(rng, drive, parameters._replace(varsigma=2.0 * parameters.varsigma), effects)
+        return super().replicate(rng, drive, parameters.replace(varsigma=2.0 * parameters.varsigma), effects)
 
 
 class Stretched(LogRatings):

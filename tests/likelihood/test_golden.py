@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose
 from oracles import make_likelihood_goldens, raters
 from softness_bayes.likelihood.aggregated import AggregatedModel
 from softness_bayes.likelihood.categories import CategoryModel
+from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.likelihood.error_laws import error_law_named
@@ -87,7 +88,7 @@ def rate_of(case, nodes="coarse"):
 
 def parameters_of(likelihood, p):
     """Parameters in the form that the likelihood takes."""
-    return likelihood.model.take(p)
+    return Parameters(**p)
 
 
 def log_likelihood_reference(case, p):

@@ -10,8 +10,8 @@ from softness_bayes.likelihood.directions import FALLS
 from softness_bayes.likelihood.individual import IndividualModel
 from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.mu_nodes import RaterLaw, about_mu, at_nodes
-from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.touch.fingers import FingerGrid
+from support.points import rated
 
 PEOPLE, CONDITIONS = 6, 5
 DESIGN = Design(
@@ -22,7 +22,7 @@ GRID = FingerGrid({"b": 9})
 
 def points(size=4, **changed):
     values = {"gamma": 1.0, "tau": 0.4, "varsigma": 0.3, "tau_b": 0.3, **changed}
-    return RatingParameters(**{name: np.full(size, value) for name, value in values.items()})
+    return rated(**{name: np.full(size, value) for name, value in values.items()})
 
 
 def observed(rng, spread=1.0, grid=GRID):
@@ -65,7 +65,7 @@ def test_ratings_almost_without_noise_have_a_density(rng, varsigma):
     p = points(2, tau=np.array([1e-4, 0.4]), varsigma=np.array([varsigma, 0.3]))
     found = likelihood.log_likelihood(rates[:2], p)
     assert_allclose(found, closed.log_likelihood(rates[:2, :CONDITIONS], p), rtol=1e-9)
-    one = type(p)(*(np.asarray(value).ravel()[0] for value in p))
+    one = p.part(0)
     assert_allclose(likelihood.log_likelihood(rates[0], one), found[0], rtol=1e-12)
 
 
@@ -111,7 +111,7 @@ def test_fingers_are_found_again(rng):
     made = model.draw_ratings(rng, DESIGN, drive, p, effects)
     right = 0
     for k in range(4):
-        one = RatingParameters(*(np.atleast_1d(value)[:1] for value in p))
+        one = p.each(lambda value: np.atleast_1d(value)[:1])
         drawn = model.observe(made[k], DESIGN).draw_effects(rng, rates[k : k + 1], one)
         right += (drawn.finger[0] == effects.finger[k]).sum()
         assert_allclose(drawn.deviation[0, :, 0], 0.3 * GRID.z["b"][drawn.finger[0]])

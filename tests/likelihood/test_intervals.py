@@ -11,7 +11,6 @@ from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
 from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings, SliderModel
 from softness_bayes.likelihood.magnitude import RatingModel
-from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.likelihood.stated import Stated
 from support.interval_tables import POINTS, design_of, on_grid, points_of, rates_of, table
 
@@ -46,7 +45,7 @@ def residual_by_hand(observed, rate, points):
 def test_other_laws_have_the_normal_one_as_their_limit(law):
     observed, rate, points = table(6, 4, 4, law)
     closed = RatingModel(RISES).observe(observed.values, observed.design)
-    limit = points._replace(nu=np.full(POINTS, 1e12), lapse=np.zeros(POINTS))
+    limit = points.replace(nu=np.full(POINTS, 1e12), lapse=np.zeros(POINTS))
     assert_allclose(observed.log_likelihood(rate, limit), closed.log_likelihood(rate, limit), rtol=1e-9)
     # and differs from it elsewhere
     assert (np.abs(observed.log_likelihood(rate, points) - closed.log_likelihood(rate, points)) > 0.1).all()
@@ -85,7 +84,7 @@ def test_effects_are_drawn_from_their_law(law, repeats):
     """Geweke's test, with grids: effects of the prior, and effects given ratings made of them, have one law."""
     observed, rate, points = table(9, 4, repeats, law, 1.0)
     rng, draws = np.random.default_rng(2), 600
-    one = RatingParameters(*(np.asarray(v)[:1] for v in points))
+    one = points.each(lambda v: np.asarray(v)[:1])
     before = observed.new_effects(rng, one, (draws,), {"mu": 1.2 + 0.3 * rng.standard_normal(draws)})
     after = []
     for k in range(draws):

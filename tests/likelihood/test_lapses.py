@@ -11,9 +11,9 @@ from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import LAPSES
 from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings
 from softness_bayes.likelihood.lapses import BEYOND, RaterRange, WholeScale
-from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.likelihood.scales import MAGNITUDE, SLIDER
 from softness_bayes.likelihood.stated import Stated
+from support.points import rated
 
 WHO = Design(np.tile([0, 1, 2], 2), np.repeat([1, 0], 3), np.arange(3), 2)
 NUMBERS = np.array([4.0, 40.0, 8.0, 0.5, 1.0, 3.0])
@@ -64,13 +64,13 @@ def test_the_extreme_numbers_of_attentive_raters_are_not_taken_for_lapses():
     design = Design(np.tile(np.arange(4), 2 * people), np.repeat(np.arange(people), each), np.arange(4), people)
     rate, spread = np.geomspace(1.0, 20.0, 4), 0.3
     shares = np.linspace(0.0, 0.2, 41)
-    points = RatingParameters(0.8, 0.5, spread, eps=0.1, nu=np.inf, lapse=shares)
+    points = rated(0.8, 0.5, spread, eps=0.1, nu=np.inf, lapse=shares)
     model = IntervalModel(law=LAPSES)
     said = Stated(*(np.full(design.n_rows, v) for v in (1.0, 0.5, 0.25, np.inf)))
-    attentive = points._replace(lapse=0.0)
+    attentive = points.replace(lapse=0.0)
     empty = model.observe(said.values, design, said)
     effects = empty.new_effects(rng, attentive, (1,), {"mu": np.array([3.0])})
     for lapse, low, high in ((0.0, 0.0, 0.012), (0.08, 0.05, 0.11)):
-        made = empty.replicate(rng, empty.drive(rate[None], attentive), attentive._replace(lapse=lapse), effects)[0]
+        made = empty.replicate(rng, empty.drive(rate[None], attentive), attentive.replace(lapse=lapse), effects)[0]
         found = IntervalRatings(made, design, model, stated=said).log_likelihood(np.tile(rate, (41, 1)), points)
         assert low <= shares[found.argmax()] <= high

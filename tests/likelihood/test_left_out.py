@@ -10,12 +10,14 @@ from scipy.stats import multivariate_normal
 from softness_bayes.checking.checks import Residuals, check_exponents, check_fabrics, loo_pit
 from softness_bayes.checking.layout import Layout
 from softness_bayes.likelihood import pieces as room
+from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.group_conditionals import block_log_likelihood
-from softness_bayes.likelihood.magnitude import LogRatings, RatingModel, RatingParameters
-from softness_bayes.likelihood.pieces import part_of, pieces
+from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
+from softness_bayes.likelihood.pieces import pieces
 from softness_bayes.likelihood.z_scores import StandardisedRatings
 from softness_bayes.plotting.rating import observed_ratings
+from support.points import rated
 
 MODEL = RatingModel()
 
@@ -28,9 +30,7 @@ def lab(rng, people=6, rows=50, draws=4):
 
 def several(rng, draws, omega, varsigma=0.3):
     """Parameters of which some are numbers and some differ between draws."""
-    return RatingParameters(
-        rng.uniform(0.5, 1.5, draws), rng.uniform(0.2, 0.9, draws), varsigma, rng.uniform(0, 1, draws) * omega
-    )
+    return rated(rng.uniform(0.5, 1.5, draws), rng.uniform(0.2, 0.9, draws), varsigma, rng.uniform(0, 1, draws) * omega)
 
 
 @pytest.mark.parametrize("varsigma", [0.3, 1e-3])
@@ -50,7 +50,7 @@ def test_participants_of_z_scores_are_blocks(rng):
     for sign in (1.0, -1.0):  # ratings that follow the response, and that contradict it
         x = np.log(rate[1])
         ratings = noise + sign * (x - x.mean())[design.condition]
-        observed, points = StandardisedRatings(ratings, design), RatingParameters(np.nan, np.nan, np.full(4, 0.6))
+        observed, points = StandardisedRatings(ratings, design), Parameters(varsigma=np.full(4, 0.6))
         found = observed.log_likelihood_participants(rate, points)
         assert_allclose(found[:, :-1], block_log_likelihood(observed, rate, points, design.participant), rtol=1e-9)
         assert_allclose(found[:, -1], 0.0, atol=1e-9)
@@ -63,7 +63,7 @@ def test_precise_ratings_lose_no_digits(rng):
     x = np.log(rate[0] + 0.1)[design.condition]
     log_rating = np.log(20) + 0.8 * (x - x.mean()) + np.repeat([0.3, -0.2], 6) + noise
     observed = LogRatings(np.exp(log_rating), design)
-    found = observed.log_likelihood_participants(rate, RatingParameters(0.8, 0.5, 1e-4))
+    found = observed.log_likelihood_participants(rate, rated(0.8, 0.5, 1e-4))
     residual = log_rating - np.log(20) - 0.8 * (x - x.mean())
     same = design.participant[:, None] == design.participant
     for tau, alike in ((0.5, True), (0.6, False)):
@@ -80,7 +80,7 @@ def test_one_participant_is_all_there_is(rng):
     rate, y = rng.gamma(1, 10, (3, 6)), rng.standard_normal(6)
     for observed, points in (
         (LogRatings(np.exp(y), design), several(rng, 3, 0.4)),
-        (StandardisedRatings(y, design), RatingParameters(np.nan, np.nan, 0.7)),
+        (StandardisedRatings(y, design), Parameters(varsigma=0.7)),
     ):
         found = observed.log_likelihood_participants(rate, points)
         assert_allclose(found[:, 0], observed.log_likelihood(rate, points), rtol=1e-10)
@@ -94,7 +94,7 @@ def test_pieces_cover_all_draws_once():
         parts = pieces(draws, width)
         assert np.concatenate([np.arange(draws)[k] for k in parts]).tolist() == [*range(draws)]
         assert all((k.stop - k.start) * width <= room.ROOM or k.stop - k.start == 1 for k in parts)
-    some = part_of(RatingParameters(np.arange(5.0), 0.5, np.arange(5.0)), slice(1, 3))
+    some = rated(np.arange(5.0), 0.5, np.arange(5.0)).part(slice(1, 3))
     assert (some.gamma.tolist(), some.tau) == ([1.0, 2.0], 0.5)
 
 

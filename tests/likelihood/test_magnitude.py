@@ -8,7 +8,8 @@ from scipy.stats import kstest, multivariate_normal, norm
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import FALLS, RATING_DIRECTIONS, RISES
-from softness_bayes.likelihood.magnitude import LogRatings, RatingModel, RatingParameters
+from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
+from support.points import rated
 
 DEFAULT = RatingModel()
 
@@ -55,15 +56,15 @@ def dense_leave_one_out(ratings, design, rate, p):
 
 
 POINTS = {
-    "plain": RatingParameters(1.0, 0.8, 0.3),
-    "fabrics deviate": RatingParameters(0.7, 0.8, 0.3, 0.2, 0.5),
-    "no spread of participants": RatingParameters(1.3, 0.0, 0.4),
-    "fabrics alone deviate": RatingParameters(1.3, 0.0, 0.4, 0.6),
-    "wide participants": RatingParameters(1.0, 50.0, 0.1),
-    "small error": RatingParameters(1.0, 0.5, 2e-3),
-    "small error and fabrics": RatingParameters(1.0, 0.5, 1e-2, 1.0),
-    "small exponent": RatingParameters(1e-12, 0.5, 0.3, 0.1),
-    "silent fabrics far away": RatingParameters(2.0, 0.5, 0.3, 0.0, 1e-9),
+    "plain": rated(1.0, 0.8, 0.3),
+    "fabrics deviate": rated(0.7, 0.8, 0.3, 0.2, 0.5),
+    "no spread of participants": rated(1.3, 0.0, 0.4),
+    "fabrics alone deviate": rated(1.3, 0.0, 0.4, 0.6),
+    "wide participants": rated(1.0, 50.0, 0.1),
+    "small error": rated(1.0, 0.5, 2e-3),
+    "small error and fabrics": rated(1.0, 0.5, 1e-2, 1.0),
+    "small exponent": rated(1e-12, 0.5, 0.3, 0.1),
+    "silent fabrics far away": rated(2.0, 0.5, 0.3, 0.0, 1e-9),
 }
 
 SHAPES = {
@@ -91,7 +92,7 @@ def test_likelihood_is_the_dense_normal_law(shape, point):
 @pytest.mark.parametrize("omega", [0.0, 0.3])
 def test_likelihood_where_double_precision_is_too_short_for_the_dense_law(omega):
     ratings, design, rate = lab(np.random.default_rng(1), participants=3, rows=12)
-    point = RatingParameters(1.0, 20.0, 1e-5, omega)
+    point = rated(1.0, 20.0, 1e-5, omega)
     mean, _ = dense(ratings, design, rate, point)
     fabric, person = design.fabric[design.condition], design.participant
     with mpmath.workdps(50):
@@ -107,7 +108,7 @@ def test_likelihood_where_double_precision_is_too_short_for_the_dense_law(omega)
 
 
 def random_points(rng, size):
-    return RatingParameters(
+    return rated(
         rng.lognormal(0, 0.5, size),
         rng.lognormal(-0.5, 1, size),
         rng.lognormal(-1, 0.5, size),
@@ -124,7 +125,7 @@ def test_a_batch_is_its_points_one_by_one(direction):
     rates = rng.gamma(0.5, 20, (100, design.n_conditions))
     batch = LogRatings(ratings, design, model).log_likelihood(rates, points)
     for k in range(100):
-        point = RatingParameters(*(np.broadcast_to(value, len(points.gamma))[k] for value in points))
+        point = points.part(k)
         assert batch[k] == pytest.approx(dense_log_likelihood(ratings, design, rates[k], point, model), rel=1e-10)
 
 
@@ -133,7 +134,7 @@ def test_direction_changes_the_sign_of_the_exponent():
     rng = np.random.default_rng(3)
     _, design, _ = lab(rng)
     rate = np.geomspace(1, 100, design.n_conditions)
-    point = RatingParameters(1.0, 0.3, 0.1)
+    point = rated(1.0, 0.3, 0.1)
     for direction, other in ((RISES, FALLS), (FALLS, RISES)):
         model = RatingModel(direction)
         effects = model.draw_effects(rng, point, (), design.n_participants, design.n_fabrics)
@@ -147,7 +148,7 @@ def test_direction_changes_the_sign_of_the_exponent():
 def test_silence_everywhere_leaves_the_exponent_without_effect():
     ratings, design, rate = lab(np.random.default_rng(4))
     observed = LogRatings(ratings, design)
-    low, high = (observed.log_likelihood(0 * rate, RatingParameters(g, 0.5, 0.3)) for g in (0.1, 10))
+    low, high = (observed.log_likelihood(0 * rate, rated(g, 0.5, 0.3)) for g in (0.1, 10))
     assert low == pytest.approx(high, rel=1e-12)
 
 
@@ -157,7 +158,7 @@ def test_extreme_spreads_stay_numbers():
     for tau in (0.0, 1e-300, 1e100):
         for varsigma in (1e-300, 1e-8, 1e100):
             for omega in (0.0, 1e-200, 1e3):
-                value = observed.log_likelihood(rate, RatingParameters(1.0, tau, varsigma, omega))
+                value = observed.log_likelihood(rate, rated(1.0, tau, varsigma, omega))
                 assert np.isfinite(value)
 
 
@@ -166,7 +167,7 @@ def test_a_perfect_fit_with_a_tiny_error_keeps_its_digits():
     rng = np.random.default_rng(6)
     _, design, rate = lab(rng)
     for tau, omega in ((0.0, 0.0), (0.5, 0.0), (0.5, 0.4)):
-        point = RatingParameters(1.0, tau, 1e-6, omega)
+        point = rated(1.0, tau, 1e-6, omega)
         model = RatingModel()
         effects = model.draw_effects(rng, point, (), design.n_participants, design.n_fabrics)
         ratings = model.draw_ratings(rng, design, model.drive(design, rate, point), point, effects)
@@ -192,11 +193,11 @@ def test_leave_one_out_of_a_batch_and_of_one_rating():
     batch = LogRatings(ratings, design).log_likelihood_loo(rates, points)
     assert batch.shape == (7, design.n_rows)
     for k in range(7):
-        point = RatingParameters(*(np.broadcast_to(value, len(points.gamma))[k] for value in points))
+        point = points.part(k)
         np.testing.assert_allclose(batch[k], dense_leave_one_out(ratings, design, rates[k], point), rtol=1e-8)
     alone = Design([0], [0], [0], 1)
     single = LogRatings([17.0], alone)
-    point = RatingParameters(1.0, 0.4, 1e-4, 0.1)
+    point = rated(1.0, 0.4, 1e-4, 0.1)
     expected = single.log_likelihood(np.array([3.0]), point)
     assert single.log_likelihood_loo(np.array([3.0]), point)[0] == pytest.approx(expected, rel=1e-9)
 
@@ -206,7 +207,7 @@ def test_effects_given_the_ratings_have_the_dense_moments(point):
     rng = np.random.default_rng(9)
     ratings, design, rate = lab(rng, participants=3, rows=30)
     draws = LogRatings(ratings, design).draw_effects(
-        rng, np.tile(rate, (40_000, 1)), RatingParameters(*(np.full(40_000, v) for v in point))
+        rng, np.tile(rate, (40_000, 1)), point.each(lambda v: np.full(40_000, v))
     )
     mean, covariance = dense(ratings, design, rate, point)
     fabric = np.eye(design.n_fabrics)[design.fabric[design.condition]]
@@ -225,7 +226,7 @@ def test_effects_given_the_ratings_have_the_dense_moments(point):
 def test_new_participants_and_ratings_follow_the_model():
     rng = np.random.default_rng(10)
     _, design, rate = lab(rng, rows=6)
-    point, model = RatingParameters(1.2, 0.7, 0.3, 0.2), RatingModel()
+    point, model = rated(1.2, 0.7, 0.3, 0.2), RatingModel()
     drive = model.drive(design, rate, point)
     effects = model.draw_effects(rng, point, (20_000,), design.n_participants, design.n_fabrics)
     ratings = model.draw_ratings(rng, design, drive, point, effects)
@@ -240,7 +241,7 @@ def test_new_participants_and_ratings_follow_the_model():
 @pytest.mark.parametrize("mu", [-1e4, -690.0, 690.0, 1e4])
 def test_ratings_beyond_floating_point_are_held_at_its_ends(mu):
     rng = np.random.default_rng(6)
-    parameters, design = RatingParameters(1.0, 0.5, 100.0), Design(np.arange(4), np.zeros(4, int), np.arange(4), 1)
+    parameters, design = rated(1.0, 0.5, 100.0), Design(np.arange(4), np.zeros(4, int), np.arange(4), 1)
     effects = DEFAULT.draw_effects(rng, parameters, (500,), 1, 4, {"mu": mu})
     drawn = DEFAULT.draw_ratings(rng, design, np.zeros((500, 4)), parameters, effects)
     for rating in (drawn, DEFAULT.typical(effects, np.zeros((500, 4)))):
@@ -254,18 +255,18 @@ def test_leave_one_out_is_calibrated_on_ratings_of_the_model():
     """Each rating's place in its law is uniform; with a wrong error spread it is not."""
     rng = np.random.default_rng(11)
     _, design, rate = lab(rng, rows=400)
-    point, model = RatingParameters(1.2, 0.7, 0.3), RatingModel()
+    point, model = rated(1.2, 0.7, 0.3), RatingModel()
     effects = model.draw_effects(rng, point, (), design.n_participants, design.n_fabrics)
     observed = LogRatings(model.draw_ratings(rng, design, model.drive(design, rate, point), point, effects), design)
     y = np.log(observed.values)
     for varsigma, calibrated in ((0.3, True), (0.6, False)):
-        law = observed.leave_one_out(rate, point._replace(varsigma=varsigma))
+        law = observed.leave_one_out(rate, point.replace(varsigma=varsigma))
         assert (kstest(norm.cdf((y - law.mean) / law.sd), "uniform").pvalue > 1e-3) == calibrated
 
 
 def test_drive_elsewhere_shares_the_centre_of_the_rows():
     _, design, rate = lab(np.random.default_rng(12))
-    model, point = RatingModel(), RatingParameters(np.array([0.5, 2.0]), 0.5, 0.3)
+    model, point = RatingModel(), rated(np.array([0.5, 2.0]), 0.5, 0.3)
     rates = np.stack([rate, 2 * rate])
     np.testing.assert_allclose(
         model.drive_at(rates[:, ::-1], design, rates, point), model.drive(design, rates, point)[:, ::-1]

@@ -17,10 +17,10 @@ from softness_bayes.likelihood.directions import FALLS
 from softness_bayes.likelihood.error_laws import GUMBEL, error_law_named
 from softness_bayes.likelihood.orders import GUMBEL_SD, OrderModel, OrderRatings, shares
 from softness_bayes.likelihood.places import MOST_TIED
-from softness_bayes.likelihood.ratings import RatingParameters
+from support.points import rated
 
 RATE = np.array([0.0, 2.0, 7.0, 30.0])
-POINT = RatingParameters(np.float64(0.8), 0.0, np.float64(1.5), 0.0, np.float64(0.1))
+POINT = rated(np.float64(0.8), 0.0, np.float64(1.5), 0.0, np.float64(0.1))
 MODEL = OrderModel()
 
 
@@ -77,7 +77,7 @@ def test_equal_worths_have_equal_chances():
 
 def test_extreme_worths_stay_finite():
     """Noise of 1e-8 makes an order against the response improbable, not impossible to compute."""
-    precise = POINT._replace(varsigma=np.float64(1e-6))
+    precise = POINT.replace(varsigma=np.float64(1e-6))
     against = one_list((4, 3, 2, 1))
     assert -1e8 < float(against.log_likelihood(RATE, precise)) < -1e5
     assert_allclose(one_list((1, 2, 3, 4)).log_likelihood(RATE, precise), 0.0, atol=1e-12)
@@ -143,7 +143,7 @@ def test_gumbels_law():
 
 def crossed(people=40):
     design = Design(np.tile(np.arange(4), people), np.repeat(np.arange(people), 4), np.arange(4), people)
-    return design, np.tile(RATE, (60, 1)), RatingParameters(*(np.full(60, v) for v in (0.8, 0.4, 0.5, 0.0, 0.1)))
+    return design, np.tile(RATE, (60, 1)), rated(*(np.full(60, v) for v in (0.8, 0.4, 0.5, 0.0, 0.1)))
 
 
 @pytest.mark.parametrize("model", [OrderModel(FALLS), CategoryModel(FALLS, categories=4)], ids=["orders", "categories"])
@@ -151,8 +151,8 @@ def test_places_of_discrete_ratings_are_uniform(model):
     """LOO-PIT of tables from the model is uniform, though a category or a place has a probability of its own."""
     design, rate, points = crossed()
     rng = np.random.default_rng(3)
-    points = points._replace(gap_2=np.full(60, 0.9), gap_3=np.full(60, 0.9), nu=np.nan, lapse=np.nan)
-    one = RatingParameters(*(np.asarray(v)[:1] if np.ndim(v) else v for v in points))
+    points = points.replace(gap_2=np.full(60, 0.9), gap_3=np.full(60, 0.9))
+    one = points.each(lambda v: np.asarray(v)[:1] if np.ndim(v) else v)
     drive = model.drive(design, rate[:1], one)
     effects = model.draw_effects(rng, one, (1,), design.n_participants, design.n_fabrics, {"mu": 1.0})
     observed = model.observe(model.draw_ratings(rng, design, drive, one, effects)[0], design)

@@ -12,7 +12,7 @@ from softness_bayes.likelihood.categories import CategoryModel
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import LAPSES
 from softness_bayes.likelihood.pairs import PairModel, PairRatings
-from softness_bayes.likelihood.ratings import RatingParameters
+from support.points import rated
 
 STORED = json.loads((Path(__file__).parents[1] / "reference" / "ordinal.json").read_text())
 EPS = 0.1
@@ -26,10 +26,10 @@ def ordered(point):
     rates, condition = np.unique(np.exp(x) - EPS, return_inverse=True)
     design = Design(condition, np.zeros(x.size, int), np.arange(rates.size), 1)
     gaps = {f"gap_{k}": np.float64(gap) for k, gap in enumerate(np.diff(point["ends"]), start=2)}
-    at = RatingParameters(point["gamma"], 0.0, point["varsigma"], 0.0, EPS)._replace(**gaps)
+    at = rated(point["gamma"], 0.0, point["varsigma"], 0.0, EPS, **gaps)
     model = CategoryModel(centre=np.exp(point["mu"]), spread=SURE, categories=1 + len(point["ends"]))
     observed = model.observe(category.astype(float), design)
-    return observed, rates, RatingParameters(*(np.float64(value) for value in at))
+    return observed, rates, at.each(lambda value: np.float64(value))
 
 
 @pytest.mark.parametrize("point", STORED["categories"]["points"])
@@ -48,8 +48,8 @@ def test_pairs_have_the_chances_of_a_psychometric_function(point):
     design = Design(pairs.ravel(), np.zeros(pairs.size, int), np.arange(rates.size), 1)
     answers = np.tile([1.0, 0.0], difference.size)
     observed = PairRatings(answers, design, PairModel(law=LAPSES), lists=np.repeat(np.arange(difference.size), 2))
-    at = RatingParameters(1.0, 0.0, point["unit"] / np.sqrt(2.0), 0.0, 0.0, lapse=point["lapse"])
-    found = observed.log_likelihood_answers(rates, RatingParameters(*(np.float64(value) for value in at)))
+    at = rated(1.0, 0.0, point["unit"] / np.sqrt(2.0), 0.0, 0.0, lapse=point["lapse"])
+    found = observed.log_likelihood_answers(rates, at.each(lambda value: np.float64(value)))
     assert_allclose(np.exp(found), point["chance"], rtol=1e-9)
 
 

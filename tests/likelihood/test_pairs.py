@@ -15,10 +15,10 @@ from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import LAPSES
 from softness_bayes.likelihood.orders import OrderModel
 from softness_bayes.likelihood.pairs import PairModel, PairRatings
-from softness_bayes.likelihood.ratings import RatingParameters
+from support.points import rated
 
 RATE = np.array([0.0, 2.0, 7.0, 30.0])
-POINT = RatingParameters(np.float64(0.8), 0.0, np.float64(1.5), 0.0, np.float64(0.1))
+POINT = rated(np.float64(0.8), 0.0, np.float64(1.5), 0.0, np.float64(0.1))
 
 
 def asked(condition, answers, law=None):
@@ -41,10 +41,10 @@ def test_an_answer_is_a_probit_of_the_difference():
 
 def test_guesses_bound_the_chances():
     """With a share of lapses no answer is rarer than half of it; without, the probit is the limit."""
-    sure = POINT._replace(varsigma=np.float64(1e-3), lapse=np.float64(0.06))
+    sure = POINT.replace(varsigma=np.float64(1e-3), lapse=np.float64(0.06))
     assert_allclose(np.exp(asked([[3, 0]], [0], LAPSES).log_likelihood(RATE, sure)), 0.03, rtol=1e-9)
     assert_allclose(np.exp(asked([[3, 0]], [1], LAPSES).log_likelihood(RATE, sure)), 0.97, rtol=1e-9)
-    none = POINT._replace(lapse=np.float64(1e-13))
+    none = POINT.replace(lapse=np.float64(1e-13))
     pairs = [[0, 1], [2, 1], [3, 0]], [1, 1, 0]
     assert_allclose(
         asked(*pairs, LAPSES).log_likelihood(RATE, none), asked(*pairs).log_likelihood(RATE, POINT), atol=1e-10
@@ -62,7 +62,7 @@ def test_each_pair_is_one_answer():
 
 def test_replicated_shares_are_the_chances():
     observed, rng = asked([[2, 1]] * 4000, [1] * 4000, LAPSES), np.random.default_rng(1)
-    point = POINT._replace(lapse=np.float64(0.2))
+    point = POINT.replace(lapse=np.float64(0.2))
     made = observed.replicate(rng, observed.drive(RATE, point), point, None).reshape(-1, 2)
     assert (made.sum(axis=1) == 1.0).all()
     expected = observed.expected(RATE, point, None)[2]
@@ -90,7 +90,7 @@ def test_a_psychometric_function_is_recovered():
     observed = asked(condition, told.astype(float))
 
     def misfit(log_ratio):
-        return -float(observed.log_likelihood(RATE, POINT._replace(gamma=1.5 * np.exp(log_ratio[0]))))
+        return -float(observed.log_likelihood(RATE, POINT.replace(gamma=1.5 * np.exp(log_ratio[0]))))
 
     found = np.exp(minimize(misfit, [0.0], method="Nelder-Mead").x[0])
     assert_allclose(found, 0.5 / 1.2, rtol=0.08)

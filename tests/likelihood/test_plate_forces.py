@@ -7,21 +7,27 @@ from scipy.stats import kstest, multivariate_normal
 
 from softness_bayes.checking.checks import check_exponent
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.contract import NO_RESPONSE
-from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
+from softness_bayes.likelihood.contract import NO_RESPONSE, Parameters
+from softness_bayes.likelihood.plate import PLATE_PARAMETERS, CompressionForces
 from softness_bayes.touch.contact import Finger, Indentation, plate_force, plate_line, solve_contact
 from softness_bayes.touch.skin import DISPLACEMENT, STRAIN
 
 DEPTHS = np.array([0.5e-3, 1e-3, 1.5e-3, 2e-3])
-TYPICAL = SkinParameters(8e3, 3.8, 0.3, 0.4, 0.1)
+
+
+def skin(*values):
+    return Parameters(**dict(zip(PLATE_PARAMETERS, values, strict=True)))
+
+
+TYPICAL = skin(8e3, 3.8, 0.3, 0.4, 0.1)
 
 POINTS = {
     "usual": TYPICAL,
-    "alike in m": TYPICAL._replace(tau_m=0.0),
-    "alike": TYPICAL._replace(tau_b=0.0, tau_m=0.0),
-    "far apart": TYPICAL._replace(tau_b=3.0, tau_m=5.0),
-    "small error": TYPICAL._replace(varsigma_f=1e-3),
-    "another skin": SkinParameters(1e5, 2.0, 0.5, 1.0, 0.3),
+    "alike in m": TYPICAL.replace(tau_m=0.0),
+    "alike": TYPICAL.replace(tau_b=0.0, tau_m=0.0),
+    "far apart": TYPICAL.replace(tau_b=3.0, tau_m=5.0),
+    "small error": TYPICAL.replace(varsigma_f=1e-3),
+    "another skin": skin(1e5, 2.0, 0.5, 1.0, 0.3),
 }
 
 
@@ -80,7 +86,7 @@ def test_likelihood_is_the_dense_normal_law(rng, size, point):
 
 
 def test_likelihood_under_the_other_reading_of_the_displacement(rng):
-    observed, point = forces(rng, displacement=DISPLACEMENT), SkinParameters(16e3, 630.0, 0.3, 100.0, 0.1)
+    observed, point = forces(rng, displacement=DISPLACEMENT), skin(16e3, 630.0, 0.3, 100.0, 0.1)
     expected = multivariate_normal(*dense(observed, point, DISPLACEMENT)).logpdf(np.log(observed.values))
     assert observed.log_likelihood(NO_RESPONSE, point) == pytest.approx(
         expected - np.log(observed.values).sum(), rel=1e-9
@@ -89,17 +95,17 @@ def test_likelihood_under_the_other_reading_of_the_displacement(rng):
 
 def test_a_batch_is_its_points_one_by_one(rng):
     observed = forces(rng)
-    batch = SkinParameters(*(np.array([point[k] for point in POINTS.values()]) for k in range(5)))
+    batch = skin(*(np.array([getattr(p, name) for p in POINTS.values()]) for name in PLATE_PARAMETERS))
     expected = [observed.log_likelihood(NO_RESPONSE, point) for point in POINTS.values()]
     assert_allclose(observed.log_likelihood(NO_RESPONSE, batch), expected, rtol=1e-12)
     # parameters that are held need no batch
-    assert observed.log_likelihood(NO_RESPONSE, batch._replace(m=3.8, tau_m=0.4)).shape == (len(POINTS),)
+    assert observed.log_likelihood(NO_RESPONSE, batch.replace(m=3.8, tau_m=0.4)).shape == (len(POINTS),)
 
 
 @pytest.mark.parametrize("point", [POINTS["usual"], POINTS["alike in m"], POINTS["far apart"]])
 def test_fingers_given_their_forces_have_the_dense_moments(rng, point):
     n, observed = 30_000, forces(rng, fingers=3, rows=9)
-    draws = observed.draw_effects(rng, NO_RESPONSE, SkinParameters(*(np.full(n, value) for value in point)))
+    draws = observed.draw_effects(rng, NO_RESPONSE, point.each(lambda value: np.full(n, value)))
     mean, covariance = dense(observed, point)
     own = np.eye(3)[observed.finger]
     loadings = np.hstack([own, own * np.sqrt(observed.indentation / 8e-3)[:, None]])
@@ -114,7 +120,7 @@ def test_fingers_given_their_forces_have_the_dense_moments(rng, point):
 
 def test_forces_of_new_fingers_follow_the_model(rng):
     n, observed = 20_000, forces(rng, fingers=2, rows=6)
-    point = SkinParameters(*(np.full(n, value) for value in TYPICAL))
+    point = TYPICAL.each(lambda value: np.full(n, value))
     made = np.log(made_of(observed, rng, point, observed.new_effects(rng, point, (n,))))
     mean, covariance = dense(observed, TYPICAL)
     scale = np.sqrt(np.diag(covariance))
@@ -146,7 +152,7 @@ def test_the_exponent_is_that_of_a_power_law():
 def test_the_check_accepts_its_model_and_refuses_another(rng):
     """Replicates of fingers drawn given the forces; forces that grow linearly are not of this skin."""
     n = 400
-    point = SkinParameters(*(np.full(n, value) for value in TYPICAL))
+    point = TYPICAL.each(lambda value: np.full(n, value))
 
     def check(observed):
         return check_exponent(observed, made_of(observed, rng, point, observed.draw_effects(rng, NO_RESPONSE, point)))
@@ -168,7 +174,7 @@ def test_effects_and_forces_are_calibrated(rng):
         blank = balanced(rng, TYPICAL, fingers=2)
         truth = blank.new_effects(rng, TYPICAL, ())
         made = CompressionForces(blank.indentation, made_of(blank, rng, TYPICAL, truth), blank.finger, 2)
-        drawn = made.draw_effects(rng, NO_RESPONSE, SkinParameters(*(np.full(100, value) for value in TYPICAL)))
+        drawn = made.draw_effects(rng, NO_RESPONSE, TYPICAL.each(lambda value: np.full(100, value)))
         place += [(drawn.log_b < truth.log_b).mean(axis=0)[0], (drawn.m < truth.m).mean(axis=0)[1]]
     assert kstest(np.array(place) + 0.005 * rng.uniform(-1, 1, len(place)), "uniform").pvalue > 1e-3
 

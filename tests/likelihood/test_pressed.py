@@ -8,11 +8,11 @@ from scipy.stats import multivariate_normal, norm
 
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.individual import IndividualModel
-from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
+from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.likelihood.pressed import PressedRaters
-from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.touch.contact import plate_line
 from softness_bayes.touch.fingers import FingerGrid, SkinLaws
+from support.points import rated
 
 DESIGN = Design([0, 1, 2, 0, 1, 2, 0, 2], [0, 0, 0, 1, 1, 1, 2, 2], [0, 1, 2], 3)
 ANSWERS = np.exp(np.array([2.9, 3.4, 3.1, 2.2, 3.6, 3.0, 3.2, 2.7]))
@@ -20,9 +20,7 @@ LEVEL, OF_B, OF_M = np.array([1.0, 2.0, 0.3]), np.array([0.5, -0.9, 1.2]), np.ar
 DEPTH, FINGER = np.array([0.5, 1.0, 1.5, 1.0, 2.0]) * 1e-3, np.array([0, 0, 0, 1, 1])
 LINE = plate_line(DEPTH)
 FORCE = np.exp(np.log(8e3) + np.array([0.5, 0.4, 0.6, -0.3, -0.2]) + 3.8 * LINE.slope + LINE.offset)
-P = RatingParameters(
-    gamma=1.1, tau=0.4, varsigma=0.3, tau_b=0.3, tau_m=0.5, tau_sigma=0.2, b=8e3, m=3.8, varsigma_f=0.15
-)
+P = rated(gamma=1.1, tau=0.4, varsigma=0.3, tau_b=0.3, tau_m=0.5, tau_sigma=0.2, b=8e3, m=3.8, varsigma_f=0.15)
 GRIDS = {
     ("b",): {"b": 65},
     ("m",): {"m": 65},
@@ -104,12 +102,11 @@ def forces(rater, names, z_b, z_m):
 @pytest.mark.parametrize("names", list(GRIDS), ids=",".join)
 def test_forces_and_ratings_together_agree_with_dense_sums(names):
     likelihood = observed(names)
-    skin = SkinParameters(P.b, P.m, P.tau_b, P.tau_m, P.varsigma_f)
-    found = likelihood.log_likelihood(response(likelihood), P) + PRESSED.forces.log_likelihood(np.empty(0), skin)
+    found = likelihood.log_likelihood(response(likelihood), P) + PRESSED.forces.log_likelihood(np.empty(0), P)
     expected = dense(names)
     assert_allclose(found, expected, rtol=0, atol=1e-6)
     apart = observed(names, None)
-    alone = apart.log_likelihood(response(apart), P) + PRESSED.forces.log_likelihood(np.empty(0), skin)
+    alone = apart.log_likelihood(response(apart), P) + PRESSED.forces.log_likelihood(np.empty(0), P)
     assert abs(alone - expected) > 0.05  # the forces do say something of the raters
 
 
@@ -137,7 +134,7 @@ def test_densities_given_the_others_are_ratios_of_joint_ones():
 def test_fingers_are_drawn_from_what_forces_and_ratings_say():
     """Means and spreads of drawn ln b against the same sums, for a pressed rater and one who was not."""
     likelihood, size = observed(("b",)), 10_000
-    p = RatingParameters(*(np.full(size, value) for value in P))
+    p = P.each(lambda value: np.full(size, value))
     rate = np.broadcast_to(response(likelihood), (size, response(likelihood).size))
     drawn = likelihood.draw_effects(np.random.default_rng(0), rate, p)
     x = X[::3]

@@ -6,13 +6,13 @@ from numpy.testing import assert_allclose
 from scipy.stats import kstest, norm, t
 
 from softness_bayes.errors import InputError
+from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT, error_law_named
-from softness_bayes.likelihood.rater_effects import LawParameters
 from softness_bayes.likelihood.row_laws import Rows, below, lobatto, log_probability, row_terms, scores_at
 
 LAWS = NORMAL, STUDENT, LAPSES
 SPREAD, ONE = np.array([[0.4]]), np.array([[1.0]])
-POINT = LawParameters(np.array([3.3]), np.array([0.05]))
+POINT = Parameters(nu=np.array([3.3]), lapse=np.array([0.05]))
 WIDTH = np.concatenate([np.zeros(5), 10.0 ** np.linspace(-7.0, 0.6, 20)])
 MIDDLE = np.linspace(-2.5, 2.5, 25)
 ROWS = Rows(MIDDLE - WIDTH / 2, MIDDLE + WIDTH / 2, np.log(np.linspace(0.01, 0.2, 25)))
@@ -78,7 +78,7 @@ def test_limits_are_the_normal_density():
         fine = Rows(MIDDLE - width / 2, MIDDLE + width / 2, exact.lapse)
         found = log_probability(NORMAL, fine, EXPECTED, SPREAD, POINT) - np.log(fine.high - fine.low)
         assert_allclose(found, expected, atol=1e-8 * (width / 1e-5) ** 2 + 1e-10)
-    many, never = POINT._replace(nu=np.array([1e12])), POINT._replace(lapse=np.zeros(1))
+    many, never = POINT.replace(nu=np.array([1e12])), POINT.replace(lapse=np.zeros(1))
     assert_allclose(log_probability(STUDENT, exact, EXPECTED, SPREAD, many), expected, atol=1e-9)
     assert_allclose(log_probability(LAPSES, exact, EXPECTED, SPREAD, never), expected, atol=1e-12)
 
@@ -121,11 +121,11 @@ def test_points_are_exact_for_polynomials(points):
 
 def test_points_in_one_call_are_those_alone():
     """Rows are computed by one way for a whole block: the ways agree, and no row takes another's."""
-    points = POINT._replace(nu=np.array([0.6, 3.3, 40.0]))
+    points = POINT.replace(nu=np.array([0.6, 3.3, 40.0]))
     spread = np.array([[0.02], [0.4], [5.0]])
     together = log_probability(STUDENT, ROWS, np.repeat(EXPECTED, 3, axis=0), spread, points)
     for k in range(3):
-        alone = POINT._replace(nu=points.nu[k : k + 1])
+        alone = POINT.replace(nu=points.nu[k : k + 1])
         assert_allclose(together[k : k + 1], log_probability(STUDENT, ROWS, EXPECTED, spread[k], alone), rtol=1e-12)
 
 
@@ -137,7 +137,7 @@ def test_names_of_laws():
 
 @pytest.mark.parametrize("nu", [0.6, 3.3, 40.0])
 def test_slopes_of_student_s_log_density_are_those_of_differences(nu):
-    point, errors, h = LawParameters(np.array([nu]), np.zeros(1)), np.linspace(-9.0, 9.0, 181)[None], 1e-5
+    point, errors, h = Parameters(nu=np.array([nu])), np.linspace(-9.0, 9.0, 181)[None], 1e-5
     first, second = STUDENT.slopes(errors, point)
     up, down = (t(nu).logpdf(errors + step) for step in (h, -h))
     assert_allclose(first, (up - down) / (2.0 * h), atol=1e-8)

@@ -14,9 +14,9 @@ from scipy.stats import halfnorm, kstest, multivariate_normal, norm
 
 from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.errors import InputError
+from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import FALLS, RATING_DIRECTIONS, RISES
-from softness_bayes.likelihood.magnitude import RatingParameters
 from softness_bayes.likelihood.models import rating_model
 from softness_bayes.likelihood.scales import (
     AGGREGATED,
@@ -48,7 +48,7 @@ from support.report_runs import COARSE
 
 def error(varsigma):
     """Parameters of which the model has varsigma alone: the others are not numbers, so that their use shows."""
-    return RatingParameters(np.nan, np.nan, varsigma, np.nan, np.nan)
+    return Parameters(varsigma=varsigma)
 
 
 def lab(rng, rows=20, conditions=6, slope=0.7):

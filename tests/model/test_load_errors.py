@@ -19,7 +19,6 @@ from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.load_errors import NODE, LoadErrors
 from softness_bayes.likelihood.magnitude import RatingModel, spreads_of
-from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.likelihood.scales import STANDARDISED
 from softness_bayes.likelihood.shared_loads import SharedLoads
 from softness_bayes.model.build import build
@@ -33,6 +32,7 @@ from softness_bayes.results.exact import exact_log_likelihood
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation
+from support.points import rated
 
 FINE, COARSE = Discretisation(16, 14.0, 1e-6), Discretisation(10, 10.0, 1e-5)
 LOADS = (Indentation(2e-3), Force(1.5))
@@ -320,7 +320,7 @@ def test_where_the_response_is_a_line_the_reference_is_the_closed_form():
     ratings = np.exp(np.random.default_rng(0).normal(3.0, 0.4, 12))
     line = SharedLoads.of(RatingModel().observe(ratings, design), 0.05, load)
     p, level, lean = (
-        RatingParameters(1.0, 0.5, 0.3, 0.0, 0.0),
+        rated(1.0, 0.5, 0.3, 0.0, 0.0),
         np.array([1.0, 2.0, 0.5, 1.5]),
         np.array([0.2, 0.1, 0.3, -0.2]),
     )

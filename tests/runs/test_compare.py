@@ -16,11 +16,12 @@ from softness_bayes import arviz_bridge
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.defaults import LEFT_OUT
 from softness_bayes.errors import InputError
+from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import FALLS
 from softness_bayes.likelihood.error_laws import ERROR_LAWS
 from softness_bayes.likelihood.group_conditionals import block_log_likelihood
-from softness_bayes.likelihood.magnitude import LogRatings, RatingParameters
+from softness_bayes.likelihood.magnitude import LogRatings
 from softness_bayes.likelihood.scales import STANDARDISED
 from softness_bayes.likelihood.z_scores import StandardisedRatings
 from softness_bayes.model.build import build
@@ -40,6 +41,7 @@ from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import MENDED
 from support import report_runs
 from support.command_line import call, refused
+from support.points import rated
 from support.report_runs import COARSE
 
 CLOTH = Fabrics(
@@ -109,7 +111,7 @@ def lab(rng, rows=40):
 @pytest.mark.parametrize("omega", [0.0, 0.4])
 def test_blocks_of_log_ratings_by_the_dense_normal_law(rng, omega):
     design, rate, noise = lab(rng)
-    observed, point = LogRatings(np.exp(3 + noise), design), RatingParameters(0.8, 0.5, 0.3, omega)
+    observed, point = LogRatings(np.exp(3 + noise), design), rated(0.8, 0.5, 0.3, omega)
     fabric = design.fabric[design.condition]
     same, alike = (index[:, None] == index for index in (design.participant, fabric))
     covariance = 9.0 + 0.25 * same + omega**2 * alike + 0.09 * np.eye(noise.size)
@@ -133,8 +135,8 @@ def test_a_block_of_one_rating_is_that_rating_left_out(rng):
     design, rate, noise = lab(rng, rows=15)
     each = np.arange(15)
     for observed, point in (
-        (LogRatings(np.exp(noise), design), RatingParameters(0.8, 0.5, 0.3)),
-        (StandardisedRatings(noise, design), RatingParameters(np.nan, np.nan, 0.7)),
+        (LogRatings(np.exp(noise), design), rated(0.8, 0.5, 0.3)),
+        (StandardisedRatings(noise, design), Parameters(varsigma=0.7)),
     ):
         alone = observed.log_likelihood_loo(rate, point)
         assert_allclose(block_log_likelihood(observed, rate, point, each), alone, rtol=1e-7, atol=1e-9)

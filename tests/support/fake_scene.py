@@ -3,13 +3,14 @@
 import numpy as np
 
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.magnitude import LogRatings, RatingModel, RatingParameters
+from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
+from support.points import rated
 
 FABRICS, LOADS, PARTICIPANTS = 6, 2, 8
-TRUTH = RatingParameters(0.9, 0.5, 0.3)
+TRUTH = rated(0.9, 0.5, 0.3)
 
 
 class FakeScene:

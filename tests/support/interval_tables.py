@@ -2,12 +2,12 @@
 
 import numpy as np
 
+from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import RISES
 from softness_bayes.likelihood.error_laws import NORMAL
 from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings
 from softness_bayes.likelihood.magnitude import RatingModel
-from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.likelihood.stated import Stated
 
 CONDITIONS, POINTS = 6, 3
@@ -24,7 +24,7 @@ def points_of(rng, **values):
 
     named = {"gamma": around(1.0), "tau": around(0.5), "varsigma": around(0.35), "eps": np.full(POINTS, 0.1)}
     named |= {"nu": around(5.0), "lapse": around(0.03)} | {k: np.full(POINTS, v) for k, v in values.items()}
-    return RatingParameters(*(np.broadcast_to(v, POINTS) for v in IntervalModel().take(named)))
+    return Parameters(omega=0.0, **named)
 
 
 def rates_of(rng):
@@ -39,7 +39,7 @@ def table(seed, people, repeats, law=NORMAL, step=0.0, outliers=0.0, tau=0.5, sp
     """Ratings with their likelihood, mean rates and parameters; typical ratings are near 5."""
     rng = np.random.default_rng(seed)
     design, rate, points = design_of(people, repeats), rates_of(rng), points_of(rng, tau=tau)
-    drive = RatingModel(RISES).drive(design, rate[0], points._replace(gamma=np.ones(POINTS)))[0]
+    drive = RatingModel(RISES).drive(design, rate[0], points.replace(gamma=np.ones(POINTS)))[0]
     rows = design.n_rows
     log = np.log(5.0) + drive[design.condition] + (tau * rng.standard_normal(people))[design.participant]
     log = log + spread * rng.standard_normal(rows) + 2.3 * (rng.random(rows) < outliers)

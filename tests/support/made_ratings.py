@@ -11,13 +11,14 @@ from softness_bayes.checking.layout import Layout
 from softness_bayes.checking.turning_check import EXCESS, PLATEAU, plateau, plateau_quantities
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.effects import Effects
-from softness_bayes.likelihood.magnitude import LogRatings, RatingModel, RatingParameters
+from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.provenance import Finding, ResidualChecks, attributes_of
+from support.points import rated
 
 MODEL = RatingModel()
 FABRICS, LOADS = 6, 2
 RATE = np.array([0.0, 0.3, 1.2, 2.0, 2.4, 2.1, 0.0, 1.0, 1.9, 2.5, 2.3, 1.8])
-PLAIN = RatingParameters(0.9, 0.6, 0.3)
+PLAIN = rated(0.9, 0.6, 0.3)
 MODULUS = np.tile(np.geomspace(3e3, 6e5, FABRICS), LOADS)
 LOAD = np.repeat(np.arange(LOADS), FABRICS)
 STEEP = np.array([0.0, 0.3, 1.2, 2.4, 1.6, 0.9, 0.0, 1.0, 2.2, 2.5, 1.5, 0.8])
