@@ -25,6 +25,7 @@ LAYERS = (
     {"provenance"},
     {"checking"},
     {"model", "plotting"},
+    {"people"},
     {"bench", "checkpoints", "claims", "results"},
     {"report", "runs"},
     {"explore"},
