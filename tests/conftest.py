@@ -16,10 +16,10 @@ from threadpoolctl import threadpool_limits
 from softness_bayes.results import predictions
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch import stress_table
-from softness_bayes.touch.neuron import fixed_channels, noise, spikes
-from softness_bayes.touch.neuron.firing import CurveError, RateCurve
+from softness_bayes.touch.neuron import fixed_channels, spikes
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.neuron.rate import Onset
+from softness_bayes.touch.neuron.rate_curve import CurveError, RateCurve
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.stress_table import StressTable
 from support.longer import mark_longer
@@ -95,7 +95,7 @@ def one_membrane(once):
         return train(current, channels, membrane, duration, strength, None, tolerance).copy()
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(noise, "exact_curve", made_once(once, noise.exact_curve))
+        patch.setattr(fixed_channels, "exact_curve", made_once(once, fixed_channels.exact_curve))
         patch.setattr(fixed_channels, "known_curve", curve)
         patch.setattr(predictions, "spike_times", spike_times)
         yield

@@ -21,8 +21,8 @@ from oracles.plain_chain import RootLaw, Touch
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.magnitude import LogRatings
 from softness_bayes.touch.contact import Finger, Force, Indentation, solve_contact
-from softness_bayes.touch.neuron.firing import CurveError, RateCurve
-from softness_bayes.touch.neuron.gating import CONNOR_STEVENS_KINETICS, HODGKIN_HUXLEY_KINETICS, Gating
+from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS_KINETICS, HODGKIN_HUXLEY_KINETICS, Gating
+from softness_bayes.touch.neuron.rate_curve import CurveError, RateCurve
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.receptors import receptor_current

@@ -10,9 +10,8 @@ from scipy.integrate import solve_ivp
 
 from softness_bayes.bench.peers import Peer
 from softness_bayes.touch.neuron.cells import Cells, rest
-from softness_bayes.touch.neuron.gating import open_fractions
 from softness_bayes.touch.neuron.limit_cycle import SPIKE_VOLTAGE
-from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels
+from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, open_fractions
 
 Array = NDArray[np.float64]
 ONE = Channels(*(np.atleast_1d(c) for c in PAPER_CHANNELS))

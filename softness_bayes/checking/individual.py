@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from softness_bayes.checking.sensitivity import contraction, prior_moments
 from softness_bayes.likelihood.effects import RATER_EFFECTS, RATER_SPREADS
 from softness_bayes.likelihood.ratings import SKIN
-from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS
+from softness_bayes.parameters.declared import FABRIC_MODULUS
 from softness_bayes.parameters.priors import Prior, parse_prior
-from softness_bayes.touch.fingers import EFFECT_OF, SPREAD_OF
+from softness_bayes.touch.finger_grid import EFFECT_OF, SPREAD_OF
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -13,7 +13,7 @@ from scipy.sparse import block_array, csr_array, diags_array
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.pieces import pieces
 from softness_bayes.likelihood.scales import MAGNITUDE, Scale
-from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS
+from softness_bayes.parameters.declared import FABRIC_MODULUS
 from softness_bayes.provenance import Provenance
 from softness_bayes.touch.contact import Force, Indentation, Load
 from softness_bayes.touch.load_groups import LoadGroups, groups_of

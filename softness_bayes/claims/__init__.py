@@ -23,8 +23,8 @@ from softness_bayes.parameters.priors import Prior
 from softness_bayes.ranges import PRIOR_DRAWS
 from softness_bayes.sampler.workers import Workers
 from softness_bayes.touch.contact import Force, Indentation, Load
-from softness_bayes.touch.neuron.fixed_channels import Firing
 from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS, Membrane
+from softness_bayes.touch.neuron.rate_curve import Firing
 from softness_bayes.touch.readings import NAMED_READINGS, Readings
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ from softness_bayes.checking.inflection import Curves, find_inflection, response
 from softness_bayes.data import USUAL_POISSON_RATIO, Fabrics, Ratings
 from softness_bayes.errors import InputError
 from softness_bayes.touch.contact import Finger, Load
-from softness_bayes.touch.neuron.fixed_channels import Firing
+from softness_bayes.touch.neuron.rate_curve import Firing
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.scene import Scene

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from softness_bayes.data import Compression, Experiment, Ratings
     from softness_bayes.model.direction import DirectionChoice
     from softness_bayes.model.interpretation import Interpretation
-    from softness_bayes.parameters.fabric_moduli import FabricModuli
+    from softness_bayes.parameters.space import FabricModuli
     from softness_bayes.results.run_options import DataFiles
 
 CHECK = "check"

@@ -71,7 +71,7 @@ def _readings(place: str | None) -> None:
 def _priors() -> None:
     from softness_bayes.parameters.declared import EVERY_PARAMETER, HELD, PRIOR_SETS, SHAPE_PARAMETERS
     from softness_bayes.parameters.priors import LAWS, PRIORS, form_of
-    from softness_bayes.touch.skin import STRAIN
+    from softness_bayes.touch.contact import STRAIN
 
     click.echo("parameters and their priors, in the units given:")
     rows = []

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.explore.picture import Picture
 from softness_bayes.explore.subject import Subject
-from softness_bayes.parameters.fabric_moduli import KPA
+from softness_bayes.parameters.declared import KPA
 from softness_bayes.plotting.panels import TINTS, title
 from softness_bayes.plotting.style import USUAL
 from softness_bayes.plotting.touch import SEEN

@@ -17,7 +17,7 @@ from softness_bayes.errors import SoftnessError
 from softness_bayes.explore.charts import MODULUS_WORDS, Charts
 from softness_bayes.explore.picture import Picture, picture
 from softness_bayes.explore.subject import DIGITS, Span, State, Subject, rounded
-from softness_bayes.parameters.fabric_moduli import KPA
+from softness_bayes.parameters.declared import KPA
 from softness_bayes.plotting.panels import title
 
 TITLE = "softness-bayes explore"

@@ -18,15 +18,14 @@ from softness_bayes.explore.subject import State, Subject
 from softness_bayes.model.fingers import values_of
 from softness_bayes.model.prediction import quantities
 from softness_bayes.model.scenes import touch_parameters
-from softness_bayes.parameters.declared import SHAPE_PARAMETERS
-from softness_bayes.parameters.fabric_moduli import KPA
+from softness_bayes.parameters.declared import KPA, SHAPE_PARAMETERS
 from softness_bayes.plotting.panels import title
 from softness_bayes.readable import number, percent
 from softness_bayes.touch.contact import HERTZ_LIMIT
-from softness_bayes.touch.pad import touch_profiles
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.receptors import kink_distances
+from softness_bayes.touch.reference import touch_profiles
 
 Array = NDArray[np.float64]
 

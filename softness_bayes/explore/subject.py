@@ -18,17 +18,16 @@ from softness_bayes.model.fingers import box_of_priors, require_one_source
 from softness_bayes.model.prediction import deviations_of_fabrics
 from softness_bayes.model.scenes import firing_of
 from softness_bayes.parameters.choice import parameter_space
-from softness_bayes.parameters.declared import Parameter
-from softness_bayes.parameters.fabric_moduli import KPA
+from softness_bayes.parameters.declared import KPA, Parameter
 from softness_bayes.parameters.priors import LogNormal, LogUniform, Prior
 from softness_bayes.report.charts import shown
 from softness_bayes.results.fitted import Fitted
 from softness_bayes.results.result import Result
 from softness_bayes.touch.contact import Finger, FingerBox, Indentation, Load
-from softness_bayes.touch.neuron.fixed_channels import Firing
-from softness_bayes.touch.pad import draw_receptors
+from softness_bayes.touch.neuron.rate_curve import Firing
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import Readings
+from softness_bayes.touch.receptors import draw_receptors
 from softness_bayes.touch.scene import Scene
 
 Array = NDArray[np.float64]

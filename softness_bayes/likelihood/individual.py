@@ -27,7 +27,7 @@ from softness_bayes.likelihood.pressed import PressedRaters
 from softness_bayes.likelihood.rater_sums import RaterSums
 from softness_bayes.likelihood.ratings import OF_FORCES, SKIN
 from softness_bayes.likelihood.stated import Stated
-from softness_bayes.touch.fingers import EFFECT_OF, SPREAD_OF, FingerGrid, SkinLaws
+from softness_bayes.touch.finger_grid import EFFECT_OF, SPREAD_OF, FingerGrid, SkinLaws
 
 FloatArray = NDArray[np.float64]
 

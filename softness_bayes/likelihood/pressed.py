@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.plate import CompressionForces
-from softness_bayes.touch.fingers import SkinLaws
+from softness_bayes.touch.finger_grid import SkinLaws
 
 
 @dataclass(frozen=True, eq=False)

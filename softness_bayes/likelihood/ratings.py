@@ -14,7 +14,7 @@ from softness_bayes.likelihood.design import Design, IndexArray
 from softness_bayes.likelihood.directions import RatingDirection
 from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.likelihood.stated import Stated
-from softness_bayes.touch.fingers import SkinLaws
+from softness_bayes.touch.finger_grid import SkinLaws
 
 FloatArray = NDArray[np.float64]
 

@@ -40,8 +40,7 @@ from softness_bayes.model.scenes import at_other_loads, fabric_moduli, prior_dra
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.coordinates import Bent, Coordinate, Scaled
 from softness_bayes.parameters.declared import ERROR_PARAMETERS, PARAMETERS, SHAPE_PARAMETERS
-from softness_bayes.parameters.fabric_moduli import FabricModuli
-from softness_bayes.parameters.space import ParameterSpace
+from softness_bayes.parameters.space import FabricModuli, ParameterSpace
 from softness_bayes.touch.accuracy import PRESETS, ChosenResolution, choose
 from softness_bayes.touch.load_groups import groups_of
 from softness_bayes.touch.scene import Discretisation, Scene

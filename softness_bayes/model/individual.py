@@ -7,7 +7,8 @@ from types import MappingProxyType
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.effects import RATER_SPREADS
-from softness_bayes.touch.fingers import SPREAD_OF, FingerFamily, FingerGrid
+from softness_bayes.touch.finger_grid import SPREAD_OF, FingerGrid
+from softness_bayes.touch.fingers import FingerFamily
 from softness_bayes.touch.scene import Scene
 
 NODES: Mapping[int, Mapping[str, int]] = MappingProxyType(

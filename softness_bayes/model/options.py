@@ -105,8 +105,8 @@ class ModulusLaw(Kind):
 
     def accept(self, name: str, value: Any) -> Prior:
         """Return a law of positive numbers."""
-        from softness_bayes.parameters.fabric_moduli import require_law
         from softness_bayes.parameters.priors import as_prior
+        from softness_bayes.parameters.space import require_law
 
         law = as_prior(name.replace("_", " "), value)
         require_law(name, law)

@@ -16,7 +16,8 @@ from softness_bayes.likelihood.plate import FORCES, CompressionForces
 from softness_bayes.likelihood.ratings import RATINGS, RatingsLikelihood
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.space import ParameterSpace
-from softness_bayes.touch.fingers import SPREAD_OF, FingerFamily, FingerSpreads
+from softness_bayes.touch.finger_grid import SPREAD_OF, FingerSpreads
+from softness_bayes.touch.fingers import FingerFamily
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Scene
 

@@ -15,7 +15,7 @@ from softness_bayes.model.build import COARSE, moduli_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
 from softness_bayes.parameters.declared import SHAPE_PARAMETERS
-from softness_bayes.parameters.fabric_moduli import FabricModuli
+from softness_bayes.parameters.space import FabricModuli
 from softness_bayes.readable import percent
 from softness_bayes.touch.contact import HERTZ_LIMIT, Finger, Force, Indentation, Load, Loads
 from softness_bayes.touch.neuron.membrane import Channels

@@ -19,22 +19,26 @@ from softness_bayes.parameters.declared import (
     ANSWER_PARAMETERS,
     ERROR_PARAMETERS,
     EVERY_PARAMETER,
+    KPA,
     PARAMETERS,
     SHAPE_PARAMETERS,
+    UNKNOWN_MODULUS,
 )
-from softness_bayes.parameters.fabric_moduli import KPA, UNKNOWN_MODULUS, FabricModuli
 from softness_bayes.parameters.priors import LEAST_WIDTH, LogNormal, LogUniform, Prior
-from softness_bayes.parameters.space import ParameterSpace
+from softness_bayes.parameters.space import FabricModuli, ParameterSpace
 from softness_bayes.ranges import RELATIVE_ERRORS
 from softness_bayes.touch.accuracy import DRAWS, Draws
 from softness_bayes.touch.contact import FabricModulus, Finger, FingerBox, Load
-from softness_bayes.touch.mechanics import SkinBox
-from softness_bayes.touch.neuron.fixed_channels import Firing, FixedChannels
+from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 from softness_bayes.touch.neuron.membrane import Channels, Membrane
+from softness_bayes.touch.neuron.rate_curve import Firing
 from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.scene import Discretisation, Scene
+from softness_bayes.touch.stress_fields import SkinBox
+
+IndexArray = NDArray[np.intp]
 
 
 def touch_parameters(values: Mapping[str, ArrayLike]) -> TouchParameters:
@@ -251,9 +255,6 @@ def fabric_moduli(
         else:
             laws.append(None)
     return FabricModuli(fabrics.names, tuple(middle.tolist()), tuple(laws))
-
-
-IndexArray = NDArray[np.intp]
 
 
 def at_other_loads(stated: Scene, errors: LoadErrors) -> Scene:

@@ -24,10 +24,9 @@ from softness_bayes.parameters.declared import (
 from softness_bayes.parameters.laws import Signed, magnitude
 from softness_bayes.parameters.priors import Prior, as_priors
 from softness_bayes.parameters.space import ParameterSpace
+from softness_bayes.touch.contact import STRAIN, SkinDisplacement
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, Channels, Membrane
-from softness_bayes.touch.neuron.surface import FiringSurface
-from softness_bayes.touch.neuron.surface_design import DESIGNS
-from softness_bayes.touch.skin import STRAIN, SkinDisplacement
+from softness_bayes.touch.neuron.surface import DESIGNS, FiringSurface
 
 _ROUNDING = 1e-9
 

@@ -33,25 +33,8 @@ class Coordinate(Protocol):
 
 
 @dataclass(frozen=True)
-class Line:
-    """x = z, for a quantity of either sign."""
-
-    def natural(self, z: FloatArray) -> FloatArray:
-        """Return x = z."""
-        return z
-
-    def coordinate(self, x: FloatArray) -> FloatArray:
-        """Return z = x."""
-        return x
-
-    def log_slope(self, z: FloatArray) -> FloatArray:
-        """Zero."""
-        return np.zeros_like(z)
-
-
-@dataclass(frozen=True)
 class Scaled:
-    """x = unit z, for a quantity of either sign with a known scale."""
+    """x = unit z, for a quantity of either sign."""
 
     unit: Numbers
 
@@ -166,11 +149,11 @@ class Bent:
 def coordinate_for(support: tuple[float, float]) -> Coordinate:
     """Return the coordinate for a support (low, high).
 
-    A support bounded only from above gets a `Line`; no prior of the toolkit has one.
+    A support bounded only from above has the whole line; no prior of the toolkit has one.
     """
     low, high = support
     if math.isinf(low):
-        return Line()
+        return Scaled(1.0)
     return HalfLine(low) if math.isinf(high) else Interval(low, high)
 
 

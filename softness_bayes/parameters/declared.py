@@ -8,8 +8,8 @@ from types import MappingProxyType
 
 from softness_bayes.parameters.priors import HalfNormal, LogNormal, Normal, Prior, Truncated, Uniform
 from softness_bayes.ranges import CATEGORIES_RANGE, Range
-from softness_bayes.touch.neuron.fixed_channels import LARGEST_CURRENT
-from softness_bayes.touch.skin import DISPLACEMENT, STRAIN, SkinDisplacement
+from softness_bayes.touch.contact import DISPLACEMENT, STRAIN, SkinDisplacement
+from softness_bayes.touch.neuron.rate_curve import LARGEST_CURRENT
 
 _POSITIVE = Range(1e-6, 1e6)
 _MULTIPLIER = Range(0.1, 10.0)
@@ -65,129 +65,88 @@ class Parameter:
         return f"{self.symbol} [{self.unit}]" if self.unit != "–" else self.symbol
 
 
-PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
-    {
-        parameter.name: parameter
-        for parameter in (
-            Parameter("b", r"$b$", "kPa", "skin modulus at rest", LogNormal(100, 0.5), si=1e3),
-            Parameter("m", r"$m$", "–", "stiffening of the skin", LogNormal(2, 0.3), range=_FROM_ZERO),
-            Parameter(
-                "alpha",
-                r"$\alpha$",
-                "µA/cm²",
-                "largest receptor current",
-                LogNormal(20.3, 0.1),
-                range=Range(1e-6, LARGEST_CURRENT),
-            ),
-            Parameter("beta", r"$\beta$", "1/kPa", "steepness of transduction", LogNormal(0.6, 0.3), si=1e-3),
-            Parameter("sigma_0", r"$\sigma_0$", "kPa", "stress at half current", LogNormal(9, 0.4), si=1e3),
-            Parameter(
-                "c_Na", r"$c_{Na}$", "–", "sodium conductance multiplier", LogNormal(1.05, 0.03, 0.1), range=_MULTIPLIER
-            ),
-            Parameter(
-                "c_K", r"$c_K$", "–", "potassium conductance multiplier", LogNormal(1.16, 0.03, 0.1), range=_MULTIPLIER
-            ),
-            Parameter(
-                "c_L", r"$c_L$", "–", "leak conductance multiplier", LogNormal(1.0, 0.03, 0.1), range=_MULTIPLIER
-            ),
-            Parameter(
-                "c_A", r"$c_A$", "–", "A-current conductance multiplier", LogNormal(1.5, 0.03, 0.1), range=_MULTIPLIER
-            ),
-            Parameter("gamma", r"$\gamma$", "–", "exponent of the rating", LogNormal(1, 0.3), range=Range(1e-3, 1e3)),
-            Parameter("tau", r"$\tau$", "–", "spread of participants", HalfNormal(1), range=_SPREAD),
-            Parameter(
-                "varsigma", r"$\varsigma$", "–", "spread of a participant's ratings", HalfNormal(0.5), range=_NOISE
-            ),
-            Parameter("omega", r"$\omega$", "–", "spread between fabrics", HalfNormal(0.5), range=_SPREAD),
-            Parameter("eps", r"$\epsilon$", "Hz", "rate added to a silent fabric's", LogNormal(0.1, 1)),
-        )
-    }
+def _by_name(*parameters: Parameter) -> Mapping[str, Parameter]:
+    return MappingProxyType({parameter.name: parameter for parameter in parameters})
+
+
+PARAMETERS: Mapping[str, Parameter] = _by_name(
+    Parameter("b", r"$b$", "kPa", "skin modulus at rest", LogNormal(100, 0.5), si=1e3),
+    Parameter("m", r"$m$", "–", "stiffening of the skin", LogNormal(2, 0.3), range=_FROM_ZERO),
+    Parameter(
+        "alpha",
+        r"$\alpha$",
+        "µA/cm²",
+        "largest receptor current",
+        LogNormal(20.3, 0.1),
+        range=Range(1e-6, LARGEST_CURRENT),
+    ),
+    Parameter("beta", r"$\beta$", "1/kPa", "steepness of transduction", LogNormal(0.6, 0.3), si=1e-3),
+    Parameter("sigma_0", r"$\sigma_0$", "kPa", "stress at half current", LogNormal(9, 0.4), si=1e3),
+    Parameter("c_Na", r"$c_{Na}$", "–", "sodium conductance multiplier", LogNormal(1.05, 0.03, 0.1), range=_MULTIPLIER),
+    Parameter("c_K", r"$c_K$", "–", "potassium conductance multiplier", LogNormal(1.16, 0.03, 0.1), range=_MULTIPLIER),
+    Parameter("c_L", r"$c_L$", "–", "leak conductance multiplier", LogNormal(1.0, 0.03, 0.1), range=_MULTIPLIER),
+    Parameter("c_A", r"$c_A$", "–", "A-current conductance multiplier", LogNormal(1.5, 0.03, 0.1), range=_MULTIPLIER),
+    Parameter("gamma", r"$\gamma$", "–", "exponent of the rating", LogNormal(1, 0.3), range=Range(1e-3, 1e3)),
+    Parameter("tau", r"$\tau$", "–", "spread of participants", HalfNormal(1), range=_SPREAD),
+    Parameter("varsigma", r"$\varsigma$", "–", "spread of a participant's ratings", HalfNormal(0.5), range=_NOISE),
+    Parameter("omega", r"$\omega$", "–", "spread between fabrics", HalfNormal(0.5), range=_SPREAD),
+    Parameter("eps", r"$\epsilon$", "Hz", "rate added to a silent fabric's", LogNormal(0.1, 1)),
 )
 """Parameters by name, in the order of files and tables."""
 
-SHAPE_PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
-    {
-        parameter.name: parameter
-        for parameter in (
-            Parameter(
-                "radius", "$R$", "mm", "fingertip radius", Normal(8, 1), si=1e-3, range=Range(1, 100), cut_below=True
-            ),
-            Parameter(
-                "receptor_depth",
-                "$z$",
-                "mm",
-                "depth of the receptors",
-                Uniform(0.5, 0.9),
-                si=1e-3,
-                range=Range(0.05, 5),
-                cut_below=True,
-            ),
-        )
-    }
+SHAPE_PARAMETERS: Mapping[str, Parameter] = _by_name(
+    Parameter("radius", "$R$", "mm", "fingertip radius", Normal(8, 1), si=1e-3, range=Range(1, 100), cut_below=True),
+    Parameter(
+        "receptor_depth",
+        "$z$",
+        "mm",
+        "depth of the receptors",
+        Uniform(0.5, 0.9),
+        si=1e-3,
+        range=Range(0.05, 5),
+        cut_below=True,
+    ),
 )
 """Parameters of the fingertip, fixed at the finger's values unless they are freed or given a prior."""
 
-FINGER_PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
-    {
-        parameter.name: parameter
-        for parameter in (
-            Parameter("tau_b", r"$\tau_b$", "–", "spread of fingers' log b", HalfNormal(0.5), range=_SPREAD),
-            Parameter("tau_m", r"$\tau_m$", "–", "spread of fingers' m", HalfNormal(1), range=_FROM_ZERO),
-            Parameter(
-                "tau_sigma", r"$\tau_\sigma$", "–", "spread of fingers' log sigma_0", HalfNormal(0.3), range=_SPREAD
-            ),
-            Parameter(
-                "varsigma_f", r"$\varsigma_F$", "–", "spread of a finger's log forces", HalfNormal(0.3), range=_NOISE
-            ),
-        )
-    }
+FINGER_PARAMETERS: Mapping[str, Parameter] = _by_name(
+    Parameter("tau_b", r"$\tau_b$", "–", "spread of fingers' log b", HalfNormal(0.5), range=_SPREAD),
+    Parameter("tau_m", r"$\tau_m$", "–", "spread of fingers' m", HalfNormal(1), range=_FROM_ZERO),
+    Parameter("tau_sigma", r"$\tau_\sigma$", "–", "spread of fingers' log sigma_0", HalfNormal(0.3), range=_SPREAD),
+    Parameter("varsigma_f", r"$\varsigma_F$", "–", "spread of a finger's log forces", HalfNormal(0.3), range=_NOISE),
 )
 """Parameters of individual fingers and of compression data: spreads between fingers and of single forces."""
 
 PLATE_PARAMETERS = ("tau_b", "tau_m", "varsigma_f")
 """Those used for compression data."""
 
-ANSWER_PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
-    {
-        parameter.name: parameter
-        for parameter in (
-            Parameter(
-                "tau_gamma", r"$\tau_\gamma$", "–", "spread of raters' log gamma", HalfNormal(0.3), range=_SPREAD
-            ),
-            Parameter(
-                "tau_varsigma",
-                r"$\tau_\varsigma$",
-                "–",
-                "spread of raters' log varsigma",
-                HalfNormal(0.5),
-                range=_SPREAD,
-            ),
-        )
-    }
+ANSWER_PARAMETERS: Mapping[str, Parameter] = _by_name(
+    Parameter("tau_gamma", r"$\tau_\gamma$", "–", "spread of raters' log gamma", HalfNormal(0.3), range=_SPREAD),
+    Parameter(
+        "tau_varsigma",
+        r"$\tau_\varsigma$",
+        "–",
+        "spread of raters' log varsigma",
+        HalfNormal(0.5),
+        range=_SPREAD,
+    ),
 )
 """Spreads of individual exponents and noise."""
 
-ERROR_PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
-    {
-        parameter.name: parameter
-        for parameter in (
-            Parameter(
-                "nu",
-                r"$\nu$",
-                "–",
-                "degrees of freedom of Student's t errors",
-                LogNormal(8, 0.8),
-                range=Range(0.5, 1e12),
-            ),
-            Parameter(
-                "lapse", r"$\lambda$", "–", "share of lapses", HalfNormal(0.05), range=Range(1e-6, 0.5, zero=True)
-            ),
-            *(
-                Parameter(f"gap_{k}", f"$w_{{{k}}}$", "–", f"width of category {k}", LogNormal(0.5, 1.0))
-                for k in range(2, CATEGORIES_RANGE.high)
-            ),
-        )
-    }
+ERROR_PARAMETERS: Mapping[str, Parameter] = _by_name(
+    Parameter(
+        "nu",
+        r"$\nu$",
+        "–",
+        "degrees of freedom of Student's t errors",
+        LogNormal(8, 0.8),
+        range=Range(0.5, 1e12),
+    ),
+    Parameter("lapse", r"$\lambda$", "–", "share of lapses", HalfNormal(0.05), range=Range(1e-6, 0.5, zero=True)),
+    *(
+        Parameter(f"gap_{k}", f"$w_{{{k}}}$", "–", f"width of category {k}", LogNormal(0.5, 1.0))
+        for k in range(2, CATEGORIES_RANGE.high)
+    ),
 )
 """Parameters of error laws other than normal, and of the thresholds of categories."""
 
@@ -214,3 +173,13 @@ PRIOR_SETS: Mapping[str, Mapping[SkinDisplacement, Mapping[str, Prior]]] = Mappi
     }
 )
 """Named prior sets: differences from the default priors, for each reading of the skin."""
+
+
+UNKNOWN_MODULUS = LogNormal(100, 2)
+"""Prior law of a modulus about which nothing is known [kPa]: 90 % within 4 to 2700 kPa, which includes most cloth."""
+
+KPA = 1e3
+"""Number of pascals in the unit of the laws."""
+
+FABRIC_MODULUS = "fabric_modulus"
+"""Name of the sampled moduli in files; one of them is `FABRIC_MODULUS`[fabric]."""

@@ -1,19 +1,101 @@
-"""Prior laws: frozen values with a normalised density and a written form; the law of a signed quantity."""
+"""Prior laws: frozen values with a normalised density and a written form."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, fields
 from functools import cached_property
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, ndtri
 
-from softness_bayes.parameters.law import LEAST_WIDTH, Law, Prior, require, require_finite
+from softness_bayes.errors import InputError
 from softness_bayes.ranges import Range
+from softness_bayes.supplied import PACKAGE, reference
 
 FloatArray = NDArray[np.float64]
+
+
+NUMBERS = Range(-1e100, 1e100)
+"""Range of the constants of a law, within which no computation overflows."""
+LEAST_WIDTH = 1e-6
+"""Smallest width of a law relative to its location; narrower laws would be lost to rounding errors."""
+
+
+class Prior(Protocol):
+    """A prior of one real quantity; a new one is a frozen dataclass with these members, listed in `priors.LAWS`."""
+
+    @property
+    def median(self) -> float:
+        """Median of the law, before any truncation."""
+
+    @property
+    def support(self) -> tuple[float, float]:
+        """Smallest and largest value with positive density."""
+
+    def log_density(self, x: ArrayLike) -> FloatArray:
+        """Return the log of the normalised density at ``x``, same shape; -inf outside the support."""
+
+    def cumulative(self, x: ArrayLike) -> FloatArray:
+        """Return the probability of a value up to ``x``, same shape."""
+
+    def quantile(self, p: ArrayLike) -> FloatArray:
+        """Return the value up to which the probability is ``p``, same shape: the inverse of `cumulative`."""
+
+    def draw(self, rng: np.random.Generator, size: int | tuple[int, ...]) -> FloatArray:
+        """Return independent draws of shape ``size``."""
+
+
+class Law(ABC):
+    """Base of all laws, with draws by inversion and the written form that `parse_prior` reads."""
+
+    @abstractmethod
+    def quantile(self, p: ArrayLike) -> FloatArray:
+        """Return the value up to which the probability is ``p``."""
+
+    def draw(self, rng: np.random.Generator, size: int | tuple[int, ...]) -> FloatArray:
+        """Return independent draws of shape ``size``."""
+        return self.quantile(rng.uniform(np.finfo(float).tiny, 1.0, size))
+
+    def __str__(self) -> str:
+        arguments = (getattr(self, field.name) for field in fields(self))  # type: ignore[arg-type]
+        return f"{name_of(type(self))}({','.join(_written(a) for a in arguments if a is not None)})"
+
+
+def in_short(prior: Prior) -> str:
+    """Return a prior with its numbers to four digits; ``str`` gives all digits."""
+    if "law" in (field.name for field in fields(prior)):  # type: ignore[arg-type]
+        return f"{str(prior)[0]}{in_short(prior.law)}" if str(prior).startswith("±") else in_short(prior.law)  # type: ignore[attr-defined]
+    numbers = (getattr(prior, field.name) for field in fields(prior))  # type: ignore[arg-type]
+    return f"{name_of(type(prior))}({','.join(f'{a:.4g}' for a in numbers if a is not None)})"
+
+
+def name_of(law: type) -> str:
+    """Return the name of a kind of law in written forms; for a custom law, its importable name if it has one."""
+    own = law.__module__.partition(".")[0] != PACKAGE
+    return (reference(law) if own else None) or law.__name__.lower()
+
+
+def _written(number: float) -> str:
+    return repr(float(number)).removesuffix(".0")
+
+
+def require_finite(prior: Law) -> None:
+    """Raise an error for a constant that is not within `NUMBERS`."""
+    for field in fields(prior):  # type: ignore[arg-type]
+        value = getattr(prior, field.name)
+        none = value is None and field.default is None
+        require(prior, field.name, none or NUMBERS.holds(value), str(NUMBERS))
+
+
+def require(prior: Law, name: str, holds: bool, expected: str) -> None:
+    """Raise an error that names a constant, unless its requirement holds."""
+    if not holds:
+        raise InputError(f"{name_of(type(prior))}: {name} is {getattr(prior, name)!s:.60}, expected {expected}")
+
 
 _LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 
@@ -21,8 +103,70 @@ SD_LOGS = Range(LEAST_WIDTH, 5.0)
 """Standard deviations of the logarithm of a log-normal law; 5 is a factor of 150 up or down."""
 
 
+class Standardised(Law):
+    """A law of x = location + scale u, or location exp(scale u), where u has a standard law cut to the support.
+
+    log p = log f(u) + log |du/dx| - log Z, with f the density of the standard normal or uniform law and Z its
+    probability of the support.
+    """
+
+    logarithmic: ClassVar[bool] = False
+    """True if x = location exp(scale u)."""
+    uniform: ClassVar[bool] = False
+    """True if u is uniform on [0, 1], false if it is standard normal."""
+
+    @property
+    @abstractmethod
+    def support(self) -> tuple[float, float]:
+        """Smallest and largest value with positive density."""
+
+    @abstractmethod
+    def standard(self) -> tuple[float, float]:
+        """Return location and scale."""
+
+    def log_density(self, x: ArrayLike) -> FloatArray:
+        """Return the log density at ``x``."""
+        x, (low, high), (location, scale) = np.asarray(x, float), self.support, self.standard()
+        inside = (x >= low) & (x <= high)
+        if self.logarithmic:
+            inside &= (x > 0) & (x < math.inf)
+        at = np.where(inside, x, location)
+        density = np.zeros_like(at) if self.uniform else _standard_normal(self._score(at))
+        if self.logarithmic:
+            density = density - np.log(at)
+        return np.where(inside, density - math.log(scale * (self._shares[1] - self._shares[0])), -np.inf)
+
+    def cumulative(self, x: ArrayLike) -> FloatArray:
+        """Return the probability up to ``x``."""
+        below, above = self._shares
+        return (self._share(np.clip(np.asarray(x, float), *self.support)) - below) / (above - below)
+
+    def quantile(self, p: ArrayLike) -> FloatArray:
+        """Return the value at probability ``p``."""
+        (below, above), (location, scale) = self._shares, self.standard()
+        share = below + (above - below) * np.asarray(p, float)
+        score = scale * (share if self.uniform else np.asarray(ndtri(share)))
+        # rounding could carry a draw past the ends
+        return np.clip(location * np.exp(score) if self.logarithmic else location + score, *self.support)
+
+    @cached_property
+    def _shares(self) -> tuple[float, float]:
+        """Probabilities of the standard law below the ends of the support."""
+        below, above = self._share(np.array(self.support))
+        return float(below), float(above)
+
+    def _share(self, x: FloatArray) -> FloatArray:
+        return np.asarray(self._score(x) if self.uniform else ndtr(self._score(x)))
+
+    def _score(self, x: FloatArray) -> FloatArray:
+        location, scale = self.standard()
+        # near the largest number the ratio overflows to inf, and the density is rightly zero there
+        with np.errstate(over="ignore", divide="ignore"):
+            return (np.log(x) - math.log(location) if self.logarithmic else x - location) / scale
+
+
 @dataclass(frozen=True)
-class Normal(Law):
+class Normal(Standardised):
     """Normal law, log p = -(x - mean)²/(2 sd²) - log(sd √(2π)).
 
     Raises
@@ -48,21 +192,13 @@ class Normal(Law):
         """The mean."""
         return self.mean
 
-    def log_density(self, x: ArrayLike) -> FloatArray:
-        """Return the log density at ``x``."""
-        return _standard_normal(_deviate(np.asarray(x, float), self.mean, self.sd)) - math.log(self.sd)
-
-    def cumulative(self, x: ArrayLike) -> FloatArray:
-        """Return the probability up to ``x``."""
-        return np.asarray(ndtr(_deviate(np.asarray(x, float), self.mean, self.sd)))
-
-    def quantile(self, p: ArrayLike) -> FloatArray:
-        """Return the value at probability ``p``."""
-        return self.mean + self.sd * np.asarray(ndtri(np.asarray(p, float)))
+    def standard(self) -> tuple[float, float]:
+        """Return mean and standard deviation."""
+        return self.mean, self.sd
 
 
 @dataclass(frozen=True)
-class HalfNormal(Law):
+class HalfNormal(Standardised):
     """Absolute value of a centred normal law, log p = log 2 - x²/(2 scale²) - log(scale √(2π)) for x >= 0.
 
     Raises
@@ -87,23 +223,13 @@ class HalfNormal(Law):
         """0.6745 times the scale."""
         return float(self.quantile(0.5))
 
-    def log_density(self, x: ArrayLike) -> FloatArray:
-        """Return the log density at ``x``."""
-        x = np.asarray(x, float)
-        inside = _standard_normal(_deviate(x, 0.0, self.scale)) + math.log(2.0 / self.scale)
-        return np.where(x >= 0, inside, -np.inf)
-
-    def cumulative(self, x: ArrayLike) -> FloatArray:
-        """Return the probability up to ``x``."""
-        return 2.0 * np.asarray(ndtr(_deviate(np.maximum(np.asarray(x, float), 0.0), 0.0, self.scale))) - 1.0
-
-    def quantile(self, p: ArrayLike) -> FloatArray:
-        """Return the value at probability ``p``."""
-        return self.scale * np.asarray(ndtri(0.5 + 0.5 * np.asarray(p, float)))
+    def standard(self) -> tuple[float, float]:
+        """Return 0 and the scale."""
+        return 0.0, self.scale
 
 
 @dataclass(frozen=True)
-class Uniform(Law):
+class Uniform(Standardised):
     """Uniform law between two bounds, log p = -log(high - low).
 
     Raises
@@ -114,6 +240,7 @@ class Uniform(Law):
 
     low: float
     high: float
+    uniform: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         require_finite(self)
@@ -131,22 +258,13 @@ class Uniform(Law):
         """Midway between the bounds."""
         return 0.5 * (self.low + self.high)
 
-    def log_density(self, x: ArrayLike) -> FloatArray:
-        """Return the log density at ``x``."""
-        x = np.asarray(x, float)
-        return np.where((x >= self.low) & (x <= self.high), -math.log(self.high - self.low), -np.inf)
-
-    def cumulative(self, x: ArrayLike) -> FloatArray:
-        """Return the probability up to ``x``."""
-        return np.clip((np.asarray(x, float) - self.low) / (self.high - self.low), 0.0, 1.0)
-
-    def quantile(self, p: ArrayLike) -> FloatArray:
-        """Return the value at probability ``p``."""
-        return self.low + (self.high - self.low) * np.asarray(p, float)
+    def standard(self) -> tuple[float, float]:
+        """Return the lower bound and the width."""
+        return self.low, self.high - self.low
 
 
 @dataclass(frozen=True)
-class LogUniform(Law):
+class LogUniform(Standardised):
     """Law whose logarithm is uniform between two bounds, log p = -log x - log(log(high / low)).
 
     Raises
@@ -157,6 +275,8 @@ class LogUniform(Law):
 
     low: float
     high: float
+    logarithmic: ClassVar[bool] = True
+    uniform: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         require_finite(self)
@@ -174,28 +294,13 @@ class LogUniform(Law):
         """The geometric mean of the bounds."""
         return math.sqrt(self.low) * math.sqrt(self.high)
 
-    @property
-    def _width(self) -> float:
-        return math.log(self.high) - math.log(self.low)
-
-    def log_density(self, x: ArrayLike) -> FloatArray:
-        """Return the log density at ``x``."""
-        x = np.asarray(x, float)
-        inside = (x >= self.low) & (x <= self.high)
-        return np.where(inside, -np.log(np.where(inside, x, 1.0)) - math.log(self._width), -np.inf)
-
-    def cumulative(self, x: ArrayLike) -> FloatArray:
-        """Return the probability up to ``x``."""
-        inside = np.clip(np.asarray(x, float), self.low, self.high)
-        return (np.log(inside) - math.log(self.low)) / self._width
-
-    def quantile(self, p: ArrayLike) -> FloatArray:
-        """Return the value at probability ``p``."""
-        return np.clip(self.low * np.exp(self._width * np.asarray(p, float)), self.low, self.high)
+    def standard(self) -> tuple[float, float]:
+        """Return the lower bound and the width of the logarithm."""
+        return self.low, math.log(self.high) - math.log(self.low)
 
 
 @dataclass(frozen=True)
-class LogNormal(Law):
+class LogNormal(Standardised):
     """Law whose logarithm is normal, optionally truncated on both sides of its median.
 
     log p = -log x - (log x - log median)²/(2 sd_log²) - log(sd_log √(2π)) - log Z, with Z the
@@ -219,6 +324,7 @@ class LogNormal(Law):
     median: float
     sd_log: float
     bound: float | None = None
+    logarithmic: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         require_finite(self)
@@ -234,41 +340,14 @@ class LogNormal(Law):
             return 0.0, math.inf
         return self.median * (1.0 - self.bound), self.median * (1.0 + self.bound)
 
-    def log_density(self, x: ArrayLike) -> FloatArray:
-        """Return the log density at ``x``."""
-        x = np.asarray(x, float)
-        low, high = self.support
-        inside = (x > 0) & (x >= low) & (x <= high) & (x < math.inf)
-        return log_normal_density(x, inside, *self.constants)
+    def standard(self) -> tuple[float, float]:
+        """Return the median and the standard deviation of the logarithm."""
+        return self.median, self.sd_log
 
     @property
     def constants(self) -> tuple[float, float, float]:
         """Log of the median, standard deviation of log x, and log of the normalising constant."""
-        below, above = self._mass_limits
-        return math.log(self.median), self.sd_log, math.log(self.sd_log * (above - below))
-
-    def cumulative(self, x: ArrayLike) -> FloatArray:
-        """Return the probability up to ``x``."""
-        below, above = self._mass_limits
-        inside = np.clip(np.asarray(x, float), *self.support)
-        with np.errstate(divide="ignore"):
-            return (np.asarray(ndtr(self._standardised(np.log(inside)))) - below) / (above - below)
-
-    def quantile(self, p: ArrayLike) -> FloatArray:
-        """Return the value at probability ``p``."""
-        below, above = self._mass_limits
-        deviate = np.asarray(ndtri(below + (above - below) * np.asarray(p, float)))
-        # rounding in ndtri could carry a draw past the truncation
-        return np.clip(self.median * np.exp(self.sd_log * deviate), *self.support)
-
-    @cached_property
-    def _mass_limits(self) -> tuple[float, float]:
-        low, high = self.support
-        below = 0.0 if low == 0.0 else float(ndtr(self._standardised(np.asarray(math.log(low)))))
-        return below, float(ndtr(self._standardised(np.asarray(math.log(high)))))
-
-    def _standardised(self, log_x: FloatArray) -> FloatArray:
-        return (log_x - math.log(self.median)) / self.sd_log
+        return math.log(self.median), self.sd_log, math.log(self.sd_log * (self._shares[1] - self._shares[0]))
 
 
 @dataclass(frozen=True)
@@ -325,12 +404,6 @@ def log_normal_density(
     return np.where(inside, _standard_normal((log_x - log_median) / sd_log) - log_x - normalisation, -np.inf)
 
 
-def _deviate(x: FloatArray, mean: float, sd: float) -> FloatArray:
-    # near the largest number the ratio overflows to inf, and the density is rightly zero there
-    with np.errstate(over="ignore"):
-        return (x - mean) / sd
-
-
 def _standard_normal(deviate: FloatArray) -> FloatArray:
     # far in the tail the square overflows to inf and the density is rightly zero
     with np.errstate(over="ignore"):
@@ -338,7 +411,7 @@ def _standard_normal(deviate: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Signed:
+class Signed(Law):
     """The law of a quantity whose magnitude has a positive law: either sign has probability 1/2."""
 
     law: Prior
@@ -375,10 +448,6 @@ class Signed:
         p = np.asarray(p, float)
         size = np.asarray(self.law.quantile(np.abs(2.0 * p - 1.0)))
         return np.where(p < 0.5, -size, size)
-
-    def draw(self, rng: np.random.Generator, size: int | tuple[int, ...]) -> FloatArray:
-        """Return independent draws of shape ``size``."""
-        return self.quantile(rng.uniform(np.finfo(float).tiny, 1.0, size))
 
 
 def magnitude(prior: Prior) -> Prior:

@@ -12,21 +12,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError
-from softness_bayes.parameters.law import LEAST_WIDTH as LEAST_WIDTH
-from softness_bayes.parameters.law import NUMBERS as NUMBERS
-from softness_bayes.parameters.law import Law, Prior, name_of
-from softness_bayes.parameters.law import in_short as in_short
+from softness_bayes.parameters.laws import LEAST_WIDTH as LEAST_WIDTH
+from softness_bayes.parameters.laws import NUMBERS as NUMBERS
 from softness_bayes.parameters.laws import SD_LOGS as SD_LOGS
 from softness_bayes.parameters.laws import (
     HalfNormal,
+    Law,
     LogNormal,
     LogUniform,
     Normal,
+    Prior,
     Signed,
     Truncated,
     Uniform,
     magnitude,
+    name_of,
 )
+from softness_bayes.parameters.laws import in_short as in_short
 from softness_bayes.parameters.laws import log_normal_density as log_normal_density
 from softness_bayes.supplied import FORM, installed, is_supplied, require_reference, supplied
 

@@ -15,14 +15,12 @@ from softness_bayes.checking.layout import LOAD_GROUP
 from softness_bayes.data.columns import EFFECTIVE_MODULUS, GEOMETRIC_SD, LOAD_CV, POISSON_RATIO, RESOLUTION
 from softness_bayes.data.ratings import LOAD_COLUMNS
 from softness_bayes.parameters.declared import EVERY_PARAMETER
-from softness_bayes.parameters.fabric_moduli import FabricModuli
-from softness_bayes.parameters.space import ParameterSpace
+from softness_bayes.parameters.space import FabricModuli, ParameterSpace
 from softness_bayes.results.draws import RatedDraws, Variable
 from softness_bayes.results.replicates import plate_coordinates
-from softness_bayes.touch.neuron.firing import CurveError, RateCurve
-from softness_bayes.touch.neuron.fixed_channels import Firing, FixedChannels
+from softness_bayes.touch.neuron.fixed_channels import FixedChannels, make_known
 from softness_bayes.touch.neuron.membrane import Channels, Membrane
-from softness_bayes.touch.neuron.noise import make_known
+from softness_bayes.touch.neuron.rate_curve import CurveError, Firing, RateCurve
 from softness_bayes.touch.scene import Scene
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from softness_bayes.likelihood.directions import FREE
 from softness_bayes.likelihood.pieces import pieces
 from softness_bayes.likelihood.ratings import RatingsLikelihood, RatingsModel
 from softness_bayes.model.posterior import Density, Posterior
-from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS
+from softness_bayes.parameters.declared import FABRIC_MODULUS
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.sampler.chains import Chains
 from softness_bayes.touch.contact import Load

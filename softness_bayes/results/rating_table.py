@@ -16,7 +16,7 @@ from softness_bayes.data.ratings import LOAD_COLUMNS
 from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.likelihood.design import IndexArray
 from softness_bayes.model.prediction import prediction_table
-from softness_bayes.parameters.fabric_moduli import KPA
+from softness_bayes.parameters.declared import KPA
 from softness_bayes.ranges import PANEL
 from softness_bayes.readable import number, percent
 from softness_bayes.results.fitted import Fitted

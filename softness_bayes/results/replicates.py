@@ -29,7 +29,7 @@ from softness_bayes.results.draws import Groups, RatedDraws, Subset, Variable, n
 from softness_bayes.results.predictions import Trains, example_trains
 from softness_bayes.sampler.workers import Workers
 from softness_bayes.touch.contact import plate_force
-from softness_bayes.touch.pad import draw_receptors
+from softness_bayes.touch.receptors import draw_receptors
 
 Array = NDArray[np.float64]
 

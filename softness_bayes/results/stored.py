@@ -13,8 +13,7 @@ from softness_bayes.checking.individual import UNCERTAIN
 from softness_bayes.checking.layout import loads_in
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import Scale
-from softness_bayes.parameters.declared import PARAMETERS
-from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS
+from softness_bayes.parameters.declared import FABRIC_MODULUS, PARAMETERS
 from softness_bayes.provenance import Provenance
 from softness_bayes.touch.contact import Finger, Load
 from softness_bayes.touch.readings import Readings

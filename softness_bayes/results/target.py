@@ -15,7 +15,7 @@ from softness_bayes.data.columns import EFFECTIVE_MODULUS, POISSON_RATIO, TENSIL
 from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.errors import InputError
 from softness_bayes.model.prediction import OtherTouches
-from softness_bayes.parameters.fabric_moduli import KPA
+from softness_bayes.parameters.declared import KPA
 from softness_bayes.readable import number
 from softness_bayes.results.fitted import Fitted
 from softness_bayes.results.rating_table import limits, reasons

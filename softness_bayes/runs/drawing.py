@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from softness_bayes.files.outputs import write_outputs
-from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS
+from softness_bayes.parameters.declared import FABRIC_MODULUS
 from softness_bayes.plotting.figures import FIGURES, drawn, figures_of
 from softness_bayes.plotting.style import PLOT
 from softness_bayes.results.result import Result

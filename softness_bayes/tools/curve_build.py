@@ -6,9 +6,10 @@ from pathlib import Path
 
 from softness_bayes.touch import neuron
 from softness_bayes.touch.accuracy import PRESETS
-from softness_bayes.touch.neuron.firing import CURVES, RateCurve, exact_curve, key, text_of
-from softness_bayes.touch.neuron.fixed_channels import LARGEST_CURRENT, USUAL_CURRENT
+from softness_bayes.touch.neuron.firing import CURVES, exact_curve, key, text_of
+from softness_bayes.touch.neuron.fixed_channels import USUAL_CURRENT
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, HODGKIN_HUXLEY, PAPER_CHANNELS
+from softness_bayes.touch.neuron.rate_curve import LARGEST_CURRENT, RateCurve
 
 RATE_NODES = sorted({preset.rate_nodes for preset in PRESETS})
 

@@ -24,13 +24,13 @@ from threadpoolctl import threadpool_limits
 from softness_bayes.errors import NumericalError
 from softness_bayes.touch import neuron
 from softness_bayes.touch.neuron.cells import Cells, fold, rest
-from softness_bayes.touch.neuron.firing import CurveError, exact_curve
+from softness_bayes.touch.neuron.firing import exact_curve
 from softness_bayes.touch.neuron.limit_cycle import steady_orbit
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.neuron.polynomials import TotalDegree
 from softness_bayes.touch.neuron.rate import Onset, onset, simulated
-from softness_bayes.touch.neuron.surface import ERRORS, TABLES, FiringSurface
-from softness_bayes.touch.neuron.surface_design import DESIGNS, Border, SurfaceInputs
+from softness_bayes.touch.neuron.rate_curve import CurveError
+from softness_bayes.touch.neuron.surface import DESIGNS, ERRORS, TABLES, Border, FiringSurface, SurfaceInputs
 
 FloatArray = NDArray[np.float64]
 Say = Callable[[str], None]

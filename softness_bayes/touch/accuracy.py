@@ -17,9 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
 from softness_bayes.ranges import ACCURACIES
-from softness_bayes.touch.neuron.firing import RateCurve
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 from softness_bayes.touch.neuron.membrane import Channels, Membrane
+from softness_bayes.touch.neuron.rate_curve import RateCurve
 from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Discretisation, Scene

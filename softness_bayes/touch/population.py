@@ -23,19 +23,47 @@ rule is Gauss's for a typical gain.
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.polynomial import chebyshev, legendre
 from numpy.typing import NDArray
 
-from softness_bayes.touch.neuron.firing import RateCurve
-from softness_bayes.touch.neuron.polynomials import horner
+from softness_bayes.touch.neuron.polynomials import clenshaw, horner
+from softness_bayes.touch.neuron.rate_curve import RateCurve
 from softness_bayes.touch.receptors import ReceptorCount
-from softness_bayes.touch.stress_fields import Y_LEAST, FieldsAt, Profile
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+
+
+Y_LEAST = 1e-6
+"""Least y, at a thousand times the size of the patch: far beyond any pad."""
+
+
+class Profile(NamedTuple):
+    """The field of a batch of touches, ready to be evaluated at any stress."""
+
+    peak: Array
+    """Stress on the axis [Pa], shape (...)."""
+    shape: Array
+    """Coefficients of rho² y / (1 - y) [m²] in T_k(2 y - 1), shape (order, ...)."""
+    powers: bool = False
+    """True if the coefficients are those of powers of 2 y - 1 instead, which take less time."""
+
+    def among(self, mask: NDArray[np.bool_]) -> tuple[Index, Profile]:
+        """Return indices into the flattened batch of the elements of a mask, and their profile along one axis."""
+        at = np.flatnonzero(mask)
+        return at, self.take(at)
+
+    def take(self, at: Index) -> Profile:
+        """Return the profile of selected elements of the flattened batch, along one axis."""
+        return Profile(self.peak.take(at), self.shape.reshape(len(self.shape), -1).take(at, axis=1), self.powers)
+
+    def squared_distance(self, y: Array) -> Array:
+        """Return rho² [m²] where the stress is y^(1/root) of its peak, of the shape of `y`: (..., *batch)."""
+        return (horner if self.powers else clenshaw)(self.shape, 2.0 * y - 1.0) * (1.0 / y - 1.0)
+
 
 GAINS = 2
 """Nodes of the rate's gain for each node of the count."""
@@ -51,6 +79,17 @@ LEAST = 1e-300
 """Least u - u_rheobase at which the gain is evaluated, which is infinite at 0."""
 
 _SEARCH, _SAME = 60, 1e-14  # maximum number of steps of a search in y, and its convergence tolerance
+
+
+class Fields(Protocol):
+    """Stress fields of a batch of touches, with profiles only where they are asked for."""
+
+    @property
+    def peak(self) -> Array:
+        """Stress on the axis [Pa], shape (batch, conditions)."""
+
+    def among(self, mask: NDArray[np.bool_]) -> tuple[Index, Profile]:
+        """Return indices into the flattened batch of the elements of a mask, and their profile along one axis."""
 
 
 class Drive(NamedTuple):
@@ -110,7 +149,7 @@ class Population:
         self.gauss_part = np.concatenate([[0.0], x, [1.0]])
         self.gauss_weight = np.concatenate([[0.0], weight, [0.0]])
 
-    def sums(self, fields: FieldsAt | Profile, drive: Drive, intervals: bool = False) -> ReceptorSums:
+    def sums(self, fields: Fields, drive: Drive, intervals: bool = False) -> ReceptorSums:
         """Integrate over the receptors for a batch of parameter vectors and all conditions.
 
         Parameters

@@ -10,11 +10,17 @@ from typing import Any
 from softness_bayes.errors import InputError, quoted
 from softness_bayes.kinds import require_mapping
 from softness_bayes.supplied import FORM, installed, is_supplied, reference, require_reference, supplied
-from softness_bayes.touch.contact import PLATE_RIGIDITY, PRINTED_RIGIDITY, FabricModulus
+from softness_bayes.touch.contact import (
+    DISPLACEMENT,
+    PLATE_RIGIDITY,
+    PRINTED_RIGIDITY,
+    STRAIN,
+    FabricModulus,
+    SkinDisplacement,
+)
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, HODGKIN_HUXLEY, Membrane
 from softness_bayes.touch.neuron.membrane import PRINTED as PRINTED_MEMBRANE
 from softness_bayes.touch.receptors import CONSISTENT, PRINTED_DENSITY, Density
-from softness_bayes.touch.skin import DISPLACEMENT, STRAIN, SkinDisplacement
 from softness_bayes.touch.stress import (
     ATTENUATED,
     AXISYMMETRIC,

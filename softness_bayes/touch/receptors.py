@@ -1,4 +1,4 @@
-"""Transduction, density of SAI receptors over the pad, and their number within a distance (model.md 6, 8)."""
+"""Transduction, density and positions of SAI receptors on the pad, their number within a distance (model.md 6, 8)."""
 
 from __future__ import annotations
 
@@ -164,3 +164,26 @@ class ReceptorCount:
 
 receptor_count = lru_cache(maxsize=64)(ReceptorCount)
 """The receptor count of a pad, cached for all scenes that share it."""
+
+
+def draw_receptors(rng: np.random.Generator, finger: Finger = Finger(), density: Density = CONSISTENT) -> Array:
+    """Draw the positions of a pad's receptors from a Poisson process of the given density.
+
+    Positions are drawn uniformly at the largest density and thinned in proportion to the local density.
+
+    Parameters
+    ----------
+    rng
+        Random generator.
+    finger, density
+        The pad and the reading of the receptor density.
+
+    Returns
+    -------
+    ndarray
+        Coordinates along the finger, from its end, and across it [m], shape (receptors, 2).
+    """
+    highest = float(density.at(np.linspace(0.0, finger.pad_length, 1001)).max())
+    extent = np.array([finger.pad_length, finger.pad_width])
+    places = rng.uniform(0.0, extent, (rng.poisson(highest * extent.prod()), 2))
+    return np.asarray(places[rng.uniform(0.0, highest, len(places)) < density.at(places[:, 0])])

@@ -23,13 +23,12 @@ from softness_bayes.touch.contact import (
     fingertips,
     require_loads,
 )
-from softness_bayes.touch.mechanics import Mechanics, SkinBox
-from softness_bayes.touch.neuron.fixed_channels import Firing
+from softness_bayes.touch.neuron.rate_curve import Firing
 from softness_bayes.touch.parameters import TouchParameters, checked_rows
 from softness_bayes.touch.population import Drive, Population
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.receptors import receptor_count
-from softness_bayes.touch.stress_fields import StressFields
+from softness_bayes.touch.stress_fields import Mechanics, SkinBox, StressFields
 from softness_bayes.touch.stress_table import SHARE, covered_moduli, cut_tables, stress_tables
 
 Array = NDArray[np.float64]

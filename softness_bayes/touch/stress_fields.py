@@ -1,50 +1,45 @@
-"""Stress fields of a scene's conditions, from the tables of its loads, ready to be evaluated at any stress."""
+"""From the skin to the contacts and stress fields of a scene's conditions (model.md 2-5).
+
+Stress fields come from the tables of the loads and are ready to be evaluated at any stress. For given fabrics and
+loads, the reduced modulus and the stress on the axis depend on the skin alone, that is on b and m, and are smooth
+functions of ln b and of the root of m, which needs fewer terms than ln m or m itself. Over the range of a prior, one
+polynomial each for the place in the table of the stress fields and for the logarithm of the peak stress replaces the
+search for the skin's modulus, where its error is small enough.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from softness_bayes.errors import NumericalError
-from softness_bayes.touch.contact import Finger, Fingertip, Fingertips, Indentation, Load
-from softness_bayes.touch.neuron.polynomials import chebyshev_values, clenshaw, horner, in_powers_of
-from softness_bayes.touch.stress_table import StressTable, touched
+from softness_bayes.touch.contact import (
+    Contact,
+    Finger,
+    Fingertip,
+    Fingertips,
+    Indentation,
+    Load,
+    Loads,
+    SkinDisplacement,
+    log_compliance_ratio,
+    reduced_modulus,
+    skin_modulus,
+)
+from softness_bayes.touch.neuron.polynomials import TotalDegree, chebyshev_values, in_powers_of
+from softness_bayes.touch.population import Profile
+from softness_bayes.touch.stress_table import StressTable, touched, values_to_coefficients
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-Y_LEAST = 1e-6
-"""Least y, at a thousand times the size of the patch: far beyond any pad."""
 
 _INSIDE = 1.0 + 1e-9  # largest coordinate of a table, scaled to [-1, 1]
-
-
-class Profile(NamedTuple):
-    """The field of a batch of touches, ready to be evaluated at any stress."""
-
-    peak: Array
-    """Stress on the axis [Pa], shape (...)."""
-    shape: Array
-    """Coefficients of rho² y / (1 - y) [m²] in T_k(2 y - 1), shape (order, ...)."""
-    powers: bool = False
-    """True if the coefficients are those of powers of 2 y - 1 instead, which take less time."""
-
-    def among(self, mask: NDArray[np.bool_]) -> tuple[Index, Profile]:
-        """Return indices into the flattened batch of the elements of a mask, and their profile along one axis."""
-        at = np.flatnonzero(mask)
-        return at, self.take(at)
-
-    def take(self, at: Index) -> Profile:
-        """Return the profile of selected elements of the flattened batch, along one axis."""
-        return Profile(self.peak.take(at), self.shape.reshape(len(self.shape), -1).take(at, axis=1), self.powers)
-
-    def squared_distance(self, y: Array) -> Array:
-        """Return rho² [m²] where the stress is y^(1/root) of its peak, of the shape of `y`: (..., *batch)."""
-        return (horner if self.powers else clenshaw)(self.shape, 2.0 * y - 1.0) * (1.0 / y - 1.0)
 
 
 class StressFields:
@@ -227,3 +222,162 @@ def _in_powers(shapes: Sequence[Array], tolerances: Sequence[float]) -> tuple[li
     lost = [np.finfo(float).eps * np.abs(part).sum(axis=(1, 2)).max() for part in found]
     small = all(one <= 0.01 * t * s for one, t, s in zip(lost, tolerances, scale, strict=True))
     return (found, True) if small else ([*shapes], False)
+
+
+SKIN_SHARE = 0.03
+"""Error allowed in the place in a table and in ln of the peak stress, as a share of the stress fields' tolerance."""
+
+
+DEGREES = {18: tuple(range(6, 15)), 28: (16, 18, 20, 22, 24)}
+"""Total degrees of the polynomials, the first sufficient of which is taken, for each number of nodes in each parameter
+to which they are fitted."""
+
+
+FAR = 1e4
+"""Error, relative to the sufficient one, above which polynomials of higher degrees are not tried."""
+
+
+_AT_THE_EDGE = 1e-9  # relative to the box's half-width: allows for rounding at a prior's end
+
+
+class SkinBox(NamedTuple):
+    """Ranges of the skin's parameters, with positive ends."""
+
+    b: tuple[float, float]
+    """Modulus at rest [Pa]."""
+    m: tuple[float, float]
+    """Stiffening exponent, as the reading of the skin's compression has it."""
+
+
+class SkinSeries:
+    """Polynomials in ln b and the root of m, one for each column, fitted to a function over a box.
+
+    Parameters
+    ----------
+    box
+        The range that the polynomials cover.
+    function
+        Values (points, columns) of skins b and m, each of shape (points,).
+    enough
+        Error at which no higher degree is tried.
+
+    Attributes
+    ----------
+    error
+        Largest error at the points to which they were fitted. It was up to 1.5 times that at the box's corners.
+    """
+
+    def __init__(self, box: SkinBox, function: Callable[[Array, Array], Array], enough: float) -> None:
+        ends = self._coordinates(*np.array(box))
+        self._middle, self._half = ends.mean(axis=1)[:, None], np.maximum(0.5 * np.diff(ends, axis=1), 1e-6)
+        for nodes, degrees in DEGREES.items():
+            grid = np.array(np.meshgrid(*2 * (chebyshev.chebpts1(nodes),), indexing="ij")).reshape(2, -1)
+            of_b, of_m = self._middle + self._half * grid
+            exact = function(np.exp(of_b), of_m**2)
+            to_series = values_to_coefficients(nodes)
+            series = np.einsum("ij,kl,jlc->ikc", to_series, to_series, exact.reshape(nodes, nodes, -1), optimize=True)
+            for degree in degrees:
+                self._terms = TotalDegree(2, degree)
+                # in powers, which take less time; what that loses is in the error
+                self._coefficients = self._terms.in_powers_of(series[*self._terms.exponents])
+                self.error = float(np.abs(self._terms.monomials(grid) @ self._coefficients - exact).max())
+                if self.error <= enough:
+                    return
+            if self.error > FAR * enough:
+                return
+
+    @staticmethod
+    def _coordinates(b: Array, m: Array) -> Array:
+        # a negative m, which is refused later, lies outside any box
+        return np.array([np.log(b), np.sqrt(np.maximum(m, 0.0))])
+
+    def __call__(self, b: Array, m: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Return the values, shape (batch, columns), and which of the skins b and m (batch,) lie outside the box."""
+        x = self._coordinates(b, m)
+        x -= self._middle
+        x /= self._half
+        outside = np.logical_not((np.abs(x) <= 1.0 + _AT_THE_EDGE).all(axis=0))  # NaN is outside
+        if outside.any():
+            x = np.minimum(np.maximum(x, -1.0), 1.0)
+        return self._terms.monomials(x) @ self._coefficients, outside
+
+
+class Mechanics:
+    """The contacts and stress fields of all conditions.
+
+    Parameters
+    ----------
+    modulus, poisson
+        E_fab [Pa] and nu_fab of each condition.
+    loads
+        The load of each condition.
+    finger, displacement
+        The usual finger, and the reading of the skin's compression.
+    fields
+        The stress fields.
+    box
+        Skins that polynomials cover; None for no polynomials.
+    tolerance
+        The tolerance of the stress fields.
+    """
+
+    def __init__(
+        self,
+        modulus: Array,
+        poisson: Array,
+        loads: Sequence[Load],
+        finger: Finger,
+        displacement: SkinDisplacement,
+        fields: StressFields,
+        box: SkinBox | None,
+        tolerance: float,
+    ) -> None:
+        self._modulus, self._poisson, self._loads = modulus, poisson, Loads(loads)
+        self._finger, self._displacement, self._fields = finger, displacement, fields
+        self._log_k = log_compliance_ratio(modulus, poisson, finger)
+        self._compression = self._loads.compression(finger, displacement)
+        self._series: SkinSeries | None = None
+        # E_star rises with both b and m; beyond a table every point is inverted, which is slow
+        if box is not None and fields.covers(self._solved(np.array(box.b), np.array(box.m))[:, : modulus.size]):
+            series = SkinSeries(box, self._solved, SKIN_SHARE * tolerance)
+            self._series = series if series.error <= SKIN_SHARE * tolerance else None
+
+    def contact(self, b: Array, m: Array, modulus: Array | None, finger: Fingertip) -> Contact:
+        """Return the contacts, with fields of shape (batch, conditions).
+
+        Parameters
+        ----------
+        b, m
+            The skin's modulus at rest [Pa] and exponent, shape (batch,).
+        modulus
+            E_fab [Pa] that replaces the conditions' moduli, shape (batch, conditions), or None.
+        finger
+            The usual finger, or one for each row.
+        """
+        log_k = self._log_k
+        if modulus is None:
+            modulus = self._modulus
+        else:
+            log_k = log_k - np.log(modulus / self._modulus)
+        same = finger is self._finger
+        compression = self._compression if same else self._loads.compression(finger, self._displacement)
+        skin = skin_modulus(*compression, log_k, b[:, None], m[:, None])
+        return self._loads.contact(skin, reduced_modulus(skin, modulus, self._poisson, self._finger), finger)
+
+    def fields(self, b: Array, m: Array, modulus: Array | None, finger: Fingertip) -> FieldsAt | Profile:
+        """Return the stress fields; arguments as `contact` takes them."""
+        if self._series is None or modulus is not None or finger is not self._finger:
+            contact = self.contact(b, m, modulus, finger)
+            return self._fields.at(contact.reduced_modulus, contact.radius, finger)
+        found, outside = self._series(b, m)
+        if outside.any():
+            found[outside] = self._solved(b[outside], m[outside])
+        n = self._modulus.size
+        return FieldsAt(self._fields, found[:, :n], np.exp(found[:, n:]))
+
+    def _solved(self, b: Array, m: Array) -> Array:
+        """Return the places in the tables, then ln of the stress on the axis [Pa], shape (batch, 2 × conditions)."""
+        contact = self.contact(b, m, None, self._finger)
+        fields = self._fields.at(contact.reduced_modulus, contact.radius, self._finger)
+        assert isinstance(fields, FieldsAt), "polynomials are for one finger"
+        return np.concatenate([fields.place, np.log(np.maximum(fields.peak, 1e-300))], axis=1)

@@ -13,7 +13,7 @@ from softness_bayes.checking.layout import layout_of
 from softness_bayes.checking.quantities import PLACE, QUANTITIES, TURNS_OVER
 from softness_bayes.checking.sentences import check_sentences, turn_sentence
 from softness_bayes.checking.turning_check import FALL, PLATEAU, Reproduction, turns_reproduced
-from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS
+from softness_bayes.parameters.declared import FABRIC_MODULUS
 from softness_bayes.provenance import Finding, ResidualChecks, attributes_of
 from support.made_ratings import LAY, MODULUS, SHALLOW, STEEP, tree
 

@@ -42,7 +42,7 @@ from softness_bayes.likelihood.spreads import RaterSpreads, SpreadModel
 from softness_bayes.likelihood.uncertain_loads import UncertainLoads
 from softness_bayes.likelihood.z_scores import StandardisedModel, StandardisedRatings
 from softness_bayes.touch.contact import plate_line
-from softness_bayes.touch.fingers import FingerGrid
+from softness_bayes.touch.finger_grid import FingerGrid
 from support.points import rated
 
 ROWS = 7

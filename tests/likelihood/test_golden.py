@@ -29,7 +29,7 @@ from softness_bayes.likelihood.scales import scale_named
 from softness_bayes.likelihood.spreads import RaterSpreads, SpreadModel
 from softness_bayes.likelihood.stated import Stated
 from softness_bayes.touch.contact import Finger
-from softness_bayes.touch.fingers import FingerGrid
+from softness_bayes.touch.finger_grid import FingerGrid
 
 NODES = {"coarse": (-(3.0**0.5), 3.0**0.5), "fine": (-4.0, -3.0, -2.0, -1.0, 1.0, 2.0, 3.0, 4.0)}
 """Further loads at which responses are needed, in standard deviations, for sampling and for the reference."""

@@ -10,7 +10,7 @@ from softness_bayes.likelihood.directions import FALLS
 from softness_bayes.likelihood.individual import IndividualModel
 from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.mu_nodes import RaterLaw, about_mu, at_nodes
-from softness_bayes.touch.fingers import FingerGrid
+from softness_bayes.touch.finger_grid import FingerGrid
 from support.points import rated
 
 PEOPLE, CONDITIONS = 6, 5

@@ -9,8 +9,15 @@ from softness_bayes.checking.checks import check_exponent
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import NO_RESPONSE, Parameters
 from softness_bayes.likelihood.plate import PLATE_PARAMETERS, CompressionForces
-from softness_bayes.touch.contact import Finger, Indentation, plate_force, plate_line, solve_contact
-from softness_bayes.touch.skin import DISPLACEMENT, STRAIN
+from softness_bayes.touch.contact import (
+    DISPLACEMENT,
+    STRAIN,
+    Finger,
+    Indentation,
+    plate_force,
+    plate_line,
+    solve_contact,
+)
 
 DEPTHS = np.array([0.5e-3, 1e-3, 1.5e-3, 2e-3])
 

@@ -11,7 +11,7 @@ from softness_bayes.likelihood.individual import IndividualModel
 from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.likelihood.pressed import PressedRaters
 from softness_bayes.touch.contact import plate_line
-from softness_bayes.touch.fingers import FingerGrid, SkinLaws
+from softness_bayes.touch.finger_grid import FingerGrid, SkinLaws
 from support.points import rated
 
 DESIGN = Design([0, 1, 2, 0, 1, 2, 0, 2], [0, 0, 0, 1, 1, 1, 2, 2], [0, 1, 2], 3)

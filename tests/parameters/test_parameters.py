@@ -9,14 +9,14 @@ from scipy import stats
 
 from softness_bayes.errors import InputError
 from softness_bayes.parameters.choice import parameter_space
-from softness_bayes.parameters.coordinates import Bent, HalfLine, Interval, Line, Scaled, coordinate_for, walked
+from softness_bayes.parameters.coordinates import Bent, HalfLine, Interval, Scaled, coordinate_for, walked
 from softness_bayes.parameters.declared import HELD, PARAMETERS, PRIOR_SETS, SHAPE_PARAMETERS
 from softness_bayes.parameters.priors import HalfNormal, LogNormal, LogUniform, Normal, Uniform
-from softness_bayes.touch.neuron.fixed_channels import LARGEST_CURRENT
+from softness_bayes.touch.contact import DISPLACEMENT, STRAIN
 from softness_bayes.touch.neuron.membrane import HODGKIN_HUXLEY, PAPER_CHANNELS, Channels
-from softness_bayes.touch.neuron.surface_design import DESIGNS
+from softness_bayes.touch.neuron.rate_curve import LARGEST_CURRENT
+from softness_bayes.touch.neuron.surface import DESIGNS
 from softness_bayes.touch.parameters import TouchParameters
-from softness_bayes.touch.skin import DISPLACEMENT, STRAIN
 
 EVERYTHING = parameter_space(free=HELD)
 
@@ -124,7 +124,7 @@ def test_wrong_choices_are_refused(choice, message):
 
 
 def test_coordinates_follow_the_support():
-    assert coordinate_for(Normal(0, 1).support) == Line()
+    assert coordinate_for(Normal(0, 1).support) == Scaled(1.0)
     assert coordinate_for(LogNormal(1, 1).support) == HalfLine(0.0)
     assert coordinate_for(Uniform(1, 2).support) == Interval(1, 2)
 

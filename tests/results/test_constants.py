@@ -5,10 +5,10 @@ import pytest
 import xarray as xr
 
 from softness_bayes.results.constants import restore_curves, stored_curves
-from softness_bayes.touch.neuron import noise as module
-from softness_bayes.touch.neuron.firing import CurveError, RateCurve
-from softness_bayes.touch.neuron.fixed_channels import LARGEST_CURRENT, FixedChannels
+from softness_bayes.touch.neuron import fixed_channels as module
+from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, HODGKIN_HUXLEY, PAPER_CHANNELS
+from softness_bayes.touch.neuron.rate_curve import LARGEST_CURRENT, CurveError, RateCurve
 
 
 class SimulatedError(Exception):

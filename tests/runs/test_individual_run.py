@@ -24,7 +24,8 @@ from softness_bayes.report.page import report_page
 from softness_bayes.results.fitted import experiment_of, options_of
 from softness_bayes.results.result import Result
 from softness_bayes.runs.run import sample
-from softness_bayes.touch.fingers import FingerFamily, FingerGrid
+from softness_bayes.touch.finger_grid import FingerGrid
+from softness_bayes.touch.fingers import FingerFamily
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation
 from support.command_line import call

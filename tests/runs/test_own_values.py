@@ -17,8 +17,8 @@ from softness_bayes.results.result import Result
 from softness_bayes.runs.run import sample
 from softness_bayes.sampler import sampling
 from softness_bayes.supplied import reference
+from softness_bayes.touch.contact import DISPLACEMENT
 from softness_bayes.touch.readings import Readings, alternative
-from softness_bayes.touch.skin import DISPLACEMENT
 from softness_bayes.touch.stress import HERTZ
 from support import own_values
 from support.command_line import FIXED, QUICK, call, few_ratings, refused

@@ -37,8 +37,8 @@ from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch import scene
 from softness_bayes.touch.contact import Finger, Force, Indentation
 from softness_bayes.touch.neuron import firing, fixed_channels
-from softness_bayes.touch.neuron.firing import CurveError, RateCurve
 from softness_bayes.touch.neuron.rate import Onset
+from softness_bayes.touch.neuron.rate_curve import CurveError, RateCurve
 from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.readings import CLASSICAL, MENDED
 from softness_bayes.touch.scene import Discretisation

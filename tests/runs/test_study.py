@@ -33,8 +33,8 @@ from softness_bayes.runs.plate import sample_skin
 from softness_bayes.runs.population import pool_results, population_of
 from softness_bayes.runs.study import LOCK, MADE, Study, study
 from softness_bayes.runs.table_fit import CONVERGED, REFUSED, UNCONVERGED, TableOutcome, seed_of
+from softness_bayes.touch.contact import STRAIN
 from softness_bayes.touch.readings import MENDED
-from softness_bayes.touch.skin import STRAIN
 from support.command_line import FIXED, call, few_ratings, refused
 from support.report_runs import quickly
 

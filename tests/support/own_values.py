@@ -8,7 +8,7 @@ from scipy.stats import gamma
 
 from softness_bayes.likelihood.scales import STANDARDISED
 from softness_bayes.likelihood.z_scores import StandardisedModel
-from softness_bayes.parameters.law import Law
+from softness_bayes.parameters.laws import Law
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS
 from softness_bayes.touch.stress import ATTENUATED, HERTZ, LINE, Pressure
 

@@ -24,8 +24,8 @@ from softness_bayes.runs.run import sample
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.neuron import fixed_channels
-from softness_bayes.touch.neuron.firing import CurveError, RateCurve
 from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
+from softness_bayes.touch.neuron.rate_curve import CurveError, RateCurve
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation
 

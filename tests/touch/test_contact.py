@@ -9,16 +9,18 @@ import pytest
 
 from softness_bayes.errors import InputError
 from softness_bayes.touch.contact import (
+    DISPLACEMENT,
     PLATE_LENGTH,
     PLATE_RIGIDITY,
     PRINTED_RIGIDITY,
+    STRAIN,
     Finger,
     Force,
     Indentation,
     hertz_force,
+    skin_modulus,
     solve_contact,
 )
-from softness_bayes.touch.skin import DISPLACEMENT, STRAIN, skin_modulus
 from support.paths import REFERENCE
 
 FINGER = Finger()

@@ -6,7 +6,8 @@ from numpy.testing import assert_allclose
 
 from softness_bayes.errors import InputError
 from softness_bayes.touch.contact import Force, Indentation
-from softness_bayes.touch.fingers import REACH, FingerFamily, FingerGrid, FingerSpreads
+from softness_bayes.touch.finger_grid import REACH, FingerGrid, FingerSpreads
+from softness_bayes.touch.fingers import FingerFamily
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation, Scene

@@ -6,8 +6,8 @@ import pytest
 from softness_bayes.model.scenes import skin_of_priors
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.touch.contact import Force, Indentation
-from softness_bayes.touch.mechanics import SKIN_SHARE, SkinBox
 from softness_bayes.touch.scene import Discretisation, Scene
+from softness_bayes.touch.stress_fields import SKIN_SHARE, SkinBox
 
 FABRICS = np.geomspace(1e2, 1e8, 9)
 LOADS = {

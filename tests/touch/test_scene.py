@@ -324,7 +324,8 @@ def test_scenes_that_cannot_be(smooth_firing, change, message):
 
 def test_a_vector_has_the_same_response_in_any_company():
     """A larger alpha beside it needs a longer rate curve; the vector keeps its own."""
-    from softness_bayes.touch.neuron.fixed_channels import LARGEST_CURRENT, FixedChannels
+    from softness_bayes.touch.neuron.fixed_channels import FixedChannels
+    from softness_bayes.touch.neuron.rate_curve import LARGEST_CURRENT
 
     scene = Scene(np.geomspace(1e4, 1e6, 4), 0.3, (Indentation(2e-3),), FixedChannels())
     alone = TouchParameters(1e5, 2.0, 20.3, 6e-4, 9e3, 1.05, 1.16, 1.0, 1.5)

@@ -21,8 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize.elementwise import find_root
 
-from softness_bayes.touch.neuron.gating import channel_of_gate, fraction_slopes, open_fractions
-from softness_bayes.touch.neuron.membrane import Channels, Membrane, steady_terms
+from softness_bayes.touch.neuron.membrane import (
+    Channels,
+    Membrane,
+    channel_of_gate,
+    fraction_slopes,
+    open_fractions,
+    steady_terms,
+)
 
 FloatArray = NDArray[np.float64]
 

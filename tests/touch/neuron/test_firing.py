@@ -10,7 +10,7 @@ import pytest
 
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.neuron import firing as module
-from softness_bayes.touch.neuron.firing import TRIED, RateCurve, exact_curve, exact_curves
+from softness_bayes.touch.neuron.firing import TRIED, exact_curve, exact_curves
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 from softness_bayes.touch.neuron.limit_cycle import Budget
 from softness_bayes.touch.neuron.membrane import (
@@ -22,6 +22,7 @@ from softness_bayes.touch.neuron.membrane import (
     Membrane,
 )
 from softness_bayes.touch.neuron.rate import Onset, firing_rate
+from softness_bayes.touch.neuron.rate_curve import RateCurve
 from support.onsets import CORNER, EXACT_ENOUGH, HODGKIN_HUXLEY_OWN
 
 

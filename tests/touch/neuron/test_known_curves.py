@@ -9,9 +9,10 @@ import pytest
 
 from softness_bayes.tools.curve_build import CASES
 from softness_bayes.touch.neuron import firing as known_curves
-from softness_bayes.touch.neuron.firing import RateCurve, exact_curve, key, known_curve, text_of
+from softness_bayes.touch.neuron.firing import exact_curve, key, known_curve, text_of
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, PRINTED
 from softness_bayes.touch.neuron.rate import firing_rate
+from softness_bayes.touch.neuron.rate_curve import RateCurve
 from support.onsets import EXACT_ENOUGH
 
 

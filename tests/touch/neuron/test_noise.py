@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from softness_bayes.errors import InputError
-from softness_bayes.touch.neuron import noise as module
-from softness_bayes.touch.neuron.noise import LEAST_RATE, noisy_curve
+from softness_bayes.touch.neuron import fixed_channels as module
+from softness_bayes.touch.neuron.fixed_channels import LEAST_RATE, noisy_curve
 from softness_bayes.touch.neuron.rate import firing_rate
 from softness_bayes.touch.neuron.spikes import firing_statistics
 

@@ -23,8 +23,8 @@ from softness_bayes.touch.neuron.membrane import (
 )
 from softness_bayes.touch.neuron.polynomials import TotalDegree
 from softness_bayes.touch.neuron.rate import Onset, firing_rate
-from softness_bayes.touch.neuron.surface import ERRORS, TABLES, FiringSurface
-from softness_bayes.touch.neuron.surface_design import DESIGNS
+from softness_bayes.touch.neuron.rate_curve import CurveError, RateCurve
+from softness_bayes.touch.neuron.surface import DESIGNS, ERRORS, TABLES, FiringSurface
 from softness_bayes.touch.parameters import TouchParameters
 from support.onsets import CORNER, EXACT_ENOUGH
 
@@ -266,7 +266,7 @@ def test_a_shorter_surface_refuses_and_finds_corners_as_the_full_one(connor_stev
 
 
 def test_all_terms_are_the_polynomial_itself(rng: np.random.Generator) -> None:
-    curve = firing.RateCurve(np.array(18.0), np.array(0.0), rng.normal(size=9), 40.0, firing.CurveError(0, 0, 0))
+    curve = RateCurve(np.array(18.0), np.array(0.0), rng.normal(size=9), 40.0, CurveError(0, 0, 0))
     np.testing.assert_allclose(curve.shortened(9).coefficients, curve.coefficients, atol=1e-13)
     np.testing.assert_allclose(curve.shortened(12).coefficients, curve.coefficients, atol=1e-13)
     w = np.linspace(-1.0, 1.0, 101)
