@@ -7,7 +7,7 @@ has a closed form, also for a partial order, in which the order of tied touches 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar, NamedTuple, Self
@@ -17,13 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, ndtri
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.comparison_information import Comparisons, order_information
 from softness_bayes.likelihood.contract import Effects, Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import GUMBEL, GUMBEL_SD, ErrorLaw
+from softness_bayes.likelihood.information import Comparisons, order_information
 from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.pieces import in_pieces
-from softness_bayes.likelihood.places import RankedLists
+from softness_bayes.likelihood.places import RankedLists, shares
 from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.scales import RANKS, Scale
 from softness_bayes.likelihood.stated import Stated
@@ -101,8 +101,7 @@ class OrderModel(RatingModel):
         effects: Effects,
     ) -> FloatArray:
         """Return the place of every row in the list of all rows of its participant, shape (..., rows)."""
-        drawn = self.draw_latent(rng, design, drive, parameters)
-        return shares(drawn, design.participant)
+        return shares(self.draw_latent(rng, design, drive, parameters), design.participant)
 
     def draw_latent(
         self, rng: np.random.Generator, design: Design, drive: FloatArray, parameters: Parameters
@@ -226,13 +225,12 @@ class OrderRatings(RatingsLikelihood):
     def log_likelihood_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Log probability of each touch's place given the order of all others of its list, shape (..., rows)."""
 
-        def alone(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-            worth = self._worth(mean_rate, parameters)
-            whole = self._places.log_factors(worth).sum(axis=-1)
-            rest = [self._places.without(k).log_factors(worth).sum(axis=-1) for k in range(self._places.width)]
-            return self._places.by_row(whole[..., None] - np.stack(rest, axis=-1))
+        def alone(worth: FloatArray, some: Parameters) -> FloatArray:
+            whole = self._log_factors(self._places, worth, some).sum(axis=-1)
+            rest = [self._log_factors(others, worth, some).sum(axis=-1) for others in self._each_left_out]
+            return whole[..., None] - np.stack(rest, axis=-1)
 
-        return in_pieces(alone, self._places.width * self.design.n_rows, mean_rate, parameters)
+        return self._by_row(alone, mean_rate, parameters)
 
     def below_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Probability of a lower place than that of each touch given the order of all others, shape (..., rows).
@@ -240,15 +238,11 @@ class OrderRatings(RatingsLikelihood):
         Half the probability of the observed place is added.
         """
 
-        def smaller(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-            worth, places = self._worth(mean_rate, parameters), self._places
-            found = []
-            for k in range(places.width):
-                above, lower = places.without(k).log_chances(worth, k)
-                found.append(0.5 * (np.exp(above) + np.exp(lower)))
-            return places.by_row(np.stack(found, axis=-1))
+        def smaller(worth: FloatArray, some: Parameters) -> FloatArray:
+            both = [self._log_chances(others, worth, k, some) for k, others in enumerate(self._each_left_out)]
+            return np.stack([0.5 * (np.exp(above) + np.exp(lower)) for above, lower in both], axis=-1)
 
-        return in_pieces(smaller, self._places.width * self.design.n_rows, mean_rate, parameters)
+        return self._by_row(smaller, mean_rate, parameters)
 
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Log probability of each participant's orders, shape (draws, participants); participants are independent."""
@@ -256,7 +250,7 @@ class OrderRatings(RatingsLikelihood):
 
     def log_likelihood_answers(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Log probability of the order of each list, shape (..., lists); lists are independent given the parameters."""
-        return in_pieces(self._by_list, self._places.width * self.design.n_rows, mean_rate, parameters)
+        return in_pieces(self._by_list, self._width, mean_rate, parameters)
 
     def expected(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return the expected share of its list that is placed below each condition, shape (..., conditions)."""
@@ -322,24 +316,41 @@ class OrderRatings(RatingsLikelihood):
         touches taken before, randomised within the probability of that place by a fixed random number, so that all
         scores are independent and normal under the model.
         """
-        width = self._places.width * self.design.n_rows
-        share = np.clip(in_pieces(self._place_among_earlier, width, mean_rate, parameters), 1e-300, 1.0 - 1e-16)
-        return np.asarray(self.model.error_sd(parameters)[..., None] * ndtri(share))
 
-    def _place_among_earlier(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return the distribution function of each touch's place among those taken before it, shape (..., rows)."""
-        worth, places, found = self._worth(mean_rate, parameters), self._places, []
-        for k in range(places.width):
-            earlier = places.among(self._turn[places.row] < self._turn[places.row[:, [k]]])
-            log_above, log_lower = earlier.log_chances(worth, k)
-            above, lower = np.exp(log_above), np.exp(log_lower)
-            found.append(np.stack([lower, above - lower]))
-        lower, own = (places.by_row(part) for part in np.stack(found, axis=-1))
-        return np.asarray(lower + self._shares * own)
+        def place(worth: FloatArray, some: Parameters) -> FloatArray:
+            found = []
+            for k in range(self._places.width):
+                earlier = self._places.among(self._turn < self._turn[:, [k]])
+                above, lower = (np.exp(part) for part in self._log_chances(earlier, worth, k, some))
+                found.append(lower + self._shares[self._places.row[:, k]] * (above - lower))
+            return np.stack(found, axis=-1)
+
+        share = np.clip(self._by_row(place, mean_rate, parameters), 1e-300, 1.0 - 1e-16)
+        return np.asarray(self.model.error_sd(parameters)[..., None] * ndtri(share))
 
     def _by_list(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log probability of each list's order, shape (..., lists)."""
-        return self._places.log_factors(self._worth(mean_rate, parameters)).sum(axis=-1)
+        return self._log_factors(self._places, self._worth(mean_rate, parameters), parameters).sum(axis=-1)
+
+    def _log_factors(self, places: RankedLists, worth: FloatArray, parameters: Parameters) -> FloatArray:
+        """Return log probabilities whose sum over slots is that of each list's order, (..., lists, slots)."""
+        return places.log_factors(worth)
+
+    def _log_chances(
+        self, places: RankedLists, worth: FloatArray, slot: int, parameters: Parameters
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return log probabilities of places for the touches of one slot, as `RankedLists.log_chances`."""
+        return places.log_chances(worth, slot)
+
+    def _by_row(
+        self, work: Callable[[FloatArray, Parameters], FloatArray], mean_rate: FloatArray, parameters: Parameters
+    ) -> FloatArray:
+        """Return ``work(worth, parameters)``, of shape (..., lists, slots), by row, shape (..., rows)."""
+
+        def rows(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
+            return self._places.by_row(work(self._worth(mean_rate, parameters), parameters))
+
+        return in_pieces(rows, self._width, mean_rate, parameters)
 
     def _latent(self, rng: np.random.Generator, drive: FloatArray, parameters: Parameters) -> FloatArray:
         """Return simulated latent values whose order is the answer, shape (..., rows)."""
@@ -351,8 +362,18 @@ class OrderRatings(RatingsLikelihood):
         return (self._owner[:, None] == np.arange(self.design.n_participants)).astype(float)
 
     @cached_property
-    def _turn(self) -> FloatArray:
-        return np.random.default_rng(_SEED).permutation(self.design.n_rows).astype(float)
+    def _each_left_out(self) -> list[RankedLists]:
+        slots = np.arange(self._places.width)
+        return [self._places.among(slots != k) for k in slots]
+
+    @property
+    def _width(self) -> int:
+        """Numbers kept in memory for each draw."""
+        return self._places.width * self.design.n_rows
+
+    @cached_property
+    def _turn(self) -> IndexArray:
+        return np.random.default_rng(_SEED).permutation(self.design.n_rows)[self._places.row]
 
     @cached_property
     def _shares(self) -> FloatArray:
@@ -361,23 +382,3 @@ class OrderRatings(RatingsLikelihood):
     def _worth(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return each slot's drive in units of the noise, shape (..., lists, slots)."""
         return (self.drive(mean_rate, parameters) / self.model.noise_of(parameters)[..., None])[..., self._condition]
-
-
-def shares(numbers: FloatArray, lists: IndexArray) -> FloatArray:
-    """Return the share of its list below each number, counting ties half, shape (..., rows); 1/2 in a list of one.
-
-    Parameters
-    ----------
-    numbers
-        Shape (..., rows).
-    lists
-        Index of each row's list, shape (rows,).
-    """
-    order = np.argsort(lists, kind="stable")
-    found = np.empty(np.shape(numbers))
-    for rows in np.split(order, np.flatnonzero(np.diff(lists[order])) + 1):
-        own = numbers[..., rows]
-        below = (own[..., None, :] < own[..., :, None]).sum(axis=-1)
-        equal = (own[..., None, :] == own[..., :, None]).sum(axis=-1) - 1
-        found[..., rows] = (below + 0.5 * equal) / (rows.size - 1) if rows.size > 1 else 0.5
-    return found

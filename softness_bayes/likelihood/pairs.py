@@ -8,20 +8,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import log_ndtr, ndtr
+from scipy.special import log_ndtr
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.comparison_information import Comparisons, pair_information
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
+from softness_bayes.likelihood.information import Comparisons, pair_information
 from softness_bayes.likelihood.orders import LEAST_SPREAD, OrderModel, OrderRatings
-from softness_bayes.likelihood.places import index_within
+from softness_bayes.likelihood.places import RankedLists, index_within
 from softness_bayes.likelihood.scales import PAIRS, Scale
 from softness_bayes.likelihood.stated import Stated
 
@@ -60,11 +59,16 @@ class PairModel(OrderModel):
 
     def chance(self, apart: FloatArray, parameters: Parameters | None = None) -> FloatArray:
         """Return the probability that the first of two touches is judged softer, as `OrderModel.chance`."""
-        told = np.asarray(ndtr(apart))
+        return np.exp(self.log_chance(apart, parameters))
+
+    def log_chance(self, apart: FloatArray, parameters: Parameters | None = None) -> FloatArray:
+        """Return the logarithm of `chance`."""
+        told = np.asarray(log_ndtr(apart))
         if parameters is None or not self.law.lapses:
             return told
         guess = self.guesses(parameters)[..., None]
-        return (1.0 - guess) * told + 0.5 * guess
+        with np.errstate(divide="ignore"):
+            return np.asarray(np.logaddexp(np.log1p(-guess) + told, np.log(0.5 * guess)))
 
     def information(
         self, compared: Comparisons, drive: FloatArray, slopes: FloatArray, guesses: float = 0.0
@@ -100,17 +104,6 @@ class PairRatings(OrderRatings):
         super().__init__(ratings, design, model, over, lists)
         if self._places.width > 2:
             raise InputError(f"ratings: a list holds {self._places.width} touches, expected pairs")
-        # a tie carries no information
-        self._told = self._places.filled.all(axis=1) & (self._places.group[:, -1] > 0)
-
-    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Log probability of each touch's place given the other touch, that of the pair, shape (..., rows)."""
-        return self._by_list(mean_rate, parameters)[..., self._of_row]
-
-    def below_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Probability of a lower place than each touch's, plus half that of the observed place, shape (..., rows)."""
-        own = np.exp(self.log_likelihood_loo(mean_rate, parameters))
-        return np.where(self._upper, 1.0 - 0.5 * own, 0.5 * own)
 
     def _latent(self, rng: np.random.Generator, drive: FloatArray, parameters: Parameters) -> FloatArray:
         """Return simulated latent values whose order is the answer, shape (..., rows); a guess is a random order."""
@@ -118,41 +111,24 @@ class PairRatings(OrderRatings):
         guessed = rng.random((*latent.shape[:-1], len(self._list))) < self.model.guesses(parameters)[..., None]
         return np.where(guessed[..., self._of_row], rng.standard_normal(latent.shape), latent)
 
-    def _place_among_earlier(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return the distribution function of each touch's place given the touch taken before it, shape (..., rows).
-
-        The first touch of a pair has nothing to be compared with; its value is a fixed random number.
-        """
-        own = np.exp(self.log_likelihood_loo(mean_rate, parameters))
-        share = np.where(self._upper, 1.0 - own + self._shares * own, self._shares * own)
-        return np.where(self._second, share, self._shares)
-
-    def _by_list(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return the log probability of each pair's answer, shape (..., pairs); 0 for ties."""
-        worth = self._worth(mean_rate, parameters)
-        if self._places.width < 2:
-            return np.zeros(worth.shape[:-1])
-        found = log_ndtr(worth[..., 0] - worth[..., 1])
-        guess: Any = self.model.guesses(parameters)[..., None]
-        if self.model.law.lapses:
-            with np.errstate(divide="ignore"):
-                found = np.logaddexp(np.log1p(-guess) + found, np.log(0.5 * guess))
-        return np.where(self._told, found, 0.0)
-
-    @cached_property
-    def _upper(self) -> NDArray[np.bool_]:
-        """True for the row with the higher place of each pair, shape (rows,); False for ties."""
-        found = np.zeros(self.design.n_rows, bool)
-        found[self._places.row[self._told, 0]] = True
+    def _log_factors(self, places: RankedLists, worth: FloatArray, parameters: Parameters) -> FloatArray:
+        """Return the log probability of each pair's answer in its first slot; 0 for ties, which tell nothing."""
+        told = places.present.all(axis=1) & (places.group[:, -1] > 0)
+        answers = self.model.log_chance(worth[..., told, 0] - worth[..., told, -1], parameters)
+        found = np.zeros((*answers.shape[:-1], *worth.shape[-2:]))
+        found[..., told, 0] = answers
         return found
 
-    @cached_property
-    def _second(self) -> NDArray[np.bool_]:
-        """True for the row taken as the second of each pair, shape (rows,); False for ties."""
-        pair, later = self._places.row[self._told], np.zeros(self.design.n_rows, bool)
-        turn = self._turn[pair]
-        later[pair[np.arange(len(pair)), turn.argmax(axis=1)]] = True
-        return later
+    def _log_chances(
+        self, places: RankedLists, worth: FloatArray, slot: int, parameters: Parameters
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return log probabilities of the places of one slot's touches, left out in `places`, given the others."""
+        both = places.among(places.present | (np.arange(places.width) == slot))
+        answer = self._log_factors(both, worth, parameters).sum(axis=-1)
+        if slot:
+            return answer, np.full(answer.shape, -np.inf)
+        with np.errstate(divide="ignore"):
+            return np.zeros(answer.shape), np.log(-np.expm1(answer))
 
 
 def _successive(design: Design) -> IndexArray:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import rankdata
 
 from softness_bayes.errors import InputError
 
@@ -15,14 +15,6 @@ IndexArray = NDArray[np.intp]
 
 MOST_TIED = 6
 """Largest number of tied touches; the sum over their possible orders takes 2^n steps."""
-
-
-class Tie(NamedTuple):
-    """Groups of tied places, all of the same size: the list and the first slot of each group."""
-
-    size: int
-    of: IndexArray
-    first: IndexArray
 
 
 @dataclass(frozen=True)
@@ -37,8 +29,8 @@ class RankedLists:
     """True if the slot holds a touch, same shape."""
     filled: NDArray[np.bool_]
     """True if the slot held a touch before any were left out, same shape."""
-    ties: tuple[Tie, ...]
-    """The groups of tied places, by size."""
+    ties: tuple[tuple[int, IndexArray, IndexArray], ...]
+    """Groups of tied places, by size: the size, and the list and the first slot of each group."""
 
     @classmethod
     def of(cls, values: FloatArray, place: IndexArray) -> RankedLists:
@@ -52,9 +44,9 @@ class RankedLists:
         new[:, 1:] = values[row][:, 1:] != values[row][:, :-1]
         new |= ~filled
         ties = _ties(new, filled)
-        if ties and ties[-1].size > MOST_TIED:
+        if ties and ties[-1][0] > MOST_TIED:
             raise InputError(
-                f"ratings: {ties[-1].size} touches of one list share a place, expected at most {MOST_TIED}: "
+                f"ratings: {ties[-1][0]} touches of one list share a place, expected at most {MOST_TIED}: "
                 "with so many ties, use categories"
             )
         return cls(row, np.cumsum(new, axis=1) - 1, filled, filled, ties)
@@ -67,10 +59,6 @@ class RankedLists:
     def among(self, chosen: NDArray[np.bool_]) -> RankedLists:
         """Return the lists restricted to the chosen touches, shape (lists, slots)."""
         return replace(self, present=self.filled & chosen)
-
-    def without(self, slot: int) -> RankedLists:
-        """Return the lists without the touches of one slot."""
-        return self.among(np.arange(self.width) != slot)
 
     def by_row(self, values: FloatArray) -> FloatArray:
         """Return values (..., lists, slots) rearranged by row, shape (..., rows)."""
@@ -103,13 +91,11 @@ class RankedLists:
             found = np.where(self.present, worth - rest, 0.0)
         below = np.full((*rest.shape[:-1], 1), -np.inf) if extra is None else extra[..., None]
         rest = np.concatenate([rest, np.broadcast_to(below, (*rest.shape[:-1], 1))], axis=-1)
-        for tie in self.ties:
-            of, members = tie.of[:, None], tie.first[:, None] + np.arange(tie.size)
-            joint = _log_first(
-                worth[..., of, members], self.present[of, members], rest[..., tie.of, tie.first + tie.size]
-            )
-            found[..., of, members] = 0.0
-            found[..., tie.of, tie.first] = joint
+        for size, of, first in self.ties:
+            tied = of[:, None], first[:, None] + np.arange(size)
+            joint = _log_first(worth[..., *tied], self.present[tied], rest[..., of, first + size])
+            found[..., *tied] = 0.0
+            found[..., of, first] = joint
         return found
 
     def log_chances(self, worth: FloatArray, slot: int) -> tuple[FloatArray, FloatArray]:
@@ -123,15 +109,13 @@ class RankedLists:
         """
         own = self.group[:, [slot]]
         each = self.log_factors(worth, worth[..., slot]) - self.log_factors(worth)
-        over = self.present & (self.group < own)
-        under = np.where(self.present & (self.group > own), self.group, self.group.max() + 1)
-        least = under.min(axis=1, keepdims=True)
-        upto = self.present & (self.group <= least)
-        # the probability of a tie is stored in its first slot, present or not
-        above = np.where(_of_groups(over, self.group), each, 0.0).sum(axis=-1)
-        lower = np.where(_of_groups(upto, self.group), each, 0.0).sum(axis=-1)
-        last = (least > self.group.max())[:, 0]
-        return above, np.where(last, -np.inf, lower)
+        least = np.where(self.present & (self.group > own), self.group, self.group.max() + 1).min(axis=1)
+        # the probability of a tie is stored in the first slot of its group, present or not
+        same = (self.group[:, :, None] == self.group[:, None, :]) & self.present[:, None, :]
+        among = same.any(axis=-1)
+        above = np.where(among & (self.group < own), each, 0.0).sum(axis=-1)
+        lower = np.where(among & (self.group <= least[:, None]), each, 0.0).sum(axis=-1)
+        return above, np.where(least > self.group.max(), -np.inf, lower)
 
 
 def index_within(groups: IndexArray) -> IndexArray:
@@ -142,20 +126,30 @@ def index_within(groups: IndexArray) -> IndexArray:
     return found
 
 
-def _ties(new: NDArray[np.bool_], filled: NDArray[np.bool_]) -> tuple[Tie, ...]:
+def shares(numbers: FloatArray, lists: IndexArray) -> FloatArray:
+    """Return the share of its list below each number, counting ties half, shape (..., rows); 1/2 in a list of one.
+
+    Parameters
+    ----------
+    numbers
+        Shape (..., rows).
+    lists
+        Index of each row's list, shape (rows,).
+    """
+    order = np.argsort(lists, kind="stable")
+    found = np.full(np.shape(numbers), 0.5)
+    for rows in np.split(order, np.flatnonzero(np.diff(lists[order])) + 1):
+        if rows.size > 1:
+            found[..., rows] = (rankdata(numbers[..., rows], axis=-1) - 1.0) / (rows.size - 1)
+    return found
+
+
+def _ties(new: NDArray[np.bool_], filled: NDArray[np.bool_]) -> tuple[tuple[int, IndexArray, IndexArray], ...]:
     """Return the groups of tied places by size; a group starts where ``new`` is true, shape (lists, slots)."""
     of, first = np.nonzero(new)
     size = np.diff(np.append(np.flatnonzero(new), new.size))
     shared = filled[of, first] & (size > 1)
-    return tuple(
-        Tie(n, of[shared & (size == n)], first[shared & (size == n)]) for n in np.unique(size[shared]).tolist()
-    )
-
-
-def _of_groups(chosen: NDArray[np.bool_], group: IndexArray) -> NDArray[np.bool_]:
-    """Return the slots of all groups with a chosen member, shape (lists, slots)."""
-    same = group[:, :, None] == group[:, None, :]
-    return np.asarray((same & chosen[:, None, :]).any(axis=-1))
+    return tuple((n, of[shared & (size == n)], first[shared & (size == n)]) for n in np.unique(size[shared]).tolist())
 
 
 def _log_first(worth: FloatArray, present: NDArray[np.bool_], rest: FloatArray) -> FloatArray:

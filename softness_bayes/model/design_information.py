@@ -9,21 +9,21 @@ turning point nearby.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 from scipy.special import ndtr, ndtri
 
 from softness_bayes.checking.inflection import CurveShape, turning_points
 from softness_bayes.checking.sensitivity import prior_moments
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.comparison_information import Comparisons
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import STUDENT
-from softness_bayes.likelihood.expected_information import EffectGroup, Moments, normal_information
+from softness_bayes.likelihood.information import Comparisons, EffectGroup, normal_information
 from softness_bayes.likelihood.orders import OrderModel
 from softness_bayes.likelihood.plate import CompressionForces, plate_line
 from softness_bayes.likelihood.scales import MAGNITUDE, PAIRS, RANKS, SLIDER, STANDARDISED
@@ -336,23 +336,25 @@ class _Foresight:
         parameters, drive = self._driven(theta)
         slopes = np.einsum("tkc,tkd->tcd", _secants(drive), back)
         sd = _at(np.sqrt(np.asarray(parameters.varsigma, float) ** 2 * _heavier(model.error, parameters)), theta)
-        count, people = design.cells.sum(axis=0), design.n_participants
-        fabrics = "omega" in model.needs
-        spreads = {"tau": slice(0, people)} | ({"omega": slice(people, people + design.n_fabrics)} if fabrics else {})
+        person, fabric, row = design.participant, design.fabric[design.condition], np.arange(design.n_rows)
+        people, things = design.n_participants, design.n_fabrics if "omega" in model.needs else 0
+        spreads = {"tau": slice(0, people)} | ({"omega": slice(people, people + things)} if things else {})
+        columns = [person, *([people + fabric] if things else []), np.full(row.size, people + things)]
+        indices = np.tile(row, len(columns)), np.concatenate(columns)
+        effects = csr_array((np.ones(indices[0].size), indices), shape=(row.size, people + things + 1))
         found = []
         for t in range(len(theta)):
             error = np.sqrt(sd[t, 0] ** 2 + self.rounding)
             error_slope = _slope(sd, back, t) * sd[t, 0] / error
             if model.scale is STANDARDISED:
-                line, weight = np.stack([np.ones(count.size), drive[t, 0]], axis=-1), np.sqrt(count)[:, None]
-                moments = Moments.of_rows(weight * line, weight * self.slope[t] * slopes[t])
-                variances, groups = np.ones(2), []
+                line = np.stack([np.ones(row.size), drive[t, 0, design.condition]], axis=-1)
+                along = self.slope[t] * slopes[t, design.condition]
+                found.append(normal_information(line, along, np.ones(2), error, error_slope))
             else:
-                moments = Moments.of_design(design, slopes[t], fabrics)
-                variances = np.full(len(moments.effects), model.level.sd**2)
+                variances = np.full(effects.shape[1], model.level.sd**2)
                 groups = [_group(one, _at(getattr(parameters, name), theta), back, t) for name, one in spreads.items()]
-            moments = moments._replace(rows=design.n_rows)
-            found.append(_normal_information(moments, variances, groups, error, error_slope))
+                along = slopes[t, design.condition]
+                found.append(normal_information(effects, along, variances, error, error_slope, groups))
         return np.stack(found)
 
     def _of_forces(self, plate: CompressionForces, theta: Array, back: Array) -> Array:
@@ -366,8 +368,8 @@ class _Foresight:
         found = []
         for t in range(len(theta)):
             groups = [_group(columns, _at(spread, theta), back, t) for columns, spread in spreads]
-            moments = Moments.of_rows(effects, slopes[t])
-            found.append(_normal_information(moments, np.zeros(2 * n), groups, sd[t, 0], _slope(sd, back, t)))
+            of_noise = sd[t, 0], _slope(sd, back, t)
+            found.append(normal_information(effects, slopes[t], np.zeros(2 * n), *of_noise, groups))
         return np.stack(found)
 
 
@@ -379,15 +381,6 @@ def _slope(values: Array, back: Array, t: int) -> Array:
 def _group(columns: slice, sd: Array, back: Array, t: int) -> EffectGroup:
     """Return the effects of some columns, with their standard deviation at the points of all truths."""
     return EffectGroup(columns, sd[t, 0], _slope(sd, back, t))
-
-
-def _normal_information(
-    moments: Moments, variances: Array, groups: Sequence[EffectGroup], sd: float, sd_slope: Array
-) -> Array:
-    """Return `normal_information` with the variances of groups set to those of their standard deviations."""
-    for group in groups:
-        variances[group.columns] = group.sd**2
-    return normal_information(moments, variances, sd, sd_slope, groups)
 
 
 def _secants(values: Array) -> Array:

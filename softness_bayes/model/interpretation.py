@@ -14,8 +14,7 @@ from softness_bayes.data.oddities import steps_of_raters
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.error_laws import GUMBEL, LAPSES, NORMAL, ErrorLaw
 from softness_bayes.likelihood.models import rating_model
-from softness_bayes.likelihood.orders import shares
-from softness_bayes.likelihood.places import MOST_TIED
+from softness_bayes.likelihood.places import MOST_TIED, shares
 from softness_bayes.likelihood.scales import AGGREGATED, CATEGORIES, MAGNITUDE, PAIRS, RANKS, SLIDER, STANDARDISED
 from softness_bayes.likelihood.stated import Stated
 from softness_bayes.model.error_tails import law_of

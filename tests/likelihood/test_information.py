@@ -1,14 +1,21 @@
-"""Expected information of comparisons, against sums over all answers that there can be."""
+"""Expected information: of normal rows by the dense formula, of comparisons by sums over all answers there can be."""
 
 from itertools import permutations
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.sparse import csr_array
 
-from softness_bayes.likelihood.comparison_information import Comparisons, order_information, pair_information
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import LAPSES
+from softness_bayes.likelihood.information import (
+    Comparisons,
+    EffectGroup,
+    normal_information,
+    order_information,
+    pair_information,
+)
 from softness_bayes.likelihood.orders import OrderModel
 from softness_bayes.likelihood.pairs import PairModel
 from softness_bayes.likelihood.stated import Stated
@@ -79,3 +86,40 @@ def test_sure_answers_tell_nothing():
     assert_allclose(
         order_information(np.random.default_rng(0), compared, np.array([0.0, 60.0]), np.eye(2)), 0.0, atol=1e-20
     )
+
+
+def dense(slopes, effects, variances, sd, sd_slope, groups):
+    """J' S^-1 J + tr(S^-1 dS S^-1 dS) / 2, with the covariance written out."""
+    n = len(slopes)
+    inverse = np.linalg.inv(sd**2 * np.eye(n) + effects @ np.diag(variances) @ effects.T)
+    changes = [2 * sd * k * np.eye(n) for k in sd_slope]
+    for group in groups:
+        own = effects[:, group.columns] @ effects[:, group.columns].T
+        changes = [c + 2 * group.sd * k * own for c, k in zip(changes, group.slope, strict=True)]
+    traces = [[0.5 * np.trace(inverse @ one @ inverse @ two) for two in changes] for one in changes]
+    return slopes.T @ inverse @ slopes + np.array(traces)
+
+
+@pytest.mark.parametrize("fabrics", [False, True])
+def test_information_is_the_dense_one(fabrics, rng):
+    design = Design(rng.integers(0, 8, 50), rng.integers(0, 5, 50), np.arange(8) // 2, 5)
+    of_condition = rng.normal(size=(8, 6))
+    blocks = [np.eye(5)[design.participant]]
+    variances, groups = [np.full(5, 0.3**2)], [EffectGroup(slice(0, 5), 0.3, rng.normal(size=6))]
+    if fabrics:
+        blocks.append(np.eye(4)[design.fabric[design.condition]])
+        variances.append(np.full(4, 0.2**2))
+        groups.append(EffectGroup(slice(5, 9), 0.2, rng.normal(size=6)))
+    effects = np.concatenate([*blocks, np.ones((50, 1))], axis=1)
+    variances, sd_slope = np.concatenate([*variances, [9.0]]), rng.normal(size=6)
+    given, slopes = (variances, 0.4, sd_slope, groups), of_condition[design.condition]
+    expected = dense(slopes, effects, *given)
+    for one in (effects, csr_array(effects)):
+        assert_allclose(normal_information(one, slopes, *given), expected, rtol=1e-8)
+
+
+def test_effects_without_spread_change_nothing(rng):
+    slopes = rng.normal(size=(20, 3))
+    effects = np.eye(4)[rng.integers(0, 4, 20)]
+    found = normal_information(effects, slopes, np.zeros(4), 0.5, np.zeros(3))
+    assert_allclose(found, slopes.T @ slopes / 0.25)

@@ -1,14 +1,18 @@
-"""Expected (Fisher) information of comparisons: answers to pairs, and orders of lists.
+"""Expected (Fisher) information of normal observations with common effects, of answers to pairs, and of orders.
 
+y = f(x) + U e + noise, with e ~ N(0, diag D) and noise ~ N(0, s²): f has slopes J, and some columns of U share one
+variance. The covariance is inverted by Woodbury's identity, so that only a matrix of the size of the effects is solved.
 Comparisons depend only on differences of drives in units of the noise, so that there are no effects to integrate out.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 from scipy.special import ndtr
 
 from softness_bayes.likelihood.places import index_within
@@ -18,6 +22,62 @@ IndexArray = NDArray[np.intp]
 
 ORDERS = 8
 """Number of simulated orders per set of conditions over which the information is averaged."""
+
+
+class EffectGroup(NamedTuple):
+    """Effects with a common standard deviation, which is a parameter."""
+
+    columns: slice
+    """Columns of U that belong to the group."""
+    sd: float
+    slope: FloatArray
+    """Derivative of the standard deviation with respect to each of the d parameters, shape (d,)."""
+
+
+def normal_information(
+    effects: FloatArray | csr_array,
+    slopes: FloatArray,
+    variances: FloatArray,
+    sd: float,
+    sd_slope: FloatArray,
+    groups: Sequence[EffectGroup] = (),
+) -> FloatArray:
+    """Return the Fisher information about d parameters, shape (d, d).
+
+    Parameters
+    ----------
+    effects, slopes
+        U, shape (rows, q), and J, shape (rows, d).
+    variances
+        D, the variance of every effect, shape (q,); those of effects in `groups` are ignored.
+    sd, sd_slope
+        s, and its derivative with respect to each parameter, shape (d,).
+    groups
+        Effects whose standard deviation is a parameter.
+    """
+    gram, cross = effects.T @ effects, effects.T @ slopes
+    gram = gram if isinstance(gram, np.ndarray) else gram.toarray()
+    variance = sd**2
+    root = np.sqrt(variances)
+    for group in groups:
+        root[group.columns] = group.sd
+    inner = root[:, None] * np.linalg.solve(variance * np.eye(root.size) + root[:, None] * gram * root, np.diag(root))
+    about_mean = (slopes.T @ slopes - cross.T @ inner @ cross) / variance
+    # U' S^-1 U and U' S^-2 U, S being the covariance of the rows
+    left = np.eye(root.size) - gram @ inner
+    once = left @ gram / variance
+    twice = left @ gram @ left.T / variance**2
+    shrunk = inner @ gram
+    trace = (len(slopes) - 2.0 * np.trace(shrunk) + np.sum(shrunk * shrunk.T)) / variance**2
+    change = [2.0 * sd * sd_slope, *(2.0 * group.sd * group.slope for group in groups)]
+    products = np.zeros((len(change), len(change)))
+    products[0, 0] = trace
+    for k, one in enumerate(groups, start=1):
+        products[0, k] = products[k, 0] = np.trace(twice[one.columns, one.columns])
+        for other, two in enumerate(groups, start=1):
+            products[k, other] = (once[one.columns, two.columns] ** 2).sum()
+    changes = np.stack(change)
+    return np.asarray(about_mean + 0.5 * changes.T @ products @ changes)
 
 
 class Comparisons(NamedTuple):
