@@ -20,7 +20,7 @@ from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.effects import Effects
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
-from softness_bayes.likelihood.random_effects import LeaveOneOut
+from softness_bayes.likelihood.normal_rows import EffectLaw
 from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.scales import AGGREGATED, Scale
 from softness_bayes.likelihood.stated import Stated
@@ -87,21 +87,9 @@ class AggregatedRatings(LogRatings):
     Arguments are those of `LogRatings`; the participants of the design are panels.
     """
 
-    def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Log density of all means together, shape (...)."""
-        return super().log_likelihood(mean_rate, self.model.of_means(parameters))
-
-    def leave_one_out(self, mean_rate: FloatArray, parameters: Parameters) -> LeaveOneOut:
-        """The normal law of each log mean given all the others, arrays of shape (..., rows)."""
-        return super().leave_one_out(mean_rate, self.model.of_means(parameters))
-
-    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Log density of all means of each panel given all other panels', shape (draws, panels)."""
-        return super().log_likelihood_participants(mean_rate, self.model.of_means(parameters))
-
-    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
-        """Exact draws of mu, panels and fabrics given the means, one for each point of the batch."""
-        return super().draw_effects(rng, mean_rate, self.model.of_means(parameters))
+    def _law(self, mean_rate: FloatArray, parameters: Parameters) -> EffectLaw:
+        """Return the normal law of the log means."""
+        return super()._law(mean_rate, self.model.of_means(parameters))
 
     @property
     def raters(self) -> int:

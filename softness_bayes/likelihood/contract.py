@@ -163,9 +163,33 @@ class Likelihood(ABC):
         For discrete observations, half the probability of an equal one is added.
         """
 
-    @abstractmethod
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return the log density of each participant's observations given all others', (draws, participants)."""
+        """Return the log density of each participant's observations given all others', (..., participants)."""
+        some = self.log_likelihood_blocks(mean_rate, parameters, self.design.participant)
+        found = np.zeros((*some.shape[:-1], self.design.n_participants))
+        found[..., : some.shape[-1]] = some
+        return found
+
+    def log_likelihood_blocks(self, mean_rate: FloatArray, parameters: Parameters, block: IndexArray) -> FloatArray:
+        """Return the log density of each block of observations given all others, shape (..., blocks).
+
+        The response is still centred or standardised over all rows: observations are left out, not conditions.
+
+        Parameters
+        ----------
+        mean_rate, parameters
+            As for `log_likelihood`.
+        block
+            Index of each row's block, shape (rows,).
+        """
+        whole = np.asarray(self.log_likelihood(mean_rate, parameters))
+        found = np.zeros((*whole.shape, int(block.max()) + 1))
+        for k in np.unique(block):
+            rest = (
+                np.zeros(()) if (block == k).all() else self.without(block == k).log_likelihood(mean_rate, parameters)
+            )
+            found[..., k] = whole - rest
+        return found
 
     @abstractmethod
     def drive(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:

@@ -202,7 +202,7 @@ class IndividualRatings(LogRatings):
 
     def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Log density of all ratings together, shape (...); arguments as for `LogRatings.log_likelihood`."""
-        law = self._law(mean_rate, parameters)
+        law = self._raters_given(mean_rate, parameters)
         found = log_sum(self._at_mu(law), axis=-1) + law.constant.sum(axis=-1)
         return np.asarray(found - self._log.sum())
 
@@ -210,7 +210,7 @@ class IndividualRatings(LogRatings):
         """Log density of each participant's ratings given those of all others, shape (draws, participants)."""
 
         def alone(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-            law = self._law(mean_rate, parameters)
+            law = self._raters_given(mean_rate, parameters)
             found = np.zeros((*law.centre.shape, self.design.n_participants))
             everyone = log_sum(self._at_mu(law), axis=-1)
             for k, rater in enumerate(self._own.participant):
@@ -256,7 +256,7 @@ class IndividualRatings(LogRatings):
 
         Fingers are drawn given a node of mu, then mu and the scales exactly given the fingers.
         """
-        law = self._law(mean_rate, parameters)
+        law = self._raters_given(mean_rate, parameters)
         shape, people = law.centre.shape, self.design.n_participants
         node = draw_index(rng, np.moveaxis(self._at_mu(law), -1, 0))
         mu = law.centre + (node - law.steps) * law.step
@@ -326,7 +326,7 @@ class IndividualRatings(LogRatings):
             found[..., k] = values[..., self._block[raters[k]], :, :] @ weights[k]
         return found
 
-    def _law(self, mean_rate: FloatArray, parameters: Parameters) -> RaterLaw:
+    def _raters_given(self, mean_rate: FloatArray, parameters: Parameters) -> RaterLaw:
         drive = self._drives(mean_rate, parameters)
         row = np.maximum(np.asarray(parameters.varsigma, float) ** 2, _LEAST_VARIANCE)[..., None]
         tau = np.asarray(parameters.tau, float)[..., None] ** 2
@@ -363,7 +363,7 @@ class IndividualRatings(LogRatings):
         """
         at, condition = self._own.of_row, self.design.condition
         block = self._block[self.design.participant]
-        law = self._law(mean_rate, parameters)
+        law = self._raters_given(mean_rate, parameters)
         drive = np.moveaxis(self._drives(mean_rate, parameters), -2, 0)[..., block, condition]
         drive = np.moveaxis(drive, 0, -2)  # of each row's rater, (..., fingers, rows)
         row = np.maximum(np.asarray(parameters.varsigma, float) ** 2, _LEAST_VARIANCE)[..., None]

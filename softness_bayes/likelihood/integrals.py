@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.likelihood.laplace import Laplace, cholesky, forward, laplace
+from softness_bayes.likelihood.cholesky import cholesky, forward
+from softness_bayes.likelihood.laplace import Laplace, laplace
 from softness_bayes.likelihood.mu_nodes import log_sum
 from softness_bayes.likelihood.pieces import blocks
 from softness_bayes.likelihood.quadrature import Marginal, heavy_tailed, log_heavy_tailed

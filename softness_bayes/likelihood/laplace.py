@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.likelihood.cholesky import backward, cholesky, forward
 from softness_bayes.likelihood.rater_effects import Given, Sums, Table
 
 FloatArray = NDArray[np.float64]
@@ -178,10 +179,10 @@ def _newton(
     at: Quadratic,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return a Newton step, its size in standard deviations, its gain, and the factors of H: L, L⁻¹ B and that of S."""
-    own_root = cholesky(at.own)
+    own_root = cholesky(at.own, LEAST_PIVOT)
     right = forward(own_root, np.concatenate([at.between, at.of_own[..., None]], axis=-1))
     coupling, pull = right[..., :-1], right[..., -1]
-    shared_root = cholesky(at.shared - np.einsum("dpqi,dpqj->dij", coupling, coupling))
+    shared_root = cholesky(at.shared - np.einsum("dpqi,dpqj->dij", coupling, coupling), LEAST_PIVOT)
     aim = at.of_shared - np.einsum("dpqi,dpq->di", coupling, pull)
     scaled = forward(shared_root, aim[..., None])
     shared = backward(shared_root, scaled)[..., 0]
@@ -198,33 +199,3 @@ def _newton(
 def _log_determinant(root: FloatArray) -> FloatArray:
     """Return the log determinant of a matrix from its lower factor, shape (...)."""
     return np.asarray(2.0 * np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(axis=-1))
-
-
-def cholesky(matrix: FloatArray, least: float = LEAST_PIVOT) -> FloatArray:
-    """Return lower factors of symmetric matrices (..., k, k), with pivots of at least `least`."""
-    root = np.zeros_like(matrix)
-    for j in range(matrix.shape[-1]):
-        row = root[..., j, :j]
-        pivot = np.sqrt(np.maximum(matrix[..., j, j] - (row**2).sum(axis=-1), least))
-        root[..., j, j] = pivot
-        below = matrix[..., j + 1 :, j] - (root[..., j + 1 :, :j] * row[..., None, :]).sum(axis=-1)
-        root[..., j + 1 :, j] = below / pivot[..., None]
-    return root
-
-
-def forward(root: FloatArray, right: FloatArray) -> FloatArray:
-    """Return X with root X = right, for lower factors (..., k, k) and right sides (..., k, columns)."""
-    x = np.empty(np.broadcast_shapes(root.shape[:-1], right.shape[:-1]) + right.shape[-1:])
-    for j in range(root.shape[-1]):
-        left = (root[..., j, :j, None] * x[..., :j, :]).sum(axis=-2)
-        x[..., j, :] = (right[..., j, :] - left) / root[..., j, j, None]
-    return x
-
-
-def backward(root: FloatArray, right: FloatArray) -> FloatArray:
-    """Return X with root' X = right, for lower factors (..., k, k) and right sides (..., k, columns)."""
-    x = np.empty(np.broadcast_shapes(root.shape[:-1], right.shape[:-1]) + right.shape[-1:])
-    for j in reversed(range(root.shape[-1])):
-        left = (root[..., j + 1 :, j, None] * x[..., j + 1 :, :]).sum(axis=-2)
-        x[..., j, :] = (right[..., j, :] - left) / root[..., j, j, None]
-    return x

@@ -18,9 +18,8 @@ from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import RISES, RatingDirection
 from softness_bayes.likelihood.effects import Effects
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
-from softness_bayes.likelihood.left_out import participant_log_density
+from softness_bayes.likelihood.normal_rows import EffectLaw, LeaveOneOut, NormalRows
 from softness_bayes.likelihood.pieces import in_pieces
-from softness_bayes.likelihood.random_effects import EffectSpreads, LeaveOneOut, RandomEffects
 from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.scales import MAGNITUDE, Scale
 from softness_bayes.likelihood.stated import Stated
@@ -224,60 +223,52 @@ class LogRatings(RatingsLikelihood):
         self._jacobian = -float(self._log.sum())
 
     @cached_property
-    def _effects(self) -> RandomEffects:
-        return RandomEffects(self.design, self._log, math.log(self.model.centre), self.model.spread)
+    def _rows(self) -> NormalRows:
+        return NormalRows(self.design, self._log, math.log(self.model.centre), self.model.spread)
+
+    def _law(self, mean_rate: FloatArray, parameters: Parameters) -> EffectLaw:
+        """Return the normal law of the log ratings."""
+        return self._law_of(self.drive(mean_rate, parameters), parameters)
+
+    def _law_of(self, drive: FloatArray, parameters: Parameters) -> EffectLaw:
+        """Return the normal law of the log ratings for a drive of each condition, shape (..., conditions)."""
+        variance = np.asarray(parameters.varsigma, float)[..., None] ** 2
+        return EffectLaw.of(drive, variance, parameters.tau, parameters.omega)
 
     def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Log density of all ratings together.
-
-        Parameters
-        ----------
-        mean_rate
-            N/N_ref [Hz] of each condition, shape (..., conditions).
-        parameters
-            Values of batch shape (...).
-
-        Returns
-        -------
-        ndarray, shape (...)
-        """
-        drive = self.drive(mean_rate, parameters)
-        return self._effects.log_density(drive, spreads_of(parameters)) + self._jacobian
+        """Return the log density of all ratings together, shape (...)."""
+        return self._rows.log_density(self._law(mean_rate, parameters)) + self._jacobian
 
     def leave_one_out(self, mean_rate: FloatArray, parameters: Parameters) -> LeaveOneOut:
-        """The normal law of each log rating given all the others, arrays of shape (..., rows)."""
-        drive = self.drive(mean_rate, parameters)
-        return self._effects.leave_one_out(drive, spreads_of(parameters))
+        """Return the normal law of each log rating given all the others, arrays of shape (..., rows)."""
+        return self._rows.leave_one_out(self._law(mean_rate, parameters))
 
     def log_likelihood_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Log density of each rating given all the others, shape (..., rows)."""
+        """Return the log density of each rating given all the others, shape (..., rows)."""
 
         def alone(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
             mean, sd = self.leave_one_out(mean_rate, parameters)
             return -0.5 * ((self._log - mean) / sd) ** 2 - np.log(sd) - _LOG_ROOT_TWO_PI - self._log
 
-        return in_pieces(alone, self._effects.width, mean_rate, parameters)
+        return in_pieces(alone, self._rows.width, mean_rate, parameters)
 
     def below_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Probability of a smaller rating than the observed one given all the others, shape (..., rows)."""
+        """Return the probability of a smaller rating than the observed one given all others, shape (..., rows)."""
 
         def below(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
             mean, sd = self.leave_one_out(mean_rate, parameters)
             return np.asarray(ndtr((self._log - mean) / sd))
 
-        return in_pieces(below, self._effects.width, mean_rate, parameters)
+        return in_pieces(below, self._rows.width, mean_rate, parameters)
 
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Log density of each participant's ratings given those of all others, shape (draws, participants)."""
-        drive, model, person = self.drive(mean_rate, parameters), self.model, self.design.participant
-        level = math.log(model.centre), model.spread
-        density = participant_log_density(self.design, self._log, *level, drive, spreads_of(parameters))
-        return density - np.bincount(person, self._log, self.design.n_participants)
+        """Return the log density of each participant's ratings given all others', shape (..., participants)."""
+        density = self._rows.log_density_participants(self._law(mean_rate, parameters))
+        return density - np.bincount(self.design.participant, self._log, self.design.n_participants)
 
     def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
-        """Exact draws of mu, participants and fabrics given the ratings, one for each point of the batch."""
-        drive = self.drive(mean_rate, parameters)
-        return self._effects.draw_effects(rng, drive, spreads_of(parameters))
+        """Return exact draws of mu, participants and fabrics given the ratings, one for each point of the batch."""
+        return self._rows.draw_effects(rng, self._law(mean_rate, parameters))
 
     def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return the residual of each log rating given the effects, shape (..., rows)."""
@@ -285,8 +276,3 @@ class LogRatings(RatingsLikelihood):
         expected = effects.mu[..., None] + (drive + effects.fabric[..., design.fabric])[..., design.condition]
         errors = self._log - expected - effects.participant[..., design.participant]
         return self.model.error.normal_scores(errors, parameters)
-
-
-def spreads_of(parameters: Parameters) -> EffectSpreads:
-    """Return the standard deviations of the effects."""
-    return EffectSpreads(parameters.tau, parameters.varsigma, parameters.omega)

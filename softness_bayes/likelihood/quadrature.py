@@ -23,7 +23,8 @@ from scipy.special import stdtrit
 from scipy.stats import qmc
 
 from softness_bayes.likelihood import student
-from softness_bayes.likelihood.laplace import Laplace, backward, cholesky, forward
+from softness_bayes.likelihood.cholesky import backward, cholesky, forward
+from softness_bayes.likelihood.laplace import Laplace
 from softness_bayes.likelihood.mu_nodes import log_sum
 from softness_bayes.likelihood.pieces import blocks
 from softness_bayes.likelihood.rater_effects import Given, Table

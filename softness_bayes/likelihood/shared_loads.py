@@ -14,13 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
-from softness_bayes.likelihood.contract import Effects, Parameters
+from softness_bayes.likelihood.contract import Effects, Likelihood, Parameters
 from softness_bayes.likelihood.design import Design, IndexArray
 from softness_bayes.likelihood.erring_loads import ErringLoads
 from softness_bayes.likelihood.load_errors import NODE, OUTER, LoadErrors
-from softness_bayes.likelihood.magnitude import LogRatings, RatingModel, spreads_of
-from softness_bayes.likelihood.pieces import in_pieces
-from softness_bayes.likelihood.random_effects import LeaveOneOut
+from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
+from softness_bayes.likelihood.normal_rows import LeaveOneOut
 
 FloatArray = NDArray[np.float64]
 
@@ -123,14 +122,13 @@ class SharedLoads(ErringLoads):
     def leave_one_out(self, mean_rate: FloatArray, parameters: Parameters) -> LeaveOneOut:
         """The normal law of each log rating given all the others, arrays of shape (..., rows)."""
         law = self._factors(mean_rate, parameters)
-        spreads = spreads_of(parameters)
-        left = self._effects.leave_one_out(law.middle, spreads)
+        left = self._rows.leave_one_out(self._law_of(law.middle, parameters))
         # rows of the inverse covariance, applied to the residuals and to the effects of the factors
         diagonal = left.sd**-2
         solved = (self._log - left.mean) * diagonal
         columns = []
         for k in range(self._member.shape[0]):
-            moved = self._effects.leave_one_out(law.middle + law.slope[..., k, :], spreads)
+            moved = self._rows.leave_one_out(self._law_of(law.middle + law.slope[..., k, :], parameters))
             columns.append(solved - (self._log - moved.mean) * diagonal)
         reach = np.stack(columns, axis=-1)  # (..., rows, loads)
         covariance = np.linalg.inv(np.eye(reach.shape[-1]) + law.information)
@@ -139,18 +137,8 @@ class SharedLoads(ErringLoads):
         return LeaveOneOut(self._log - solved / diagonal, diagonal**-0.5)
 
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Log density of each participant's ratings given those of all others, shape (draws, participants)."""
-
-        def alone(rate: FloatArray, some: Parameters) -> FloatArray:
-            joint = self.log_likelihood(rate, some)
-            found = np.zeros((*joint.shape, self.design.n_participants))
-            for rater in np.unique(self.design.participant):
-                own = self.design.participant == rater
-                rest = np.zeros(()) if own.all() else self.without(own).log_likelihood(rate, some)
-                found[..., rater] = joint - rest
-            return found
-
-        return in_pieces(alone, self._effects.width, mean_rate, parameters)
+        """Return the log density of each participant's ratings given all others', shape (..., participants)."""
+        return Likelihood.log_likelihood_participants(self, mean_rate, parameters)
 
     def new_effects(
         self,
@@ -170,7 +158,7 @@ class SharedLoads(ErringLoads):
         root = np.linalg.cholesky(np.linalg.inv(np.eye(law.mean.shape[-1]) + law.information))
         factor = law.mean + (root @ rng.standard_normal(law.mean.shape)[..., None])[..., 0]
         drive = law.middle + (factor[..., None] * law.slope).sum(axis=-2)
-        others = self._effects.draw_effects(rng, drive, spreads_of(parameters))
+        others = self._rows.draw_effects(rng, self._law_of(drive, parameters))
         return SharedEffects(others.mu, others.participant, others.fabric, factor)
 
     def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
@@ -219,11 +207,11 @@ class SharedLoads(ErringLoads):
         it.
         """
         middle, slope = self._line(mean_rate, parameters)
-        spreads, loads = spreads_of(parameters), slope.shape[-2]
+        loads = slope.shape[-2]
         one = [slope[..., k, :] for k in range(loads)]
         pairs = [(i, j) for i in range(loads) for j in range(i)]
         moves = [np.zeros_like(middle), *one, *(-each for each in one), *(one[i] + one[j] for i, j in pairs)]
-        values = self._effects.log_density(middle + np.stack(moves), spreads)
+        values = self._rows.log_density(self._law_of(middle + np.stack(moves), parameters))
         base, up, down = values[0], values[1 : 1 + loads], values[1 + loads : 1 + 2 * loads]
         pull = np.moveaxis(up - down, 0, -1) / 2.0
         information = np.zeros((*base.shape, loads, loads))
@@ -246,7 +234,7 @@ class OverFactors(SharedLoads):
         """Log density of all ratings together, shape (...)."""
         from scipy.stats import qmc
 
-        law, spreads = self._factors(mean_rate, parameters), spreads_of(parameters)
+        law = self._factors(mean_rate, parameters)
         loads = law.mean.shape[-1]
         root = np.linalg.cholesky(np.linalg.inv(np.eye(loads) + law.information))
         z = ndtri(qmc.Sobol(loads, seed=1).random(POINTS))
@@ -256,7 +244,7 @@ class OverFactors(SharedLoads):
         for step in z:
             factor = law.mean + root @ step
             drive = between(knots, every, factor[..., self.load])
-            density = self._effects.log_density(drive, spreads)
+            density = self._rows.log_density(self._law_of(drive, parameters))
             # ratio of the prior of the factors to their sampling density
             terms.append(density - 0.5 * (factor**2).sum(axis=-1) + 0.5 * (step**2).sum())
         terms_of = np.array(terms)

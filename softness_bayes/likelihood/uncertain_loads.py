@@ -7,6 +7,7 @@ reference of the exactness check.
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -19,9 +20,8 @@ from softness_bayes.likelihood.erring_loads import ErringLoads
 from softness_bayes.likelihood.load_errors import OUTER, LoadErrors
 from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.mu_nodes import log_sum
-from softness_bayes.likelihood.random_effects import EffectSpreads, LeaveOneOut
+from softness_bayes.likelihood.normal_rows import EffectLaw, NormalRows
 from softness_bayes.likelihood.shared_loads import FINE_NODES, between
-from softness_bayes.likelihood.weighted_effects import EffectLaw, WeightedEffects, law_of
 
 FloatArray = NDArray[np.float64]
 
@@ -58,9 +58,14 @@ class UncertainLoads(ErringLoads):
         over: Design | None = None,
     ) -> None:
         super().__init__(ratings, design, model, errors, over)
-        touches = Design(errors.of_row, design.participant, design.fabric[errors.condition], design.n_participants)
-        level = float(np.log(model.centre)), model.spread
-        self._weighted = WeightedEffects(touches, self._log, *level, design.n_fabrics)
+        self._touches = Design(
+            errors.of_row, design.participant, design.fabric[errors.condition], design.n_participants
+        )
+
+    @cached_property
+    def _rows(self) -> NormalRows:
+        level = float(np.log(self.model.centre)), self.model.spread
+        return NormalRows(self._touches, self._log, *level, self.design.n_fabrics)
 
     def with_values(self, values: ArrayLike) -> Self:
         """Return the likelihood of other ratings of the same rows."""
@@ -81,23 +86,6 @@ class UncertainLoads(ErringLoads):
         up, down = higher - stated, lower - stated
         shift = OUTER * (up + down)
         return stated + shift, OUTER * ((up - shift) ** 2 + (down - shift) ** 2) + (1.0 - 2.0 * OUTER) * shift**2
-
-    def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Log density of all ratings together, shape (...)."""
-        return self._weighted.log_density(self._law(mean_rate, parameters)) - self._log.sum()
-
-    def leave_one_out(self, mean_rate: FloatArray, parameters: Parameters) -> LeaveOneOut:
-        """The normal law of each log rating given all the others, arrays of shape (..., rows)."""
-        return self._weighted.leave_one_out(self._law(mean_rate, parameters))
-
-    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Log density of each participant's ratings given those of all others, shape (draws, participants)."""
-        density = self._weighted.log_density_participants(self._law(mean_rate, parameters))
-        return density - np.bincount(self.design.participant, self._log, self.design.n_participants)
-
-    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
-        """Exact draws of mu, participants and fabrics given the ratings, one for each point of the batch."""
-        return self._weighted.draw_effects(rng, self._law(mean_rate, parameters))
 
     def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return the residual of each log rating given the effects, shape (..., rows), scaled for the checks.
@@ -140,8 +128,8 @@ class UncertainLoads(ErringLoads):
 
     def _law(self, mean_rate: FloatArray, parameters: Parameters) -> EffectLaw:
         mean, variance = self.moments(mean_rate, parameters)
-        spreads = EffectSpreads(parameters.tau, parameters.varsigma, parameters.omega)
-        return law_of(mean, variance + np.asarray(parameters.varsigma, float)[..., None] ** 2, spreads)
+        variance = variance + np.asarray(parameters.varsigma, float)[..., None] ** 2
+        return EffectLaw.of(mean, variance, parameters.tau, parameters.omega)
 
 
 class OverLoads(UncertainLoads):
@@ -171,11 +159,11 @@ class OverLoads(UncertainLoads):
             return self._given(drive, law, noise) - self._log.sum()
         fabric, rng, ratio = self.design.fabric[self.errors.condition], np.random.default_rng(0), []
         for _ in range(FABRIC_DRAWS):
-            shift = self._weighted.draw_effects(rng, law).fabric[..., fabric]
+            shift = self._rows.draw_effects(rng, law).fabric[..., fabric]
             given = law._replace(offset=law.offset + shift, fabric=np.zeros_like(law.fabric))
-            ratio.append(self._given(drive + shift, given, noise) - self._weighted.log_density(given))
+            ratio.append(self._given(drive + shift, given, noise) - self._rows.log_density(given))
         averaged = log_sum(np.array(ratio), axis=0) - np.log(FABRIC_DRAWS)
-        return self._weighted.log_density(law) + averaged - self._log.sum()
+        return self._rows.log_density(law) + averaged - self._log.sum()
 
     def _given(self, drive: FloatArray, law: EffectLaw, noise: FloatArray) -> FloatArray:
         """Return the log density of the log ratings, shape (...), if fabrics have no deviations of their own.

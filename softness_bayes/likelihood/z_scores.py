@@ -16,7 +16,7 @@ from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import RISES, RatingDirection
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
-from softness_bayes.likelihood.left_out import given_the_others, minimum, summing
+from softness_bayes.likelihood.normal_rows import given_the_others, summing
 from softness_bayes.likelihood.pieces import in_pieces
 from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.scales import STANDARDISED, Scale
@@ -173,122 +173,83 @@ class StandardisedRatings(RatingsLikelihood):
         if not np.isfinite(self.values).all():
             raise InputError(f"ratings: {(~np.isfinite(self.values)).sum()} are not finite numbers")
         self._count = design.cells.sum(axis=0)
-        self._mean = float(self.values.mean())
-        total = np.bincount(design.condition, self.values - self._mean, design.n_conditions)
-        self._condition = total / np.maximum(self._count, 1.0)
-        self._within = float(((self.values - self._mean - self._condition[design.condition]) ** 2).sum())
+        self._total = np.bincount(design.condition, self.values, design.n_conditions)
+        self._average = self._total / np.maximum(self._count, 1.0)
+        self._within = float(((self.values - self._average[design.condition]) ** 2).sum())
 
     def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Log density of all ratings together.
-
-        Parameters
-        ----------
-        mean_rate
-            N/N_ref [Hz] of each condition, shape (..., conditions).
-        parameters
-            Values of batch shape (...); only varsigma is used.
-
-        Returns
-        -------
-        ndarray, shape (...)
-        """
+        """Return the log density of all ratings together, shape (...); only varsigma is used of the parameters."""
         fit = self._fit(mean_rate, parameters)
         n, variance = self.design.n_rows, fit.variance
-        log_scale = (n - 1) * np.log(variance) + math.log(n) + np.log(fit.mean_variance) + np.log(fit.precision)
+        log_determinant = n * np.log(variance) - np.linalg.slogdet(fit.covariance).logabsdet
         # at the most probable line the quadratic form is a sum of squares, so errors enter only squared
-        deviation = self._condition - fit.slope[..., None] * (fit.drive - fit.centre[..., None])
-        squares = self._within + (deviation**2) @ self._count
-        misfit = (self._mean - fit.slope * fit.centre) ** 2 / fit.mean_variance
-        quadratic = squares / variance + misfit + fit.slope**2
-        return -0.5 * (n * _LOG_TWO_PI + log_scale + quadratic) + math.log(2.0) + log_ndtr(fit.deviate)
+        squares = self._within + (self._average - fit.fitted) ** 2 @ self._count
+        quadratic = squares / variance + (fit.line**2).sum(axis=-1)
+        return -0.5 * (n * _LOG_TWO_PI + log_determinant + quadratic) + math.log(2.0) + log_ndtr(fit.deviate)
 
     def log_likelihood_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Log density of each rating given all the others, shape (..., rows).
+        """Return the log density of each rating given all the others, shape (..., rows).
 
         It is the normal density for c1 of either sign, times Phi(t) / Phi(t without the rating).
         """
 
         def density(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-            alone = self._without_one(mean_rate, parameters)
+            fit = self._fit(mean_rate, parameters)
+            alone = self._without_one(fit)
             normal = -0.5 * alone.deviate**2 - np.log(alone.sd) - 0.5 * _LOG_TWO_PI
-            return normal + log_ndtr(alone.with_all)[..., None] - log_ndtr(alone.without)
+            return normal + log_ndtr(fit.deviate)[..., None] - log_ndtr(alone.without)
 
         return in_pieces(density, self.design.n_rows, mean_rate, parameters)
 
     def below_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Probability of a smaller rating than the observed one given all the others, shape (..., rows).
+        """Return the probability of a smaller rating than the observed one given all the others, shape (..., rows).
 
         Given the others, rating and c1 are jointly normal, truncated to positive c1.
         """
 
         def below(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-            alone = self._without_one(mean_rate, parameters)
+            alone = self._without_one(self._fit(mean_rate, parameters))
             joint = bivariate_below(alone.deviate, alone.without, -alone.correlation)
             return np.clip(joint * np.exp(-log_ndtr(alone.without)), 0.0, 1.0)
 
         return in_pieces(below, self.design.n_rows, mean_rate, parameters)
 
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Log density of each participant's ratings given those of all others, shape (draws, participants)."""
+        """Return the log density of each participant's ratings given all others', shape (..., participants).
+
+        It is the normal one for c1 of either sign, times Phi(t) / Phi(t without the participant).
+        """
+        cells, row = self.design.cells, self.design.condition
+        summed = summing(self.design.participant, len(cells))
 
         def density(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-            return self._participants(self._fit(mean_rate, parameters))
+            fit = self._fit(mean_rate, parameters)
+            variance = fit.variance[:, None]
+            left = self.values - fit.fitted[:, row]
+            slopes = [(summed @ part.T).T for part in (left, left * fit.basis[:, row, 1])]
+            products = fit.basis[..., :, None] * fit.basis[..., None, :]
+            hessian = np.einsum("pc,dcij->dpij", cells, products) / variance[..., None, None]
+            misfit = 0.5 * ((summed @ (left**2).T).T / variance + cells.sum(axis=1) * np.log(2.0 * np.pi * variance))
+            given = given_the_others(misfit, -np.stack(slopes, axis=-1) / variance[..., None], hessian)
+            covariance = np.linalg.inv(given.precision)
+            without = (fit.line[:, None, 1] + given.moved[..., 1]) / np.sqrt(covariance[..., 1, 1])
+            return given.log_density + log_ndtr(fit.deviate)[:, None] - log_ndtr(without)
 
         return in_pieces(density, self.design.n_rows, mean_rate, parameters)
-
-    def _participants(self, fit: _Fit) -> FloatArray:
-        """Log density by participant: the normal one for c1 of either sign, plus log of Phi(t) / Phi(t without)."""
-        cells, row, variance = self.design.cells, self.design.condition, fit.variance[:, None]
-        rows, one, two = cells.sum(axis=1), fit.drive @ cells.T, fit.drive**2 @ cells.T
-        summed = summing(self.design.participant, len(cells))
-        sums = np.stack([np.broadcast_to(rows, one.shape), one, one, two], axis=-1)
-        hessian = sums.reshape(*one.shape, 2, 2) / variance[..., None, None]
-
-        def at(line: FloatArray) -> tuple[FloatArray, FloatArray]:
-            left = self.values - (line[:, :1] + line[:, 1:] * fit.drive)[:, row]
-            slopes = [(summed @ part.T).T for part in (left, left * fit.drive[:, row])]
-            misfit = 0.5 * (summed @ (left**2).T).T / variance
-            return misfit, -np.stack(slopes, axis=-1) / variance[..., None]
-
-        line, misfit, gradient = minimum(at, hessian)
-        misfit = misfit + 0.5 * rows * (_LOG_TWO_PI + np.log(variance))
-        given = given_the_others(misfit, gradient, hessian)
-        (a, b), (_, c) = np.moveaxis(given.precision, (-2, -1), (0, 1))
-        without = (line[:, None, 1] + given.moved[..., 1]) * np.sqrt(c - b**2 / a)
-        return given.log_density + log_ndtr(fit.deviate)[:, None] - log_ndtr(without)
-
-    def _without_one(self, mean_rate: FloatArray, parameters: Parameters) -> _Alone:
-        """Return the law of each rating and c1 given all the other ratings, for c1 of either sign."""
-        fit = self._fit(mean_rate, parameters)
-        n = self.design.n_rows
-        variance, slope, precision = (v[..., None] for v in (fit.variance, fit.slope, fit.precision))
-        along = fit.centre[..., None] * n / (n + variance)
-        intercept = (self._mean - slope * fit.centre[..., None]) * n / (n + variance)
-        # variance of the fitted value of every row, and its covariance with c1; conditions without rows do not enter
-        row = self.design.condition
-        reach = ((fit.drive - along) / precision)[..., row]
-        left = variance - (variance / (n + variance) + reach**2 * precision)
-        residual = (self.values - (intercept + slope * fit.drive)[..., row]) * (variance / left)
-        sd = np.sqrt(variance**2 / left)
-        without = slope - reach * residual / variance
-        spread = np.sqrt(1.0 / precision + reach**2 / left)
-        correlation = reach * variance / left / (sd * spread)
-        return _Alone(residual / sd, sd, without / spread, correlation, fit.deviate)
 
     def predictor(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return ± x, shape (..., conditions): a slope is in z-scores per standard deviation of the response."""
         return self.drive(mean_rate, parameters)
 
     def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: Parameters) -> RegressionLine:
-        """Exact draws of the line given the ratings, one for each point of the batch: c1, then c0."""
+        """Return exact draws of the line given the ratings, one for each point of the batch: c1, then c0."""
         from scipy.stats import truncnorm  # imported here because the import takes a third of a second
 
         fit = self._fit(mean_rate, parameters)
-        n = self.design.n_rows
-        sd = fit.precision**-0.5
-        c1 = truncnorm.rvs(-fit.deviate, np.inf, loc=fit.slope, scale=sd, size=fit.slope.shape, random_state=rng)
-        expected = n * (self._mean - c1 * fit.centre) / (n + fit.variance)
-        c0 = expected + np.sqrt(fit.variance / (n + fit.variance)) * rng.standard_normal(fit.slope.shape)
+        (a, b), (_, c) = np.moveaxis(fit.covariance, (-2, -1), (0, 1))
+        shape, slope = fit.deviate.shape, fit.line[..., 1]
+        c1 = truncnorm.rvs(-fit.deviate, np.inf, loc=slope, scale=np.sqrt(c), size=shape, random_state=rng)
+        c0 = fit.line[..., 0] + b / c * (c1 - slope) + np.sqrt(a - b**2 / c) * rng.standard_normal(shape)
         return RegressionLine(np.asarray(c0), np.maximum(c1, 0.0))
 
     def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: RegressionLine) -> FloatArray:
@@ -298,28 +259,48 @@ class StandardisedRatings(RatingsLikelihood):
         return self.model.error.normal_scores(errors, parameters)
 
     def _fit(self, mean_rate: FloatArray, parameters: Parameters) -> _Fit:
-        """Return the posterior of a line whose c1 may have either sign."""
+        """Return the law of a line whose c1 may have either sign."""
         drive = self.drive(mean_rate, parameters)
         shape = np.broadcast_shapes(drive.shape[:-1], np.shape(parameters.varsigma))
-        drive = np.broadcast_to(drive, (*shape, drive.shape[-1]))
         variance = np.broadcast_to(np.maximum(np.asarray(parameters.varsigma, float) ** 2, _LEAST_VARIANCE), shape)
-        n = self.design.n_rows
-        centre = drive @ self._count / n
-        deviation = drive - centre[..., None]
-        mean_variance = 1.0 + variance / n
-        precision = 1.0 + deviation**2 @ self._count / variance + centre**2 / mean_variance
-        pull = deviation @ (self._count * self._condition) / variance + centre * self._mean / mean_variance
-        return _Fit(drive, variance, centre, mean_variance, precision, pull / precision, pull / np.sqrt(precision))
+        basis = np.ones((*shape, drive.shape[-1], 2))
+        basis[..., 1] = drive
+        weighted = np.swapaxes(basis, -1, -2) / variance[..., None, None]
+        covariance = np.linalg.inv(np.eye(2) + (weighted * self._count) @ basis)
+        line = (covariance @ (weighted @ self._total)[..., None])[..., 0]
+        fitted = (basis @ line[..., None])[..., 0]
+        return _Fit(basis, variance, covariance, line, fitted, line[..., 1] / np.sqrt(covariance[..., 1, 1]))
+
+    def _without_one(self, fit: _Fit) -> _Alone:
+        """Return the law of each rating and c1 given all the other ratings, for c1 of either sign."""
+        row, variance = self.design.condition, fit.variance[..., None]
+        reach = fit.basis @ fit.covariance  # covariances of a row's expectation with the line
+        along = reach[..., 1][..., row]
+        left = variance - (reach * fit.basis).sum(axis=-1)[..., row]
+        residual = self.values - fit.fitted[..., row]
+        sd, spread = variance / np.sqrt(left), np.sqrt(fit.covariance[..., 1, 1, None] + along**2 / left)
+        without = (fit.line[..., 1, None] - along * residual / left) / spread
+        return _Alone(residual / np.sqrt(left), sd, without, along * variance / left / (sd * spread))
+
+
+class _Fit(NamedTuple):
+    """The normal law of the line given the ratings, before truncation to positive c1."""
+
+    basis: FloatArray  # 1 and ± x of each condition, (..., conditions, 2)
+    variance: FloatArray  # varsigma², (...)
+    covariance: FloatArray  # of c0 and c1, (..., 2, 2)
+    line: FloatArray  # their means, (..., 2)
+    fitted: FloatArray  # expectation of each condition on this line, (..., conditions)
+    deviate: FloatArray  # mean of c1 in standard deviations, (...)
 
 
 class _Alone(NamedTuple):
-    """The law of each rating and c1 given all the other ratings; fields are (..., rows) except the last."""
+    """The law of each rating and c1 given all the other ratings; fields are (..., rows)."""
 
     deviate: FloatArray  # rating, in standard deviations from its mean
     sd: FloatArray  # of the rating
     without: FloatArray  # mean of c1 in standard deviations
     correlation: FloatArray  # correlation of both
-    with_all: FloatArray  # mean of c1 given all ratings, in standard deviations (...)
 
 
 def bivariate_below(h: FloatArray, k: FloatArray, correlation: FloatArray) -> FloatArray:
@@ -332,15 +313,3 @@ def bivariate_below(h: FloatArray, k: FloatArray, correlation: FloatArray) -> Fl
         )
     apart = (h * k < 0.0) | ((h * k == 0.0) & (h + k < 0.0))
     return 0.5 * (ndtr(h) + ndtr(k)) - tails - 0.5 * apart
-
-
-class _Fit(NamedTuple):
-    """The normal law of c1 given the ratings, before truncation to positive values, with intermediate results."""
-
-    drive: FloatArray  # ± x of each condition
-    variance: FloatArray  # varsigma²
-    centre: FloatArray  # mean of ± x over the rows: 0 unless rows were left out
-    mean_variance: FloatArray  # variance of the mean rating given c1
-    precision: FloatArray  # of c1
-    slope: FloatArray  # mean of c1
-    deviate: FloatArray  # mean of c1 in standard deviations

@@ -15,7 +15,6 @@ from scipy.special import logsumexp
 from softness_bayes import arviz_bridge
 from softness_bayes.checking.exactness import largest_pareto_k
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.group_conditionals import block_log_likelihood
 from softness_bayes.model.build import build
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.results.fitted import experiment_of, options_of
@@ -114,7 +113,7 @@ def _by_condition(
     if len(conditions.fabric) < 2:
         raise InputError("compare: there is only one condition, so no data remain to predict it from")
     at = _at_draws(posterior, result)
-    left = leave_by_weights(block_log_likelihood(posterior.observation, *at, conditions.of_rating))
+    left = leave_by_weights(posterior.observation.log_likelihood_blocks(*at, conditions.of_rating))
     density, shape, seed = left.log_density.copy(), left.pareto_k.copy(), int(result.attributes["seed"])
     without = [
         Without(
@@ -176,7 +175,7 @@ def _anew(posterior: Posterior, left: Without, settings: Settings) -> Anew:
     kept = sampled.chains.kept(sampled.verdict.burn_in, _DRAWS)
     theta = posterior.natural(kept.coordinates).reshape(-1, posterior.space.dimension)
     at = posterior.response(theta), posterior.rating_parameters(theta)
-    density = block_log_likelihood(observation, *at, rows.astype(np.intp))[:, 1]
+    density = observation.log_likelihood_blocks(*at, rows.astype(np.intp))[:, 1]
     return Anew(left.unit, float(logsumexp(density) - np.log(density.size)), sampled.verdict.converged)
 
 

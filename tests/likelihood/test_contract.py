@@ -26,7 +26,6 @@ from softness_bayes.likelihood.contract import NO_RESPONSE, Likelihood, Paramete
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
-from softness_bayes.likelihood.group_conditionals import block_log_likelihood
 from softness_bayes.likelihood.individual import IndividualModel, IndividualRatings
 from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings
 from softness_bayes.likelihood.load_errors import LoadErrors
@@ -427,7 +426,7 @@ def left_out_is_without(case):
         ("log_likelihood_participants", y.design.participant),
     ):
         found = getattr(y, member)(case.rate, case.points)
-        expected = block_log_likelihood(y, case.rate, case.points, block)
+        expected = y.log_likelihood_blocks(case.rate, case.points, block)
         assert_allclose(found, expected, rtol=1e-8, atol=case.left_out, err_msg=member)
     only = np.arange(ROWS) == 2
     assert_allclose(y.without(only).values, y.values[~only], rtol=0)

@@ -12,7 +12,6 @@ from softness_bayes.checking.layout import Layout
 from softness_bayes.likelihood import pieces as room
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.group_conditionals import block_log_likelihood
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.pieces import pieces
 from softness_bayes.likelihood.z_scores import StandardisedRatings
@@ -39,7 +38,7 @@ def test_participants_of_log_ratings_are_blocks(rng, omega, varsigma):
     design, rate, noise = lab(rng)
     observed, points = LogRatings(np.exp(3 + noise), design), several(rng, 4, omega, varsigma)
     found = observed.log_likelihood_participants(rate, points)
-    blocks = block_log_likelihood(observed, rate, points, design.participant)
+    blocks = observed.log_likelihood_blocks(rate, points, design.participant)
     assert_allclose(found[:, :-1], blocks, rtol=1e-9 if varsigma > 0.1 else 1e-7)
     assert_allclose(found[:, -1], 0.0, atol=1e-9)
 
@@ -52,7 +51,7 @@ def test_participants_of_z_scores_are_blocks(rng):
         ratings = noise + sign * (x - x.mean())[design.condition]
         observed, points = StandardisedRatings(ratings, design), Parameters(varsigma=np.full(4, 0.6))
         found = observed.log_likelihood_participants(rate, points)
-        assert_allclose(found[:, :-1], block_log_likelihood(observed, rate, points, design.participant), rtol=1e-9)
+        assert_allclose(found[:, :-1], observed.log_likelihood_blocks(rate, points, design.participant), rtol=1e-9)
         assert_allclose(found[:, -1], 0.0, atol=1e-9)
 
 

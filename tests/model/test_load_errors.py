@@ -18,7 +18,7 @@ from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.load_errors import NODE, LoadErrors
-from softness_bayes.likelihood.magnitude import RatingModel, spreads_of
+from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.scales import STANDARDISED
 from softness_bayes.likelihood.shared_loads import SharedLoads
 from softness_bayes.model.build import build
@@ -309,7 +309,7 @@ def over_factors(experiment, posterior, theta, cv):
         terms = np.empty((z.size, z.size))
         for i, j in np.ndindex(terms.shape):
             held_at = rate[conditions.load, np.array([i, j])[conditions.load], conditions.fabric]
-            density = plain._effects.log_density(plain.drive_at(held_at, stated, p), spreads_of(p))
+            density = plain._rows.log_density(plain._law_of(plain.drive_at(held_at, stated, p), p))
             terms[i, j] = density - 0.5 * (z[i] ** 2 + z[j] ** 2)
         found.append(logsumexp(terms) - 2.0 * logsumexp(-0.5 * z**2) - np.log(plain.values).sum())
     return np.array(found)

@@ -20,7 +20,6 @@ from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import FALLS
 from softness_bayes.likelihood.error_laws import ERROR_LAWS
-from softness_bayes.likelihood.group_conditionals import block_log_likelihood
 from softness_bayes.likelihood.magnitude import LogRatings
 from softness_bayes.likelihood.scales import STANDARDISED
 from softness_bayes.likelihood.z_scores import StandardisedRatings
@@ -116,7 +115,7 @@ def test_blocks_of_log_ratings_by_the_dense_normal_law(rng, omega):
     same, alike = (index[:, None] == index for index in (design.participant, fabric))
     covariance = 9.0 + 0.25 * same + omega**2 * alike + 0.09 * np.eye(noise.size)
     for block in (design.participant, fabric):
-        found = block_log_likelihood(observed, rate, point, block)
+        found = observed.log_likelihood_blocks(rate, point, block)
         assert found.shape == (3, block.max() + 1)
         for d in range(3):
             x = np.log(rate[d] + 0.1)[design.condition]
@@ -139,9 +138,9 @@ def test_a_block_of_one_rating_is_that_rating_left_out(rng):
         (StandardisedRatings(noise, design), Parameters(varsigma=0.7)),
     ):
         alone = observed.log_likelihood_loo(rate, point)
-        assert_allclose(block_log_likelihood(observed, rate, point, each), alone, rtol=1e-7, atol=1e-9)
+        assert_allclose(observed.log_likelihood_blocks(rate, point, each), alone, rtol=1e-7, atol=1e-9)
         # one block of everything leaves nothing to condition on
-        whole = block_log_likelihood(observed, rate, point, np.zeros(15, int))
+        whole = observed.log_likelihood_blocks(rate, point, np.zeros(15, int))
         assert_allclose(whole[:, 0], observed.log_likelihood(rate, point))
 
 

@@ -1,0 +1,101 @@
+"""Normal rows with effects of participants and fabrics against the dense normal law of small tables."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.stats import multivariate_normal
+
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.normal_rows import EffectLaw, NormalRows
+
+MEAN, SD = 2.0, 1.5
+
+
+def complete(rng):
+    return np.ones((3, 20))
+
+
+def gaps(rng):
+    return (rng.random((5, 20)) < 0.5).astype(float)
+
+
+def apart(rng):
+    """Two groups of participants without a common condition."""
+    cells = np.zeros((6, 20))
+    cells[:3, :10] = 1.0
+    cells[3:, 10:] = [np.ones(10), np.arange(10) < 6, np.arange(10) > 2]
+    return cells
+
+
+def alike(rng):
+    """Seven raters of three kinds, in no order, and two without ratings."""
+    kinds = rng.poisson(1.0, (3, 12)).astype(float)
+    return np.vstack([kinds, np.zeros((1, 12))])[[1, 3, 0, 1, 2, 0, 1, 3, 0]]
+
+
+def design_of(cells, fabrics=5):
+    person, condition = np.nonzero(cells)
+    number = cells[person, condition].astype(int)
+    return Design(
+        np.repeat(condition, number), np.repeat(person, number), np.arange(cells.shape[1]) % fabrics, len(cells)
+    )
+
+
+def dense(design, law, k):
+    """The normal law of all rows at a draw, as mean and covariance."""
+    person, fabric = np.eye(design.n_participants)[design.participant], design.fabric[design.condition]
+    covariance = SD**2 + law.participant[k] ** 2 * person @ person.T
+    covariance += law.fabric[k] ** 2 * (fabric[:, None] == fabric)
+    variance = np.broadcast_to(law.variance[k], law.offset[k].shape)
+    return MEAN + law.offset[k, design.condition], covariance + np.diag(variance[design.condition])
+
+
+def given(mean, covariance, values, part):
+    """The normal law of some rows given the others."""
+    rest = ~part
+    gain = np.linalg.solve(covariance[np.ix_(rest, rest)], covariance[np.ix_(rest, part)]).T
+    return mean[part] + gain @ (values - mean)[rest], covariance[np.ix_(part, part)] - gain @ covariance[rest][:, part]
+
+
+@pytest.mark.parametrize("uneven", [False, True])
+@pytest.mark.parametrize("omega", [0.0, 0.3])
+@pytest.mark.parametrize("table", [complete, gaps, apart, alike])
+def test_every_density_is_that_of_the_dense_law(rng, table, omega, uneven):
+    design = design_of(table(rng))
+    values = 3.0 + 0.8 * rng.standard_normal(design.n_rows)
+    variance = rng.uniform(0.1, 1.0, (4, design.n_conditions if uneven else 1)) ** 2
+    offset = 5.0 + rng.standard_normal((4, design.n_conditions))
+    law = EffectLaw.of(offset, variance, rng.uniform(0.1, 1.0, 4), np.full(4, omega))
+    rows = NormalRows(design, values, MEAN, SD)
+    density, one, people = rows.log_density(law), rows.leave_one_out(law), rows.log_density_participants(law)
+    for k in range(4):
+        mean, covariance = dense(design, law, k)
+        assert density[k] == pytest.approx(multivariate_normal(mean, covariance).logpdf(values), rel=1e-10)
+        for i in range(0, design.n_rows, 7):
+            expected, square = given(mean, covariance, values, np.arange(design.n_rows) == i)
+            assert_allclose([one.mean[k, i], one.sd[k, i] ** 2], [expected[0], square[0, 0]], rtol=1e-8)
+        for who in range(design.n_participants):
+            part = design.participant == who
+            found = multivariate_normal(*given(mean, covariance, values, part)).logpdf(values[part]) if any(part) else 0
+            assert people[k, who] == pytest.approx(found, abs=1e-8)
+
+
+def test_the_density_from_sums_is_that_of_single_variances(rng):
+    """A variance stated for every condition takes the other way; digits are kept where the fit is almost perfect."""
+    design = design_of(apart(rng))
+    expected = rng.standard_normal(20)
+    for error in (1e-5, 1e-3, 0.3):
+        values = MEAN + expected[design.condition] + 0.5 * (design.participant % 2)
+        values = values + error * rng.standard_normal(values.size)
+        rows = NormalRows(design, values, MEAN, SD)
+        law = EffectLaw.of(expected[None], np.full((1, 1), error**2), np.full(1, 0.4), np.zeros(1))
+        each = law._replace(variance=np.full((1, 20), error**2))
+        assert_allclose(rows.log_density(law), rows.log_density(each), rtol=1e-7)
+        assert abs(rows.log_density(law._replace(variance=law.variance * 1.2)) - rows.log_density(each)) > 1e-3
+
+
+def test_nothing_is_of_the_size_of_conditions_by_conditions(rng):
+    """For 4000 conditions such a matrix would have 16 million numbers."""
+    design = design_of(np.tile(gaps(rng), 200))
+    held = vars(NormalRows(design, np.zeros(design.n_rows), MEAN, SD))
+    assert max(value.size for value in held.values() if isinstance(value, np.ndarray)) < 1e5
