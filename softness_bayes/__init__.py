@@ -43,8 +43,8 @@ if TYPE_CHECKING:
     from softness_bayes.model.simulation import simulate_ratings as simulate_ratings
     from softness_bayes.parameters.choice import parameter_space as parameter_space
     from softness_bayes.parameters.declared import PARAMETERS as PARAMETERS
-    from softness_bayes.parameters.priors import HalfNormal as HalfNormal
-    from softness_bayes.parameters.priors import LogNormal as LogNormal
+    from softness_bayes.parameters.laws import HalfNormal as HalfNormal
+    from softness_bayes.parameters.laws import LogNormal as LogNormal
     from softness_bayes.plotting.checks import rank_ecdf_figure as rank_ecdf_figure
     from softness_bayes.plotting.figures import Plots as Plots
     from softness_bayes.plotting.style import Style as Style

@@ -20,7 +20,8 @@ from softness_bayes.files.json_text import as_json, parse_json
 from softness_bayes.likelihood.directions import FREE, RatingDirection, direction_named
 from softness_bayes.likelihood.scales import MAGNITUDE, Scale, name_of_scale, scale_named
 from softness_bayes.parameters.declared import UNKNOWN_MODULUS
-from softness_bayes.parameters.priors import Prior, parse_prior
+from softness_bayes.parameters.laws import Prior
+from softness_bayes.parameters.priors import parse_prior
 from softness_bayes.touch.readings import ALTERNATIVES, Readings
 
 Section = TypeVar("Section")

@@ -161,7 +161,7 @@ def test_only_the_command_line_uses_click():
     [
         ("softness_bayes", "pandas"),
         ("softness_bayes.touch.scene", "pandas"),
-        ("softness_bayes.touch.reference", "pandas"),
+        ("softness_bayes.touch.profiles", "pandas"),
         ("softness_bayes.runs.run", "scipy.stats"),
         ("softness_bayes.plotting", "pandas"),
         ("softness_bayes.plotting", "scipy"),

@@ -18,7 +18,7 @@ from softness_bayes.data.columns import BEARABLE, FINGERTIP, SOLID
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
-from softness_bayes.parameters.priors import HalfNormal, LogNormal, Normal, Uniform
+from softness_bayes.parameters.laws import HalfNormal, LogNormal, Normal, Uniform
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import Readings

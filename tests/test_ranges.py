@@ -14,7 +14,8 @@ from softness_bayes.model.scenes import touch_parameters, usual_values
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.parameters.choice import parameter_space, require_values
 from softness_bayes.parameters.declared import EVERY_PARAMETER, PARAMETERS
-from softness_bayes.parameters.priors import HalfNormal, LogNormal, Normal, Uniform, parse_prior
+from softness_bayes.parameters.laws import HalfNormal, LogNormal, Normal, Uniform
+from softness_bayes.parameters.priors import parse_prior
 from softness_bayes.ranges import PARTICIPANTS, PROCESSES, STEPS, Count, Range
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch.contact import FORCES, INDENTATIONS, Force, Indentation

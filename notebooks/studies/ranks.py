@@ -36,7 +36,7 @@ from softness_bayes import (
     usual_values,
 )
 from softness_bayes.checking.calibration import Calibration
-from softness_bayes.parameters.priors import Normal, Uniform
+from softness_bayes.parameters.laws import Normal, Uniform
 from softness_bayes.runs.calibrate import replicate_settings
 from softness_bayes.runs.replicate import replicate
 from softness_bayes.touch.readings import MENDED

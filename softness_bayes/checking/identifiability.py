@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from softness_bayes.arviz_bridge import SAMPLE_DIMS
 from softness_bayes.checking.sensitivity import DETERMINED, INFORMED, contraction, power_scaling, prior_moments
 from softness_bayes.parameters.declared import EVERY_PARAMETER
-from softness_bayes.parameters.laws import magnitude
-from softness_bayes.parameters.priors import Prior
+from softness_bayes.parameters.laws import Prior, magnitude
 from softness_bayes.provenance import Provenance
 from softness_bayes.sampler.jackknife import jackknife
 

@@ -12,7 +12,8 @@ from softness_bayes.checking.sensitivity import contraction, prior_moments
 from softness_bayes.likelihood.effects import RATER_EFFECTS, RATER_SPREADS
 from softness_bayes.likelihood.ratings import SKIN
 from softness_bayes.parameters.declared import FABRIC_MODULUS
-from softness_bayes.parameters.priors import Prior, parse_prior
+from softness_bayes.parameters.laws import Prior
+from softness_bayes.parameters.priors import parse_prior
 from softness_bayes.touch.finger_grid import EFFECT_OF, SPREAD_OF
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from softness_bayes import arviz_bridge
 from softness_bayes.checking.exactness import LARGEST_K, largest_pareto_k
 from softness_bayes.errors import InputError
 from softness_bayes.parameters.coordinates import Coordinate
-from softness_bayes.parameters.priors import Prior
+from softness_bayes.parameters.laws import Prior
 from softness_bayes.sampler.jackknife import GROUPS
 
 Array = NDArray[np.float64]

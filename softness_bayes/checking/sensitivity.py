@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, xlog1py
 
-from softness_bayes.parameters.priors import Prior
+from softness_bayes.parameters.laws import Prior
 from softness_bayes.sampler.jackknife import jackknife
 
 FloatArray = NDArray[np.float64]

@@ -19,7 +19,7 @@ from softness_bayes.kinds import require_mapping
 from softness_bayes.model.scenes import firing_of
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.declared import SHAPE_PARAMETERS
-from softness_bayes.parameters.priors import Prior
+from softness_bayes.parameters.laws import Prior
 from softness_bayes.ranges import PRIOR_DRAWS
 from softness_bayes.sampler.workers import Workers
 from softness_bayes.touch.contact import Force, Indentation, Load

@@ -19,7 +19,7 @@ from softness_bayes.results.run_options import DataFiles
 if TYPE_CHECKING:
     from softness_bayes.data import Fabrics, Ratings
     from softness_bayes.data.tables import Marks
-    from softness_bayes.parameters.priors import Prior
+    from softness_bayes.parameters.laws import Prior
     from softness_bayes.touch.contact import Load
     from softness_bayes.touch.readings import Readings
 

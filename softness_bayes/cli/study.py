@@ -20,7 +20,7 @@ from softness_bayes.results.run_options import DataFiles, RunOptions
 if TYPE_CHECKING:
     from softness_bayes.data import Compression, Experiment
     from softness_bayes.data.lists import Listed
-    from softness_bayes.parameters.priors import Prior
+    from softness_bayes.parameters.laws import Prior
     from softness_bayes.runs.study import Study
 
 

@@ -23,9 +23,9 @@ from softness_bayes.plotting.panels import title
 from softness_bayes.readable import number, percent
 from softness_bayes.touch.contact import HERTZ_LIMIT
 from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.profiles import touch_profiles
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.receptors import kink_distances
-from softness_bayes.touch.reference import touch_profiles
 
 Array = NDArray[np.float64]
 

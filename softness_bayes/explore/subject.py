@@ -19,7 +19,7 @@ from softness_bayes.model.prediction import deviations_of_fabrics
 from softness_bayes.model.scenes import firing_of
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.declared import KPA, Parameter
-from softness_bayes.parameters.priors import LogNormal, LogUniform, Prior
+from softness_bayes.parameters.laws import LogNormal, LogUniform, Prior
 from softness_bayes.report.charts import shown
 from softness_bayes.results.fitted import Fitted
 from softness_bayes.results.result import Result

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from softness_bayes.likelihood.design import Design, IndexArray
 from softness_bayes.likelihood.error_laws import ErrorLaw
 from softness_bayes.likelihood.scales import Scale
-from softness_bayes.parameters.priors import Prior
+from softness_bayes.parameters.laws import Prior
 
 FloatArray = NDArray[np.float64]
 Effects = Any

@@ -23,7 +23,7 @@ from softness_bayes.likelihood.pieces import in_pieces
 from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.scales import MAGNITUDE, Scale
 from softness_bayes.likelihood.stated import Stated
-from softness_bayes.parameters.priors import Normal, Prior
+from softness_bayes.parameters.laws import Normal, Prior
 
 FloatArray = NDArray[np.float64]
 

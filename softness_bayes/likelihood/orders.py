@@ -27,7 +27,7 @@ from softness_bayes.likelihood.places import RankedLists, shares
 from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.scales import RANKS, Scale
 from softness_bayes.likelihood.stated import Stated
-from softness_bayes.parameters.priors import Prior
+from softness_bayes.parameters.laws import Prior
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]

@@ -18,7 +18,7 @@ from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.pieces import in_pieces
 from softness_bayes.likelihood.scales import PLATE_FORCE, Scale
-from softness_bayes.parameters.priors import Prior
+from softness_bayes.parameters.laws import Prior
 from softness_bayes.touch.contact import STRAIN, Finger, SkinDisplacement, plate_line
 
 Array = NDArray[np.float64]

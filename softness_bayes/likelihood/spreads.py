@@ -25,7 +25,7 @@ from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.log_bessel import log_bessel, log_bessel_slope
 from softness_bayes.likelihood.pieces import in_pieces
 from softness_bayes.likelihood.scales import LOG_SD, Scale
-from softness_bayes.parameters.priors import Prior
+from softness_bayes.parameters.laws import Prior
 
 FloatArray = NDArray[np.float64]
 

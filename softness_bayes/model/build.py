@@ -31,8 +31,16 @@ from softness_bayes.likelihood.ratings import SKIN, RatingsLikelihood, RatingsMo
 from softness_bayes.likelihood.scales import MAGNITUDE, STANDARDISED
 from softness_bayes.likelihood.spreads import RaterSpreads, SpreadModel
 from softness_bayes.model.direction import DRAWS, DirectionChoice, evidence_of
-from softness_bayes.model.fingers import box_of_priors, require_one_source
-from softness_bayes.model.individual import answers_of, differing, family_of, fingers_of, grid_of, spreads_of
+from softness_bayes.model.fingers import (
+    answers_of,
+    box_of_priors,
+    differing,
+    family_of,
+    fingers_of,
+    grid_of,
+    require_one_source,
+    spreads_of,
+)
 from softness_bayes.model.interpretation import Interpretation, interpret
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Density, Posterior

@@ -39,7 +39,7 @@ from softness_bayes.supplied import installed
 
 if TYPE_CHECKING:
     from softness_bayes.likelihood.error_laws import ErrorLaw
-    from softness_bayes.parameters.priors import Prior
+    from softness_bayes.parameters.laws import Prior
     from softness_bayes.touch.contact import Finger
     from softness_bayes.touch.readings import Readings
     from softness_bayes.touch.scene import Discretisation
@@ -224,7 +224,7 @@ class Differing(Names):
 
     def accept(self, name: str, value: Any) -> Any:
         """Return known quantities of one kind."""
-        from softness_bayes.model.individual import require_individual
+        from softness_bayes.model.fingers import require_individual
 
         names = super().accept(name, value)
         require_individual(names)

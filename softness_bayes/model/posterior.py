@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self, cast
+from typing import Any, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.likelihood.contract import Likelihood, Parameters
-from softness_bayes.likelihood.individual import IndividualRatings
 from softness_bayes.likelihood.plate import FORCES, CompressionForces
 from softness_bayes.likelihood.ratings import RATINGS, RatingsLikelihood
 from softness_bayes.parameters.declared import EVERY_PARAMETER
@@ -224,7 +223,7 @@ class Posterior(Density):
         """Return the posterior with other forward models and another grid of fingers."""
         of = self
         if fingers is not None:
-            of = self.with_term(cast(IndividualRatings, self.observation).with_grid(fingers.grid))
+            of = self.with_term(cast(Any, self.observation).with_grid(fingers.grid))
         return replace(of, scene=scene, other_loads=others, fingers=fingers)
 
     @property

@@ -10,17 +10,18 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.data import Fabrics
 from softness_bayes.likelihood.contract import Effects, Parameters
 from softness_bayes.likelihood.design import Design, IndexArray
 from softness_bayes.likelihood.pieces import pieces
-from softness_bayes.model.individual import family_of
+from softness_bayes.model.fingers import family_of
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Response, Scene
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from softness_bayes.data import Fabrics
 
 Array = NDArray[np.float64]
 

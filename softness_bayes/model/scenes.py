@@ -24,7 +24,7 @@ from softness_bayes.parameters.declared import (
     SHAPE_PARAMETERS,
     UNKNOWN_MODULUS,
 )
-from softness_bayes.parameters.priors import LEAST_WIDTH, LogNormal, LogUniform, Prior
+from softness_bayes.parameters.laws import LEAST_WIDTH, LogNormal, LogUniform, Prior
 from softness_bayes.parameters.space import FabricModuli, ParameterSpace
 from softness_bayes.ranges import RELATIVE_ERRORS
 from softness_bayes.touch.accuracy import DRAWS, Draws

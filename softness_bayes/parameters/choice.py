@@ -21,8 +21,8 @@ from softness_bayes.parameters.declared import (
     SHAPE_PARAMETERS,
     Parameter,
 )
-from softness_bayes.parameters.laws import Signed, magnitude
-from softness_bayes.parameters.priors import Prior, as_priors
+from softness_bayes.parameters.laws import Prior, Signed, magnitude
+from softness_bayes.parameters.priors import as_priors
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.touch.contact import STRAIN, SkinDisplacement
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, Channels, Membrane

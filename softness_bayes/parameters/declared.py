@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from softness_bayes.parameters.priors import HalfNormal, LogNormal, Normal, Prior, Truncated, Uniform
+from softness_bayes.parameters.laws import HalfNormal, LogNormal, Normal, Prior, Truncated, Uniform
 from softness_bayes.ranges import CATEGORIES_RANGE, Range
 from softness_bayes.touch.contact import DISPLACEMENT, STRAIN, SkinDisplacement
 from softness_bayes.touch.neuron.rate_curve import LARGEST_CURRENT

@@ -12,9 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError
-from softness_bayes.parameters.laws import LEAST_WIDTH as LEAST_WIDTH
-from softness_bayes.parameters.laws import NUMBERS as NUMBERS
-from softness_bayes.parameters.laws import SD_LOGS as SD_LOGS
 from softness_bayes.parameters.laws import (
     HalfNormal,
     Law,
@@ -25,11 +22,10 @@ from softness_bayes.parameters.laws import (
     Signed,
     Truncated,
     Uniform,
+    log_normal_density,
     magnitude,
     name_of,
 )
-from softness_bayes.parameters.laws import in_short as in_short
-from softness_bayes.parameters.laws import log_normal_density as log_normal_density
 from softness_bayes.supplied import FORM, installed, is_supplied, require_reference, supplied
 
 FloatArray = NDArray[np.float64]

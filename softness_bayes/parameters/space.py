@@ -21,7 +21,8 @@ from softness_bayes.parameters.declared import (
     UNKNOWN_MODULUS,
     Parameter,
 )
-from softness_bayes.parameters.priors import Laws, Prior
+from softness_bayes.parameters.laws import Prior
+from softness_bayes.parameters.priors import Laws
 from softness_bayes.ranges import Range
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.neuron.surface import FiringSurface

@@ -25,7 +25,7 @@ from softness_bayes.likelihood.scales import PAIRS, RANKS, Scale
 from softness_bayes.model.interpretation import Interpretation, interpret
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.declared import EVERY_PARAMETER
-from softness_bayes.parameters.priors import Prior
+from softness_bayes.parameters.laws import Prior
 from softness_bayes.people.answers import Answers, answers_of, told_pairs
 from softness_bayes.touch.load_groups import groups_of
 

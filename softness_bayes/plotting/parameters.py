@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from softness_bayes.parameters.priors import Prior
+    from softness_bayes.parameters.laws import Prior
 
 MOST_DRAWS = 5000
 """Largest number of draws in a corner plot; more take time without a visible difference."""
@@ -59,7 +59,7 @@ def corner(result: stored.Drawable, style: Style, every: bool = False) -> Figure
 def prior(result: stored.Drawable, style: Style) -> Figure:
     """Draw prior against posterior of every parameter."""
     from softness_bayes.parameters.declared import EVERY_PARAMETER
-    from softness_bayes.parameters.priors import Truncated
+    from softness_bayes.parameters.laws import Truncated
     from softness_bayes.provenance import Provenance
 
     names, labels = stored.sampled_parameters(result)

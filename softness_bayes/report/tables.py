@@ -14,7 +14,7 @@ from softness_bayes.checking.quantities import DROP, PLACE
 from softness_bayes.checking.turning_check import FALL
 from softness_bayes.files.run_files import FABRIC_RATINGS
 from softness_bayes.parameters.declared import EVERY_PARAMETER
-from softness_bayes.parameters.priors import Prior, in_short
+from softness_bayes.parameters.laws import Prior, in_short
 from softness_bayes.provenance import NumericalErrors, Silence
 from softness_bayes.readable import counted, number, percent, with_error
 from softness_bayes.results.request import Request

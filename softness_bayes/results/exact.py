@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.checking.exactness import EXACT_RATES, SAME_RATES, Exactness, compare_likelihoods
 from softness_bayes.errors import InputError
-from softness_bayes.model.individual import finer_family_of
+from softness_bayes.model.fingers import finer_family_of
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.model.scenes import at_other_loads
 from softness_bayes.results.draws import REWEIGHT_DRAWS, Variable, evenly

@@ -24,7 +24,7 @@ from softness_bayes.model.prediction import OtherTouches
 from softness_bayes.model.scenes import fabric_moduli, scene_of
 from softness_bayes.parameters.choice import require_values
 from softness_bayes.parameters.declared import EVERY_PARAMETER, FABRIC_MODULUS, KPA
-from softness_bayes.parameters.priors import LogNormal, LogUniform
+from softness_bayes.parameters.laws import LogNormal, LogUniform
 from softness_bayes.parameters.space import FabricModuli
 from softness_bayes.results.constants import RATERS_OF_CELLS, RATING_AS_FILED
 from softness_bayes.results.request import Request

@@ -28,8 +28,8 @@ from softness_bayes.touch.contact import Load
 from softness_bayes.touch.neuron.membrane import Channels, Membrane
 from softness_bayes.touch.neuron.spikes import spike_times
 from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.profiles import touch_profiles
 from softness_bayes.touch.receptors import kink_distances
-from softness_bayes.touch.reference import touch_profiles
 from softness_bayes.touch.scene import Discretisation, Scene
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from softness_bayes.checking.pooling import LIMITS, Pooled, PopulationPrior, Sep
 from softness_bayes.errors import InputError
 from softness_bayes.parameters.coordinates import HalfLine, Interval, coordinate_for
 from softness_bayes.parameters.declared import EVERY_PARAMETER, Parameter
-from softness_bayes.parameters.priors import HalfNormal, Prior
+from softness_bayes.parameters.laws import HalfNormal, Prior
 from softness_bayes.results.result import Result
 
 if TYPE_CHECKING:

@@ -24,7 +24,7 @@ from softness_bayes.checking.sensitivity import (
     prior_moments,
 )
 from softness_bayes.checking.sentences import direction_sentences, information_sentences
-from softness_bayes.parameters.priors import HalfNormal, LogNormal, Normal, Uniform
+from softness_bayes.parameters.laws import HalfNormal, LogNormal, Normal, Uniform
 from softness_bayes.sampler.jackknife import jackknife
 
 DRAWS = 40_000

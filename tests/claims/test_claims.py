@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from oracles.reference import reference_response
 from softness_bayes.checking.inflection import LEAST_DROP
 from softness_bayes.claims import CLAIMS, CLOTH, TOUCHES, ClaimVerdict, evaluate_claims
 from softness_bayes.claims.numbers import CENTRES, DEPTHS, ERROR, GRID, Bench, Numbers, mean_standardised, pearson
@@ -21,7 +22,6 @@ from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PRINTED
 from softness_bayes.touch.neuron.rate import firing_rate
 from softness_bayes.touch.readings import AS_PRINTED, CLASSICAL, MENDED
-from softness_bayes.touch.reference import reference_response
 from softness_bayes.touch.scene import Scene
 from support.paths import ROOT
 

@@ -17,7 +17,7 @@ from softness_bayes.explore.subject import of_priors, of_run, span_of
 from softness_bayes.model.prediction import OtherTouches
 from softness_bayes.model.scenes import firing_of, touch_parameters, usual_values
 from softness_bayes.parameters.declared import PARAMETERS
-from softness_bayes.parameters.priors import HalfNormal, LogNormal, Normal, Uniform
+from softness_bayes.parameters.laws import HalfNormal, LogNormal, Normal, Uniform
 from softness_bayes.report.charts import shown
 from softness_bayes.results.fitted import Fitted
 from softness_bayes.results.result import Result

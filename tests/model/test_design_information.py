@@ -17,7 +17,7 @@ from softness_bayes.model.design_information import as_it_is, foresee, others
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression
-from softness_bayes.parameters.priors import LogNormal
+from softness_bayes.parameters.laws import LogNormal
 from softness_bayes.touch.contact import Indentation
 
 CHANNELS = {"c_Na": 1.0, "c_K": 1.0, "c_L": 1.0, "c_A": 1.0}

@@ -19,7 +19,7 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import fabric_moduli, scene_of, touch_parameters, usual_values
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.parameters.declared import PARAMETERS, UNKNOWN_MODULUS
-from softness_bayes.parameters.priors import LogNormal, LogUniform, Normal
+from softness_bayes.parameters.laws import LogNormal, LogUniform, Normal
 from softness_bayes.touch.contact import PRINTED_RIGIDITY, Force, Indentation
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation

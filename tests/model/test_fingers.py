@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from oracles.reference import reference_response
 from softness_bayes import Compression, read_experiment
 from softness_bayes.errors import InputError
 from softness_bayes.model.build import build, forces_of
@@ -15,7 +16,6 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
 from softness_bayes.touch.contact import Finger
-from softness_bayes.touch.reference import reference_response
 from softness_bayes.touch.scene import Discretisation
 from support.command_line import HELD, call, few_ratings
 

@@ -17,8 +17,8 @@ from softness_bayes.model.interpretation import interpret, stated, stated_on_sli
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_ratings
-from softness_bayes.parameters.laws import Signed
-from softness_bayes.parameters.priors import HalfNormal, parse_prior
+from softness_bayes.parameters.laws import HalfNormal, Signed
+from softness_bayes.parameters.priors import parse_prior
 from softness_bayes.readable import counted
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import MENDED

@@ -27,7 +27,7 @@ from softness_bayes.model.prediction import drive_slope, rates_of_other_moduli
 from softness_bayes.model.scenes import at_other_loads, scaled, scene_of, touch_parameters, usual_values
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.parameters.declared import PARAMETERS
-from softness_bayes.parameters.priors import HalfNormal
+from softness_bayes.parameters.laws import HalfNormal
 from softness_bayes.results.exact import exact_log_likelihood
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.readings import MENDED

@@ -11,7 +11,7 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.reach import DEEP, reach, reach_of, reach_of_priors, wide_contacts
 from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
 from softness_bayes.model.simulation import simulate_ratings
-from softness_bayes.parameters.priors import Normal, Uniform
+from softness_bayes.parameters.laws import Normal, Uniform
 from softness_bayes.readable import percent
 from softness_bayes.touch.contact import Finger, Force, Indentation
 from softness_bayes.touch.neuron.membrane import Channels

@@ -11,7 +11,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.coordinates import Bent, HalfLine, Interval, Scaled, coordinate_for, walked
 from softness_bayes.parameters.declared import HELD, PARAMETERS, PRIOR_SETS, SHAPE_PARAMETERS
-from softness_bayes.parameters.priors import HalfNormal, LogNormal, LogUniform, Normal, Uniform
+from softness_bayes.parameters.laws import HalfNormal, LogNormal, LogUniform, Normal, Uniform
 from softness_bayes.touch.contact import DISPLACEMENT, STRAIN
 from softness_bayes.touch.neuron.membrane import HODGKIN_HUXLEY, PAPER_CHANNELS, Channels
 from softness_bayes.touch.neuron.rate_curve import LARGEST_CURRENT

@@ -7,16 +7,8 @@ import pytest
 from scipy import integrate, stats
 
 from softness_bayes.errors import InputError
-from softness_bayes.parameters.priors import (
-    LAWS,
-    HalfNormal,
-    Laws,
-    LogNormal,
-    Normal,
-    Uniform,
-    in_short,
-    parse_prior,
-)
+from softness_bayes.parameters.laws import HalfNormal, LogNormal, Normal, Uniform, in_short
+from softness_bayes.parameters.priors import LAWS, Laws, parse_prior
 
 
 def truncated_lognormal(median, sd, bound):

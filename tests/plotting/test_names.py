@@ -16,7 +16,7 @@ from numpy.testing import assert_allclose
 from softness_bayes import plotting
 from softness_bayes.checking.check_table import ALL, CheckedQuantity
 from softness_bayes.checking.quantities import DROP, PLACE, QUANTITIES, QuantityCheck
-from softness_bayes.parameters.priors import LogNormal, Truncated
+from softness_bayes.parameters.laws import LogNormal, Truncated
 from softness_bayes.plotting import style as styles
 from softness_bayes.plotting.checks import FEW, checks_figure
 from softness_bayes.plotting.data import carry, data_of

@@ -17,9 +17,9 @@ from softness_bayes.results.predictions import (
 from softness_bayes.touch.contact import Finger, Force, Indentation
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.profiles import touch_profiles
 from softness_bayes.touch.readings import CLASSICAL, MENDED
 from softness_bayes.touch.receptors import CONSISTENT, PRINTED_DENSITY, draw_receptors, receptors_within
-from softness_bayes.touch.reference import touch_profiles
 from softness_bayes.touch.scene import Scene
 
 LOADS = (*(Indentation(depth * 1e-3) for depth in (1, 1.5, 2, 3)), Force(1.0))

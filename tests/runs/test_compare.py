@@ -27,7 +27,7 @@ from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression, simulate_ratings
-from softness_bayes.parameters.priors import HalfNormal
+from softness_bayes.parameters.laws import HalfNormal
 from softness_bayes.results.fitted import differences, experiment_of, options_of
 from softness_bayes.results.result import Result
 from softness_bayes.runs.comparison import clustered_error, compare, stacking_weights

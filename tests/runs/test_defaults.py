@@ -17,7 +17,7 @@ from softness_bayes.likelihood.scales import SLIDER
 from softness_bayes.model import build as building
 from softness_bayes.model.fingers import finger_of
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.parameters.priors import LogNormal
+from softness_bayes.parameters.laws import LogNormal
 from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
 from softness_bayes.results.run_options import DataFiles, RunOptions

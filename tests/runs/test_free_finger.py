@@ -12,7 +12,7 @@ from softness_bayes.model.fingers import finger_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression
-from softness_bayes.parameters.priors import Normal, Uniform
+from softness_bayes.parameters.laws import Normal, Uniform
 from softness_bayes.report.page import report_page
 from softness_bayes.results.exact import exact_log_likelihood
 from softness_bayes.results.fitted import options_of

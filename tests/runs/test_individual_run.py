@@ -12,14 +12,14 @@ from softness_bayes.checking.checks import FINGERS
 from softness_bayes.checking.individual import POPULATION
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import STANDARDISED
-from softness_bayes.model import individual
+from softness_bayes.model import fingers as individual
 from softness_bayes.model.build import build, design_of, people_note
 from softness_bayes.model.interpretation import interpret
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression
 from softness_bayes.model.understanding import warnings
-from softness_bayes.parameters.priors import HalfNormal, Normal
+from softness_bayes.parameters.laws import HalfNormal, Normal
 from softness_bayes.report.page import report_page
 from softness_bayes.results.fitted import experiment_of, options_of
 from softness_bayes.results.result import Result

@@ -16,7 +16,7 @@ from softness_bayes.likelihood.error_laws import STUDENT
 from softness_bayes.likelihood.scales import STANDARDISED
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.parameters.priors import HalfNormal
+from softness_bayes.parameters.laws import HalfNormal
 from softness_bayes.report.page import report_page
 from softness_bayes.results.fitted import experiment_of, options_of
 from softness_bayes.results.result import Result

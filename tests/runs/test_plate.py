@@ -18,7 +18,7 @@ from softness_bayes.model.build import build, build_skin
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression, simulate_ratings
-from softness_bayes.parameters.priors import LogNormal
+from softness_bayes.parameters.laws import LogNormal
 from softness_bayes.plotting import FIGURES, USUAL, figures_of
 from softness_bayes.results.result import Result
 from softness_bayes.results.run_options import RunOptions

@@ -25,7 +25,7 @@ from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_ratings
-from softness_bayes.parameters.priors import HalfNormal, LogNormal
+from softness_bayes.parameters.laws import HalfNormal, LogNormal
 from softness_bayes.results import predictions
 from softness_bayes.results.exact import FIRST_DRAWS
 from softness_bayes.results.request import Request

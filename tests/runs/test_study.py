@@ -26,7 +26,7 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression
 from softness_bayes.parameters.declared import PRIOR_SETS
-from softness_bayes.parameters.priors import HalfNormal, LogNormal, Uniform
+from softness_bayes.parameters.laws import HalfNormal, LogNormal, Uniform
 from softness_bayes.results.result import Result
 from softness_bayes.runs import table_fit
 from softness_bayes.runs.plate import sample_skin

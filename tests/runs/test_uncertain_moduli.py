@@ -11,7 +11,7 @@ from scipy.stats import kstest
 from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError
 from softness_bayes.model.build import build
-from softness_bayes.parameters.priors import LogNormal
+from softness_bayes.parameters.laws import LogNormal
 from softness_bayes.plotting.figures import FIGURES, drawn, figures_of
 from softness_bayes.plotting.style import USUAL
 from softness_bayes.report.conclusion import conclude, facts_of

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from oracles.reference import reference_response
 from softness_bayes.touch.contact import Finger, Force, Indentation
 from softness_bayes.touch.readings import ALTERNATIVES, Readings
-from softness_bayes.touch.reference import reference_response
 from softness_bayes.touch.scene import Discretisation, Scene
 
 FABRICS = np.array([2e3, 3e4, 4e5, 1e7])

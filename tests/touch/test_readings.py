@@ -8,13 +8,13 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
+from oracles.reference import reference_response
 from softness_bayes.errors import InputError
 from softness_bayes.model.scenes import touch_parameters, usual_values
 from softness_bayes.touch.contact import Finger, Force, Indentation, solve_contact
 from softness_bayes.touch.neuron.rate import firing_rate
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import ALTERNATIVES, MENDED, NAMED_READINGS, Readings, readings_named
-from softness_bayes.touch.reference import reference_response
 from softness_bayes.touch.scene import Scene
 from softness_bayes.touch.stress import stress
 

@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
+from oracles.reference import receptors_per_distance
 from softness_bayes.touch.contact import Finger
 from softness_bayes.touch.readings import ALTERNATIVES
 from softness_bayes.touch.receptors import (
@@ -15,7 +16,6 @@ from softness_bayes.touch.receptors import (
     receptor_current,
     receptors_within,
 )
-from softness_bayes.touch.reference import receptors_per_distance
 
 DENSITIES = list(ALTERNATIVES["receptor_density"].values())
 CENTRES = {

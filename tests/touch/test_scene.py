@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 
+from oracles.reference import SimulatedRate, reference_response
 from softness_bayes.errors import InputError, NumericalError, SoftnessError
 from softness_bayes.touch.contact import Finger, Force, Indentation
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import Readings
-from softness_bayes.touch.reference import SimulatedRate, reference_response
 from softness_bayes.touch.scene import Discretisation, Scene
 from softness_bayes.touch.stress import HERTZ
 from softness_bayes.touch.stress_table import StressTable

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from oracles.reference import reference_response
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.contact import Finger, FingerBox, Fingertips, Force, Indentation, Load, Loads, held
 from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.profiles import touch_profiles
 from softness_bayes.touch.readings import ALTERNATIVES, NAMED_READINGS, Readings
-from softness_bayes.touch.reference import reference_response, touch_profiles
 from softness_bayes.touch.scene import Discretisation, Scene
 from softness_bayes.touch.stress import ATTENUATED, Pressure, stress
 from softness_bayes.touch.stress_fields import StressFields

@@ -1,4 +1,4 @@
-"""Touches without tables: responses by slow adaptive integration, the reference of the fast scene, and profiles.
+"""Response of one parameter vector by slow adaptive integration: the reference for the fast scene.
 
 There are no tables and no integration by parts. Over the distance rho from the contact's axis, with w the number of
 receptors of the pad per unit distance,
@@ -15,15 +15,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.integrate import tanhsinh
 from scipy.optimize import brentq
 
 from softness_bayes.errors import InputError, NumericalError
-from softness_bayes.touch.contact import Contact, Finger, Fingertips, solve_contact
+from softness_bayes.touch.contact import Contact, Finger, solve_contact
 from softness_bayes.touch.neuron.membrane import Channels, Membrane
 from softness_bayes.touch.neuron.rate import firing_rate, rheobase
 from softness_bayes.touch.neuron.rate_curve import RateCurve
@@ -38,9 +37,6 @@ Indices = NDArray[np.intp]
 INTERVAL_RTOL = 1e-7
 """Smallest tolerance of mean intervals. Near the onset of firing they diverge like an inverse square root, so that
 rounding errors of 1e-15 in the stress cause errors of about the square root of that."""
-
-ARC_NODES = 40
-"""Gauss nodes of an arc, which spans at most a quarter of the circle."""
 
 
 @dataclass(frozen=True)
@@ -191,63 +187,3 @@ def receptors_per_distance(rho: Array, finger: Finger, density: Density) -> Arra
     angle = middle[inside][:, None] + half[inside][:, None] * node
     arcs = half[inside] * (density.at(x + rho[circle][:, None] * np.cos(angle)) @ weight)
     return rho * np.bincount(circle, arcs, rho.size)
-
-
-DRAWS_AT_ONCE = 8
-"""Number of draws with simultaneous integration of the stress; more do not fit into the cache."""
-
-
-class Profiles(NamedTuple):
-    """A touch along the distance from its axis, every field of shape (draws, conditions, distances)."""
-
-    pressure: Array
-    """Pressure between fabric and skin [Pa]; 0 outside the contact."""
-    stress: Array
-    """Compressive stress at the receptors' depth [Pa]."""
-    rate: Array
-    """Firing rate of a receptor there [Hz]."""
-
-
-def touch_profiles(
-    scene: Scene, parameters: TouchParameters, distance: ArrayLike, modulus: Array | None = None
-) -> Profiles:
-    """Evaluate every condition of a scene along a line outwards from the contact's axis.
-
-    Parameters
-    ----------
-    scene
-        The scene; its readings, finger and rate curves are used, its tables are not.
-    parameters
-        A batch of parameter vectors, shape (draws,).
-    distance
-        Distances from the axis [m], shape (distances,).
-    modulus
-        E_fab [Pa] of each fabric, shape (draws, fabrics); by default that of the scene.
-
-    Raises
-    ------
-    InputError
-        If a parameter is outside the range accepted by the forward model.
-    """
-    r, contact = np.asarray(distance, float), scene.contact(parameters, modulus)
-    parameters = TouchParameters(*np.broadcast_arrays(*parameters))
-    shares = np.array_split(np.arange(len(contact.radius)), -(-len(contact.radius) // DRAWS_AT_ONCE))
-    parts = [
-        _profiles(scene, TouchParameters(*(v[some] for v in parameters)), r, *touch)
-        for some in shares
-        for touch in [(contact.reduced_modulus[some, :, None], contact.radius[some, :, None])]
-    ]
-    return Profiles(*(np.concatenate(field) for field in zip(*parts, strict=True)))
-
-
-def _profiles(scene: Scene, parameters: TouchParameters, r: Array, modulus: Array, radius: Array) -> Profiles:
-    readings, finger = scene.readings, scene.fingertip(parameters)
-    if isinstance(finger, Fingertips):
-        finger = finger._replace(radius=finger.radius[..., None], receptor_depth=finger.receptor_depth[..., None])
-    pressure = readings.pressure(r, modulus, radius, finger)
-    felt = stress(r, modulus, radius, finger, readings.pressure, readings.stress_kernel, readings.stress_component)
-    alpha, beta, sigma_0 = (v[:, None, None] for v in (parameters.alpha, parameters.beta, parameters.sigma_0))
-    current = receptor_current(felt, alpha, beta, sigma_0)
-    curve = scene.firing.curves(parameters.channels, parameters.alpha)
-    rate = curve.rate(current.reshape(len(current), -1)).reshape(current.shape)
-    return Profiles(pressure, felt, rate)
