@@ -59,20 +59,6 @@ def test_usual_values_are_medians_and_what_is_given():
     assert given == usual | {"b": 80.0, "omega": 0.2, "c_K": 1.2, "tau": 0.0}
 
 
-def test_usual_values_of_another_set_and_reading():
-    displacement = MENDED.override({"skin_displacement": "displacement"})
-    table = {
-        (MENDED, "default"): (100, 2),
-        (MENDED, "in-vivo"): (7.5, 3.9),
-        (displacement, "default"): (100, 707),
-        (displacement, "in-vivo"): (15.8, 630),
-    }
-    for (readings, prior_set), (b, m) in table.items():
-        usual = usual_values(readings, prior_set)
-        assert (usual["b"], usual["m"]) == pytest.approx((b, m))
-    assert usual_values(MENDED, "in-vivo", {"b": 9.0})["b"] == 9.0
-
-
 @pytest.mark.parametrize("given", [{"bee": 1.0}, {"b": 0.0}, {"b": -1.0}, {"m": np.nan}])
 def test_usual_values_refuse(given):
     with pytest.raises(InputError, match=next(iter(given))):
@@ -125,10 +111,6 @@ def test_fabrics_deviate_alike_under_all_loads(values):
     assert_allclose(change[:, 0], change[:, 1], atol=5 * 0.3 * np.sqrt(2 / 2000))
 
 
-def test_the_typical_rating_is_the_centre_of_its_prior(values):
-    assert simulate(3, values, participants=2).truth["mu"] == pytest.approx(np.log(20))
-
-
 def test_gaps_are_as_many_as_asked_for_and_anywhere(values):
     n, share = 500, 0.2
     simulation = simulate(4, values, participants=n, missing=share)
@@ -150,10 +132,6 @@ def test_equal_seeds_equal_ratings(values):
     assert_array_equal(one.participant_effect, same.participant_effect)
     assert one.ratings.rating.tolist() != other.ratings.rating.tolist()
     assert_array_equal(one.total_rate, other.total_rate)
-
-
-def test_names_sort_as_they_are_counted(values):
-    assert simulate(7, values, participants=10).ratings.participants[::9] == ("P01", "P10")
 
 
 @pytest.mark.parametrize("wrong", [{"participants": 0}, {"missing": 1.0}, {"missing": -0.1}, {"missing": np.nan}])

@@ -109,28 +109,6 @@ def test_where_the_prior_hardly_fires_starts_are_of_a_wider_one():
     np.testing.assert_array_equal(*(posterior.draw_start(np.random.default_rng(9), 8) for _ in range(2)), strict=True)
 
 
-def test_where_too_few_conditions_can_fire_those_that_fire_at_all_are_taken():
-    class OneFires(FakeScene):
-        """The stiffest fabric under the firmest load alone is ever heard."""
-
-        def total_rate(self, parameters):
-            rate = super().total_rate(parameters)
-            return np.where(np.arange(rate.shape[-1]) == rate.shape[-1] - 1, rate, 0.0)
-
-    posterior = fake_posterior(scene=OneFires())
-    z = posterior.draw_start(np.random.default_rng(4), 16)
-    fires = (posterior.mean_rate(posterior.natural(z)) > 0).any(axis=-1)
-    assert fires.all()
-
-
 def test_a_posterior_travels_to_a_worker(posterior):
     z = posterior.draw_start(np.random.default_rng(5), 4)
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(posterior))(z), posterior(z))
-
-
-def test_held_parameters_of_the_chain_need_no_batch():
-    chain = {"b": 100.0, "m": 2.0, "alpha": 21.0, "beta": 0.6, "sigma_0": 5.0}
-    posterior = fake_posterior(fix=chain)
-    z = posterior.draw_start(np.random.default_rng(6), 5)
-    assert posterior(z).shape == (5,)
-    assert posterior.names == ("gamma", "tau", "varsigma")

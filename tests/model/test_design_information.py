@@ -11,7 +11,7 @@ from softness_bayes.checking.sensitivity import prior_moments
 from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.error_laws import NORMAL
-from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, PAIRS, RANKS, STANDARDISED
+from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, PAIRS, RANKS
 from softness_bayes.model.build import COARSE, build
 from softness_bayes.model.design_information import as_it_is, foresee, others
 from softness_bayes.model.options import ModelOptions
@@ -82,20 +82,6 @@ def test_pairs_have_the_width_of_the_closed_form():
     assert_allclose(found.ratio[0, 0], 1.0 / np.sqrt(1.0 + (0.8 * 0.02) ** 2 * information), rtol=5e-3)
 
 
-@pytest.mark.parametrize("scale", [RANKS, PAIRS])
-def test_more_comparisons_tell_more(scale):
-    table = experiment().ratings
-    lists = None if scale is RANKS else table.participant * 6 + table.load * 3 + table.fabric // 2
-    model = built(data=experiment()._replace(ratings=replace(table, lists=lists)), scale=scale)
-    now = foresee(model, as_it_is(model))
-    assert {"gamma", "varsigma", "b"} < {*now.names}
-    further = [one.n_answers - as_it_is(model).n_answers for one in others(model)]
-    # a circle of six under another load; with three new fabrics 21 of 36 pairs have a new one, nine answers a circle
-    assert further == ([72, 72, 36, 36, 36, 36] if scale is RANKS else [36, 36, 36, 36, 63, 63])
-    for planned in others(model):
-        assert np.median(foresee(model, planned).bits - now.bits) > 0
-
-
 def test_more_ratings_tell_more(model):
     now = foresee(model, as_it_is(model))
     assert (now.bits > 0).all()
@@ -128,22 +114,6 @@ def test_forces_of_a_plate_tell_of_the_skin(model, rng):
         before, after = (one.ratio[:, one.names.index(name)] for one in (now, then))
         assert np.median(after) < 0.8 * np.median(before)
     assert np.median(then.ratio[:, then.names.index("tau_b")]) < 0.9
-
-
-def test_coarser_numbers_tell_less():
-    rating = np.round(np.exp(np.random.default_rng(2).normal(1.5, 0.8, (6, 6, 2))) + 0.5)
-    fine, coarse = (built(data=experiment(rating), errors=NORMAL, resolution=step) for step in (0.0, 1.0))
-    assert coarse.interpretation.intervals.exact is False
-    one, two = (foresee(model, as_it_is(model)) for model in (fine, coarse))
-    assert np.median(two.bits[:, None]) < np.median(one.bits)
-
-
-def test_standardised_ratings_are_foreseen(rng):
-    model = built(data=experiment(rng.normal(size=(6, 6, 2))), scale=STANDARDISED)
-    found = foresee(model, as_it_is(model))
-    ratio = dict(zip(found.names, np.median(found.ratio, axis=0), strict=True))
-    assert ratio["varsigma"] < 0.3
-    assert ratio["b"] < 1.1
 
 
 def test_turning_points_are_foreseen_where_there_are_any(model):

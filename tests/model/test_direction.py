@@ -13,12 +13,10 @@ from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.likelihood.error_laws import NORMAL
-from softness_bayes.likelihood.scales import STANDARDISED
 from softness_bayes.model.build import build, choose_direction
-from softness_bayes.model.direction import LEVEL, condition_means, find_trend, mean_correlation, odd_raters
+from softness_bayes.model.direction import LEVEL, condition_means, find_trend, odd_raters
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.touch.contact import Indentation
-from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation
 
 
@@ -71,18 +69,6 @@ def test_means_of_equal_weights_are_those_of_the_fit_and_of_others_the_means_at_
         assert_allclose(means, expected)
 
 
-@pytest.mark.parametrize("ratings", [[0.25, 101.75, 203.25, 304.75, 406.25], [0.3, 0.1, 0.7, 0.2, 0.9]])
-def test_means_where_nobody_rated_two_conditions_are_finite(ratings):
-    """A rater's only rating says nothing of conditions: all means are equal, not a singular matrix."""
-    layout = Layout(Design([0, 1, 2, 3, 4], [0, 1, 2, 3, 4], [0, 1, 2, 3, 4], 5), np.geomspace(1e3, 1e6, 5), [0] * 5)
-    weights = np.vstack([np.ones(5), np.where(np.eye(5), 1e-9, 1.0)])
-    found = condition_means(layout, np.array(ratings), weights)
-    assert_allclose(found, np.log(ratings).mean(), atol=1e-12)
-    two = Layout(Design([0, 1, 2, 3, 4, 4], [0, 1, 2, 3, 3, 4], [0, 1, 2, 3, 4], 5), layout.modulus, layout.load)
-    found = condition_means(two, np.array([*ratings, 8.0]), np.where(np.arange(5) == 3, 1e-9, 1.0)[None])
-    assert np.isfinite(found).all()
-
-
 def test_gaps_do_not_bend_the_means(rng):
     """The softest fabric is rated by those who give small numbers alone: plain means would have ratings rise."""
     layout = layout_of(6, np.geomspace(1e3, 1e6, 6))
@@ -130,13 +116,6 @@ def test_chance_is_called_a_trend_as_often_as_it_may(rng, fabrics, participants)
     assert np.mean(np.abs(signs)) < LEVEL + 3 * np.sqrt(LEVEL * (1 - LEVEL) / 100)
 
 
-@pytest.mark.parametrize("slope", [-0.25, 0.25])
-@pytest.mark.parametrize(("fabrics", "participants"), [(8, 12), (3, 12), (8, 1)])
-def test_a_clear_trend_is_told(rng, fabrics, participants, slope):
-    layout = layout_of(participants, np.geomspace(1e3, 1e6, fabrics), 2)
-    assert find_trend(layout, ratings_of(rng, layout, slope)).sign == np.sign(slope)
-
-
 def test_fabrics_that_differ_for_another_reason_are_no_trend(rng):
     """However many participants agree on them: what is by chance is the order of the fabrics."""
     layout = layout_of(40, np.geomspace(1e3, 1e6, 6), 2)
@@ -154,45 +133,6 @@ def test_the_interval_holds_what_other_participants_would_say(rng):
     low, value, high = np.array(truth).T
     # correlations of estimates lie below that of the truth, 1; their own mean is what intervals are about
     assert 0.75 < np.mean((low <= np.median(value)) & (np.median(value) <= high)) <= 1.0
-
-
-def test_nothing_to_correlate(rng):
-    for layout in (layout_of(5, [2e4]), layout_of(5, [2e4, 2e4, 2e4])):
-        found = find_trend(layout, ratings_of(rng, layout, 0.0))
-        assert np.isnan(found.mean.value)
-        assert (found.sign, found.p_value) == (0, 1.0)
-    layout = layout_of(5, np.geomspace(1e3, 1e6, 6), 2)
-    found = find_trend(layout, np.full(60, 7.0))
-    assert np.isnan(found.mean.value)
-    assert found.sign == 0
-
-
-def test_participants_of_one_condition_each_say_nothing(rng):
-    layout = layout_of(3, np.geomspace(1e3, 1e6, 3), keep=[0, 4, 8])
-    found = find_trend(layout, ratings_of(rng, layout, 1.0))
-    assert (found.sign, found.p_value) == (0, 1.0)
-
-
-def test_one_participant_has_no_interval(rng):
-    layout = layout_of(1, np.geomspace(1e3, 1e6, 6))
-    found = find_trend(layout, ratings_of(rng, layout, -0.4))
-    assert np.isnan([found.mean.low, found.mean.high]).all()
-    assert found.sign == -1
-
-
-def test_ties_share_their_rank():
-    layout = layout_of(2, [1e3, 1e4, 1e4, 1e5, 1e6, 1e6])
-    log = np.tile([1.0, 2.0, 2.0, 2.0, 2.0, 0.0], 2)
-    expected = spearmanr([0, 1, 1, 2, 3, 3], log[:6]).statistic
-    assert find_trend(layout, np.exp(log)).mean.value == pytest.approx(expected)
-
-
-def test_a_silent_response_has_no_order():
-    layout = layout_of(2, np.geomspace(1e3, 1e6, 4))
-    found = mean_correlation(layout, np.array([[0, 0, 0, 0], [0, 0, 1, 2.0], [3, 2, 1, 0.0]]))
-    assert np.isnan(found[0])
-    assert found[1] == pytest.approx(spearmanr(range(4), [0, 0, 1, 2]).statistic)
-    assert found[2] == pytest.approx(-1.0)
 
 
 def test_a_rater_against_all_others_is_named_and_no_other(rng):
@@ -293,21 +233,3 @@ def test_beyond_the_turn_falling_ratings_rise_with_firing(rng):
     assert found.evidence.trend.sign == -1
     assert found.evidence.firing < 0.1
     assert found.direction == RISES
-
-
-def test_under_a_model_without_a_turn_they_do_not(rng):
-    stiff = np.geomspace(1e6, 2e7, 6)
-    hertz = ModelOptions(readings=MENDED.override({"pressure": "hertz"}))
-    found = choose_direction(table(rng, -0.4, stiff, depth=3e-3), hertz)
-    assert found.evidence.firing > 0.9
-    assert found.direction == FALLS
-
-
-def test_standardised_ratings_too(rng):
-    experiment = table(rng, -0.4)
-    log = np.log(experiment.ratings.rating)
-    scaled = experiment.ratings.__class__(
-        **{**experiment.ratings.__dict__, "rating": (log - log.mean()) / log.std()},
-    )
-    found = choose_direction(experiment._replace(ratings=scaled), ModelOptions(scale=STANDARDISED))
-    assert found.direction == FALLS

@@ -4,7 +4,6 @@ The oracle of the last is quadrature over moduli, mean and participants, with a 
 """
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -127,18 +126,6 @@ def test_a_scene_answers_for_other_moduli_as_one_that_is_compiled_for_them():
     assert (scene.error(touch_parameters(values), moduli) < 1e-4).all()
 
 
-def test_some_conditions_of_a_scene_keep_their_fabrics():
-    values = usual_values(MENDED)
-    scene = scene_of(fabrics(), LOADS, values, MENDED, discretisation=FINE)
-    moduli = np.array([[60.0, 150.0, 420.0]]) * KPA
-    some = scene.take([4, 2])
-    assert_allclose(
-        some.total_rate(touch_parameters(values), moduli),
-        scene.total_rate(touch_parameters(values), moduli)[:, [4, 2]],
-        rtol=1e-12,
-    )
-
-
 # the posterior
 
 
@@ -219,32 +206,3 @@ def test_fabrics_that_are_known_alike_are_exchangeable():
     theta = one.space.draw_prior(np.random.default_rng(2), 12)
     assert_allclose(other.log_likelihood(theta[:, [0, 2, 1, 3]]), one.log_likelihood(theta), rtol=0, atol=1e-9)
     assert np.abs(other.log_likelihood(theta) - one.log_likelihood(theta)).max() > 1e-3
-
-
-def test_moduli_stand_last_and_survive_the_way_to_a_worker():
-    import pickle
-
-    cloth = fabrics(effective_modulus_cv=np.array([0.1, np.nan, 0.2]))
-    posterior = build(
-        Experiment(made(cloth), cloth, ()), ModelOptions(fix=held("gamma"), discretisation=FINE)
-    ).posterior
-    space = posterior.space
-    assert space.names == ("gamma", "fabric_modulus[a]", "fabric_modulus[c]")
-    assert [p.name for p in space.chain] == ["gamma"]
-    theta = np.array([[1.0, 50.0, 480.0]])
-    assert_allclose(space.modulus(theta), [[50e3, 160e3, 480e3]])
-    assert_allclose(space.natural(space.coordinates(theta)), theta, rtol=1e-12)
-    again = pickle.loads(pickle.dumps(space))
-    assert again.moduli == space.moduli
-    assert again.names == space.names
-
-
-def test_stress_fields_cover_what_the_laws_allow():
-    cloth = fabrics(effective_modulus_cv=np.array([0.5, np.nan, 0.5]))
-    found = fabric_moduli(cloth, PRINTED_RIGIDITY)
-    low, high = found.extent
-    assert low < 40e3 / 5 < 500e3 * 5 < high
-    drawn = np.concatenate([law.draw(np.random.default_rng(0), 2000) for law in found.laws if law is not None]) * KPA
-    assert low <= drawn.min()
-    assert drawn.max() <= high
-    assert all(one < other for one, other in pairwise([low, 40e3, 160e3, 500e3, high]))

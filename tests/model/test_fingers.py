@@ -4,16 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from oracles.reference import reference_response
 from softness_bayes import Compression, read_experiment
 from softness_bayes.errors import InputError
 from softness_bayes.model.build import build, forces_of
-from softness_bayes.model.fingers import FINGER_VALUES, finger_of, require_finger, values_of
+from softness_bayes.model.fingers import finger_of, require_finger, values_of
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
 from softness_bayes.touch.contact import Finger
 from softness_bayes.touch.scene import Discretisation
@@ -31,15 +28,6 @@ def test_values_make_the_finger_they_name_and_no_others_change_it():
     assert values_of(SMALLER) == SMALL
 
 
-@given(st.dictionaries(st.sampled_from(["radius_mm", "receptor_depth_mm", "poisson_ratio"]), st.floats(0.3, 0.49)))
-def test_values_survive_the_way_through_a_finger(values):
-    written = {name: float(f"{value + (name == 'radius_mm'):.6g}") for name, value in values.items()}
-    finger = finger_of(written)
-    assert finger_of(values_of(finger)) == finger
-    usual = {"radius_mm": 8.0, "receptor_depth_mm": 0.7, "poisson_ratio": 0.48}
-    assert {**usual, **values_of(finger)} == {**usual, **written}
-
-
 @pytest.mark.parametrize(
     ("values", "said"),
     [
@@ -54,15 +42,6 @@ def test_values_survive_the_way_through_a_finger(values):
 def test_what_is_no_finger_is_refused(values, said):
     with pytest.raises(InputError, match=said):
         require_finger(values)
-
-
-def test_every_end_of_a_range_is_a_finger():
-    wide, corner = {"pad_length_mm": 200.0, "pad_width_mm": 200.0}, {"contact_x_mm": 0.0, "contact_y_mm": 0.0}
-    for name, value in FINGER_VALUES.items():
-        for end in (value.range.low, value.range.high):
-            given = {**(corner if name.startswith("pad") else wide), name: end}
-            require_finger(given)
-            assert values_of(finger_of(given)) == given
 
 
 def test_the_response_is_that_of_the_finger(tmp_path):
@@ -88,11 +67,6 @@ def test_a_plate_presses_the_same_finger():
     np.testing.assert_allclose(lines[0].offset - lines[1].offset, np.log(2.0))
 
 
-def test_a_run_with_another_finger_is_another_run():
-    assert "finger" not in Request().choices()
-    assert "radius_mm=7.5" in Request().with_options(finger=SMALLER).choices()["finger"]
-
-
 def test_the_finger_goes_from_the_command_line_into_the_result_and_its_page(tmp_path, brief_pilot, few_pictures):
     few_ratings(tmp_path)
     held = [part for name, value in HELD.items() for part in ("--fix", f"{name}={value}")]
@@ -114,12 +88,3 @@ def test_the_finger_goes_from_the_command_line_into_the_result_and_its_page(tmp_
     assert not np.allclose(*rates, rtol=0.01)
     peak = [result.predict(result.fabrics, result.loads)["peak_stress_kpa"].to_numpy() for result in results]
     assert (peak[1] > peak[0]).all()  # shallower receptors feel more
-
-
-def test_bad_fingers_end_with_exit_code_2(tmp_path):
-    few_ratings(tmp_path)
-    for value, said in (("depth=1", "no value 'depth'"), ("radius_mm=-1", "radius_mm"), ("radius_mm", "NAME=VALUE")):
-        done = call("sample", "--data", tmp_path / "ratings.csv", "--finger", value, "--out", tmp_path / "out")
-        assert done.returncode == 2
-        assert said in done.stderr
-    assert not (tmp_path / "out").exists()

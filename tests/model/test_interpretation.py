@@ -17,8 +17,8 @@ from softness_bayes.model.interpretation import interpret, stated, stated_on_sli
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_ratings
-from softness_bayes.parameters.laws import HalfNormal, Signed
-from softness_bayes.parameters.priors import parse_prior
+from softness_bayes.parameters.declared import PARAMETERS
+from softness_bayes.parameters.laws import HalfNormal
 from softness_bayes.readable import counted
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import MENDED
@@ -88,14 +88,6 @@ def test_a_column_goes_before_an_option_and_an_option_before_what_is_found():
     assert_allclose(stated(ratings_of(table, own), 0.25).step, [0.5, 0.25, 0.5, 0.5, 0, 0, 0, 0])
 
 
-def test_numbers_are_put_on_the_grid_they_came_from():
-    said = stated(ratings_of([[0.0, 1, 2, 5], [0.5, 1.5, 3.0, 7.5]]))
-    low, high = said.ends(said.values)
-    rng = np.random.default_rng(2)
-    numbers = low + (high - low) * rng.uniform(1e-6, 1 - 1e-6, (50, 8))
-    assert_allclose(said.rounded(numbers), np.tile(said.values, (50, 1)))
-
-
 QUICK = ModelOptions(
     fix={"c_Na": 1.05, "c_K": 1.16, "c_L": 1.0, "c_A": 1.5}, discretisation=Discretisation(6, 6.0, 1e-3)
 )
@@ -109,16 +101,6 @@ def simulated(seed=1, participants=12, **options):
     rng, mu = np.random.default_rng(seed), options.pop("mu", 1.5)
     made = simulate_ratings(rng, CLOTH, LOADS, values, participants=participants, mu=mu, **options)
     return Experiment(made.ratings, CLOTH, ()), made
-
-
-def test_exact_simulated_numbers_keep_the_closed_form():
-    experiment, _ = simulated()
-    model = build(experiment, QUICK)
-    assert type(model.posterior.observation).__name__ == "LogRatings"
-    assert model.interpretation.note == "ratings: treated as exact numbers"
-    assert (model.options.errors, "errors" in model.options.decided) == (NORMAL, True)
-    assert ModelOptions.from_record(model.options.record()) == model.options
-    assert "omega" in model.posterior.space.held
 
 
 def test_whole_numbers_are_intervals_and_zeros_are_kept():
@@ -139,17 +121,6 @@ def test_whole_numbers_are_intervals_and_zeros_are_kept():
     exact = build(experiment, replace(QUICK, resolution=0.0))
     assert exact.posterior.observation.ends is not None  # zeros have no exact number
     assert model.posterior.names == exact.posterior.names
-
-
-@pytest.mark.parametrize(("errors", "extra"), [(NORMAL, ()), (STUDENT, ("nu",)), (LAPSES, ("lapse",))])
-def test_laws_have_their_parameters(errors, extra):
-    experiment, made = simulated(errors=errors)
-    model = build(experiment, replace(QUICK, errors=errors))
-    assert tuple(n for n in model.posterior.names if n in ("nu", "lapse")) == extra
-    assert tuple(n for n in made.truth if n in ("nu", "lapse")) == extra
-    assert model.interpretation.errors_note == f"errors: {errors.meaning}, as asked"
-    again = ModelOptions.from_record(model.options.record())
-    assert again.errors is errors
 
 
 def test_the_table_decides_between_normal_and_heavy_tails():
@@ -253,17 +224,6 @@ def test_a_free_direction_is_half_of_each():
         build(experiment, replace(QUICK, direction=FREE, scale=STANDARDISED))
 
 
-def test_signed_laws():
-    law = parse_prior("±lognormal(1,0.3)")
-    assert law == Signed(parse_prior("lognormal(1,0.3)"))
-    assert parse_prior(str(law)) == law
-    p = np.array([0.01, 0.3, 0.5001, 0.77, 0.999])
-    assert_allclose(law.cumulative(law.quantile(p)), p, rtol=1e-9)
-    x = np.linspace(-6.0, 6.0, 40001)
-    assert_allclose(np.exp(law.log_density(x)).sum() * (x[1] - x[0]), 1.0, rtol=1e-6)
-    assert law.log_density(0.0) == -np.inf
-
-
 def test_places_on_a_slider():
     ratings = ratings_of([[0.0, 12.5, 50.0, 100.0], [3.25, 41.71, 77.3, 96.12]], [1.0] * 4 + [0.0] * 4)
     said = stated_on_slider(ratings, (0.0, 100.0))
@@ -279,69 +239,9 @@ def test_places_on_a_slider():
     assert_allclose(touched.most, [0.517] * 4 + [1.0] * 4)
 
 
-def test_a_slider_is_simulated_and_fitted():
-    experiment, made = simulated(scale=SLIDER, resolution=0.05)
-    assert (experiment.ratings.rating <= 1).all()
-    model = build(experiment, replace(QUICK, scale=SLIDER))
-    assert made.truth["mu"] == 1.5
-    assert "at the slider's lower end" in model.interpretation.note
-    theta = model.posterior.space.draw_prior(np.random.default_rng(1), 10)
-    assert np.isfinite(model.posterior.log_likelihood(theta)).all()
-    percent = replace(experiment.ratings, rating=100.0 * experiment.ratings.rating)
-    other = build(experiment._replace(ratings=percent), replace(QUICK, scale=SLIDER, slider_ends=(0.0, 100.0)))
-    assert_allclose(other.posterior.log_likelihood(theta), model.posterior.log_likelihood(theta), rtol=1e-9)
-    assert ModelOptions.from_record(other.options.record()) == other.options
-    with pytest.raises(InputError, match="slider: ends are given for magnitude ratings"):
-        build(experiment, replace(QUICK, slider_ends=(0.0, 10.0)))
-
-
-def test_categories_are_simulated_and_fitted():
-    experiment, made = simulated(scale=CATEGORIES, categories=5)
-    assert set(np.unique(experiment.ratings.rating)) <= {1.0, 2.0, 3.0, 4.0, 5.0}
-    assert {name for name in made.truth if name.startswith("gap_")} == {"gap_2", "gap_3", "gap_4"}
-    options = replace(QUICK, scale=CATEGORIES, n_categories=5)
-    model = build(experiment, options)
-    assert tuple(n for n in model.posterior.names if n.startswith("gap_")) == ("gap_2", "gap_3", "gap_4")
-    assert model.interpretation.note == "ratings: 5 ordered categories"
-    theta = model.posterior.space.draw_prior(np.random.default_rng(1), 10)
-    value = model.posterior.log_likelihood(theta)
-    assert np.isfinite(value).all()
-    assert (value < 0).all()
-    assert ModelOptions.from_record(model.options.record()) == model.options
-    wrong = replace(experiment.ratings, rating=experiment.ratings.rating - 1)
-    with pytest.raises(InputError, match="expected the number of a category, 1 to 5, got 0"):
-        build(experiment._replace(ratings=wrong), options)
-    with pytest.raises(InputError, match="categories: 5 are given for magnitude ratings"):
-        build(experiment, replace(options, scale=MAGNITUDE))
-    with pytest.raises(InputError, match="simulate: 5 categories, expected none for magnitude ratings"):
-        simulated(categories=5)
-
-
 def ranked(**options):
     usual = usual_values(MENDED, given={"b": 20.0, "sigma_0": 5.0, "gamma": 0.8, "varsigma": 0.3})
     return simulate_ratings(np.random.default_rng(4), CLOTH, LOADS, usual, participants=8, scale=RANKS, **options)
-
-
-def test_orders_are_simulated_and_fitted():
-    made = ranked(missing=0.1, direction=FALLS)
-    assert {"tau", "mu", "omega"}.isdisjoint(made.truth)
-    assert set(made.ratings.rating) <= {1.0, 2.0, 3.0, 4.0, 5.0, 6.0}
-    built = build(Experiment(made.ratings, CLOTH, ()), replace(QUICK, scale=RANKS))
-    observed = built.posterior.observation
-    assert observed.model.direction is FALLS  # of the data
-    assert {"tau", "omega"}.isdisjoint(built.posterior.space.names)
-    assert np.unique(observed.lists).size == 16
-    assert "places in 16 lists of" in built.interpretation.note
-    values = observed.values[observed.lists == 0]
-    assert values.min() == 0.0
-    assert values.max() == 1.0
-
-
-def test_lists_may_be_named():
-    made = ranked().ratings
-    named = replace(made, lists=made.participant)
-    said = interpret(named, replace(QUICK, scale=RANKS)).intervals
-    assert (said.lists == made.participant).all()
 
 
 @pytest.mark.parametrize(
@@ -358,35 +258,52 @@ def test_what_is_no_order_is_refused(change, message):
         interpret(replace(ranked().ratings, **change), replace(QUICK, scale=RANKS))
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"errors": STUDENT}, "ranks have no --errors"),
-        ({"n_categories": 5}, "ranks have no --categories"),
-        ({"slider_ends": (0.0, 9.0)}, "ranks have no --slider"),
-    ],
-)
-def test_orders_have_no_options_of_numbers(options, message):
-    with pytest.raises(InputError, match=message):
-        interpret(ranked().ratings, replace(QUICK, scale=RANKS, **options))
+SCALES = {
+    SLIDER: ({"resolution": 0.05}, {}, "at the slider's lower end"),
+    CATEGORIES: ({"categories": 5}, {"n_categories": 5}, "5 ordered categories"),
+    RANKS: ({"direction": FALLS, "missing": 0.1, "mu": None}, {}, "places in 24 lists of"),
+    PAIRS: ({"errors": LAPSES, "missing": 0.1, "mu": None}, {"errors": LAPSES}, "answers to"),
+}
+"""How ratings on each scale are simulated and fitted, and what is said of them."""
 
 
-def test_pairs_are_simulated_and_fitted():
-    usual = usual_values(MENDED, given={"b": 20.0, "sigma_0": 5.0, "gamma": 0.8, "varsigma": 0.3, "lapse": 0.05})
-    made = simulate_ratings(
-        np.random.default_rng(4), CLOTH, LOADS, usual, participants=8, scale=PAIRS, errors=LAPSES, missing=0.1
-    )
-    assert set(made.ratings.rating) == {0.0, 1.0}
-    assert (np.bincount(made.ratings.lists) == 2).all()
-    assert {"tau", "mu", "omega"}.isdisjoint(made.truth)
-    built = build(Experiment(made.ratings, CLOTH, ()), replace(QUICK, scale=PAIRS, errors=LAPSES))
-    assert built.posterior.names == ("b", "m", "alpha", "beta", "sigma_0", "gamma", "varsigma", "eps", "lapse")
-    assert "answers to" in built.interpretation.note
-    assert interpret(made.ratings, replace(QUICK, scale=PAIRS)).law is NORMAL
-    with pytest.raises(InputError, match="pairs have no --errors"):
-        interpret(made.ratings, replace(QUICK, scale=PAIRS, errors=STUDENT))
-    with pytest.raises(InputError, match="a list holds 6 touches, expected pairs"):
-        interpret(ranked().ratings, replace(QUICK, scale=PAIRS))
-    lines = np.repeat(np.arange(2, 2 + len(made.ratings) // 2), 2)
-    with pytest.raises(InputError, match="which are pairs, not magnitude ratings; add --ratings pairs"):
-        interpret(replace(made.ratings, rows=lines), QUICK)
+@pytest.mark.parametrize("scale", SCALES, ids=lambda scale: scale.name)
+def test_every_scale_is_simulated_and_fitted(scale):
+    how, chosen, note = SCALES[scale]
+    experiment, made = simulated(scale=scale, **how)
+    model = build(experiment, replace(QUICK, scale=scale, **chosen))
+    assert note in model.interpretation.note
+    theta = model.posterior.space.draw_prior(np.random.default_rng(1), 10)
+    assert np.isfinite(model.posterior.log_likelihood(theta)).all()
+    assert ModelOptions.from_record(model.options.record()) == model.options
+    names = {*model.posterior.names, *model.posterior.space.held, "mu"}
+    assert {name for name in made.truth if name not in PARAMETERS} <= names
+    assert {name for name in names if name.startswith("gap_")} == {name for name in made.truth if name[:4] == "gap_"}
+
+
+def test_a_slider_in_percent_is_the_same_slider():
+    experiment, _ = simulated(scale=SLIDER, resolution=0.05)
+    one = build(experiment, replace(QUICK, scale=SLIDER)).posterior
+    percent = replace(experiment.ratings, rating=100.0 * experiment.ratings.rating)
+    other = build(experiment._replace(ratings=percent), replace(QUICK, scale=SLIDER, slider_ends=(0.0, 100.0)))
+    theta = one.space.draw_prior(np.random.default_rng(1), 10)
+    assert_allclose(other.posterior.log_likelihood(theta), one.log_likelihood(theta), rtol=1e-9)
+
+
+def test_numbers_that_are_not_of_the_scale_are_refused():
+    fives, pairs = simulated(scale=CATEGORIES, categories=5)[0].ratings, simulated(scale=PAIRS, mu=None)[0].ratings
+    lines = np.repeat(np.arange(2, 2 + len(pairs) // 2), 2)
+    for table, chosen, message in (
+        (
+            replace(fives, rating=fives.rating - 1),
+            {"scale": CATEGORIES, "n_categories": 5},
+            "a category, 1 to 5, got 0",
+        ),
+        (fives, {"n_categories": 5}, "categories: 5 are given for magnitude ratings"),
+        (fives, {"slider_ends": (0.0, 10.0)}, "slider: ends are given for magnitude ratings"),
+        (pairs, {"scale": PAIRS, "errors": STUDENT}, "pairs have no --errors"),
+        (ranked().ratings, {"scale": PAIRS}, "a list holds 6 touches, expected pairs"),
+        (replace(pairs, rows=lines), {}, "which are pairs, not magnitude ratings; add --ratings pairs"),
+    ):
+        with pytest.raises(InputError, match=message):
+            interpret(table, replace(QUICK, **chosen))

@@ -13,7 +13,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.special import logsumexp
 from scipy.stats import norm
 
-from softness_bayes.checking.modulus_errors import scores
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
@@ -23,7 +22,6 @@ from softness_bayes.likelihood.scales import STANDARDISED
 from softness_bayes.likelihood.shared_loads import SharedLoads
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.model.prediction import drive_slope, rates_of_other_moduli
 from softness_bayes.model.scenes import at_other_loads, scaled, scene_of, touch_parameters, usual_values
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.parameters.declared import PARAMETERS
@@ -88,26 +86,6 @@ def test_touches_and_the_loads_beside_them():
             assert touched.loads[touched.load[k]] == scaled(stated, float(np.exp((side - 1) * NODE * sd)))
     with pytest.raises(InputError, match="0 or above"):
         LoadErrors.of(posterior.observation.design, -log_sd)
-
-
-@pytest.mark.parametrize("load_cv", [-0.1, 0.31, np.nan])
-def test_impossible_errors_are_refused(load_cv):
-    with pytest.raises(InputError, match="load_cv"):
-        ModelOptions(load_cv=load_cv)
-    if not np.isnan(load_cv):
-        with pytest.raises(InputError, match="load_cv"):
-            replace(made().ratings, load_cv=np.full(24, load_cv))
-    with pytest.raises(InputError, match="load_cv"):
-        made(load_cv=load_cv)
-
-
-def test_z_scores_have_no_errors_of_loads():
-    experiment = made(scale=STANDARDISED)
-    with pytest.raises(InputError, match=r"load_cv.* not modelled for standardised ratings"):
-        build(experiment, ModelOptions(load_cv=0.05, scale=STANDARDISED))
-    with pytest.raises(InputError, match="load_cv"):
-        made(scale=STANDARDISED, load_cv=0.05)
-    build(experiment, ModelOptions(load_cv=0.0, scale=STANDARDISED, discretisation=FINE))
 
 
 # the posterior
@@ -215,20 +193,6 @@ def test_omitted_errors_of_loads_end_up_in_varsigma():
     assert interval(with_cv(experiment, None))[0] > 0.1
 
 
-def test_errors_of_loads_and_of_moduli_go_together():
-    cloth = replace(CLOTH, effective_modulus_cv=np.array([0.1, np.nan, 0.2]))
-    experiment = made()._replace(fabrics=cloth)
-    options = ModelOptions(fix=held("gamma"), discretisation=FINE, load_cv=0.05)
-    posterior = build(experiment, options).posterior
-    theta = posterior.space.draw_prior(np.random.default_rng(0), 5)
-    a, c = theta[0, 1:] * 1e3
-    moved = Fabrics(CLOTH.names, effective_modulus=np.array([a, CLOTH.effective_modulus[1], c]))
-    other = build(experiment._replace(fabrics=moved), options).posterior
-    assert_allclose(posterior.log_likelihood(theta)[0], other.log_likelihood(theta[0, :1]), rtol=1e-4)
-    again = pickle.loads(pickle.dumps(posterior))
-    assert_allclose(again.log_likelihood(theta), posterior.log_likelihood(theta), rtol=1e-12)
-
-
 @pytest.mark.parametrize("loads", [LOADS[:1], pytest.param(LOADS, marks=pytest.mark.slow)], ids=["a depth", "both"])
 def test_the_exact_likelihood_has_the_same_errors(loads):
     """Small errors are nearly normal in the rating; of large ones, the check says how far they are not."""
@@ -241,25 +205,6 @@ def test_the_exact_likelihood_has_the_same_errors(loads):
     assert_allclose(exact_log_likelihood(small, theta), small.log_likelihood(theta), atol=0.02)
     bare = replace(posterior, terms=build(experiment, replace(options, load_cv=None)).posterior.terms, other_loads=None)
     assert np.abs(exact_log_likelihood(bare, theta) - posterior.log_likelihood(theta)).max() > 0.05
-
-
-def test_checks_of_moduli_answer_at_every_load():
-    options = ModelOptions(fix=held("b", "gamma"), discretisation=COARSE, load_cv=0.05)
-    posterior = build(made(), options).posterior
-    theta = posterior.space.draw_prior(np.random.default_rng(3), 3)
-    parameters = posterior.rating_parameters(theta)
-    slope = drive_slope(posterior, theta, rates_of_other_moduli(posterior, theta, 0.01), 0.01)
-    assert slope.shape == (3, posterior.observation.design.n_conditions)
-    signs, rates = np.eye(3), rates_of_other_moduli(posterior, theta, 1e-3)
-    found = scores(posterior.observation, rates, parameters, signs, 1e-3)
-    # by hand: each fabric's modulus moved in a scene compiled for it
-    for k in range(3):
-        sides = []
-        for side in (-1.0, 1.0):
-            moduli = CLOTH.effective_modulus * np.exp(side * 1e-3 * signs[k])
-            moved = made()._replace(fabrics=replace(CLOTH, effective_modulus=moduli))
-            sides.append(build(moved, options).posterior.log_likelihood(theta))
-        assert_allclose(found[:, k], (sides[1] - sides[0]) / 2e-3, rtol=0.05, atol=0.1)
 
 
 # simulated ones
@@ -390,10 +335,3 @@ def test_what_cannot_be_combined_is_refused():
         build(made(), options(shared_load_cv=0.05, individual=("b",)))
     with pytest.raises(InputError, match=r"shared_load_cv.* not modelled for standardised ratings"):
         build(made(scale=STANDARDISED), ModelOptions(shared_load_cv=0.05, scale=STANDARDISED, discretisation=COARSE))
-
-
-def test_the_record_keeps_it():
-    asked = options(shared_load_cv=0.03)
-    assert ModelOptions.from_record(asked.record()).shared_load_cv == 0.03
-    assert asked.choices()["shared_load_cv"] == "0.03"
-    assert "shared_load_cv" not in options().choices()

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.likelihood.directions import FALLS
-from softness_bayes.likelihood.scales import MAGNITUDE, STANDARDISED
+from softness_bayes.likelihood.scales import MAGNITUDE
 from softness_bayes.model import scenes
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
@@ -137,24 +137,6 @@ def test_deviations_of_known_fabrics_are_those_of_the_data_and_of_others_are_dra
     assert (spread[:, RATED] < 0.6 * omega).all()
     strangers = OtherTouches(known.posterior, known.scene, np.full(12, -1))
     assert (np.log(strangers.ratings(rng, theta).typical).std(axis=0) > 0.8 * omega).all()
-
-
-def test_moduli_of_their_own_move_the_response(rng):
-    _, _, experiment = laboratory(rng)
-    other, theta = touches(experiment)
-    plain = other.ratings(rng, theta).rate
-    same = np.tile(CLOTH.effective_modulus, (DRAWS, 1))
-    assert_allclose(other.ratings(rng, theta, modulus=same).rate, plain, rtol=1e-4)
-    assert (other.ratings(rng, theta, modulus=1.3 * same).rate != plain).any()
-
-
-def test_z_scores(rng):
-    whole, _, experiment = laboratory(rng, scale=STANDARDISED)
-    other, theta = touches(experiment, absent=("omega", "eps"), scale=STANDARDISED)
-    found = other.ratings(rng, theta, 6)
-    # the mean of raters scatters by their errors alone: they share one line
-    assert_allclose((found.mean - found.typical).std(), TRUTH["varsigma"] / np.sqrt(6), rtol=0.05)
-    assert 0.85 <= covered(found.new, whole, ~RATED[whole.fabric]) <= 0.95
 
 
 def test_fingers_of_the_raters_own(rng):

@@ -1,9 +1,6 @@
 """The forward model as a table: its columns, units, limits and gaps."""
 
-import io
-
 import numpy as np
-import pandas as pd
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -12,8 +9,6 @@ from softness_bayes.model.prediction import prediction_table
 from softness_bayes.touch.contact import Force, Indentation, solve_contact
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Scene
-from support.command_line import call
-from support.paths import SHARED
 
 QUANTITIES = [
     "indentation_mm",
@@ -97,36 +92,3 @@ def test_draws_give_a_median_between_its_limits(scene, paper, rng):
         assert_allclose(table[f"total_rate_hz{end}"], np.quantile(rate, p, axis=0), rtol=1e-9, atol=1e-9)
     assert (table["e_fab_kpa_low"] == table["e_fab_kpa_high"]).all()
     assert (table["e_skin_kpa_low"] < table["e_skin_kpa_high"]).all()
-
-
-def test_limits_of_a_mean_rate_leave_silent_draws_out(scene, paper):
-    loud, quiet = paper(sigma_0=4e3), paper(sigma_0=1e6)
-    draws = TouchParameters(*(np.array([a, b, a]) for a, b in zip(loud, quiet, strict=True)))
-    table = prediction_table(CLOTH, scene, draws)
-    alone = prediction_table(CLOTH, scene, loud)
-    for end in ("_low", "", "_high"):
-        assert_allclose(table[f"mean_rate_hz{end}"], alone["mean_rate_hz"], rtol=1e-9)
-    assert (table["total_rate_hz_low"] < table["total_rate_hz_high"])[alone["responding"] > 0].all()
-    nothing = prediction_table(CLOTH, scene, TouchParameters(*(np.array([b, b]) for b in quiet)))
-    assert nothing[["mean_rate_hz_low", "mean_rate_hz", "mean_interval_ms_high"]].isna().all(axis=None)
-    assert (nothing["total_rate_hz"] == 0).all()
-
-
-def test_618_real_fabrics_after_renaming_two_columns():
-    path = SHARED / "data" / "fabric_bending_618_drapetester.csv"
-    if not path.is_file():
-        pytest.skip("the measured fabrics lie beside the project only")
-    columns = ["--column", "fabric=fabric_id", "--column", "bending_rigidity_n_m=bending_warp_N_m"]
-    done = call("predict", "--fabrics", path, *columns, "--indentation-mm", "3")
-    assert done.returncode == 0, done.stderr
-    table, source = pd.read_csv(io.StringIO(done.stdout)), pd.read_csv(path)
-    assert list(table) == ["fabric", *QUANTITIES, "readings"]
-    assert (table["readings"] == "mended").all()
-    assert table["fabric"].tolist() == source["fabric_id"].tolist()
-    assert len(table) == 618
-    # E_fab = D / (1 mm)^3
-    assert_allclose(table["e_fab_kpa"], source["bending_warp_N_m"] * 1e9 / 1e3, rtol=1e-9)
-    # stiffer cloth, higher force, throughout
-    ordered = table.sort_values("e_fab_kpa")
-    assert (np.diff(ordered["force_n"]) >= 0).all()
-    assert (ordered["total_rate_hz"] >= 0).all()

@@ -11,12 +11,10 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.reach import DEEP, reach, reach_of, reach_of_priors, wide_contacts
 from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
 from softness_bayes.model.simulation import simulate_ratings
-from softness_bayes.parameters.laws import Normal, Uniform
 from softness_bayes.readable import percent
 from softness_bayes.touch.contact import Finger, Force, Indentation
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.readings import MENDED
-from support.command_line import call
 
 SOFT = Fabrics(tuple(f"cloth {k}" for k in range(30)), effective_modulus=np.geomspace(300.0, 2.6e5, 30))
 
@@ -67,29 +65,6 @@ def test_stiff_cloth_gets_no_note():
     assert reach_of(rated, ModelOptions()) == ""
     # the run's own skin decides
     assert reach_of(rated, ModelOptions(fix={"sigma_0": 1e3}))
-
-
-def test_a_sampled_finger_has_the_medians_of_its_priors():
-    made = simulate_ratings(np.random.default_rng(0), STIFF, (Indentation(2e-3),), usual_values(MENDED), participants=3)
-    rated = Experiment(made.ratings, STIFF, ())
-    assert reach_of(rated, ModelOptions(priors={"radius": Normal(8, 1), "receptor_depth": Uniform(0.5, 0.9)})) == ""
-    assert "the geometry is meaningless" in reach_of(rated, ModelOptions(priors={"radius": Normal(2.5, 0.1)}))
-
-
-def test_the_commands_say_it_first(tmp_path):
-    names = SOFT.names[::6]
-    cloth = [f"{name},{modulus / 1e3:g}" for name, modulus in zip(names, SOFT.effective_modulus[::6], strict=True)]
-    (tmp_path / "fabrics.csv").write_text("\n".join(["fabric,effective_modulus_kpa", *cloth]))
-    rows = [f"P{k},{name},0.1,{10 + k + j}" for k in range(3) for j, name in enumerate(names)]
-    (tmp_path / "ratings.csv").write_text("\n".join(["participant,fabric,force_n,rating", *rows]))
-    begin = f"warning: most fabrics and loads are outside the range of the model: of {len(names)} pairs"
-    checked = call("check", "--data", tmp_path / "ratings.csv")
-    assert checked.returncode == 0, checked.stderr
-    assert checked.stdout.startswith(begin)
-    touch = ["predict", "--fabrics", tmp_path / "fabrics.csv", "--force-n", "0.1", "--accuracy", "0.01"]
-    assert call(*touch).stderr.startswith(begin)
-    (tmp_path / "fabrics.csv").write_text("fabric,effective_modulus_kpa\nfelt,600\n")
-    assert begin[:30] not in call(*touch).stderr
 
 
 def test_indentations_with_wide_contacts_are_named():

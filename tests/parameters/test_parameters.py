@@ -1,6 +1,5 @@
 """The declaration of the parameters and the space of the sampled ones."""
 
-import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -9,11 +8,10 @@ from scipy import stats
 
 from softness_bayes.errors import InputError
 from softness_bayes.parameters.choice import parameter_space
-from softness_bayes.parameters.coordinates import Bent, HalfLine, Interval, Scaled, coordinate_for, walked
-from softness_bayes.parameters.declared import HELD, PARAMETERS, PRIOR_SETS, SHAPE_PARAMETERS
+from softness_bayes.parameters.coordinates import Bent, Interval, Scaled, walked
+from softness_bayes.parameters.declared import HELD, PARAMETERS, SHAPE_PARAMETERS
 from softness_bayes.parameters.laws import HalfNormal, LogNormal, LogUniform, Normal, Uniform
-from softness_bayes.touch.contact import DISPLACEMENT, STRAIN
-from softness_bayes.touch.neuron.membrane import HODGKIN_HUXLEY, PAPER_CHANNELS, Channels
+from softness_bayes.touch.neuron.membrane import HODGKIN_HUXLEY, PAPER_CHANNELS
 from softness_bayes.touch.neuron.rate_curve import LARGEST_CURRENT
 from softness_bayes.touch.neuron.surface import DESIGNS
 from softness_bayes.touch.parameters import TouchParameters
@@ -27,12 +25,6 @@ def test_names_and_order_are_those_of_the_files():
     assert EVERYTHING.names == tuple(PARAMETERS)
     assert parameter_space().names == tuple(name for name in PARAMETERS if name != "omega")
     assert set(TouchParameters._fields) < {*PARAMETERS, *SHAPE_PARAMETERS}
-
-
-def test_what_is_held_unless_it_is_freed():
-    assert dict(HELD) == {"omega": 0.0}
-    channels = {name: PARAMETERS[name].prior.median for name in Channels._fields}
-    assert Channels(**channels) == PAPER_CHANNELS
 
 
 def test_alpha_ends_where_its_rate_curves_end():
@@ -79,15 +71,6 @@ def test_every_prior_ends_where_firing_begins_at_a_jump():
     assert np.isfinite(held.log_prior(held.median)).all()
 
 
-def test_prior_sets():
-    b, m = parameter_space(prior_set="in-vivo").sampled[:2]
-    assert (b.prior, m.prior, m.unit) == (LogNormal(7.5, 0.25), LogNormal(3.9, 0.1), "–")
-    m = parameter_space(skin_displacement=DISPLACEMENT).sampled[1]
-    assert (m.prior, m.unit) == (LogNormal(707, 0.3), "1/m")
-    for priors in PRIOR_SETS.values():
-        assert set(priors) == {STRAIN, DISPLACEMENT}
-
-
 def test_choices_of_the_user():
     space = parameter_space(free=["omega"], fix={"b": 80}, priors={"eps": LogNormal(0.2, 0.5)})
     assert space.names == tuple(name for name in PARAMETERS if name != "b")
@@ -121,12 +104,6 @@ def test_choices_of_the_user():
 def test_wrong_choices_are_refused(choice, message):
     with pytest.raises(InputError, match=message):
         parameter_space(**choice)
-
-
-def test_coordinates_follow_the_support():
-    assert coordinate_for(Normal(0, 1).support) == Scaled(1.0)
-    assert coordinate_for(LogNormal(1, 1).support) == HalfLine(0.0)
-    assert coordinate_for(Uniform(1, 2).support) == Interval(1, 2)
 
 
 def test_a_bracket_of_many_powers_of_ten_is_walked_as_a_normal_law():
@@ -227,7 +204,3 @@ def test_values_by_name_in_natural_units_and_si():
     np.testing.assert_allclose(touch.sigma_0, [9e3, 18e3])
     assert touch.m == 2.5
     np.testing.assert_allclose(touch.c_K, [1.16, 2.32])
-
-
-def test_a_space_travels_to_a_worker():
-    assert pickle.loads(pickle.dumps(EVERYTHING)) == EVERYTHING

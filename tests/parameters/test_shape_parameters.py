@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy.integrate import quad
 
 from softness_bayes.errors import InputError
 from softness_bayes.model.fingers import box_of_priors, box_of_values
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.declared import SHAPE_PARAMETERS
-from softness_bayes.parameters.laws import LogNormal, Normal, Truncated, Uniform
+from softness_bayes.parameters.laws import LogNormal, Normal, Uniform
 from softness_bayes.touch.contact import Finger, FingerBox
 
 LAWS = {"radius": Normal(8, 0.5), "receptor_depth": Uniform(0.5, 0.9)}
@@ -29,14 +28,6 @@ def test_they_are_absent_unless_they_are_freed(rng):
     assert_array_equal(touch[:-2], usual.touch(theta)[:-2])
 
 
-def test_each_may_be_freed_alone():
-    for name, law in LAWS.items():
-        space = parameter_space(priors={name: law})
-        assert space.names[-1] == name
-        assert str(space.sampled[-1].prior) == str(law)
-        assert len(space.names) == len(parameter_space().names) + 1
-
-
 def test_a_normal_law_is_cut_at_both_ends_of_the_range(rng):
     space = parameter_space(priors={"radius": Normal(8, 2.2)})
     theta = np.tile(space.median, (4, 1))
@@ -48,17 +39,6 @@ def test_a_normal_law_is_cut_at_both_ends_of_the_range(rng):
     assert_allclose(space.natural(space.coordinates(theta[1:3])), theta[1:3], rtol=1e-12)
 
 
-def test_a_cut_law_is_normalised_between_its_ends():
-    cut = Truncated(Normal(2, 1.5), 1.0, 4.0)
-    assert cut.support == (1.0, 4.0)
-    assert str(cut) == "normal(2,1.5)"
-    assert quad(lambda x: float(np.exp(cut.log_density(x))), 0.0, 5.0, points=[1.0, 4.0])[0] == pytest.approx(1.0)
-    p = np.linspace(0.0, 1.0, 9)
-    assert_allclose(cut.cumulative(cut.quantile(p)), p, atol=1e-12)
-    assert_array_equal(cut.cumulative([0.0, 9.0]), [0.0, 1.0])
-    assert Truncated(Uniform(2, 9), 1.0, 4.0).support == (2.0, 4.0)
-
-
 def test_laws_that_leave_the_range_are_refused():
     with pytest.raises(InputError, match=r"prior of radius: 0\.081 of normal\(8,5\) lies outside 1 to 100 mm"):
         parameter_space(priors={"radius": Normal(8, 5)})
@@ -66,14 +46,6 @@ def test_laws_that_leave_the_range_are_refused():
         parameter_space(priors={"receptor_depth": Normal(-1, 0.1)})
     with pytest.raises(InputError, match=r"prior of b: .* allows negative values"):
         parameter_space(priors={"b": Normal(100, 1)})
-
-
-def test_a_value_to_hold_is_one_of_the_finger():
-    for name in SHAPE_PARAMETERS:
-        with pytest.raises(InputError, match=f"^{name} is a value of the finger: set it with --finger {name}_mm=VALUE"):
-            parameter_space(fix={name: 0.8})
-    with pytest.raises(InputError, match="radius: the model of these data has no such parameter"):
-        parameter_space(priors=LAWS, absent=["radius"])
 
 
 def test_box_reaches_four_standard_deviations_and_the_ends_of_a_bounded_law():

@@ -3,14 +3,10 @@
 import numpy as np
 import pytest
 
-from softness_bayes.data import read_experiment
 from softness_bayes.errors import InputError
-from softness_bayes.model.build import build
-from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import firing_of, prior_draws, touch_parameters, usual_values
-from softness_bayes.model.understanding import ladder, left_out
 from softness_bayes.parameters.choice import parameter_space
-from softness_bayes.touch.accuracy import PRESETS, FiringSample, choose, errors, given_draws, measured, thinned
+from softness_bayes.touch.accuracy import PRESETS, FiringSample, choose, errors, given_draws, measured
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.neuron.firing import exact_curves
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels
@@ -19,10 +15,7 @@ from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation, Scene
-from support.command_line import call, refused
-from support.paths import DATA
 
-RATINGS = DATA / "ratings.csv"
 HELD = PAPER_CHANNELS._asdict()
 EPS = 0.1
 LOADS = (Indentation(2e-3), Force(1.5))
@@ -75,14 +68,6 @@ def test_a_coarser_preset_breaks_the_finer_bound(scenes, rng):
     assert errors(coarse, fine, 249.7, EPS).largest > 1e-4
 
 
-def test_errors_are_those_of_their_definitions():
-    rate, better = np.array([[1.0, 12.0], [0.0, 0.0]]), np.array([[2.0, 10.0], [0.0, 0.0]])
-    found = errors(rate, better, 10.0, 0.1)
-    np.testing.assert_allclose(found.peak, [0.2, 0.0])
-    np.testing.assert_allclose(found.log, [np.log(0.3 / 0.2), 0.0])
-    np.testing.assert_array_equal(errors(rate, better, 10.0, None).log, 0.0)
-
-
 def test_what_cannot_be_reached_is_refused_with_what_can(scenes):
     space = parameter_space()
     draws = prior_draws(space, 64)
@@ -124,36 +109,6 @@ def test_the_surface_is_judged_by_exact_curves(monkeypatch):
     assert measured(scene, draws).firing.largest > 1e-2
 
 
-def test_thinning_keeps_the_ends_of_every_load(scenes):
-    scene = Scene(np.geomspace(1e3, 1e6, 200), 0.3, LOADS, scenes(PRESETS[0]).firing)
-    few = thinned(scene)
-    assert few.n_conditions <= 120
-    for load in (0, 1):
-        some = few.modulus[few.load == load]
-        assert {some.min(), some.max()} == {scene.modulus.min(), scene.modulus.max()}
-    assert thinned(few) is few
-
-
-def test_a_run_takes_the_choice_with_it_and_a_record_brings_it_back():
-    experiment = read_experiment(RATINGS)
-    model = build(experiment, ModelOptions(fix=HELD, accuracy=1e-2))
-    options, choice = model.options, model.resolution
-    assert options.discretisation == choice.discretisation == PRESETS[0]
-    assert options.accuracy == options.kept_accuracy == 1e-2
-    assert ModelOptions.from_record(options.record()) == options
-    again = build(experiment, options)
-    assert model.scene.discretisation == again.scene.discretisation == choice.discretisation
-    assert again.resolution is None
-    assert any("stress fields" in reason for reason in left_out(model))
-    assert any("one rate curve" in reason for reason in left_out(model))
-    settings = ladder(model.scene, prior_draws(model.posterior.space, 32))
-    assert [setting.resolution.discretisation for setting in settings] == [*PRESETS]
-    assert [setting.chosen for setting in settings] == [True, False, False]
-    assert all(setting.seconds > 0 for setting in settings)
-    found = [setting.resolution.errors.largest for setting in settings]
-    assert found[0] > found[1] > found[2]
-
-
 def test_where_a_bound_on_every_rate_is_too_much_two_curves_are_compared(scenes):
     """A curve may be poor where it is hardly asked: what counts is what it does to the response."""
     values = usual_values(MENDED)
@@ -163,21 +118,3 @@ def test_where_a_bound_on_every_rate_is_too_much_two_curves_are_compared(scenes)
     bound = scene.firing.curve.error.relative
     assert measured(scene, draws, 10.0 * bound).firing.peak == bound
     assert measured(scene, draws, bound).firing.peak < bound
-
-
-def test_plan_prints_stages_errors_cost_and_the_ladder():
-    held = [part for name, value in HELD.items() for part in ("--fix", f"{name}={value}")]
-    done = call("check", "--cost", "--data", RATINGS, "--accuracy", "1e-2", *held)
-    assert done.returncode == 0, done.stderr
-    for said in ("stress field", "population", "firing rates", "sum", "µs for each parameter vector", "left out:"):
-        assert said in done.stdout
-    assert done.stdout.count("<- chosen") == 1
-    assert "one rate curve" in done.stdout
-
-
-def test_plan_refuses_what_is_out_of_reach_or_range():
-    refused(
-        call("check", "--cost", "--data", RATINGS, "--accuracy", "1e-5"), "accuracy 1e-05 cannot be reached", "fix c_Na"
-    )
-    assert call("check", "--cost", "--data", RATINGS, "--accuracy", "0.5").returncode == 2
-    refused(call("check", "--cost", "--compression", RATINGS.parent / "compression.csv"), "give --data")

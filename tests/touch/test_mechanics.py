@@ -68,17 +68,6 @@ def test_skins_outside_the_box_are_solved_and_do_not_change_those_inside(smooth_
     np.testing.assert_allclose(found[~outside], peaks(boxed, b[~outside], m[~outside])[0], rtol=1e-13)
 
 
-def test_a_box_that_the_polynomials_or_the_tables_miss_is_met_by_the_search(smooth_firing, rng):
-    wide = SkinBox(PRIORS.b, (0.1, 30.0))
-    b, m = within(wide, rng, 50)
-    found, by_polynomials = peaks(scene_at(1e-4, LOADS["both"], smooth_firing(), wide), b, m)
-    assert not by_polynomials
-    np.testing.assert_allclose(found, peaks(scene_at(1e-4, LOADS["both"], smooth_firing(), None), b, m)[0], rtol=1e-13)
-    beyond = SkinBox((1e5, 5e6), (1.0, 20.0))
-    scene = Scene(np.array([1e7, 1e8]), 0.3, (Force(1.0),), smooth_firing(), skin_box=beyond)
-    assert scene.mechanics._series is None
-
-
 def test_the_box_is_that_of_the_priors():
     box = skin_of_priors(parameter_space(fix={"m": 2.0}))
     assert box.m == (2.0, 2.0)

@@ -132,26 +132,6 @@ def test_contact_at_the_edges_of_the_pad(centre, onset_rate, smooth_firing, pape
         assert_close(touched.respond(paper(**changed)), exact, 2e-4)
 
 
-@pytest.mark.parametrize("load", [Indentation(12e-3), Force(50.0)], ids=str)
-def test_contact_larger_than_the_pad(load, smooth_firing, paper):
-    firing = smooth_firing()
-    finger = Finger(pad_length=10e-3, pad_width=6e-3, contact_centre=(2e-3, 1e-3))
-    touched, finer = (scene(firing, finger, [load], discretisation=d) for d in (Discretisation(), FINE))
-    for changed in ({"sigma_0": 300.0}, {"sigma_0": 4e3}, {"alpha": 50.0}):
-        exact = reference_response(touched, paper(**changed), firing.curve)
-        assert_close(touched.respond(paper(**changed)), exact, 1e-3)
-        assert_close(finer.respond(paper(**changed)), exact, 3e-6)
-
-
-@pytest.mark.parametrize("depth", [1e-6, 1e-4, 0.5e-3, 1e-2])
-def test_every_depth(depth, smooth_firing, paper):
-    firing = smooth_firing()
-    touched = scene(firing, Finger(receptor_depth=depth), [Indentation(2e-3)])
-    for changed in ({}, {"sigma_0": 500.0}):
-        exact = reference_response(touched, paper(**changed), firing.curve)
-        assert_close(touched.respond(paper(**changed)), exact, 2e-4)
-
-
 def test_jump_at_the_onset(smooth_firing, paper):
     smooth, jump = smooth_firing(), smooth_firing(onset_rate=12.0)
     one, other = scene(smooth, loads=LOADS[1:]), scene(jump, loads=LOADS[1:])
@@ -190,15 +170,6 @@ def test_no_leap_where_the_patch_reaches_an_edge(default_scene, fine_scene, pape
     np.testing.assert_allclose(slope, exact_slope, atol=0.03 * np.abs(exact_slope).max(), rtol=0)
 
 
-@pytest.mark.parametrize("beta", [0.01, 1.0])
-def test_whole_pad_at_its_largest_rate(beta, default_scene, paper):
-    found = default_scene.respond(paper(beta=beta, sigma_0=-1e5))
-    largest = float(default_scene.firing.curve.rate(np.array([20.3]))[0])
-    np.testing.assert_allclose(found.responding, default_scene.n_receptors, rtol=1e-10)
-    np.testing.assert_allclose(found.total_rate, default_scene.n_receptors * largest, rtol=1e-10)
-    np.testing.assert_allclose(found.mean_interval, 1 / largest, rtol=1e-10)
-
-
 def test_the_rest_beyond_saturation_is_right_to_second_order(fine_scene, paper, rng):
     """With many nodes the error is that of the rest: a share of exp(-saturation) that one number would not reach."""
     parameters = paper(
@@ -214,22 +185,3 @@ def test_the_rest_beyond_saturation_is_right_to_second_order(fine_scene, paper, 
         # the number at saturation in place of all beyond it is wrong by up to 0.09 of the exponential
         assert error.max() < 0.05 * math.exp(-saturation)
         assert error.max() > 1e-9
-
-
-def test_no_leap_and_no_bend_where_conditions_begin_to_saturate(default_scene, paper):
-    saturation, beta, condition = default_scene.discretisation.saturation, 0.6e-3, 10
-    peak = default_scene.respond(paper()).peak_stress[condition]
-    crossing = peak + math.log(20.3 / RHEOBASE - 1) / beta - saturation / beta
-    rate = default_scene.total_rate(paper(sigma_0=crossing + np.linspace(-1.0, 1.0, 41)))[:, condition]
-    slope = np.diff(rate)
-    assert (slope < 0).all()
-    # 1 Pa of 10 kPa: the slope changes by no more than a smooth function's does
-    np.testing.assert_allclose(slope, slope.mean(), rtol=2e-3)
-
-
-def test_a_saturation_far_beyond_every_peak_leaves_nothing_out_and_nothing_overflows(default_scene, paper):
-    far = default_scene.coarser(Discretisation(12, 740.0, 1e-3))
-    usual = default_scene.coarser(Discretisation(12, 12.0, 1e-3))
-    found, exact = (scene.total_rate(paper(beta=[1e-5, 1e-4])) for scene in (far, usual))
-    assert exact.max() > 0
-    np.testing.assert_allclose(found, exact, atol=1e-3 * exact.max())

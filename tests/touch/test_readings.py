@@ -12,14 +12,12 @@ from oracles.reference import reference_response
 from softness_bayes.errors import InputError
 from softness_bayes.model.scenes import touch_parameters, usual_values
 from softness_bayes.touch.contact import Finger, Force, Indentation, solve_contact
-from softness_bayes.touch.neuron.rate import firing_rate
 from softness_bayes.touch.parameters import TouchParameters
-from softness_bayes.touch.readings import ALTERNATIVES, MENDED, NAMED_READINGS, Readings, readings_named
+from softness_bayes.touch.readings import ALTERNATIVES, MENDED, NAMED_READINGS, Readings
 from softness_bayes.touch.scene import Scene
 from softness_bayes.touch.stress import stress
 
 PLACES = [field.name for field in fields(Readings)]
-MEMBRANES = list(ALTERNATIVES["membrane"].values())
 SINGLE = [
     MENDED.override({place: name})
     for place, names in ALTERNATIVES.items()
@@ -81,29 +79,7 @@ def test_every_combination_composes_or_says_why():
     assert refused == 2 * 2 * 3 * 3 * 2
 
 
-def test_labels_tell_readings_apart():
-    assert [readings.label for readings in NAMED_READINGS.values()] == [*NAMED_READINGS]
-    assert len({readings.label for readings in EVERY}) == len(EVERY)
-    two = readings_named("hertz", {"pressure": "attenuated", "membrane": "hodgkin-huxley"})
-    assert two.label == "hertz, pressure=attenuated, membrane=hodgkin-huxley"
-    for readings in EVERY:  # a label is what the options take
-        name, *departures = readings.label.split(", ")
-        assert readings_named(name, dict(text.split("=") for text in departures)) == readings
-
-
 # every reading, in a scene
-
-
-def test_responses_are_what_responses_can_be(scene, parameters, rng):
-    found = scene.respond(many(parameters, rng, 40))
-    for values in (found.total_rate, found.responding, found.peak_stress, *found.contact):
-        assert np.isfinite(values).all()
-    assert (found.total_rate >= 0).all()
-    assert (found.total_rate > 0).any()
-    assert ((found.responding >= 0) & (found.responding <= scene.n_receptors * (1 + 1e-9))).all()
-    assert (found.peak_stress > 0).all()
-    assert all((values > 0).all() for values in found.contact)
-    assert ((found.total_rate > 0) == (found.responding > 0)).all()
 
 
 def test_response_by_adaptive_integration(scene, parameters, rng):
@@ -121,18 +97,6 @@ def test_transduction_is_monotone(scene, parameters):
         rate = scene.total_rate(parameters._replace(**{name: values}))
         assert (np.diff(rate, axis=0) >= -2e-4 * rate.max()).all(), name
         assert rate[-1].max() > rate[0].max(), name
-
-
-def test_transduction_has_its_limits(scene, parameters):
-    quiet = {"alpha": 17.9, "sigma_0": 1e12}
-    for name, value in quiet.items():
-        assert (scene.total_rate(parameters._replace(**{name: value})) == 0).all(), name
-    # with the threshold far below, every receptor of the pad fires at the largest current
-    everywhere = scene.respond(parameters._replace(sigma_0=-1e8))
-    np.testing.assert_allclose(everywhere.responding, scene.n_receptors, rtol=1e-6)
-    np.testing.assert_allclose(
-        everywhere.mean_rate, scene.firing.curve.rate(np.array([parameters.alpha]))[0], rtol=1e-6
-    )
 
 
 @pytest.mark.parametrize("readings", EVERY, ids=label)
@@ -163,33 +127,4 @@ def test_stress_has_the_units_of_a_modulus(scene, parameters):
     assert difference < 2e-4 if scene.readings.pressure.name == "hertz" else difference > 2e-2
 
 
-def test_both_displacements_stiffen_alike_where_their_exponents_say():
-    """The exponents of the default priors give equal stiffening at 1 mm on a finger of 8 mm (model.md 10)."""
-    fabric, load = np.geomspace(1e2, 1e9, 15), Indentation(1e-3)
-    strain, displacement = ALTERNATIVES["skin_displacement"].values()
-    radius = np.sqrt(8e-3 * 1e-3)
-    one = solve_contact(fabric, 0.3, load, 1e5, 2.0, displacement=strain)
-    two = solve_contact(fabric, 0.3, load, 1e5, 2.0 / radius, displacement=displacement)
-    np.testing.assert_allclose(one.skin_modulus, two.skin_modulus, rtol=1e-12)
-    assert usual_values(MENDED.override({"skin_displacement": "displacement"}))["m"] == pytest.approx(
-        2 / radius, rel=1e-3
-    )
-    deeper = [
-        solve_contact(fabric, 0.3, Indentation(3e-3), 1e5, m, displacement=d).skin_modulus
-        for m, d in ((2.0, strain), (2.0 / radius, displacement))
-    ]
-    assert (deeper[1][fabric > 1e4] > deeper[0][fabric > 1e4]).all()
-
-
 # every membrane
-
-
-@pytest.mark.parametrize("membrane", MEMBRANES, ids=lambda membrane: membrane.name)
-def test_membranes(membrane):
-    """Silent without a current; a rate that rises with the current beyond the onset; one current as in a batch."""
-    start = {"connor-stevens": 18.0, "hodgkin-huxley": 10.0, "printed": 55.0}[membrane.name]
-    current = np.array([-5.0, 0.0, 2.0, 1.2 * start, 1.6 * start])
-    rate = firing_rate(current, membrane=membrane, tolerance=5e-8)
-    assert (rate[:3] == 0).all()
-    assert 1 < rate[3] < rate[4] < 400
-    assert firing_rate(current[4], membrane=membrane, tolerance=5e-8) == pytest.approx(rate[4], rel=1e-6)

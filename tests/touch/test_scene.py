@@ -9,11 +9,9 @@ from oracles.reference import SimulatedRate, reference_response
 from softness_bayes.errors import InputError, NumericalError, SoftnessError
 from softness_bayes.touch.contact import Finger, Force, Indentation
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels
-from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.scene import Discretisation, Scene
-from softness_bayes.touch.stress import HERTZ
 from softness_bayes.touch.stress_table import StressTable
 
 FABRICS = np.array([2e3, 1.5e4, 6e4, 4e5, 1e7])
@@ -94,24 +92,6 @@ def test_a_batch_of_any_shape_is_its_single_vectors(scene, rng, paper, monkeypat
     assert scene.respond(paper(b=np.empty(0))).mean_interval.shape == (0, 15)
 
 
-def test_a_batch_may_be_empty_with_free_channels(paper):
-    scene = Scene([1e4, 1e5], 0.3, [Indentation(2e-3)], FiringSurface.load())
-    assert scene.total_rate(paper(b=np.empty(0))).shape == (0, 2)
-
-
-@pytest.mark.parametrize("fabrics", [5, 40])
-def test_rate_curves_are_computed_once_for_all_conditions(fabrics, smooth_firing, rng, paper, monkeypatch):
-    """An exact curve takes seconds: it belongs to a draw, however many conditions a table has."""
-    firing, asked = smooth_firing(), []
-    made = type(firing).curves
-    monkeypatch.setattr(type(firing), "curves", lambda self, *drawn: asked.append(len(drawn[1])) or made(self, *drawn))
-    monkeypatch.setattr("softness_bayes.touch.scene.CHUNK", 12 * 30)
-    pairs = np.arange(fabrics * 3)
-    scene = Scene(np.geomspace(1e4, 1e6, fabrics), 0.3, LOADS, firing, fabric=pairs // 3, load=pairs % 3)
-    scene.total_rate(draws(rng, 50, paper))
-    assert asked == [50]
-
-
 def test_conditions_in_any_order_and_number(scene, rng, paper):
     parameters = draws(rng, 6, paper)
     full = scene.respond(parameters)
@@ -137,33 +117,6 @@ def test_a_part_of_a_scene_shares_its_fields(scene, rng, paper):
         scene.take([15])
 
 
-class Shortening:
-    """Another source of rates, of which it is known how it was shortened."""
-
-    def __init__(self, of, terms=None):
-        self._of, self.terms = of, terms
-
-    def __getattr__(self, name):
-        return getattr(self._of, name)
-
-    def shortened(self, terms):
-        return Shortening(self._of, terms)
-
-
-def test_copies_of_a_scene_do_not_keep_its_shortened_rate_curves(smooth_firing, paper):
-    """Neither with another source of rates nor at another resolution, after the scene has responded itself."""
-    few, fewer, whole = (Discretisation(10, 11.0, 1e-4, rate_terms=terms) for terms in (3, 2, None))
-    used = Scene(FABRICS, 0.3, LOADS, Shortening(smooth_firing()), discretisation=few)
-    before = used.total_rate(paper())
-    assert used.rates.terms == 3
-    jumping = Shortening(smooth_firing(onset_rate=10.0))
-    other = used.fired_by(jumping).total_rate(paper())
-    np.testing.assert_allclose(other, Scene(FABRICS, 0.3, LOADS, jumping, discretisation=few).total_rate(paper()))
-    assert np.abs(other - before).max() > 1.0
-    assert used.coarser(fewer).rates.terms == 2
-    assert used.coarser(whole).rates is used.firing
-
-
 def test_a_scene_touched_elsewhere_on_the_pad(smooth_firing, rng, paper):
     parameters = draws(rng, 6, paper)
     fabrics, loads, firing = FABRICS[:4], LOADS[:2], smooth_firing()
@@ -182,17 +135,6 @@ def test_all_silent(scene, paper):
         assert np.isnan(found.mean_rate).all()
         assert np.isnan(found.mean_interval).all()
         assert (found.peak_stress > 0).all()
-
-
-def test_a_stiffer_fabric_is_felt_more_under_hertz(smooth_firing, paper):
-    # under indentation control Hertz's response is monotone (model.md 4)
-    fabrics = np.geomspace(1e2, 1e9, 200)
-    rising = Scene(fabrics, 0.3, [Indentation(1e-3)], smooth_firing(), readings=Readings(pressure=HERTZ))
-    rate = rising.total_rate(paper())
-    assert (np.diff(rate) >= -1e-6 * rate.max()).all()
-    turning = Scene(fabrics, 0.3, [Indentation(3e-3)], smooth_firing())
-    rate = turning.total_rate(paper(m=1.0))
-    assert 0 < rate.argmax() < 199
 
 
 def test_fourteen_decades_of_fabric(smooth_firing, paper):
@@ -232,13 +174,6 @@ def test_extreme_parameters_stay_finite(scene, rng):
     assert (found.mean_interval * found.mean_rate)[found.responding > 1e-6].min() > 1 - 1e-3
 
 
-def test_single_precision_input(scene, paper):
-    single = TouchParameters(*(np.float32(value) for value in paper()))
-    double = TouchParameters(*(float(value) for value in single))
-    assert scene.total_rate(single).dtype == np.float64
-    np.testing.assert_array_equal(scene.total_rate(single), scene.total_rate(double))
-
-
 def test_refined_scene_measures_the_error(scene, rng, paper):
     parameters = draws(rng, 10, paper)
     finer = scene.refined()
@@ -247,17 +182,6 @@ def test_refined_scene_measures_the_error(scene, rng, paper):
         exact = reference_response(scene, take(parameters, k), scene.firing.curve)
         found = finer.total_rate(take(parameters, k))
         np.testing.assert_allclose(found, exact.total_rate, atol=1e-6 * max(exact.total_rate.max(), 1))
-
-
-def test_error_is_the_difference_to_the_reference(scene, rng, paper):
-    parameters = draws(rng, 4, paper)
-    error = scene.error(parameters)
-    assert error.shape == (4,)
-    assert (error < 1e-4).all()
-    for k in range(4):
-        exact = reference_response(scene, take(parameters, k), scene.firing.curve).total_rate
-        found = np.abs(scene.total_rate(take(parameters, k)) - exact).max() / max(exact.max(), 1.0)
-        assert found <= 1.01 * error[k] + 1e-7
 
 
 def test_error_contains_what_no_refinement_shows(smooth_firing, paper, monkeypatch):
@@ -273,11 +197,6 @@ def test_error_contains_what_no_refinement_shows(smooth_firing, paper, monkeypat
     assert between < found < coarse.error(parameters)
 
 
-def test_beyond_hertz_counts_large_contacts(smooth_firing, paper):
-    deep = Scene([1e5, 1e6], 0.3, [Indentation(1e-3), Indentation(3e-3), Indentation(9e-3)], smooth_firing())
-    assert deep.beyond_hertz(paper()) == (pytest.approx(2 / 3), pytest.approx(1 / 3))
-
-
 @pytest.mark.parametrize("name", TouchParameters._fields)
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_parameters_must_be_finite(scene, paper, name, bad):
@@ -286,17 +205,6 @@ def test_parameters_must_be_finite(scene, paper, name, bad):
             call(paper(**{name: np.array([1.0, bad])}))
     with pytest.raises(InputError, match=name):
         reference_response(scene, paper(**{name: bad}), scene.firing.curve)
-
-
-@pytest.mark.parametrize(("name", "value"), [("b", 0.0), ("alpha", 0.0), ("beta", 0.0), ("c_Na", 0.0), ("m", -0.1)])
-def test_parameters_out_of_range_are_refused(scene, paper, name, value):
-    with pytest.raises(InputError, match=name):
-        scene.total_rate(paper(**{name: value}))
-
-
-def test_the_reference_takes_one_vector(scene, paper):
-    with pytest.raises(InputError, match="b"):
-        reference_response(scene, paper(b=np.array([1e5, 2e5])), scene.firing.curve)
 
 
 @pytest.mark.parametrize(

@@ -91,30 +91,6 @@ def test_a_table_of_every_reading_is_the_field(load, readings, rng):
     assert peak < 6e-6
 
 
-@pytest.mark.parametrize("load", [Indentation(1e-4), Indentation(3e-3), Force(1.0)], ids=str)
-def test_tolerance_is_what_the_table_keeps(load, rng):
-    modulus = 10 ** rng.uniform(3, 7, 30)
-    for tolerance, allowed in ((1e-4, 5e-3), (1e-8, 1e-6)):
-        table = StressTable(load, load, FINGER, None, Readings(), RANGE, tolerance)
-        felt, peak = errors(table, load, modulus)
-        assert felt < allowed
-        assert peak < 3 * tolerance
-    assert table.reached < 2e-6
-    short = table.cut(1e-3)
-    assert short.table.size < 0.5 * table.table.size
-    assert errors(short, load, modulus)[0] < 3e-2
-
-
-@pytest.mark.parametrize("depth", [1e-5, 1e-4, 0.5e-3, 1e-2])
-def test_every_depth(depth, rng):
-    finger = Finger(receptor_depth=depth)
-    for load in (Indentation(2e-3), Force(1.0)):
-        table = StressTable(load, load, finger, None, Readings(), RANGE, 1e-5)
-        felt, peak = errors(table, load, 10 ** rng.uniform(3, 7, 8), finger)
-        assert felt < 3e-3
-        assert peak < 2e-5
-
-
 @pytest.mark.parametrize("kind", ENDS)
 @pytest.mark.parametrize("pressure", ["attenuated", "hertz", "printed"])
 def test_a_table_of_many_loads_is_the_field_of_each(kind, pressure, rng):
@@ -256,18 +232,6 @@ def test_a_vector_with_a_finger_responds_as_the_scene_of_that_finger(smooth_firi
         assert_allclose(rate[k], reference, atol=5e-4 * reference.max())
 
 
-def test_a_vector_without_a_finger_has_that_of_the_scene(smooth_firing, vectors):
-    own = Finger(radius=7.4e-3, receptor_depth=0.65e-3)
-    free, fixed = (
-        Scene(MODULI, 0.3, LOADS, smooth_firing(), finger=own, discretisation=CLOSE, finger_box=box)
-        for box in (BOX, None)
-    )
-    for radius, depth in ((0.0, 0.0), (own.radius, 0.0), (0.0, own.receptor_depth)):
-        found = free.total_rate(vectors._replace(radius=radius, receptor_depth=depth))
-        expected = fixed.total_rate(vectors._replace(radius=0.0, receptor_depth=0.0))
-        assert_allclose(found, expected, atol=5e-4 * expected.max())
-
-
 def test_details_along_the_pad_are_those_of_the_finger(smooth_firing, vectors):
     coarse, distance = Discretisation(4, 6.0, 1e-2), np.array([0.0, 1e-3, 4e-3])
     scene = Scene(MODULI[:2], 0.3, LOADS[:1], smooth_firing(), discretisation=coarse, finger_box=BOX)
@@ -279,12 +243,3 @@ def test_details_along_the_pad_are_those_of_the_finger(smooth_firing, vectors):
         exact = touch_profiles(one, TouchParameters(*map(np.atleast_1d, own)), distance)
         for name, values in exact._asdict().items():
             assert_allclose(getattr(found, name)[k], values[0], rtol=1e-9, atol=1e-9, err_msg=name)
-
-
-def test_fingers_that_a_scene_does_not_have_are_refused(smooth_firing, paper):
-    scene = Scene(MODULI, 0.3, LOADS[:1], smooth_firing(), discretisation=Discretisation(4, 6.0, 1e-2))
-    for own in ({"radius": 8e-3}, {"receptor_depth": 0.7e-3}):
-        with pytest.raises(InputError, match="the scene has one finger"):
-            scene.total_rate(paper(**own))
-    with pytest.raises(InputError, match=r"parameters: radius is -0\.008, expected a positive number"):
-        scene.total_rate(paper(radius=-8e-3))

@@ -10,14 +10,11 @@ import pytest
 
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.neuron import firing as module
-from softness_bayes.touch.neuron.firing import TRIED, exact_curve, exact_curves
+from softness_bayes.touch.neuron.firing import TRIED, exact_curve
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels
-from softness_bayes.touch.neuron.limit_cycle import Budget
 from softness_bayes.touch.neuron.membrane import (
-    CONNOR_STEVENS,
     HODGKIN_HUXLEY,
     PAPER_CHANNELS,
-    PRINTED,
     Channels,
     Membrane,
 )
@@ -47,14 +44,6 @@ def test_slopes_are_those_of_the_rate(curve: RateCurve) -> None:
     np.testing.assert_allclose(slope, (upper - lower) / (2.0 * step), rtol=1e-7)
 
 
-def test_curve_keeps_the_fold(curve: RateCurve) -> None:
-    excess = np.array([-1.0, -1e-9, 0.0, 1e-8, 1e-4, 1e-2])
-    rate = curve.rate(curve.rheobase + excess)
-    assert (rate[:3] == 0.0).all()
-    assert rate[3] == pytest.approx(10.53047e-4, rel=1e-4)
-    np.testing.assert_allclose(rate[3:], firing_rate(curve.rheobase + excess[3:]), rtol=1e-4)
-
-
 def test_curve_of_a_jump_in_the_corner(
     corner_onset: Onset, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -72,14 +61,6 @@ def test_curve_of_a_fold_of_orbits(
 ) -> None:
     monkeypatch.setattr(module, "onset", lambda *_, **__: born_onset)
     _require_curve(HODGKIN_HUXLEY_OWN, HODGKIN_HUXLEY, 60.0, rng)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("membrane", "max_current"), [(HODGKIN_HUXLEY, 60.0), (PRINTED, 80.0)])
-def test_curves_of_folds_of_orbits_with_their_onsets(
-    membrane: Membrane, max_current: float, rng: np.random.Generator
-) -> None:
-    _require_curve(PAPER_CHANNELS, membrane, max_current, rng)
 
 
 def _require_curve(channels: Channels, membrane: Membrane, max_current: float, rng: np.random.Generator) -> None:
@@ -127,24 +108,6 @@ def test_curves_refuse_what_they_do_not_cover(curve: RateCurve) -> None:
         exact_curve(max_current=math.inf)
 
 
-def test_a_coarser_tolerance_costs_what_is_said(curve: RateCurve, rng: np.random.Generator) -> None:
-    excess = np.concatenate([10 ** rng.uniform(-4.0, -2.0, 10), 10 ** rng.uniform(-2.0, 1.3, 20)])
-    fine, coarse = (firing_rate(curve.rheobase + excess, tolerance=tolerance) for tolerance in (2e-9, 5e-8))
-    error = np.abs(coarse / fine - 1.0)
-    assert error[:10].max() < 4e-6
-    assert 1e-9 < error[10:].max() < 1e-6
-
-
-def test_checks_of_the_surface_use_a_tolerance_that_costs_little(rng: np.random.Generator) -> None:
-    channels = Channels(*np.exp(0.1 * rng.standard_normal((4, 6))))
-    alpha = np.full(6, 30.0)
-    fine, coarse = (exact_curves(channels, CONNOR_STEVENS, alpha, tolerance=tolerance) for tolerance in (2e-9, 1e-6))
-    current = np.linspace(0.0, 30.0, 200) * np.ones((6, 1))
-    rate = fine.rate(current)
-    error = np.abs(coarse.rate(current) - rate).max(axis=1) / rate.max(axis=1)
-    assert 1e-8 < error.max() < 1e-5
-
-
 ONE_AT_A_TIME = [
     PAPER_CHANNELS._replace(**{name: value})
     for name, values in {
@@ -176,13 +139,3 @@ def test_a_search_ends_when_its_steps_are_spent() -> None:
     assert refusal.value.exit_code == 4
     for part in ("c_A = 0.5", "1000 steps", "µA/cm²", "c_A 0.5 to 2", "connor-stevens"):
         assert part in str(refusal.value)
-
-
-def test_a_budget_counts_the_steps_of_all_calls() -> None:
-    budget = Budget(5000)
-    first = firing_rate(30.0, tolerance=1e-6, budget=budget)
-    assert 0 < budget.left < 5000
-    taken = 5000 - budget.left
-    assert firing_rate(30.0, tolerance=1e-6, budget=Budget(taken)) == first
-    with pytest.raises(NumericalError, match="at 30 µA/cm²"):
-        firing_rate(30.0, tolerance=1e-6, budget=Budget(taken - 1))

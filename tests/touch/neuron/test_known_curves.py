@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from softness_bayes.tools.curve_build import CASES
-from softness_bayes.touch.neuron import firing as known_curves
-from softness_bayes.touch.neuron.firing import exact_curve, key, known_curve, text_of
-from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, PRINTED
+from softness_bayes.touch.neuron.firing import exact_curve, known_curve
+from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS
 from softness_bayes.touch.neuron.rate import firing_rate
 from softness_bayes.touch.neuron.rate_curve import RateCurve
 from support.onsets import EXACT_ENOUGH
@@ -40,26 +37,3 @@ def test_the_usual_curve_goes_through_exact_rates() -> None:
 @pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case[1].name}-{case[2]}-{case[3]}")
 def test_every_shipped_curve_is_the_computed_one(case) -> None:
     require_same(known_curve(*case), exact_curve(*case))
-
-
-def test_the_file_holds_the_curves_of_its_cases_and_every_digit() -> None:
-    kept = known_curves._kept()
-    assert [*kept] == [key(*case) for case in CASES]
-    path = known_curves.resources.files("softness_bayes.touch.neuron") / known_curves.CURVES
-    assert path.read_text(encoding="utf-8") == text_of(kept)
-
-
-@pytest.mark.parametrize(
-    "other",
-    [
-        (PAPER_CHANNELS._replace(c_K=1.1600000001), CONNOR_STEVENS, 40.0, 18),
-        (PAPER_CHANNELS, replace(CONNOR_STEVENS, g_na=120.5), 40.0, 18),
-        (PAPER_CHANNELS, PRINTED, 40.0, 18),
-        (PAPER_CHANNELS, CONNOR_STEVENS, 41.0, 18),
-        (PAPER_CHANNELS, CONNOR_STEVENS, 40.0, 19),
-    ],
-    ids=["multiplier", "conductance", "membrane", "current", "nodes"],
-)
-def test_other_arguments_are_computed(other, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(known_curves, "exact_curve", lambda *arguments: arguments)
-    assert known_curve(*other) == other

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from softness_bayes.errors import InputError, NumericalError
+from softness_bayes.errors import NumericalError
 from softness_bayes.touch.neuron import limit_cycle
 from softness_bayes.touch.neuron.cells import Cells, fold, rest, steady_state
 from softness_bayes.touch.neuron.limit_cycle import steady_orbit, step
@@ -27,8 +27,7 @@ from softness_bayes.touch.neuron.membrane import (
     steady_terms,
 )
 from softness_bayes.touch.neuron.rate import Onset, firing_rate, onset, rheobase
-from softness_bayes.touch.neuron.surface import FiringSurface
-from support.onsets import CORNER, EXACT_ENOUGH, HODGKIN_HUXLEY_OWN, search_births
+from support.onsets import CORNER, EXACT_ENOUGH, HODGKIN_HUXLEY_OWN
 from support.paths import REFERENCE
 
 every_membrane = pytest.mark.parametrize("membrane", MEMBRANES.values(), ids=MEMBRANES.keys())
@@ -150,15 +149,6 @@ def test_gating_is_finite_everywhere(membrane: Membrane) -> None:
     opening, total = membrane.gating.rates(voltage)
     assert (opening >= 0.0).all()
     assert (opening <= total).all()
-
-
-@every_membrane
-def test_gating_slopes(membrane: Membrane) -> None:
-    voltage = np.concatenate([np.linspace(-100.0, 60.0, 33), -np.array([29.7, 40.0, 45.7, 55.0]) + 1e-4])
-    rates = membrane.gating.rates_and_slopes(voltage)
-    up, down = membrane.gating.rates(voltage + 1e-4), membrane.gating.rates(voltage - 1e-4)
-    np.testing.assert_allclose(rates.opening_slope, (up[0] - down[0]) / 2e-4, rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(rates.total_slope, (up[1] - down[1]) / 2e-4, rtol=1e-6, atol=1e-9)
 
 
 # --- the vector field and the step ----------------------------------------------------------------------------------
@@ -301,39 +291,6 @@ def test_continuation_agrees_with_waiting() -> None:
     assert firing_rate(current)[0] == pytest.approx(PATIENT, rel=3e-7)
 
 
-@pytest.mark.slow
-def test_waiting_gives_the_stored_rate() -> None:
-    current = fold(_one(), CONNOR_STEVENS).current + 0.0175**2
-    patient = steady_orbit(Cells.of(CONNOR_STEVENS, _one(), current), rest(_one(), CONNOR_STEVENS), 1e-11)
-    assert patient.rate[0] == pytest.approx(PATIENT, rel=1e-9)
-
-
-def test_rates_broadcast() -> None:
-    current = np.array([10.0, 20.3, 30.0])
-    channels = PAPER_CHANNELS._replace(c_Na=np.array([[1.05], [1.0]]))
-    together = firing_rate(current, channels, tolerance=1e-6)
-    assert together.shape == (2, 3)
-    for i in range(2):
-        for j in range(3):
-            one = firing_rate(current[j], PAPER_CHANNELS._replace(c_Na=channels.c_Na[i, 0]), tolerance=1e-6)
-            assert one.shape == ()
-            assert together[i, j] == pytest.approx(one, rel=1e-9)
-    assert firing_rate(np.zeros((0, 4))).shape == (0, 4)
-
-
-@pytest.mark.parametrize("bad", [math.nan, math.inf, [20.0, math.nan]])
-def test_rates_refuse_currents_that_are_not_finite(bad: object) -> None:
-    with pytest.raises(InputError, match="current is not finite"):
-        firing_rate(bad)
-    with pytest.raises(InputError, match="c_K is negative"):
-        firing_rate(20.0, PAPER_CHANNELS._replace(c_K=-1.0))
-
-
-def test_the_a_current_does_not_touch_hodgkin_huxley() -> None:
-    rates = firing_rate(20.0, PAPER_CHANNELS._replace(c_A=np.array([0.0, 1.5])), HODGKIN_HUXLEY, EXACT_ENOUGH)
-    assert rates[0] == rates[1]
-
-
 def test_an_undecided_orbit_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(limit_cycle, "_MAX_STEPS", 100)
     with pytest.raises(NumericalError, match=r"20\.3"):
@@ -365,39 +322,8 @@ def test_rheobase_above_a_fold_that_is_not_followed_by_firing(corner_onset: Onse
     assert around[1] > 8.0
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("shift", [np.nan, 0.5])
-def test_the_search_finds_the_stored_jump(corner_onset: Onset, shift: float) -> None:
-    """An expectation only says where to look first."""
-    found = onset(CORNER, expected=corner_onset.rheobase + shift)
-    assert found.rheobase == pytest.approx(corner_onset.rheobase, abs=2e-6)
-    assert found.rate == pytest.approx(corner_onset.rate, abs=2e-3)
-    assert not found.born
-
-
 def test_rheobase_at_a_fold_of_orbits(born_onset: Onset) -> None:
     _require_birth(born_onset, HODGKIN_HUXLEY, HODGKIN_HUXLEY_OWN, 6.2603, 50.33)
-
-
-@pytest.mark.slow
-def test_an_expected_fold_of_orbits_is_found(births: tuple[Channels, Onset]) -> None:
-    channels, stored = births
-    expected = FiringSurface.load(HODGKIN_HUXLEY).curve(Channels(*(float(c[2]) for c in channels))).rheobase
-    found = onset(Channels(*(float(c[2]) for c in channels)), HODGKIN_HUXLEY, expected)
-    _require_found(found, Onset(*(x[2] for x in stored)))
-
-
-@pytest.mark.slow
-def test_searches_find_the_stored_folds_of_orbits(births: tuple[Channels, Onset]) -> None:
-    channels, found = search_births()
-    np.testing.assert_allclose(channels, births[0], rtol=1e-12)
-    _require_found(found, births[1])
-
-
-def _require_found(found: Onset, stored: Onset) -> None:
-    assert found.born.all()
-    np.testing.assert_allclose(found.rheobase, stored.rheobase, atol=1e-6)
-    np.testing.assert_allclose(found.rate, stored.rate, atol=2e-3)  # its slope by the current is infinite there
 
 
 @pytest.mark.slow

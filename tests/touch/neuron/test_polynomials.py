@@ -10,7 +10,6 @@ from softness_bayes.touch.neuron.polynomials import (
     chebyshev_values,
     clenshaw,
     horner,
-    in_powers_of,
 )
 
 
@@ -35,13 +34,6 @@ def test_horner(rng, order, shape):
     coefficients, x = rng.normal(size=(order, *shape)), rng.uniform(-1, 1, (3, 4))
     exact = sum(np.broadcast_to(c, (3, 4)) * x**k for k, c in enumerate(coefficients))
     np.testing.assert_allclose(horner(coefficients, x), exact, rtol=1e-12)
-
-
-@pytest.mark.parametrize("order", [1, 2, 3, 30])
-def test_powers(rng, order):
-    coefficients = rng.normal(size=(4, order))
-    exact = [np.polynomial.chebyshev.cheb2poly(row) for row in coefficients]
-    np.testing.assert_allclose(in_powers_of(coefficients), exact, rtol=1e-9)
 
 
 @pytest.mark.parametrize("variables", [1, 2, 4])

@@ -33,12 +33,6 @@ def test_vanishing_noise_gives_the_same_train() -> None:
     np.testing.assert_allclose(noisy, quiet, atol=2e-3)
 
 
-def test_noise_is_seeded() -> None:
-    trains = [spike_times(20.0, duration=50.0, noise=5.0, rng=np.random.default_rng(seed)) for seed in (1, 1, 2)]
-    np.testing.assert_array_equal(trains[0], trains[1])
-    assert trains[0].size != trains[2].size or (trains[0] != trains[2]).any()
-
-
 def test_subthreshold_voltage_has_the_variance_of_the_linear_membrane() -> None:
     """Weak noise about rest: an Ornstein-Uhlenbeck process, whose covariance solves a Lyapunov equation."""
     from scipy.linalg import solve_continuous_lyapunov
@@ -115,13 +109,6 @@ def test_statistics_under_little_noise_are_those_of_the_exact_rate() -> None:
     assert found.variation[1, 0] < 0.05
 
 
-def test_monte_carlo_errors_are_the_spread_of_repetitions() -> None:
-    # every current has runs of its own
-    found = firing_statistics(np.full(12, 18.0), 3.0, np.random.default_rng(0), duration=200.0, runs=8, step=0.03)
-    assert found.rate.std(ddof=1) == pytest.approx(np.sqrt((found.rate_error**2).mean()), rel=0.5)
-    assert (found.rate > 0.0).all()
-
-
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
@@ -136,12 +123,6 @@ def test_monte_carlo_errors_are_the_spread_of_repetitions() -> None:
 def test_bad_input_is_refused(wrong: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
         spike_times(**{"current": 20.0, "duration": 10.0, **wrong})
-
-
-def test_statistics_need_two_runs_and_a_stable_step() -> None:
-    for wrong in ({"runs": 1}, {"step": 0.05}):
-        with pytest.raises(InputError, match="at least 2 runs"):
-            firing_statistics(20.0, 1.0, np.random.default_rng(0), **wrong)
 
 
 def test_noise_about_a_blocked_membrane_is_no_train() -> None:

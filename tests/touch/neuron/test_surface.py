@@ -1,7 +1,6 @@
 """The firing-rate surface against exact rates, at its borders and where it ends."""
 
 import json
-from dataclasses import replace
 from functools import cache
 from importlib import resources
 
@@ -18,12 +17,10 @@ from softness_bayes.touch.neuron.membrane import (
     CONNOR_STEVENS,
     HODGKIN_HUXLEY,
     PAPER_CHANNELS,
-    PRINTED,
     Channels,
 )
 from softness_bayes.touch.neuron.polynomials import TotalDegree
 from softness_bayes.touch.neuron.rate import Onset, firing_rate
-from softness_bayes.touch.neuron.rate_curve import CurveError, RateCurve
 from softness_bayes.touch.neuron.surface import DESIGNS, ERRORS, TABLES, FiringSurface
 from softness_bayes.touch.parameters import TouchParameters
 from support.onsets import CORNER, EXACT_ENOUGH
@@ -42,11 +39,6 @@ def surface(request: pytest.FixtureRequest) -> FiringSurface:
 @pytest.fixture(scope="module")
 def connor_stevens() -> FiringSurface:
     return FiringSurface.load(CONNOR_STEVENS)
-
-
-@pytest.fixture(scope="module")
-def hodgkin_huxley() -> FiringSurface:
-    return FiringSurface.load(HODGKIN_HUXLEY)
 
 
 @pytest.fixture(scope="module")
@@ -136,17 +128,6 @@ def test_the_border_is_where_firing_stops_beginning_at_the_fold(
     assert beyond.mean() < 0.05
 
 
-def test_firing_begins_where_orbits_are_born(hodgkin_huxley: FiringSurface, born: tuple[Channels, Onset]) -> None:
-    channels, begin = born
-    curve = hodgkin_huxley.curve(channels)
-    assert begin.born.all()
-    np.testing.assert_allclose(curve.rheobase, begin.rheobase, atol=surface_build.NEAR_JUMP)
-    np.testing.assert_allclose(curve.onset_rate, begin.rate, atol=0.1)
-    below, above = (curve.rate(curve.rheobase[:, None] + step)[:, 0] for step in (-1e-9, 1e-9))
-    assert (below == 0.0).all()
-    assert (above > 40.0).all()
-
-
 @LONG_ORBITS
 def test_exact_curves_of_a_batch_go_through_exact_rates(
     surface: FiringSurface,
@@ -165,17 +146,6 @@ def test_exact_curves_of_a_batch_go_through_exact_rates(
     np.testing.assert_allclose(exact.rate(current), rates, rtol=1e-4)
 
 
-def test_a_batch_is_its_vectors_one_by_one(surface: FiringSurface, rng: np.random.Generator) -> None:
-    channels = surface.design.channels_at(rng.uniform(-0.7, 0.7, (len(surface.design.axes), 6)))
-    batch = surface.curve(Channels(*(c.reshape(2, 3) for c in channels)))
-    current = np.linspace(5.0, 60.0, 7)
-    assert batch.rheobase.shape == (2, 3)
-    for i in range(6):
-        one = surface.curve(Channels(*(float(c[i]) for c in channels)))
-        assert one.rheobase.shape == ()
-        np.testing.assert_allclose(one.rate(current), batch.take(np.unravel_index(i, (2, 3))).rate(current), atol=1e-9)
-
-
 def test_what_lies_outside_is_refused(surface: FiringSurface) -> None:
     for name in (Channels._fields[axis] for axis in surface.design.axes):
         low, high = surface.design.interval(name)
@@ -192,42 +162,6 @@ def test_what_lies_outside_is_refused(surface: FiringSurface) -> None:
     touch = TouchParameters(1e5, 2.0, surface.max_current * 1.01, 6e-4, 9e3, *PAPER_CHANNELS)
     with pytest.raises(NumericalError, match="fix the channel multipliers"):
         surface.curves(touch.channels, touch.alpha)
-
-
-def test_a_membrane_without_a_surface_is_named() -> None:
-    with pytest.raises(InputError, match="no firing-rate surface is kept"):
-        FiringSurface.load(replace(CONNOR_STEVENS, name="another"))
-
-
-def test_the_printed_membrane_is_silent_where_alpha_is_expected() -> None:
-    # why it has no surface
-    with pytest.raises(InputError, match=r"membrane printed, which is silent up to 38 µA/cm².*use a membrane that has"):
-        FiringSurface.load(PRINTED)
-    corners = np.array(np.meshgrid(*([[-1.0, 1.0]] * 4))).reshape(4, -1)
-    channels = DESIGNS["connor-stevens"].channels_at(corners)
-    assert (firing_rate(38.0, channels, PRINTED) == 0.0).all()
-    # negative control
-    assert firing_rate(60.0, PAPER_CHANNELS, PRINTED) > 0.0
-
-
-def test_the_quick_rheobase_is_that_of_second_order(surface: FiringSurface, rng: np.random.Generator) -> None:
-    axes, size = len(surface.design.axes), 300
-    place = rng.uniform(-0.3, 0.3, (axes, size))
-    at = surface.curve(surface.design.channels_at(place)).rheobase
-    centre = surface.curve(PAPER_CHANNELS).rheobase
-    quick = surface.rheobase_shift(surface.design.channels_at(place))
-    assert np.corrcoef(quick, at - centre)[0, 1] > 0.99
-    # negative control: the first order alone is worse
-    steps = (surface.rheobase_shift(surface.design.channels_at(h * np.eye(axes))) for h in (1e-4, -1e-4))
-    gradient = np.subtract(*steps) / 2e-4
-    assert np.abs(gradient @ place - (at - centre)).max() > 1.5 * np.abs(quick - (at - centre)).max()
-
-
-def test_tables_of_other_inputs_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    other = {"connor-stevens": replace(DESIGNS["connor-stevens"], degree=9)}
-    monkeypatch.setattr(module, "DESIGNS", other)
-    with pytest.raises(InputError, match="rebuild it with"):
-        FiringSurface.load(CONNOR_STEVENS)
 
 
 @pytest.mark.slow
@@ -254,22 +188,3 @@ def test_shorter_surfaces_are_nearly_as_good_about_the_centre(surface: FiringSur
     assert errors[2] < 2e-3
     assert errors[2] < 0.5 * errors[0]
     assert errors[1] <= errors[0]
-
-
-def test_a_shorter_surface_refuses_and_finds_corners_as_the_full_one(connor_stevens: FiringSurface) -> None:
-    short = connor_stevens.shortened(12)
-    with pytest.raises(InputError, match="outside"):
-        short.curve(PAPER_CHANNELS._replace(c_Na=2.0))
-    full, own = (s.curve(Channels(*CORNER)) for s in (connor_stevens, short))
-    np.testing.assert_allclose(own.rheobase, full.rheobase)
-    assert own.coefficients.shape[-1] == 12
-
-
-def test_all_terms_are_the_polynomial_itself(rng: np.random.Generator) -> None:
-    curve = RateCurve(np.array(18.0), np.array(0.0), rng.normal(size=9), 40.0, CurveError(0, 0, 0))
-    np.testing.assert_allclose(curve.shortened(9).coefficients, curve.coefficients, atol=1e-13)
-    np.testing.assert_allclose(curve.shortened(12).coefficients, curve.coefficients, atol=1e-13)
-    w = np.linspace(-1.0, 1.0, 101)
-    full, short = (np.polynomial.polynomial.polyval(w, c.coefficients) for c in (curve, curve.shortened(6)))
-    left_out = np.append(np.zeros(6), np.polynomial.chebyshev.poly2cheb(curve.coefficients)[6:])
-    np.testing.assert_allclose(full - short, np.polynomial.chebyshev.chebval(w, left_out), atol=1e-12)
