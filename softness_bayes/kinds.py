@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from softness_bayes.errors import InputError
 
@@ -64,7 +64,7 @@ def numbers(what: str, value: Any, such_as: str = "numbers") -> NDArray[np.float
     raise InputError(_told(what, value, such_as))
 
 
-def refuse(what: str, value: object, such_as: str) -> None:
+def refuse(what: str, value: object, such_as: str) -> NoReturn:
     """Raise the error of an argument that is not what was expected.
 
     Raises

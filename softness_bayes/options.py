@@ -24,7 +24,7 @@ from types import MappingProxyType
 from typing import Any, ClassVar, Self, TypeVar
 
 from softness_bayes.errors import InputError
-from softness_bayes.kinds import numbers, refuse, require_kind
+from softness_bayes.kinds import refuse, require_kind
 from softness_bayes.ranges import Count, Range
 
 Described = TypeVar("Described", bound="Options")
@@ -80,47 +80,22 @@ class Kind:
         """Return the words that a shell may offer."""
         return ()
 
-    def sets(self) -> Iterable[str]:
-        """Return the names of starting points, for an option that has a flag for them."""
-        return ()
-
 
 @dataclass(frozen=True)
 class Number(Kind):
-    """Numbers in a range."""
+    """Numbers in a range; whole numbers if the range is a `Count`."""
 
-    range: Range
+    range: Range | Count
     metavar: str = "X"
 
-    def accept(self, name: str, value: Any) -> Any:
+    def accept(self, name: str, value: Any) -> float:
         """Return a number in the range."""
         self.range.require(name, value)
-        return value
+        return self.parse(value)
 
-    def parse(self, text: str) -> float:
-        """Return a number; the command line checks the range before."""
-        return float(text)
-
-    def write(self, value: float) -> str:
-        """Return the shortest text of the number."""
-        return repr(float(value))
-
-
-@dataclass(frozen=True)
-class Whole(Kind):
-    """Whole numbers in a range."""
-
-    range: Count
-    metavar: str = "N"
-
-    def accept(self, name: str, value: Any) -> Any:
-        """Return a whole number in the range."""
-        self.range.require(name, value)
-        return value
-
-    def parse(self, text: str) -> int:
-        """Return a whole number; the command line checks the range before."""
-        return int(text)
+    def parse(self, text: Any) -> float:
+        """Return the number of a text; the command line checks the range before."""
+        return int(text) if isinstance(self.range, Count) else float(text)
 
 
 class Duration(Kind):
@@ -157,9 +132,13 @@ class Numbers(Kind):
 
     def accept(self, name: str, value: Any) -> tuple[float, float]:
         """Return two numbers in their order."""
-        if numbers(name, value, self._EXPECTED).shape != (2,) or not -1e100 < value[0] < value[1] < 1e100:
+        try:
+            low, high = (float(end) for end in value)
+        except (TypeError, ValueError):
             refuse(name, value, self._EXPECTED)
-        return tuple(value)
+        if isinstance(value, str) or not -1e100 < low < high < 1e100:
+            refuse(name, value, self._EXPECTED)
+        return low, high
 
     def parse(self, text: str) -> tuple[float, float]:
         """Return the numbers of a text such as 0,100."""
@@ -296,8 +275,8 @@ class Option:
         Whether only a model of ratings has the option.
     affects_draws
         Whether the option changes the draws in a way that neither the data nor the parameters of the model show.
-    set_flag, set_help
-        Flag that names a starting point, which the values of `flag` change; empty if there is none.
+    set_flag
+        Second flag, which a command that repeats a run uses for a value without a name; empty if there is none.
     """
 
     name: str
@@ -310,7 +289,6 @@ class Option:
     needs_ratings: bool = False
     affects_draws: bool = False
     set_flag: str = ""
-    set_help: str = ""
 
     @cached_property
     def default(self) -> Any:
@@ -334,12 +312,10 @@ class Option:
             return [self.flag] * value
         if value is None:
             return [self.flag, AUTO] if AUTO in self.kind.choices else []
-        texts = self.kind.write(value)
-        return [word for text in ([texts] if isinstance(texts, str) else texts) for word in self.word_pair(text)]
-
-    def word_pair(self, text: str) -> tuple[str, str]:
-        """Return the flag and the text of one value; the name of a starting point has a flag of its own."""
-        return (self.set_flag if self.set_flag and "=" not in text else self.flag), text
+        written = self.kind.write(value)
+        texts = [written] if isinstance(written, str) else written
+        flags = [self.set_flag if self.set_flag and "=" not in text else self.flag for text in texts]
+        return [word for pair in zip(flags, texts, strict=True) for word in pair]
 
 
 def option(
@@ -360,25 +336,21 @@ def option(
 
 def described(options: type[Described]) -> type[Described]:
     """Collect the declarations of a class of options, and add them to its docstring."""
-    found = {}
-    for field in dataclasses.fields(options):  # type: ignore[arg-type]
-        given = field.default_factory is dataclasses.MISSING
-        make: Any = partial(_given, field.default) if given else field.default_factory
-        found[field.name] = Option(field.name, make=make, **field.metadata)
+    declared, indent = {}, " " * 8
     lines = [options.__doc__ or "", "", "    Parameters", "    ----------"]
-    for name, one in found.items():
-        flag = f" (`{one.flag}`)" if one.flag else ""
-        lines += [f"    {name}", *textwrap.wrap(f"{one.help}{flag}", 112, initial_indent=_IN, subsequent_indent=_IN)]
+    for field in dataclasses.fields(options):  # type: ignore[arg-type]
+        constant = field.default_factory is dataclasses.MISSING
+        make: Any = partial(_constant, field.default) if constant else field.default_factory
+        one = declared[field.name] = Option(field.name, make=make, **field.metadata)
+        text = f"{one.help} (`{one.flag}`)" if one.flag else one.help
+        lines += [f"    {one.name}", *textwrap.wrap(text, 112, initial_indent=indent, subsequent_indent=indent)]
     options.__doc__ = "\n".join([*lines, "    "])
-    options.declared = MappingProxyType(found)
+    options.declared = MappingProxyType(declared)
     return options
 
 
-def _given(value: Any) -> Any:
+def _constant(value: Any) -> Any:
     return value
-
-
-_IN = " " * 8
 
 
 class Options:
@@ -393,10 +365,8 @@ class Options:
 
     def record(self) -> dict[str, Any]:
         """Return these options as JSON data; `from_record` is the inverse."""
-        values = {name: getattr(self, name) for name in self.declared}
-        return {
-            name: None if value is None else self.declared[name].kind.store(value) for name, value in values.items()
-        }
+        values = [(name, one.kind, getattr(self, name)) for name, one in self.declared.items()]
+        return {name: None if value is None else kind.store(value) for name, kind, value in values}
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> Self:
@@ -435,12 +405,13 @@ class Options:
         names
             The options to give; by default all that have a flag.
         """
-        found = []
-        for name in names or self.declared:
-            one, value = self.declared[name], getattr(self, name)
-            if one.flag and (one.spelled or value != one.default):
-                found += one.words(value)
-        return found
+        given = [(self.declared[name], getattr(self, name)) for name in names or self.declared]
+        return [
+            word
+            for one, value in given
+            if one.flag and (one.spelled or value != one.default)
+            for word in one.words(value)
+        ]
 
 
 def _shortest(value: float | str) -> str:

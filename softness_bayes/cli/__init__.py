@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 import difflib
 import importlib
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import click
@@ -20,41 +22,16 @@ from softness_bayes.errors import InputError, NumericalError, ResourceError, Sof
 STARTED = time.monotonic()
 """Time [s] at which the command began, after Python itself had started."""
 
-GROUPS: Mapping[str, Mapping[str, str]] = {
-    "Start": {
-        "demo": "Run a complete small example, from tables to a report, in seconds.",
-        "new": "Write tables and scripts to start from into DIR.",
-        "check": "Validate data files and show how they are read, how precise the design is and what a run costs.",
-        "list": "List and explain readings, priors or figures.",
-    },
-    "Fit": {
-        "sample": "Sample the posterior of skin, transduction and rating parameters given ratings.",
-        "status": "Show the progress of a run without disturbing it.",
-        "resume": "Continue a run that was interrupted or has ended.",
-        "study": "Fit many tables separately, then pool parameters across them.",
-    },
-    "Answers": {
-        "report": "Write a one-page report of a finished run, to read, print or send.",
-        "plot": "Draw the figures of a finished run.",
-        "predict": "Predict contact, stress, firing and ratings for fabrics under loads.",
-        "rank": "Rank fabrics by predicted softness: the typical rater rates softer fabrics higher.",
-        "target": "Find the effective moduli that give a desired rating, and the probability that one exists.",
-        "explore": "Open an interactive page that shows how the response depends on each parameter.",
-    },
-    "Trust": {
-        "compare": "Rank finished runs by how well they predict held-out data.",
-        "simulate": "Simulate ratings of fabrics from given parameters.",
-        "calibrate": "Test the inference by simulation: whether credible intervals have their stated coverage.",
-        "bench": "Measure time and error of the likelihood on this machine, and of other ways to compute the response.",
-    },
-    "Paper": {
-        "claims": "Test which of the paper's claims hold under which readings of its equations.",
-    },
+GROUPS: Mapping[str, tuple[str, ...]] = {
+    "Start": ("demo", "new", "check", "list"),
+    "Fit": ("sample", "status", "resume", "study"),
+    "Answers": ("report", "plot", "predict", "rank", "target", "explore"),
+    "Trust": ("compare", "simulate", "calibrate", "bench"),
+    "Paper": ("claims",),
 }
-"""Commands and their one-line helps, by the question that they answer."""
+"""Commands by the question that they answer."""
 
-VERBS: Mapping[str, str] = {verb: text for group in GROUPS.values() for verb, text in group.items()}
-"""Command -> its one-line help."""
+VERBS = tuple(verb for verbs in GROUPS.values() for verb in verbs)
 
 HOMES: Mapping[str, str] = {
     "demo": "start.demo",
@@ -83,6 +60,20 @@ LESS_MEMORY = "try fewer --processes, because each needs memory"
 """Advice when memory is exhausted."""
 
 
+def place_of(verb: str) -> tuple[str, str]:
+    """Return the module and the name of a command's function."""
+    module, name = HOMES.get(verb, f"{verb}.command").split(".")
+    return module, name
+
+
+def short_help(verb: str) -> str:
+    """Return the first line of a command's docstring, without importing the command."""
+    module, name = place_of(verb)
+    tree = ast.parse(Path(__file__).with_name(f"{module}.py").read_text(encoding="utf-8"))
+    functions = (node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == name)
+    return (ast.get_docstring(next(functions)) or "").partition("\n")[0]
+
+
 class VerbGroup(click.Group):
     """A command group that imports commands on demand and converts errors to a message and an exit code."""
 
@@ -94,9 +85,9 @@ class VerbGroup(click.Group):
         """Import a command."""
         if name not in VERBS:
             return None
-        module, command = HOMES.get(name, f"{name}.command").split(".")
-        found: click.Command = getattr(importlib.import_module(f"{__name__}.{module}"), command)
-        return found
+        module, command = place_of(name)
+        verb: click.Command = getattr(importlib.import_module(f"{__name__}.{module}"), command)
+        return verb
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -116,7 +107,7 @@ class VerbGroup(click.Group):
         """Write the commands and their one-line helps, by group."""
         for group, verbs in GROUPS.items():
             with formatter.section(group):
-                formatter.write_dl(list(verbs.items()), col_max=12)
+                formatter.write_dl([(verb, short_help(verb)) for verb in verbs], col_max=12)
 
     def main(self, args: Sequence[str] | None = None, *more: Any, **extra: Any) -> Any:
         """Run the command line; handle signals, closed output streams and invisible characters."""
@@ -144,26 +135,21 @@ class VerbGroup(click.Group):
         try:
             return super().invoke(ctx)
         except click.UsageError as error:
-            if said := of_usage(error, ctx.meta[TYPED]):
-                raise click.UsageError(f"{error.format_message()}\n{said}", error.ctx) from None
+            if advice := of_usage(error, ctx.meta[TYPED]):
+                raise click.UsageError(f"{error.format_message()}\n{advice}", error.ctx) from None
             raise
-        except SoftnessError as error:
-            if isinstance(error, (NumericalError, ResourceError)):
+        except (SoftnessError, MemoryError, OSError) as error:
+            message, code = str(error), getattr(error, "exit_code", InputError.exit_code)
+            if isinstance(error, MemoryError):
+                message, code = f"memory ran out ({error or 'no more is available'}); {LESS_MEMORY}", 6
+            elif isinstance(error, OSError):
+                message = f"{error.filename or 'file'}: {error.strerror or error}"
+            if isinstance(error, (NumericalError, ResourceError, MemoryError, OSError)):
                 tell_kept()
-            click.echo(f"error: {error}", err=True)
-            if isinstance(error, InputError):
-                _advise(str(error), ctx)
-            ctx.exit(error.exit_code)
-        except MemoryError as error:
-            tell_kept()
-            click.echo(f"error: memory ran out ({error or 'no more is available'}); {LESS_MEMORY}", err=True)
-            ctx.exit(ResourceError.exit_code)
-        except OSError as error:
-            tell_kept()
-            message = f"{error.filename or 'file'}: {error.strerror or error}"
             click.echo(f"error: {message}", err=True)
-            _advise(message, ctx)
-            ctx.exit(2)
+            if code == InputError.exit_code and (advice := of_input(message, ctx.meta[TYPED])):
+                click.echo(advice, err=True)
+            ctx.exit(code)
 
 
 def _prints(words: Sequence[str]) -> bool:
@@ -172,11 +158,6 @@ def _prints(words: Sequence[str]) -> bool:
     helped = verb is None or "--help" in words or "-h" in words
     to_file = any(word.partition("=")[0] == "--out" for word in words)
     return helped or (verb in PRINTING and not to_file)
-
-
-def _advise(message: str, ctx: click.Context) -> None:
-    if said := of_input(message, ctx.meta[TYPED]):
-        click.echo(said, err=True)
 
 
 @click.group(cls=VerbGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})

@@ -7,49 +7,54 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from click.core import ParameterSource
 
 from softness_bayes.cli.design import design_lines
 from softness_bayes.cli.interrupts import keeping
-from softness_bayes.cli.options import FILE, collected, dask, flag, load_options, model_options, out, trust_code, whole
-from softness_bayes.cli.progress import Count
+from softness_bayes.cli.options import (
+    TOUCHES,
+    Touches,
+    collected,
+    dask,
+    model_options,
+    number,
+    out,
+    path,
+    touches,
+    trust_code,
+    typed,
+)
+from softness_bayes.cli.progress import counting
 from softness_bayes.cli.running import executor_of, reading, warn_of_unconverged
 from softness_bayes.errors import InputError, NotConvergedError, NumericalError
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.ranges import PARTICIPANTS, REPLICATES
 from softness_bayes.readable import some_of
-from softness_bayes.results.run_options import DataFiles, RunOptions
+from softness_bayes.results.run_options import RunOptions
 
 if TYPE_CHECKING:
     from softness_bayes.checking.calibration import Replicate
-    from softness_bayes.data.tables import Marks
     from softness_bayes.runs.calibrated import Calibrated
 
 
 @click.command()
-@click.option(
+@number(
     "--replicates",
-    type=whole(REPLICATES),
-    default=200,
-    show_default=True,
-    metavar="N",
-    help="Number of parameter draws that are simulated and fitted; a later call can ask for more.",
+    REPLICATES,
+    "Number of parameter draws that are simulated and fitted; a later call can ask for more.",
+    200,
 )
-@click.option(
+@path(
     "--like",
-    type=FILE,
-    metavar="DIR",
-    help="Calibrate over the posterior of this run instead of the prior, with the design and the model of the run.",
+    "DIR",
+    "Calibrate over the posterior of this run instead of the prior, with the design and the model of the run.",
 )
-@click.option("--fabrics", type=FILE, metavar="FILE", help="Fabric table (CSV); by default eight fabrics.")
-@flag(DataFiles, "decimal")
-@load_options(". Repeatable.")
+@touches("eight fabrics", "those of a small example")
 @click.option(
     "--design",
     is_flag=True,
     help="Predict the posterior widths for this design without simulating; nothing is written.",
 )
-@click.option("--participants", type=whole(PARTICIPANTS), default=20, show_default=True, help="Number of raters.")
+@number("--participants", PARTICIPANTS, "Number of raters.", 20)
 @model_options
 @collected(
     "run",
@@ -65,13 +70,12 @@ if TYPE_CHECKING:
     },
 )
 @dask
-@click.option(
+@path(
     "--from",
-    "earlier",
-    type=FILE,
-    metavar="DIR",
-    help="Also take the replicates of an earlier calibration of the same problem from this directory, or from the "
+    "DIR",
+    "Also take the replicates of an earlier calibration of the same problem from this directory, or from the "
     "ranks.csv and manifest.json kept of it; it is only read.",
+    "earlier",
 )
 @click.option(
     "--finished",
@@ -84,10 +88,7 @@ if TYPE_CHECKING:
 def command(
     replicates: int,
     like: Path | None,
-    fabrics: Path | None,
-    decimal: Marks,
-    indentation_mm: tuple[float, ...],
-    force_n: tuple[float, ...],
+    touches: Touches,
     design: bool,
     participants: int,
     model: ModelOptions,
@@ -122,80 +123,48 @@ def command(
 
     Exit code 3: some replicates are missing; 4: not calibrated.
     """
-    from softness_bayes.data import Fabrics, loads_of
     from softness_bayes.model.understanding import foreseen
-    from softness_bayes.runs.calibrate import (
-        calibrate,
-        calibrate_like,
-        finished,
-        finished_like,
-    )
+    from softness_bayes.runs.calibrate import calibrate, calibrate_like, finished, finished_like
     from softness_bayes.runs.calibration_scene import USUAL_FABRICS, USUAL_LOADS, CalibrationScene
 
     if so_far and earlier is not None:
         raise InputError("--from: cannot be combined with --finished, which writes no replicates")
     if like is not None:
-        _require_no_design()
+        if given := typed(*TOUCHES, *(name for name in ModelOptions.declared), "design", "participants"):
+            raise InputError(f"{given[0]}: cannot be combined with --like, which takes design and model from the run")
         with reading(like) as (result,):
             warn_of_unconverged(result)
             begin, end = partial(calibrate_like, result), partial(finished_like, result)
     else:
-        scene = CalibrationScene(
-            USUAL_FABRICS if fabrics is None else Fabrics.read(fabrics, decimal=decimal),
-            loads_of(indentation_mm, force_n) or USUAL_LOADS,
-            participants,
-        )
+        scene = CalibrationScene(*touches.among(USUAL_FABRICS, USUAL_LOADS), participants)
         if design:
-            for line in design_lines(foreseen(*scene.planned(model))):
-                click.echo(line)
+            click.echo("\n".join(design_lines(foreseen(*scene.planned(model)))))
             return
         begin, end = partial(calibrate, scene, model), partial(finished, scene, model)
-    bar = Count(replicates, "replicate", "calibrating")
+    with (
+        counting(replicates, "replicate", "calibrating") as show,
+        keeping(lambda: _kept(out, replicates)),
+        executor_of(None if so_far else dask, out) as executor,
+    ):
 
-    def show(finished: int, one: Replicate) -> None:
-        bar.show(finished, f"last one {one.steps} steps, autocorrelation time {one.tau:.0f}")
+        def tell(done: int, one: Replicate) -> None:
+            show(done, f"last one {one.steps} steps, autocorrelation time {one.tau:.0f}")
 
-    with keeping(lambda: _kept(out, replicates)), executor_of(None if so_far else dask, out) as executor:
-        try:
-            judge = end if so_far else partial(begin, progress=show, executor=executor, earlier=earlier)
-            found = judge(run, replicates, out)
-        finally:
-            bar.close()
-    _report(found, out)
-    if found.calibration.faults():
+        judge = end if so_far else partial(begin, progress=tell, executor=executor, earlier=earlier)
+        calibrated = judge(run, replicates, out)
+    _report(calibrated, out)
+    if calibrated.calibration.faults():
         raise NumericalError("not calibrated: see the verdict above")
-    if found.unfinished:
-        raise NotConvergedError(f"{some_of(len(found.unfinished), replicates, 'replicate')} not finished")
-    if found.invalid:
+    if calibrated.unfinished:
+        raise NotConvergedError(f"{some_of(len(calibrated.unfinished), replicates, 'replicate')} not finished")
+    if calibrated.invalid:
         raise NotConvergedError(
-            f"{some_of(found.invalid, replicates, 'replicate', 'has', 'have')} not converged and no valid ranks: an "
-            "earlier version ran them; the same command without --finished repeats them"
+            f"{some_of(calibrated.invalid, replicates, 'replicate', 'has', 'have')} not converged and no valid ranks: "
+            "the same command without --finished repeats them"
         )
 
 
-_WITH_LIKE = ("replicates", "like", "max_steps", "processes", "dask", "earlier", "so_far", "seed", "out", "trust_code")
-
-
-def _require_no_design() -> None:
-    """Raise an error if --like is combined with an option of the design or the model.
-
-    The run that --like names determines both.
-
-    Raises
-    ------
-    InputError
-        Naming it.
-    """
-    context = click.get_current_context()
-    for option in context.command.params:
-        given = context.get_parameter_source(option.name or "") is not ParameterSource.DEFAULT
-        if given and option.name not in _WITH_LIKE:
-            raise InputError(
-                f"{option.opts[0]}: cannot be combined with --like, which takes design and model from the run"
-            )
-
-
-def _report(found: Calibrated, out: Path) -> None:
+def _report(calibrated: Calibrated, out: Path) -> None:
     """Write tables, figure and verdict, and print coverage and verdict."""
     from softness_bayes.checking.calibration import coverage_sentence
     from softness_bayes.files.outputs import write_outputs
@@ -203,14 +172,14 @@ def _report(found: Calibrated, out: Path) -> None:
     from softness_bayes.plotting.style import files_of
     from softness_bayes.runs.calibrated import CALIBRATE, FIGURE
 
-    found.save(out)
-    calibration = found.calibration
+    calibrated.save(out)
+    calibration = calibrated.calibration
     figure = rank_ecdf_figure(calibration.rank, calibration.draws, calibration.names)
     write_outputs(out, files_of(figure, FIGURE, ("png",)), CALIBRATE)
-    table = found.coverage()
+    table = calibrated.coverage()
     click.echo(table[["expected", "share", "low", "high"]].to_string(float_format=lambda x: f"{x:.3g}"))
     click.echo(f"{coverage_sentence(calibration)}\n\nwritten to {out}")
-    click.echo(found.sentence())
+    click.echo(calibrated.sentence())
 
 
 def _kept(out: Path, asked: int) -> str:

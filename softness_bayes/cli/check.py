@@ -3,38 +3,31 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from softness_bayes.cli.design import cost_lines, design_lines
-from softness_bayes.cli.options import FILE, collected, data_files, flagged, force
+from softness_bayes.cli.options import collected, data_files, force, path
 from softness_bayes.defaults import MOST_SHOWN
 from softness_bayes.errors import InputError
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.readable import counted
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from softness_bayes.data import Compression, Experiment, Ratings
-    from softness_bayes.model.direction import DirectionChoice
     from softness_bayes.model.interpretation import Interpretation
-    from softness_bayes.parameters.space import FabricModuli
     from softness_bayes.results.run_options import DataFiles
 
 CHECK = "check"
 """Command under which the figure is listed in the record of written files."""
 
-PRIOR_DRAWS = 200
-"""Number of prior draws for the bands of the response."""
-
 
 @click.command()
 @data_files
-@collected("model", ModelOptions, *flagged(ModelOptions))
+@collected("model", ModelOptions)
 @click.option(
     "--design",
     is_flag=True,
@@ -46,12 +39,7 @@ PRIOR_DRAWS = 200
     help="Show how 'sample' would evaluate the model with the same options: stages, nodes, errors and cost.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print all of it as JSON instead of text.")
-@click.option(
-    "--figure",
-    type=FILE,
-    metavar="FILE",
-    help="Draw data and fabrics beside the response that the prior predicts (.png, .pdf or .svg).",
-)
+@path("--figure", "FILE", "Draw data and fabrics beside the response that the prior predicts (.png, .pdf or .svg).")
 @force
 def command(
     files: DataFiles, model: ModelOptions, design: bool, cost: bool, as_json: bool, figure: Path | None, force: bool
@@ -74,7 +62,7 @@ def command(
     from softness_bayes.model.build import build, choose_direction
     from softness_bayes.model.interpretation import interpret
     from softness_bayes.model.reach import reach_of
-    from softness_bayes.model.understanding import foreseen, understood, warnings
+    from softness_bayes.model.understanding import SCHEMA, foreseen, understood, understood_forces, warnings
 
     if cost and as_json:
         raise InputError("check: --cost is printed as text: omit --json")
@@ -82,80 +70,31 @@ def command(
         _require_figure(figure, files, force)
     experiment = files.read()
     if isinstance(experiment, Compression):
-        _forces_alone(experiment, design or cost or figure is not None, as_json)
+        if design or cost or figure is not None:
+            raise InputError("check: --design, --cost and --figure need ratings: give --data, or omit them")
+        known: dict[str, Any] = {"schema": SCHEMA, "forces": understood_forces(experiment)}
+        known["notes"] = list(experiment.notes)
+        lines = [*_of_forces(experiment), *(f"note: {note}" for note in known["notes"])]
+        click.echo(json.dumps(known, indent=1, ensure_ascii=False) if as_json else "\n".join(lines))
         return
-    reached = reach_of(experiment, model)
-    if not as_json:
-        if reached:
-            click.echo(f"warning: {reached}\n")
-        _show_tables(experiment, model)
-    meaning = interpret(experiment.ratings, model)
-    found = warnings(experiment, model, meaning)
-    noted = [*experiment.notes, *([reached] if reached else []), *found]
+    meaning, reached = interpret(experiment.ratings, model), reach_of(experiment, model)
+    notes = [*experiment.notes, *warnings(experiment, model, meaning)]
     direction = choose_direction(experiment, model, meaning)
-    expected = foreseen(experiment, model) if design else None
+    known = understood(experiment, model, meaning, direction, [*([reached] if reached else []), *notes])
+    known["design"] = foreseen(experiment, model) if design else None
     if as_json:
-        every = understood(experiment, model, meaning, direction, noted)
-        click.echo(json.dumps(every | {"design": expected}, indent=1, ensure_ascii=False))
+        click.echo(json.dumps(known, indent=1, ensure_ascii=False))
     else:
-        _show_model(meaning, direction, found)
-        for line in [] if expected is None else ["", *design_lines(expected)]:
-            click.echo(line)
-        for line in ["", *cost_lines(build(experiment, model))] if cost else []:
-            click.echo(line)
+        lines = [f"warning: {reached}\n"] if reached else []
+        lines += [*_of_tables(known, experiment, model), *(f"note: {note}" for note in notes)]
+        lines += ["\nWhat do the numbers say?", known["model"]["numbers"], known["model"]["errors_because"]]
+        lines += ["\nDo ratings rise or fall with stiffness?", *known["model"]["direction_because"]]
+        lines += ["", *design_lines(known["design"])] if design else []
+        lines += ["", *cost_lines(build(experiment, model))] if cost else []
+        click.echo("\n".join(lines))
     if figure is not None:
         _draw(figure, experiment, model, meaning)
         click.echo(f"drawn in {figure}", err=True)
-
-
-def _show_tables(experiment: Experiment, model: ModelOptions) -> None:
-    """Print a description of the data: ratings, fabrics, forces and notes."""
-    import numpy as np
-
-    from softness_bayes.model.build import moduli_of
-
-    moduli = moduli_of(experiment, model)
-    modulus = np.array(moduli.middle) / 1e3
-    for line in (*_summary(experiment, modulus, model), "", *_fabric_table(experiment, moduli)):
-        click.echo(line)
-    exact = len(moduli.laws) - len(moduli.uncertain)
-    if exact and model.modulus_cv is None:
-        click.echo(
-            f"warning: {'the' if moduli.known else exact} moduli are given without errors. If measured moduli "
-            "are treated as exact, the intervals are too narrow. Add a column effective_modulus_cv (or "
-            "thickness_cv, tensile_modulus_cv, bending_rigidity_cv), or give the run --modulus-cv 0.15; use "
-            "--modulus-cv 0 if they are exact"
-        )
-    if experiment.compression is not None:
-        click.echo()
-        _show_compression(experiment.compression)
-    for note in experiment.notes:
-        click.echo(f"note: {note}")
-
-
-def _show_model(meaning: Interpretation, direction: DirectionChoice, found: list[str]) -> None:
-    """Print warnings, and the meaning and direction of the ratings."""
-    for note in found:
-        click.echo(f"note: {note}")
-    click.echo(f"\nWhat do the numbers say?\n{meaning.note}\n{meaning.errors_note}")
-    click.echo("\nDo ratings rise or fall with stiffness?")
-    for line in direction.evidence.lines:
-        click.echo(line)
-
-
-def _forces_alone(compression: Compression, more: bool, as_json: bool) -> None:
-    """Print what was read of compression data alone."""
-    from softness_bayes.model.understanding import SCHEMA, understood_forces
-
-    if more:
-        raise InputError("check: --design, --cost and --figure need ratings: give --data, or omit them")
-    if as_json:
-        known = {"schema": SCHEMA, "forces": understood_forces(compression), "notes": list(compression.notes)}
-        click.echo(json.dumps(known, indent=1, ensure_ascii=False))
-        return
-    _show_compression(compression)
-    for note in compression.notes:
-        click.echo(f"note: {note}")
 
 
 def _require_figure(figure: Path, files: DataFiles, force: bool) -> None:
@@ -169,7 +108,7 @@ def _require_figure(figure: Path, files: DataFiles, force: bool) -> None:
 
 
 def _draw(figure: Path, experiment: Experiment, model: ModelOptions, meaning: Interpretation) -> None:
-    """Draw data and fabrics with the response predicted by the prior."""
+    """Draw data and fabrics with the response predicted by draws of the prior."""
     import numpy as np
 
     from softness_bayes.files.outputs import write_outputs
@@ -180,7 +119,7 @@ def _draw(figure: Path, experiment: Experiment, model: ModelOptions, meaning: In
 
     ratings = experiment.ratings
     groups = groups_of(ratings.loads)
-    grid, response, modulus = prior_responses(experiment, model, groups.at.tolist(), PRIOR_DRAWS)
+    grid, response, modulus = prior_responses(experiment, model, groups.at.tolist(), 200)
     pairs, of_rating = np.unique(groups.of[ratings.load] * len(ratings.fabrics) + ratings.fabric, return_inverse=True)
     load, fabric = np.divmod(pairs, len(ratings.fabrics))
     observed = observed_ratings(
@@ -191,58 +130,60 @@ def _draw(figure: Path, experiment: Experiment, model: ModelOptions, meaning: In
     write_outputs(figure.parent, files_of(drawn, figure.stem, (suffix,)), CHECK)
 
 
-def _show_compression(compression: Compression) -> None:
-    """Print the fingers of the compression data, with ranges of indentation and force."""
-    import numpy as np
-
-    lines = {
-        "forces": f"{len(compression)}, from {compression.force.min():.3g} to {compression.force.max():.3g} N; "
-        f"{counted(compression.n_zero, 'row')} with a force of 0 left out",
-        "fingers": f"{_span(compression.participants)}, {_extent(np.bincount(compression.participant))} forces each",
-        "indentations": f"{compression.indentation.min() * 1e3:.3g} to {compression.indentation.max() * 1e3:.3g} mm",
-    }
-    for name, text in lines.items():
-        click.echo(f"{name:14}{text}")
-
-
-def _summary(experiment: Experiment, modulus: NDArray[np.float64], model: ModelOptions) -> list[str]:
-    """Return lines on participants, fabrics (moduli in kPa), loads and the rating scale."""
-    import numpy as np
-
-    from softness_bayes.model.build import raters_told
+def _of_tables(known: dict[str, Any], experiment: Experiment, model: ModelOptions) -> Iterator[str]:
+    """Yield lines on ratings, participants, fabrics, loads and forces."""
     from softness_bayes.model.reach import wide_contacts
 
-    ratings = experiment.ratings
-    each = np.bincount(ratings.participant)
-    conditions = ratings.conditions
-    pairs = len(ratings.fabrics) * len(ratings.loads)
-    rated = len(set(zip(ratings.participant.tolist(), conditions.of_rating.tolist(), strict=True)))
+    ratings, fabrics = known["ratings"], known["fabrics"]
+    least, greatest, conditions = ratings["least"], ratings["greatest"], known["conditions"]
+    moduli = [one["e_fab_kpa"] for one in fabrics]
     lines = {
-        "ratings": f"{len(ratings)}, from {ratings.rating.min():g} to {ratings.rating.max():g}; "
-        f"{ratings.n_missing} missing",
-        "participants": f"{_span(ratings.participants)}, {_extent(each)} ratings each",
-        "fabrics": f"{_span(ratings.fabrics)}, E_fab {modulus.min():.4g} to {modulus.max():.4g} kPa",
-        "loads": _loads(ratings),
-        "conditions": f"{len(conditions.fabric)} of {pairs} pairs of fabric and load; "
-        f"{rated} of {len(ratings.participants) * pairs} with each participant",
+        "ratings": f"{ratings['count']}, from {least:g} to {greatest:g}; {ratings['missing']} missing",
+        "participants": f"{_span(experiment.ratings.participants)}, "
+        f"{_extent([one['ratings'] for one in known['participants']])} ratings each",
+        "fabrics": f"{_span(experiment.ratings.fabrics)}, E_fab {min(moduli):.4g} to {max(moduli):.4g} kPa",
+        "loads": _loads(experiment.ratings),
+        "conditions": f"{conditions['rated']} of {conditions['possible']} pairs of fabric and load; "
+        f"{conditions['by_participants']} of {conditions['possible_by_participants']} with each participant",
     }
-    if wide := wide_contacts(ratings.loads, model.finger):
+    if wide := wide_contacts(experiment.ratings.loads, model.finger):
         lines["contact"] = wide
     if model.scale.own_units:
-        raters = raters_told(ratings)
-        lines["tau"] = (
-            f"several {'participants' if ratings.cells is None else 'raters'}: the spread of their rating scales (tau) "
-            "can be estimated"
-            if raters > 1
-            else "means without standard deviations: the spread of raters' scales (tau) cannot be estimated"
-            if ratings.cells is not None
-            else "one participant: the spread of rating scales between participants (tau) cannot be estimated"
-        )
-    if len(conditions.fabric) == 1:
+        lines["tau"] = _about_scales(experiment.ratings)
+    if conditions["rated"] == 1:
         lines["gamma"] = "one condition: the response does not vary, so skin, receptors and gamma are not identifiable"
-    if len(ratings) > 1 and ratings.rating.min() == ratings.rating.max():
+    if ratings["count"] > 1 and least == greatest:
         lines["varsigma"] = "all ratings are equal: their spread (varsigma) is not identifiable"
-    return [f"{name:14}{text}" for name, text in lines.items()]
+    yield from (f"{name:14}{text}" for name, text in lines.items())
+    width = max(map(len, ("fabric", *(one["name"] for one in fabrics))))
+    yield f"\n{'fabric':{width}}  E_fab (kPa)  Poisson ratio  ratings  modulus from"
+    for one in fabrics:
+        low, high = one["e_fab_low_kpa"], one["e_fab_high_kpa"]
+        numbers = f"{one['e_fab_kpa']:11.4g}  {one['poisson_ratio']:13g}  {one['ratings']:7}"
+        limits = "" if low is None else f"; 90 % limits {low:.3g} to {high:.3g} kPa"
+        yield f"{one['name']:{width}}  {numbers}  {one['modulus_from'] or 'nothing (unknown)'}{limits}"
+    exact = sum(one["e_fab_low_kpa"] is None for one in fabrics)
+    if exact and model.modulus_cv is None:
+        yield (
+            f"warning: {'the' if exact == len(fabrics) else exact} moduli are given without errors. If measured moduli "
+            "are treated as exact, the intervals are too narrow. Add a column effective_modulus_cv (or "
+            "thickness_cv, tensile_modulus_cv, bending_rigidity_cv), or give the run --modulus-cv 0.15; use "
+            "--modulus-cv 0 if they are exact"
+        )
+    if experiment.compression is not None:
+        yield from ("", *_of_forces(experiment.compression))
+
+
+def _about_scales(ratings: Ratings) -> str:
+    """Return whether the spread of rating scales can be estimated."""
+    from softness_bayes.model.build import raters_told
+
+    if raters_told(ratings) > 1:
+        who = "participants" if ratings.cells is None else "raters"
+        return f"several {who}: the spread of their rating scales (tau) can be estimated"
+    if ratings.cells is not None:
+        return "means without standard deviations: the spread of raters' scales (tau) cannot be estimated"
+    return "one participant: the spread of rating scales between participants (tau) cannot be estimated"
 
 
 def _loads(ratings: Ratings) -> str:
@@ -252,16 +193,14 @@ def _loads(ratings: Ratings) -> str:
     from softness_bayes.data import LOAD_COLUMNS
     from softness_bayes.touch.load_groups import groups_of
 
-    counts, parts = np.bincount(ratings.load), []
+    counts, parts = np.bincount(ratings.load).tolist(), []
     for column, kind, _ in LOAD_COLUMNS:
-        own = [i for i, load in enumerate(ratings.loads) if isinstance(load, kind)]
-        if len(own) > MOST_SHOWN:
-            first, last = ratings.loads[own[0]], ratings.loads[own[-1]]
-            parts.append(
-                f"{len(own)} different {column.label}s, {first} to {last} ({counted(int(counts[own].sum()), 'rating')})"
-            )
+        some = [(str(load), count) for load, count in zip(ratings.loads, counts, strict=True) if isinstance(load, kind)]
+        if len(some) > MOST_SHOWN:
+            total = counted(sum(count for _, count in some), "rating")
+            parts.append(f"{len(some)} different {column.label}s, {some[0][0]} to {some[-1][0]} ({total})")
         else:
-            parts += [f"{ratings.loads[i]} ({counted(int(counts[i]), 'rating')})" for i in own]
+            parts += [f"{load} ({counted(count, 'rating')})" for load, count in some]
     groups = groups_of(ratings.loads)
     if groups.merged:
         sizes = np.bincount(groups.of[ratings.load]).tolist()
@@ -270,33 +209,25 @@ def _loads(ratings: Ratings) -> str:
     return ", ".join(parts)
 
 
-def _fabric_table(experiment: Experiment, moduli: FabricModuli) -> list[str]:
-    """Return a table of the fabrics: modulus, its 90 % limits, its source, Poisson ratio, number of ratings."""
+def _of_forces(compression: Compression) -> list[str]:
+    """Return lines on compression data: forces, fingers and indentations."""
     import numpy as np
 
-    ratings, fabrics = experiment.ratings, experiment.fabrics
-    width = max(map(len, ("fabric", *fabrics.names)))
-    lines = [f"{'fabric':{width}}  E_fab (kPa)  Poisson ratio  ratings  modulus from"]
-    for name, modulus, law, poisson, count, basis in zip(
-        fabrics.names,
-        moduli.middle,
-        moduli.laws,
-        fabrics.poisson_ratio,
-        np.bincount(ratings.fabric),
-        fabrics.basis,
-        strict=True,
-    ):
-        limits = "" if law is None else "; 90 % limits {:.3g} to {:.3g} kPa".format(*law.quantile([0.05, 0.95]))
-        source = basis or "nothing (unknown)"
-        lines.append(f"{name:{width}}  {modulus / 1e3:11.4g}  {poisson:13g}  {count:7}  {source}{limits}")
-    return lines
+    depth, force = compression.indentation * 1e3, compression.force
+    zeros, each = counted(compression.n_zero, "row"), _extent(np.bincount(compression.participant).tolist())
+    return [
+        f"forces        {len(compression)}, from {force.min():.3g} to {force.max():.3g} N; {zeros} with a force of 0 "
+        "left out",
+        f"fingers       {_span(compression.participants)}, {each} forces each",
+        f"indentations  {depth.min():.3g} to {depth.max():.3g} mm",
+    ]
 
 
-def _span(names: tuple[str, ...]) -> str:
+def _span(names: Sequence[str]) -> str:
     """Return the number of names, and the first and last of them."""
     return f"{len(names)} ({' … '.join(dict.fromkeys((names[0], names[-1])))})"
 
 
-def _extent(counts: NDArray[np.intp]) -> str:
+def _extent(counts: list[int]) -> str:
     """Return the range of some counts as text."""
-    return " to ".join(dict.fromkeys((str(counts.min()), str(counts.max()))))
+    return " to ".join(dict.fromkeys((str(min(counts)), str(max(counts)))))

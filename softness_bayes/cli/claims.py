@@ -8,17 +8,26 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options import FILE, by_name, dask, flag, force, load_options, out, seed, whole
+from softness_bayes.cli.options import (
+    Touches,
+    dask,
+    flag,
+    force,
+    number,
+    out,
+    path,
+    repeated,
+    seed,
+    touches,
+)
 from softness_bayes.cli.running import executor_of
 from softness_bayes.errors import InputError
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.options import ByName
 from softness_bayes.ranges import PRIOR_DRAWS
-from softness_bayes.results.run_options import DataFiles
 
 if TYPE_CHECKING:
     from softness_bayes.data import Fabrics, Ratings
-    from softness_bayes.data.tables import Marks
     from softness_bayes.parameters.laws import Prior
     from softness_bayes.touch.contact import Load
     from softness_bayes.touch.readings import Readings
@@ -34,11 +43,11 @@ CLAIMS, MADE = "claims", ("claims.csv", "claims.md", "claims_loads.csv")
     metavar="SET",
     help="Named set of readings: mended, printed or hertz. Repeatable; by default all three.",
 )
-@by_name(
+@repeated(
     ByName("PLACE=NAME"),
-    "--reading",
+    ["--reading"],
     "overrides",
-    "Another reading of one equation of the model, in every set, such as pressure=hertz. Repeatable.",
+    "Another reading of one equation of the model, in every set, such as pressure=hertz.",
 )
 @click.option(
     "--priors",
@@ -49,28 +58,12 @@ CLAIMS, MADE = "claims", ("claims.csv", "claims.md", "claims_loads.csv")
 )
 @flag(ModelOptions, "fix")
 @flag(ModelOptions, "priors")
-@click.option(
-    "--data",
-    type=FILE,
-    metavar="FILE",
-    help="Table of ratings (CSV) that the claims are tested against.",
+@path("--data", "FILE", "Table of ratings that the claims are tested against.")
+@touches(
+    "those of --data, or twelve moduli over the range of real cloth",
+    "1, 1.5, 2 and 3 mm and 0.5, 1, 2 and 4 N, or those of --data",
 )
-@click.option(
-    "--fabrics",
-    type=FILE,
-    metavar="FILE",
-    help="Fabric set (CSV); by default that of --data, or twelve moduli over the range of real cloth.",
-)
-@flag(DataFiles, "columns")
-@flag(DataFiles, "decimal")
-@load_options(". Repeatable; by default 1, 1.5, 2 and 3 mm and 0.5, 1, 2 and 4 N, or those of --data.")
-@click.option(
-    "--draws",
-    type=whole(PRIOR_DRAWS),
-    default=200,
-    show_default=True,
-    help="Number of draws of each prior for the probabilities; 0 for the medians only.",
-)
+@number("--draws", PRIOR_DRAWS, "Number of draws of each prior for the probabilities; 0 for the medians only.", 200)
 @dask
 @seed
 @out()
@@ -82,11 +75,7 @@ def command(
     fix: dict[str, float],
     priors: dict[str, Prior],
     data: Path | None,
-    fabrics: Path | None,
-    columns: dict[str, str],
-    decimal: Marks,
-    indentation_mm: tuple[float, ...],
-    force_n: tuple[float, ...],
+    touches: Touches,
     draws: int,
     dask: str | None,
     seed: int,
@@ -104,14 +93,14 @@ def command(
     from softness_bayes.files.outputs import require_outputs, write_outputs
     from softness_bayes.files.spreadsheet import csv_of
 
-    require_outputs(out, MADE, CLAIMS, force, [path for path in (data, fabrics) if path is not None])
-    touched, ratings, loads = _materials(data, fabrics, columns, decimal, indentation_mm, force_n)
+    require_outputs(out, MADE, CLAIMS, force, [*touches.inputs, *([] if data is None else [data])])
+    fabrics, ratings, loads = _materials(data, touches)
     with executor_of(dask) as executor:
         trials = evaluate_claims(
             _readings(reading_sets, overrides),
             prior_sets or PRIORS,
             _by_kind(loads) or TOUCHES,
-            touched,
+            fabrics,
             ratings,
             draws,
             seed,
@@ -133,30 +122,27 @@ def _readings(names: tuple[str, ...], overrides: Mapping[str, str]) -> dict[str,
     return {readings.label: readings for readings in chosen}
 
 
-def _materials(
-    data: Path | None,
-    fabrics: Path | None,
-    columns: Mapping[str, str],
-    decimal: Marks,
-    indentation_mm: tuple[float, ...],
-    force_n: tuple[float, ...],
-) -> tuple[Fabrics, Ratings | None, tuple[Load, ...]]:
+def _materials(data: Path | None, touches: Touches) -> tuple[Fabrics, Ratings | None, tuple[Load, ...]]:
     """Return the fabric set, its ratings if there are any, and the requested loads."""
     from softness_bayes.claims import CLOTH
-    from softness_bayes.data import Fabrics, loads_of, read_experiment
+    from softness_bayes.data import read_experiment
 
     if data is None:
-        if columns and fabrics is None:
-            raise InputError("--column applies to --data or --fabrics: give one of them")
-        chosen = CLOTH if fabrics is None else Fabrics.read(fabrics, columns=columns, decimal=decimal)
-        return chosen, None, loads_of(indentation_mm, force_n)
-    if len(indentation_mm) > 1 or len(force_n) > 1:
+        fabrics, loads = touches.among(CLOTH, ())
+        return fabrics, None, loads
+    given = touches.indentation_mm, touches.force_n
+    if any(len(values) > 1 for values in given):
         raise InputError(
             "--data has its own loads: give --indentation-mm or --force-n at most once, as the load of all ratings"
         )
-    indentation, held_force = (next(iter(values), None) for values in (indentation_mm, force_n))
+    depth, newton = (next(iter(values), None) for values in given)
     experiment = read_experiment(
-        data, fabrics, columns=columns, indentation_mm=indentation, force_n=held_force, decimal=decimal
+        data,
+        touches.fabrics,
+        columns=touches.columns,
+        indentation_mm=depth,
+        force_n=newton,
+        decimal=touches.decimal,
     )
     for note in experiment.notes:
         click.echo(f"note: {note}", err=True)

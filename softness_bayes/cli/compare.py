@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from softness_bayes.cli.options import FILE, dask, out, trust_code, whole
+from softness_bayes.cli.options import FILE, dask, number, out, trust_code
 from softness_bayes.cli.running import executor_of, reading
 from softness_bayes.defaults import LEFT_OUT
 from softness_bayes.ranges import STEPS
@@ -26,11 +26,10 @@ COMPARE, COMPARISON = "compare", "compare.csv"
     help="What is held out and predicted from the rest: single ratings, participants, fabrics, or fabrics "
     "under single loads.",
 )
-@click.option(
+@number(
     "--max-steps",
-    type=whole(STEPS),
-    help="Largest number of steps of each ensemble in a refit without a fabric; it then ends even if it has "
-    "not converged.",
+    STEPS,
+    "Largest number of steps of each ensemble in a refit without a fabric; it then ends even if it has not converged.",
 )
 @dask
 @out(".", f"Directory to write {COMPARISON} to.")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options import FILE, Touches, collected, touches, trust_code, typed, whole
+from softness_bayes.cli.options import FILE, TOUCHES, Touches, collected, number, touches, trust_code, typed
 from softness_bayes.cli.running import reading, warn_of_unconverged
 from softness_bayes.errors import InputError
 from softness_bayes.model.options import ModelOptions
@@ -22,14 +22,7 @@ if TYPE_CHECKING:
 @click.argument("directory", type=FILE, required=False, metavar="[DIR]")
 @touches("six example fabrics", "indentations of 1, 2 and 3 mm")
 @collected("model", ModelOptions, "fix", "priors", "prior_set", "readings", "finger")
-@click.option(
-    "--port",
-    type=whole(PORTS),
-    default=0,
-    show_default=True,
-    metavar="N",
-    help="Port on the loopback address of this machine; 0 for any free port.",
-)
+@number("--port", PORTS, "Port on the loopback address of this machine; 0 for any free port.", 0)
 @click.option("--show", is_flag=True, help="Open the page in the browser.")
 @trust_code
 def command(
@@ -59,7 +52,7 @@ def command(
         if directory is None:
             subject = _of_priors(touches, model)
         else:
-            if touches.given or typed("fix", "priors", "prior_set", "readings", "readings_set", "finger"):
+            if typed(*TOUCHES, *ModelOptions.declared):
                 raise InputError(
                     "DIR has its own fabrics, loads, priors, readings and finger: omit the options for these, or DIR"
                 )
@@ -80,4 +73,4 @@ def _of_priors(touches: Touches, model: ModelOptions) -> Subject:
     from softness_bayes.explore.subject import EXAMPLE_LOADS, example_fabrics, of_priors
 
     fabrics, loads = touches.among(example_fabrics(), EXAMPLE_LOADS)
-    return of_priors(fabrics, loads, model.readings, model.prior_set, model.priors, model.fix, model.finger)
+    return of_priors(fabrics, loads, model)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import functools
 import sys
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,11 +14,13 @@ from click.core import ParameterSource
 
 from softness_bayes.errors import InputError
 from softness_bayes.model.options import FixedValues, Laws, ModelOptions
-from softness_bayes.options import Flag, Kind, Number, Option, Options, Whole
+from softness_bayes.options import Flag, Kind, Number, Options
 from softness_bayes.ranges import Count, Range
 from softness_bayes.results.run_options import DataFiles, RunOptions
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from softness_bayes.data import Fabrics
     from softness_bayes.data.tables import Marks
     from softness_bayes.results.result import Result
@@ -91,30 +93,47 @@ def _parsed(kind: Kind, value: Any, param: click.Parameter | None, ctx: click.Co
         raise click.BadParameter(str(error), ctx, param) from None
 
 
-def _callback(one: Option) -> Callable[..., Any]:
-    """Return the click callback for all texts of an option that may be given several times."""
-
-    def callback(ctx: click.Context, param: click.Parameter, texts: tuple[str, ...]) -> Any:
-        value = _parsed(one.kind, texts, param, ctx)
-        return texts if one.set_flag else value  # the flag of a starting point has the other part of the value
-
-    return callback
-
-
 def _type(kind: Kind, choices: tuple[str, ...]) -> Any:
     """Return the click type of the values of a kind."""
     if isinstance(kind, Number):
-        return NumberIn(kind.range)
-    if isinstance(kind, Whole):
-        return whole(kind.range)
+        return whole(kind.range) if isinstance(kind.range, Count) else NumberIn(kind.range)
     return _Word(kind, choices) if choices else _Text(kind)
 
 
-def _completion(words: Callable[[str], Any]) -> Callable[..., list[str]]:
+def completion(words: Callable[[str], Iterable[str]]) -> Callable[..., list[str]]:
+    """Return click's completion of a word that has begun, from a function of it that returns all words."""
+
     def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
         return [word for word in words(incomplete) if word.startswith(incomplete)]
 
     return complete
+
+
+def number(
+    flag: str, within: Range | Count, text: str, default: float | None = None, metavar: str | None = "N"
+) -> Decorator:
+    """Return an option for a number in a range."""
+    kind = whole(within) if isinstance(within, Count) else NumberIn(within)
+    shown = default is not None
+    return click.option(flag, type=kind, default=default, show_default=shown, metavar=metavar, help=text)
+
+
+def path(flag: str, metavar: str, text: str, name: str | None = None) -> Decorator:
+    """Return an option for the path of a file or a directory, which a command receives as `name`."""
+    return click.option(*filter(None, (flag, name)), type=FILE, metavar=metavar, help=text)
+
+
+def repeated(kind: Kind, flags: Iterable[str], name: str, text: str) -> Decorator:
+    """Return an option that may be given several times, of a kind that makes one value of all the texts."""
+    return click.option(
+        *flags,
+        name,
+        multiple=True,
+        callback=lambda ctx, param, texts: _parsed(kind, texts, param, ctx),
+        shell_complete=completion(kind.complete),
+        metavar=kind.metavar,
+        help=f"{text} Repeatable.",
+    )
 
 
 def flag(options: type[Options], name: str, **changed: Any) -> Decorator:
@@ -131,60 +150,38 @@ def flag(options: type[Options], name: str, **changed: Any) -> Decorator:
     kind, text = one.kind, changed.pop("help", one.help)
     if isinstance(kind, Flag):
         return click.option(one.flag, name, is_flag=True, help=text)
-    choices = tuple(changed.pop("choices", kind.choices))
-    given: dict[str, Any] = {"metavar": kind.metavar or None, "shell_complete": _completion(kind.complete)}
-    given = {} if choices else given  # click shows and completes these
     if kind.repeated:
-        repeated = click.option(
-            one.flag, name, multiple=True, callback=_callback(one), help=f"{text} Repeatable.", **given
-        )
-        return repeated if not one.set_flag else _both(one, repeated)
+        return repeated(kind, filter(None, (one.flag, one.set_flag)), name, text)
+    choices = tuple(changed.pop("choices", kind.choices))
+    given: dict[str, Any] = {"metavar": kind.metavar, "shell_complete": completion(kind.complete)}
+    given = {} if choices else given  # click shows and completes these
     if one.shown:
-        plain = isinstance(kind, Number | Whole)
-        given |= {"default": one.default if plain else one.written(one.default), "show_default": True}
+        default = one.default if isinstance(kind, Number) else one.written(one.default)
+        given |= {"default": default, "show_default": True}
     return click.option(one.flag, name, type=_type(kind, choices), help=text, **given | changed)
 
 
-def _both(one: Option, changes: Decorator) -> Decorator:
-    """Return a decorator that adds the flag of a starting point, and that of the values which change it."""
-    start = click.option(
-        one.set_flag,
-        f"{one.name}_set",
-        metavar="SET",
-        help=one.set_help,
-        shell_complete=_completion(lambda _: one.kind.sets()),
-    )
-
-    def decorate(verb: Verb) -> Verb:
-        return start(changes(verb))
-
-    return decorate
-
-
-def collected(passed: str, options: type[Options], *names: str, **changed: Mapping[str, Any]) -> Decorator:
+def collected(
+    passed: str, options: type[Options], *names: str, without: Collection[str] = (), **changed: Mapping[str, Any]
+) -> Decorator:
     """Return a decorator that adds declared options to a command, which receives an object of their class.
 
     Parameters
     ----------
     passed
         Name under which the command receives the object.
-    options, names
-        The class, and the names of the options to add.
+    options, names, without
+        The class, and the names of the options to add; by default all that have a flag, except some.
     changed
         What this command says otherwise, by option, as for `flag`.
     """
+    names = names or tuple(name for name, one in options.declared.items() if one.flag and name not in without)
 
     def decorate(verb: Verb) -> Verb:
         @functools.wraps(verb)
         def wrapped(**given: Any) -> Any:
-            values = {name: given.pop(name) for name in names}
-            for name in names:
-                one = options.declared[name]
-                if one.set_flag:
-                    start = given.pop(f"{name}_set")
-                    values[name] = one.kind.parse([*([] if start is None else [start]), *values[name]])
-            kept = {name: value for name, value in values.items() if value is not None}
-            return verb(**{passed: options(**kept)}, **given)
+            values = {name: value for name in names if (value := given.pop(name)) is not None}
+            return verb(**{passed: options(**values)}, **given)
 
         command: Verb = wrapped
         for name in reversed(names):
@@ -194,64 +191,37 @@ def collected(passed: str, options: type[Options], *names: str, **changed: Mappi
     return decorate
 
 
-def flagged(options: type[Options], *without: str) -> tuple[str, ...]:
-    """Return the names of all options of a class that have a flag, except some."""
-    return tuple(name for name, one in options.declared.items() if one.flag and name not in without)
+def typed(*names: str) -> list[str]:
+    """Return the flags of those of the named options that are on the command line."""
+    context = click.get_current_context()
+    unseen = (None, ParameterSource.DEFAULT)
+    return [
+        one.opts[0]
+        for one in context.command.params
+        if one.name in names and context.get_parameter_source(one.name) not in unseen
+    ]
 
 
-def typed(*names: str) -> bool:
-    """Return whether one of the named options is on the command line."""
-    source = click.get_current_context().get_parameter_source
-    return any(source(name) not in (None, ParameterSource.DEFAULT) for name in names)
+data_files = collected("files", DataFiles)
+"""Passes `files` to a command: `DataFiles`."""
 
-
-model_options = collected("model", ModelOptions, *flagged(ModelOptions, "noise"))
+model_options = collected("model", ModelOptions, without=("noise",))
 """Passes `model` to a command: `ModelOptions`, without noise."""
 
-reading_options = collected("files", DataFiles, *flagged(DataFiles, "data", "compression"))
-"""Passes `files` to a command: `DataFiles` without the files of ratings and forces."""
-
-
-def data_files(verb: Verb) -> Verb:
-    """Add the options of the files of an experiment to a command, which receives `files`, a `DataFiles`."""
-
-    @functools.wraps(verb)
-    def wrapped(files: DataFiles, **others: Any) -> Any:
-        if files.data is None and files.compression is None:
-            raise click.UsageError("no data: give ratings with --data, a plate's forces with --compression, or both")
-        return verb(files=files, **others)
-
-    return collected("files", DataFiles, *flagged(DataFiles))(wrapped)
-
-
-def by_name(kind: Kind, flag: str, name: str, text: str) -> Decorator:
-    """Return an option for values by name that only commands have, which receive them as `name`."""
-    one = Option(name, kind, dict, flag)
-    return click.option(
-        flag,
-        name,
-        multiple=True,
-        callback=_callback(one),
-        shell_complete=_completion(kind.complete),
-        metavar=kind.metavar,
-        help=text,
-    )
-
-
-set_values = by_name(
+set_values = repeated(
     FixedValues(),
-    "--set",
+    ["--set"],
     "values",
-    "Value of a parameter, such as b=80; the others are at their medians. Repeatable.",
+    "Value of a parameter, such as b=80; the others are at their medians.",
 )
 """Passes `values` to a command: name -> number."""
 
-spreads = by_name(
+spreads = repeated(
     Laws(),
-    "--spread",
+    ["--spread"],
     "spreads",
     "Prior of the spread of a pooled parameter between tables, such as b='halfnormal(0.3)'; by default "
-    "half-normal with the width of the prior of the parameter. Repeatable.",
+    "half-normal with the width of the prior of the parameter.",
 )
 """Passes `spreads` to a command: name -> `Prior`."""
 
@@ -268,13 +238,13 @@ no_figures = click.option("--no-figures", is_flag=True, help="Draw no figures.")
 """Passes `no_figures` to a command."""
 
 
-def _figures(incomplete: str) -> Any:
+def _figures(incomplete: str) -> Iterable[str]:
     from softness_bayes.plotting.figures import every_figure
 
     return every_figure()
 
 
-complete_figures = _completion(_figures)
+complete_figures = completion(_figures)
 """Completes the name of a figure."""
 
 own_figures = click.option(
@@ -319,34 +289,60 @@ def out(
     default: str | None = "results", text: str = "Directory to write to; it must be empty or not exist."
 ) -> Decorator:
     """Return the option --out of a command, which receives the directory as `out`."""
-    return click.option(
-        "--out",
-        type=FILE,
-        metavar="DIR",
-        default=None if default is None else Path(default),
-        show_default=default is not None,
-        help=text,
-    )
+    path = None if default is None else Path(default)
+    return click.option("--out", type=FILE, metavar="DIR", default=path, show_default=default is not None, help=text)
 
 
-def table_out(name: str) -> Decorator:
-    """Return the options --out and --force of a command that prints a table, or writes it to a file."""
+force = click.option("--force", is_flag=True, help="Replace the files in --out that this command wrote, and no others.")
+"""Passes `force` to a command."""
+
+
+@dataclass(frozen=True)
+class TableFile:
+    """The CSV file to which a command writes its table, or None to print it."""
+
+    path: Path | None
+    command: str
+    force: bool
+
+    def require(self, inputs: Iterable[Path] = ()) -> None:
+        """Raise an error if the file cannot be written, or is one of the inputs."""
+        from softness_bayes.files.outputs import require_outputs
+
+        if self.path is not None:
+            require_outputs(self.path.parent, [self.path.name], self.command, self.force, inputs)
+
+    def write(self, table: pd.DataFrame) -> None:
+        """Write the table, or print it to five digits."""
+        from softness_bayes.files.outputs import write_outputs
+        from softness_bayes.files.spreadsheet import PRINTED, csv_of
+        from softness_bayes.readable import counted
+
+        if self.path is None:
+            click.echo(csv_of(table, index=False, digits=PRINTED), nl=False)
+        else:
+            write_outputs(self.path.parent, {self.path.name: csv_of(table, index=False)}, self.command)
+            click.echo(f"{self.path}: {counted(len(table), 'row')}", err=True)
+
+
+def table_file(command: str) -> Decorator:
+    """Return the options --out and --force of a command with a table, which receives `file`, a `TableFile`."""
 
     def decorate(verb: Verb) -> Verb:
-        file = click.option(
+        @click.option(
             "--out",
             type=click.Path(path_type=Path, dir_okay=False),
             metavar="FILE",
             help="CSV file to write; by default the table is printed, to five digits.",
         )
-        again = click.option("--force", is_flag=True, help=f"Replace the file --out if '{name}' wrote it.")
-        return file(again(verb))
+        @click.option("--force", is_flag=True, help=f"Replace the file --out if '{command}' wrote it.")
+        @functools.wraps(verb)
+        def wrapped(out: Path | None, force: bool, **others: Any) -> Any:
+            return verb(file=TableFile(out, command, force), **others)
+
+        return wrapped
 
     return decorate
-
-
-force = click.option("--force", is_flag=True, help="Replace the files in --out that this command wrote, and no others.")
-"""Passes `force` to a command."""
 
 
 def load_options(text: str) -> Decorator:
@@ -355,14 +351,9 @@ def load_options(text: str) -> Decorator:
     def decorate(verb: Verb) -> Verb:
         for name, noun in (("force_n", "Contact force"), ("indentation_mm", "Indentation")):
             one = DataFiles.declared[name]
-            unit = one.kind.metavar
+            words = f"{noun} [{one.kind.metavar}]{text}"
             verb = click.option(
-                one.flag,
-                name,
-                type=_Text(one.kind),
-                multiple=True,
-                metavar=unit,
-                help=f"{noun} [{unit}]{text}",
+                one.flag, name, type=_Text(one.kind), multiple=True, metavar=one.kind.metavar, help=words
             )(verb)
         return verb
 
@@ -375,19 +366,14 @@ class Touches:
 
     fabrics: Path | None
     columns: Mapping[str, str]
+    decimal: Marks
     indentation_mm: tuple[float, ...]
     force_n: tuple[float, ...]
-    decimal: Marks = None
 
     @property
     def inputs(self) -> list[Path]:
         """The files that are read."""
         return [] if self.fabrics is None else [self.fabrics]
-
-    @property
-    def given(self) -> bool:
-        """True if any option was given."""
-        return bool(self.fabrics or self.columns or self.indentation_mm or self.force_n or self.decimal)
 
     def read(self) -> tuple[Fabrics, tuple[Load, ...]]:
         """Return the fabrics and the distinct loads.
@@ -424,6 +410,10 @@ class Touches:
         return fabrics, loads_of(self.indentation_mm, self.force_n) or loads
 
 
+TOUCHES = tuple(field.name for field in fields(Touches))
+"""Names of the options of `touches`."""
+
+
 def touches(fabrics: str = "", loads: str = "") -> Decorator:
     """Return a decorator that adds the options for fabrics and loads to a command, which receives `touches`.
 
@@ -432,7 +422,6 @@ def touches(fabrics: str = "", loads: str = "") -> Decorator:
     fabrics, loads
         What they are by default; empty if they must be given.
     """
-    table = "Fabric table (CSV, Excel or Parquet)"
 
     def decorate(verb: Verb) -> Verb:
         @click.option(
@@ -440,21 +429,14 @@ def touches(fabrics: str = "", loads: str = "") -> Decorator:
             type=FILE,
             metavar="FILE",
             required=not fabrics,
-            help=f"{table}; by default {fabrics}." if fabrics else f"{table}.",
+            help=f"Fabric table (CSV, Excel or Parquet){f'; by default {fabrics}' if fabrics else ''}.",
         )
         @flag(DataFiles, "columns")
         @flag(DataFiles, "decimal")
         @load_options(f" of the touch. Repeatable{f'; by default {loads}' if loads else ''}.")
         @functools.wraps(verb)
-        def wrapped(
-            fabrics: Path | None,
-            columns: dict[str, str],
-            decimal: Marks,
-            indentation_mm: tuple[float, ...],
-            force_n: tuple[float, ...],
-            **others: Any,
-        ) -> Any:
-            return verb(touches=Touches(fabrics, columns, indentation_mm, force_n, decimal), **others)
+        def wrapped(**given: Any) -> Any:
+            return verb(touches=Touches(**{name: given.pop(name) for name in TOUCHES}), **given)
 
         return wrapped
 

@@ -10,58 +10,51 @@ from typing import TYPE_CHECKING
 import click
 
 from softness_bayes.cli.options import (
-    FILE,
+    TableFile,
     Touches,
     collected,
+    number,
+    path,
     seed,
     set_values,
-    table_out,
+    table_file,
     touches,
     trust_code,
     typed,
-    whole,
 )
-from softness_bayes.cli.running import reading, warn_of_unconverged
+from softness_bayes.cli.running import rated_run
 from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.errors import InputError
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.ranges import PANEL
-from softness_bayes.readable import counted, percent
+from softness_bayes.readable import percent
 
 if TYPE_CHECKING:
     import pandas as pd
     from numpy.typing import ArrayLike
 
     from softness_bayes.data import Fabrics
+    from softness_bayes.touch.accuracy import ChosenResolution
     from softness_bayes.touch.contact import Load
     from softness_bayes.touch.parameters import TouchParameters
     from softness_bayes.touch.scene import Scene
-
-PREDICT = "predict"
-
-REACHED = 16
-"""Number of posterior draws for judging which ratings the model can reach."""
 
 
 @click.command()
 @touches()
 @set_values
 @collected("model", ModelOptions, "prior_set", "readings", "finger", "accuracy")
-@click.option(
+@path(
     "--posterior",
-    type=FILE,
-    metavar="DIR",
-    help="A finished run: parameters are draws of its posterior. Each quantity is given as its median and, in "
+    "DIR",
+    "A finished run: parameters are draws of its posterior. Each quantity is given as its median and, in "
     "NAME_low and NAME_high, its 90 % credible interval. Ratings are predicted too.",
 )
-@click.option(
-    "--raters",
-    type=whole(PANEL),
-    metavar="N",
-    help="With --posterior: predict the mean rating of N new raters; by default as many as in the run.",
+@number(
+    "--raters", PANEL, "With --posterior: predict the mean rating of N new raters; by default as many as in the run."
 )
 @seed
-@table_out("predict")
+@table_file("predict")
 @trust_code
 def command(
     touches: Touches,
@@ -70,8 +63,7 @@ def command(
     posterior: Path | None,
     raters: int | None,
     seed: int,
-    out: Path | None,
-    force: bool,
+    file: TableFile,
 ) -> None:
     """Predict contact, stress, firing and ratings for fabrics under loads.
 
@@ -81,14 +73,11 @@ def command(
     50 and 90 % intervals. The last columns flag rows where no receptor fires, where the contact is too large for
     Hertz's geometry, and where fabric or load lie outside the range that was rated.
     """
-    from softness_bayes.files.outputs import require_outputs, write_outputs
-    from softness_bayes.files.spreadsheet import PRINTED, csv_of
     from softness_bayes.model.prediction import prediction_table
     from softness_bayes.model.reach import reach_of_priors
     from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
 
-    if out is not None:
-        require_outputs(out.parent, [out.name], PREDICT, force, touches.inputs)
+    file.require(touches.inputs)
     fabrics, loads = touches.read()
     if posterior is None:
         if raters is not None:
@@ -98,22 +87,18 @@ def command(
             )
         named = usual_values(model.readings, model.prior_set, values)
         parameters, compiled = touch_parameters(named), partial(scene_of, fabrics, loads, named, model.readings)
-        scene = _accurate(partial(compiled, finger=model.finger), named, parameters, model.accuracy)
+        scene = accurate(partial(compiled, finger=model.finger), named, parameters, model.accuracy).scene
         table, scenes = prediction_table(fabrics, scene, parameters), [scene]
         reached = reach_of_priors(fabrics, loads, model.readings, model.prior_set, values, model.finger)
     else:
-        if typed("finger", "readings", "readings_set", "prior_set"):
+        if typed("finger", "readings", "prior_set"):
             raise InputError(
                 "--posterior has its own readings, priors and finger: omit --finger, --priors and --reading"
             )
         table, scenes, parameters, reached = _of_run(posterior, values, fabrics, loads, model.accuracy, raters, seed)
     if reached:
         click.echo(f"warning: {reached}", err=True)
-    if out is None:
-        click.echo(csv_of(table, index=False, digits=PRINTED), nl=False)
-    else:
-        write_outputs(out.parent, {out.name: csv_of(table, index=False)}, PREDICT)
-        click.echo(f"{out}: {counted(len(table), 'row')}", err=True)
+    file.write(table)
     of = "of the rows" if posterior is None else "of rows and draws"
     # the warning already contains this information
     if not reached and (note := _geometry_note(scenes, parameters, of)):
@@ -143,44 +128,50 @@ def _of_run(
     from softness_bayes.results.rating_table import predicted
     from softness_bayes.touch.parameters import TouchParameters
 
-    with reading(directory) as (result,):
-        warn_of_unconverged(result)
-        if not result.has_ratings:
-            raise InputError(f"{directory}: this run has no ratings, so it does not inform the receptors; give --set")
+    with rated_run(directory) as result:
         fitted = Fitted(result, ANSWER_DRAWS, values)
         if lacking := [n for n in TouchParameters._fields if n not in fitted.named and n not in SHAPE_PARAMETERS]:
-            raise KeyError(lacking[0])  # `reading` names the file
+            raise KeyError(lacking[0])  # `rated_run` names the file
         parameters = fitted.touch
 
         def compiled(some: Fabrics) -> Scene:
-            return _accurate(partial(fitted.scene, some, loads), fitted.named, parameters, accuracy)
+            return accurate(partial(fitted.scene, some, loads), fitted.named, parameters, accuracy).scene
 
         def under(pressed: Sequence[Load]) -> Scene:
             return fitted.scene(fabrics, tuple(pressed), COARSE)
 
         table, scenes = predicted(fitted, fabrics, loads, raters, seed, compiled)
-        few = TouchParameters(*(value[:: max(1, ANSWER_DRAWS // REACHED)] for value in parameters))
+        few = TouchParameters(*(value[:: ANSWER_DRAWS // 16] for value in parameters))
         return result.labelled(table), scenes, parameters, reach_note(under, loads, few, {})
 
 
-def _accurate(
+def accurate(
     compiled: Callable[..., Scene], named: Mapping[str, ArrayLike], parameters: TouchParameters, accuracy: float
-) -> Scene:
-    """Return the scene at the resolution that the accuracy needs."""
+) -> ChosenResolution:
+    """Return the scene at the resolution that the accuracy needs.
+
+    Parameters
+    ----------
+    compiled
+        Function from a `discretisation` to the scene.
+    named, parameters
+        Parameters by name, in natural units, and those of the touch.
+    accuracy
+        Largest numerical error of the response, relative to its peak.
+    """
     from softness_bayes.touch.accuracy import PRESETS, choose, given_draws
 
     draws = given_draws(named, parameters)
     # a scene that is evaluated only once gains nothing from the coarsest
-    return choose(lambda discretisation: compiled(discretisation=discretisation), draws, accuracy, PRESETS[1:]).scene
+    return choose(lambda discretisation: compiled(discretisation=discretisation), draws, accuracy, PRESETS[1:])
 
 
 def _geometry_note(scenes: Sequence[Scene], parameters: TouchParameters, of: str) -> str:
     """Return a note on how often the contact is outside the range of Hertz's geometry (model.md 3)."""
-    found = [scene.beyond_hertz(parameters) for scene in scenes]
-    weight = [scene.n_conditions / sum(scene.n_conditions for scene in scenes) for scene in scenes]
-    questionable, meaningless = (
-        sum(w * share for w, share in zip(weight, shares, strict=True)) for shares in zip(*found, strict=True)
-    )
+    import numpy as np
+
+    shares, sizes = [scene.beyond_hertz(parameters) for scene in scenes], [scene.n_conditions for scene in scenes]
+    questionable, meaningless = np.average(shares, axis=0, weights=sizes)
     if not questionable:
         return ""
     return (

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 import sys
 import time
-from typing import TYPE_CHECKING, NoReturn, Self
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, NoReturn
 
 import click
 
@@ -17,7 +19,6 @@ if TYPE_CHECKING:
 
     from softness_bayes.results.assembly import Stage
     from softness_bayes.sampler.sampling import Progress
-
 
 LONG = 60.0
 """Remaining time [s] above which a convergence check prints a separate line."""
@@ -66,8 +67,8 @@ class Bar:
         self._bar.update(progress.steps - self._bar.n)
         if progress.verdict is not None:
             self._bar.set_postfix_str(in_numbers(progress.verdict, progress.seconds))
-        if said := self._foreseen(progress):
-            self._bar.write(said, file=sys.stderr)
+        if note := self._foreseen(progress):
+            self._bar.write(note, file=sys.stderr)
 
     def _foreseen(self, progress: Progress) -> str:
         """Return a note on the time that the run will need, if it is long and was not printed before; else empty."""
@@ -100,55 +101,48 @@ class Bar:
             self._bar = None
 
 
-class Figures:
-    """Line on the terminal for each stage of a command that draws figures; nothing if no terminal shows it."""
-
-    def __init__(self) -> None:
-        self._bar: tqdm[NoReturn] | None = None
-
-    def __enter__(self) -> Self:
-        from tqdm import tqdm
-
-        # `disable=None` is without a terminal
-        self._bar = tqdm(desc="reading the results", bar_format="{desc}", leave=False, disable=None, dynamic_ncols=True)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._bar is not None:
-            self._bar.close()
-
-    def show(self, name: str, of: int) -> None:
-        """Name the figure that is drawn now."""
-        if self._bar is not None:
-            self._bar.n += 1
-            self._bar.set_description_str(f"figure {self._bar.n} of {of}: {name}")
-
-
-class Count:
-    """Progress over the parts of a command on the terminal, such as tables or replicates.
+@contextmanager
+def counting(total: int, unit: str, description: str) -> Iterator[Callable[[int, str], None]]:
+    """Show the progress over the parts of a command on the terminal, such as tables or replicates.
 
     Parameters
     ----------
     total, unit, description
         Number of parts, their name, and what happens to them.
+
+    Yields
+    ------
+    callable
+        Takes the number of finished parts, and a description of the last one.
     """
+    from tqdm import tqdm
 
-    def __init__(self, total: int, unit: str, description: str) -> None:
-        self._total, self._unit, self._description = total, unit, description
-        self._bar: tqdm[NoReturn] | None = None
+    # the delay keeps the line away until there is progress, so that input errors are printed without it
+    with tqdm(total=total, unit=unit, desc=description, leave=False, dynamic_ncols=True, delay=1e-9) as bar:
 
-    def show(self, finished: int, last: str) -> None:
-        """Move the bar to the number of finished parts; `last` describes the last one."""
-        if self._bar is None:
-            from tqdm import tqdm
+        def show(finished: int, last: str) -> None:
+            bar.update(finished - bar.n)
+            bar.set_postfix_str(last)
 
-            self._bar = tqdm(
-                total=self._total, unit=self._unit, desc=self._description, leave=False, dynamic_ncols=True
-            )
-        self._bar.update(finished - self._bar.n)
-        self._bar.set_postfix_str(last)
+        yield show
 
-    def close(self) -> None:
-        """Clear the line."""
-        if self._bar is not None:
-            self._bar.close()
+
+@contextmanager
+def drawing() -> Iterator[Callable[[str, int], None]]:
+    """Name the figure that is drawn now; nothing if no terminal shows it.
+
+    Yields
+    ------
+    callable
+        Takes the name of the figure, and the number of all figures.
+    """
+    from tqdm import tqdm
+
+    # `disable=None` is without a terminal
+    with tqdm(desc="reading the results", bar_format="{desc}", leave=False, disable=None, dynamic_ncols=True) as bar:
+
+        def show(name: str, of: int) -> None:
+            bar.n += 1
+            bar.set_description_str(f"figure {bar.n} of {of}: {name}")
+
+        yield show

@@ -7,11 +7,20 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options import FILE, Touches, load_options, seed, table_out, touches, trust_code
-from softness_bayes.cli.running import reading, warn_of_unconverged
+from softness_bayes.cli.options import (
+    FILE,
+    TableFile,
+    Touches,
+    load_options,
+    path,
+    seed,
+    table_file,
+    touches,
+    trust_code,
+)
+from softness_bayes.cli.running import rated_run
 from softness_bayes.defaults import ANSWER_DRAWS
-from softness_bayes.errors import InputError
-from softness_bayes.readable import chance, counted, number, percent, some_of
+from softness_bayes.readable import chance, number, percent, some_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -20,25 +29,19 @@ if TYPE_CHECKING:
 
 RANK, FORMATS = "rank", ("png", "pdf")
 ORDER, PLACES, PAIRS, AGREEMENT, FIGURE = "ranking.csv", "places.csv", "pairs.csv", "agreement.csv", "ranking"
-MADE = (ORDER, PLACES, PAIRS, *(f"{FIGURE}.{suffix}" for suffix in FORMATS))
-
-_SOUGHT = (("thickness_mm", "thickness", "mm"), ("tensile_modulus_mpa", "tensile modulus", "MPa"))
-
-SHOWN = 20
-"""Largest number of printed rows; of longer tables, the first and the last rows are printed."""
+FIGURES = tuple(f"{FIGURE}.{suffix}" for suffix in FORMATS)
 
 
 @click.command()
 @click.argument("directory", type=FILE, metavar="DIR")
 @touches("the fabrics of the run", "as rated")
-@click.option(
+@path(
     "--against",
-    type=FILE,
-    metavar="FILE",
-    help="Observed order to compare with (a table): fabric, and rank (1: softest) or rating (higher: softer).",
+    "FILE",
+    "Observed order to compare with (a table): fabric, and rank (1: softest) or rating (higher: softer).",
 )
 @seed
-@click.option("--out", type=FILE, metavar="OUT", help=f"Directory to write to; by default DIR/{FIGURE}.")
+@path("--out", "OUT", f"Directory to write to; by default DIR/{FIGURE}.")
 @click.option("--force", is_flag=True, help="Replace the files that 'rank' wrote there.")
 @trust_code
 def command(directory: Path, touches: Touches, against: Path | None, seed: int, out: Path | None, force: bool) -> None:
@@ -53,25 +56,24 @@ def command(directory: Path, touches: Touches, against: Path | None, seed: int, 
     from softness_bayes.files.spreadsheet import csv_of
     from softness_bayes.plotting.style import files_of
 
-    target = (directory if directory.is_dir() else directory.parent) / FIGURE if out is None else out
-    inputs = [*touches.inputs, *([] if against is None else [against])]
-    require_outputs(target, (*MADE, *([] if against is None else [AGREEMENT])), RANK, force, inputs)
+    target = out or (directory if directory.is_dir() else directory.parent) / FIGURE
+    names, inputs = [ORDER, PLACES, PAIRS, *FIGURES], touches.inputs
+    if against is not None:
+        names, inputs = [*names, AGREEMENT], [*inputs, against]
+    require_outputs(target, names, RANK, force, inputs)
     observed = None if against is None else read_order(against, touches.decimal)
-    with reading(directory) as (result,):
-        warn_of_unconverged(result)
-        if not result.has_ratings:
-            raise InputError(f"{directory}: a run without ratings cannot predict ratings")
-        fabrics, loads = touches.of_run(result)
-        found = result.rank(fabrics, loads, ANSWER_DRAWS, seed)
-    agreement = None if observed is None else found.against(observed)
-    tables = {ORDER: found.table, PLACES: found.place_table, PAIRS: found.pair_table}
-    tables |= {} if agreement is None else {AGREEMENT: agreement}
+    with rated_run(directory) as result:
+        ranking = result.rank(*touches.of_run(result), ANSWER_DRAWS, seed)
+    tables = {ORDER: ranking.table, PLACES: ranking.place_table, PAIRS: ranking.pair_table}
+    if observed is not None:
+        tables[AGREEMENT] = ranking.against(observed)
     contents: dict[str, bytes | str] = {
         name: csv_of(result.labelled(table), index=False) for name, table in tables.items()
     }
-    write_outputs(target, contents | files_of(found.figure(), FIGURE, FORMATS), RANK)
-    _show(found)
-    if observed is not None and agreement is not None:
+    write_outputs(target, contents | files_of(ranking.figure(), FIGURE, FORMATS), RANK)
+    _show(ranking)
+    if observed is not None:
+        agreement = tables[AGREEMENT]
         left = len(observed) - int(agreement["fabrics"].iloc[0])
         click.echo(
             "agreement with the observed order (median and 5-95 % limits over the draws; se from "
@@ -80,15 +82,15 @@ def command(directory: Path, touches: Touches, against: Path | None, seed: int, 
         click.echo(agreement.to_string(index=False, float_format="{:.3f}".format, na_rep="–"))
         if left:
             click.echo(f"note: {against}: {some_of(left, len(observed), 'fabric', 'was', 'were')} not ranked", err=True)
-    click.echo(f"written to {target}: {', '.join((*tables, *MADE[3:]))}", err=True)
+    click.echo(f"written to {target}: {', '.join((*tables, *FIGURES))}", err=True)
 
 
-def _show(found: Ranking) -> None:
-    """Print the order of the fabrics under each load, without the middle of long tables, and the ties."""
+def _show(ranking: Ranking, most: int = 20) -> None:
+    """Print the order of the fabrics under each load, without the middle of tables with most rows, and the ties."""
     columns = ["order", "fabric", "e_fab_kpa", "typical_rating", "place_low", "place", "place_high", "tie", "p_silent"]
-    for one, (load, rows) in zip(found.loads, found.table.groupby("load", sort=False), strict=True):
+    for one, (load, rows) in zip(ranking.loads, ranking.table.groupby("load", sort=False), strict=True):
         click.echo(f"{load}, the softest first (the highest predicted rating):")
-        parts = [rows] if len(rows) <= SHOWN else [rows.head(SHOWN // 2), rows.tail(SHOWN // 2)]
+        parts = [rows] if len(rows) <= most else [rows.head(most // 2), rows.tail(most // 2)]
         lines = [part[columns].to_string(index=False, float_format="{:.4g}".format) for part in parts]
         click.echo("\n...\n".join(lines))
         tied, silent = int((one.tie > 0).sum()), int((one.p_silent >= 0.5).sum())
@@ -125,7 +127,7 @@ def _show(found: Ranking) -> None:
     help="Poisson ratio of the fabric; by default the median of the rated fabrics.",
 )
 @seed
-@table_out("target")
+@table_file("target")
 @trust_code
 def target(
     directory: Path,
@@ -136,8 +138,7 @@ def target(
     thickness_mm: float | None,
     poisson_ratio: float | None,
     seed: int,
-    out: Path | None,
-    force: bool,
+    file: TableFile,
 ) -> None:
     """Find the effective moduli that give a desired rating, and the probability that one exists.
 
@@ -147,28 +148,18 @@ def target(
     """
     from softness_bayes.data import loads_of
     from softness_bayes.data.columns import TENSILE_MODULUS, THICKNESS
-    from softness_bayes.files.outputs import require_outputs, write_outputs
-    from softness_bayes.files.spreadsheet import PRINTED, csv_of
     from softness_bayes.results.target import Cloth
 
-    if out is not None:
-        require_outputs(out.parent, [out.name], "target", force)
+    file.require()
     given = ((TENSILE_MODULUS, tensile_modulus_mpa), (THICKNESS, thickness_mm))
     tensile, thick = (None if value is None else value * column.factor for column, value in given)
     cloth = Cloth(tensile, thick, poisson_ratio)
     cloth.require()
     loads = loads_of(indentation_mm, force_n)
-    with reading(directory) as (result,):
-        warn_of_unconverged(result)
-        if not result.has_ratings:
-            raise InputError(f"{directory}: a run without ratings cannot predict ratings")
-        found = result.target(rating, loads or None, *cloth, draws=ANSWER_DRAWS, seed=seed)
-    table = result.labelled(found.table)
-    if out is None:
-        click.echo(csv_of(table, index=False, digits=PRINTED), nl=False)
-    else:
-        write_outputs(out.parent, {out.name: csv_of(table, index=False)}, "target")
-        click.echo(f"{out}: {counted(len(table), 'row')}", err=True)
+    with rated_run(directory) as result:
+        table = result.target(rating, loads or None, *cloth, draws=ANSWER_DRAWS, seed=seed).table
+    table = result.labelled(table)
+    file.write(table)
     for load, rows in table.groupby("load", sort=False):
         click.echo(f"{load}: {_reach(rows)}", err=True)
 
@@ -177,17 +168,16 @@ def _reach(rows: pd.DataFrame) -> str:
     """Return in words whether the rating can be reached under one load, and at which moduli."""
     one = rows.iloc[0]
     reach = f"a rating of {one['rating']:g} is reachable with probability {chance(one['p_reachable'])}"
-    span = (
-        f"the ratings of the typical rater range from {number(one['least_rating'])} to {number(one['largest_rating'])}"
-    )
     if not one["p_solution"]:
-        return f"{reach}: {span}"
+        least, largest = number(one["least_rating"]), number(one["largest_rating"])
+        return f"{reach}: the ratings of the typical rater range from {least} to {largest}"
+    sought = {"e_fab_kpa": "E_fab", "thickness_mm": "thickness", "tensile_modulus_mpa": "tensile modulus"}
+    units = {"e_fab_kpa": "kPa", "thickness_mm": "mm", "tensile_modulus_mpa": "MPa"}
     ways = []
     for _, row in rows.iterrows():
-        found = [f"E_fab {_interval(row, 'e_fab_kpa')} kPa"]
-        found += [f"{words} {_interval(row, name)} {unit}" for name, words, unit in _SOUGHT if name in rows]
-        said = f"where the rating {row['with_modulus']} with the modulus, in {percent(row['p_solution'])} of the draws"
-        ways.append(f"{', '.join(found)}, {said}")
+        values = ", ".join(f"{sought[name]} {_interval(row, name)} {units[name]}" for name in sought if name in rows)
+        share = percent(row["p_solution"])
+        ways.append(f"{values}, where the rating {row['with_modulus']} with the modulus, in {share} of the draws")
     return f"{reach}: {'; or '.join(ways)}"
 
 

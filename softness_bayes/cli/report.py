@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from softness_bayes.cli.options import FILE, complete_figures, own_figures, trust_code
-from softness_bayes.cli.progress import Figures
+from softness_bayes.cli.options import FILE, complete_figures, own_figures, path, trust_code
+from softness_bayes.cli.progress import drawing
 from softness_bayes.cli.running import reading
 
 REPORT = "report.html"
@@ -15,11 +15,10 @@ REPORT = "report.html"
 
 @click.command()
 @click.argument("directory", type=FILE, metavar="DIR")
-@click.option(
+@path(
     "--out",
-    type=FILE,
-    metavar="FILE",
-    help=f"File to write; by default {REPORT} in DIR. An earlier report by this command is replaced, unless "
+    "FILE",
+    f"File to write; by default {REPORT} in DIR. An earlier report by this command is replaced, unless "
     "the file has been edited.",
 )
 @click.option(
@@ -47,10 +46,10 @@ def command(
     from softness_bayes.report.page import write_report
 
     home = directory if directory.is_dir() else directory.parent
-    with Figures() as progress, reading(directory) as (result,):
+    with drawing() as show, reading(directory) as (result,):
         shown = anonymous(result) if nameless else result
-        path = write_report(shown, out or home / REPORT, own_figures, title, author, progress.show)
-    click.echo(f"written to {path} ({path.stat().st_size / 1e6:.1f} MB)")
+        page = write_report(shown, out or home / REPORT, own_figures, title, author, show)
+    click.echo(f"written to {page} ({page.stat().st_size / 1e6:.1f} MB)")
     click.echo(result.provenance.verdict)
 
 
@@ -75,15 +74,14 @@ def command(
     metavar="FORMAT",
     help="Format of the files: png, pdf or svg, or csv for the data that a figure shows. Repeatable.",
 )
-@click.option(
+@path(
     "--style",
-    "style_file",
-    type=FILE,
-    metavar="FILE",
-    help="Style file of matplotlib (.mplstyle), applied on top of the default style. The width in its "
+    "FILE",
+    "Style file of matplotlib (.mplstyle), applied on top of the default style. The width in its "
     "figure.figsize is the width of the page: 'figure.figsize: 3.4, 3' for one column.",
+    "style_file",
 )
-@click.option("--out", type=FILE, metavar="DIR", help="Directory to write to; by default DIR/figures.")
+@path("--out", "DIR", "Directory to write to; by default DIR/figures.")
 @trust_code
 def plot(
     directory: Path,
@@ -104,13 +102,12 @@ def plot(
     require_figures(names)
     require_formats(formats)
     style = USUAL if style_file is None else Style.read(style_file)
-    if out is None:
-        out = (directory if directory.is_dir() else directory.parent) / "figures"
-    with Figures() as progress, reading(directory) as (result,):
+    folder = out or (directory if directory.is_dir() else directory.parent) / "figures"
+    with drawing() as show, reading(directory) as (result,):
         chosen = [*dict.fromkeys(names)] or figures_of(result, every)
-        paths = draw_figures(result, out, chosen, tuple(dict.fromkeys(formats)), style, told=progress.show)
-    for path in paths:
-        click.echo(str(path))
+        files = draw_figures(result, folder, chosen, tuple(dict.fromkeys(formats)), style, told=show)
+    for file in files:
+        click.echo(str(file))
     for name in () if names else every_figure():
         if reason := figure_named(name).lacks(result):
             click.echo(f"note: no {name}: {reason}", err=True)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options import FILE, collected, flag, no_figures, trust_code, trusts_code, whole
+from softness_bayes.cli.options import FILE, collected, no_figures, number, trust_code, trusts_code
 from softness_bayes.cli.running import command_line, in_numbers, needed
 from softness_bayes.cli.sample import require_drawn, run
 from softness_bayes.errors import InputError
@@ -23,27 +23,29 @@ if TYPE_CHECKING:
     from softness_bayes.runs.calibration_files import CalibrationProgress
 
 
+MOVABLE = ("data", "fabrics", "compression")
+"""Tables of a run, which may have been moved since."""
+
+
 @click.command()
 @click.argument("directory", type=FILE, metavar="DIR")
-@click.option(
-    "--more-steps",
-    type=whole(STEPS),
-    metavar="N",
-    help="Run at least this many further steps, even if the run has converged.",
-)
+@number("--more-steps", STEPS, "Run at least this many further steps, even if the run has converged.")
 @collected("limits", RunOptions, "max_seconds", "processes")
-@flag(DataFiles, "data", help="New path of the ratings, if they were moved.")
-@flag(DataFiles, "fabrics", help="New path of the fabrics, if they were moved.")
-@flag(DataFiles, "compression", help="New path of the forces, if they were moved.")
+@collected(
+    "moved",
+    DataFiles,
+    *MOVABLE,
+    data={"help": "New path of the ratings, if they were moved."},
+    fabrics={"help": "New path of the fabrics, if they were moved."},
+    compression={"help": "New path of the forces, if they were moved."},
+)
 @no_figures
 @trust_code
 def command(
     directory: Path,
     more_steps: int | None,
     limits: RunOptions,
-    data: Path | None,
-    fabrics: Path | None,
-    compression: Path | None,
+    moved: DataFiles,
     no_figures: bool,
 ) -> None:
     """Continue a run that was interrupted or has ended.
@@ -82,16 +84,18 @@ def command(
         processes=limits.processes or how.processes,
     )
     now, then = versions(), checkpoint.request["versions"]
-    names = [name for name in now if now[name] != then.get(name)]
-    if changed := [f"{name.removeprefix('version_')} {then.get(name)} (now {now[name]})" for name in names]:
+    if changed := [
+        f"{name.removeprefix('version_')} {then.get(name)} (now {now[name]})"
+        for name in now
+        if now[name] != then.get(name)
+    ]:
         click.echo(
             f"note: the run was started with {', '.join(changed)}: draws may differ from those of an uninterrupted run",
             err=True,
         )
-    given = {"data": data, "fabrics": fabrics, "compression": compression}
-    moved: dict[str, Any] = {name: path for name, path in given.items() if path is not None}
-    files = replace(DataFiles.recorded_in(directory, checkpoint.request["files"]), **moved)
-    for name in given:
+    files = DataFiles.recorded_in(directory, checkpoint.request["files"])
+    files = replace(files, **{name: getattr(moved, name) or getattr(files, name) for name in MOVABLE})
+    for name in MOVABLE:
         path = getattr(files, name)
         if path is not None and not path.exists():
             raise InputError(
@@ -101,7 +105,7 @@ def command(
     wanted = checkpoint.request["figures"] and not no_figures
     own = checkpoint.request.get("own_figures", []) if wanted else None
     require_drawn(own)
-    run(checkpoint, files, files.read(), Request(model, how), own, DataFiles(**moved).words())
+    run(checkpoint, files, files.read(), Request(model, how), own, moved.words())
 
 
 def _is_whole(directory: Path) -> bool:
@@ -119,12 +123,9 @@ def _is_whole(directory: Path) -> bool:
 def _continued(options: RunOptions, status: Status, more_steps: int | None) -> RunOptions:
     """Return the options of a run with limits that let it go on."""
     options = replace(options, command=f"{options.command}; {command_line()}")
-    if options.quick:
+    if options.quick or more_steps is not None:
         least = 0 if more_steps is None else status.steps + more_steps
         return replace(options, quick=False, min_steps=least, max_steps=max(options.max_steps, least))
-    if more_steps is not None:
-        least = status.steps + more_steps
-        return replace(options, min_steps=least, max_steps=max(options.max_steps, least))
     if status.written and status.steps >= status.max_steps:
         return replace(options, max_steps=status.steps + options.max_steps)
     return options

@@ -67,6 +67,22 @@ def reading(*directories: Path) -> Iterator[list[Result]]:
         raise InputError(f"{sources}: lacks {error}, which every run of this version has") from error
 
 
+@contextmanager
+def rated_run(directory: Path) -> Iterator[Result]:
+    """Read the result of a run with ratings, and warn if its chains have not converged.
+
+    Raises
+    ------
+    InputError
+        If there is no such run, or it had no ratings.
+    """
+    with reading(directory) as (result,):
+        warn_of_unconverged(result)
+        if not result.has_ratings:
+            raise InputError(f"{directory}: a run without ratings cannot predict ratings")
+        yield result
+
+
 def warn_of_unconverged(result: Result) -> None:
     """Warn if the chains of a run have not converged, so that answers from its draws are preliminary."""
     if not result.provenance.ending.converged:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from softness_bayes.cli.interrupts import keeping
-from softness_bayes.cli.options import collected, data_files, flagged, force, no_figures, out, own_figures, typed
+from softness_bayes.cli.options import collected, data_files, force, no_figures, out, own_figures, typed
 from softness_bayes.cli.progress import Bar
 from softness_bayes.cli.running import command_line
 from softness_bayes.cli.summary import print_result
@@ -22,14 +22,14 @@ from softness_bayes.results.run_options import DataFiles, RunOptions, refused_wi
 if TYPE_CHECKING:
     from softness_bayes.checkpoints.checkpoint import Checkpoint
     from softness_bayes.data import Compression, Experiment
-    from softness_bayes.model.build import ExperimentModel
+    from softness_bayes.model.build import ExperimentModel, SkinModel
     from softness_bayes.results.request import Request
 
 
 @click.command
 @data_files
-@collected("model", ModelOptions, *flagged(ModelOptions))
-@collected("how", RunOptions, *flagged(RunOptions))
+@collected("model", ModelOptions)
+@collected("how", RunOptions)
 @no_figures
 @own_figures
 @out()
@@ -118,26 +118,25 @@ def _evaluated(data: Experiment | Compression, options: ModelOptions) -> bool:
     from softness_bayes.model.build import build, build_skin, moduli_of, space_of
     from softness_bayes.runs.evaluation import evaluate
 
-    said = [f"note: {note}" for note in data.notes]
+    lines = [f"note: {note}" for note in data.notes]
     if isinstance(data, Compression):
         skin = build_skin(data, options).posterior
-        found = None if skin.space.sampled else evaluate(skin)
-    elif space_of(data, options).sampled or not moduli_of(data, options).known:
-        found = None
+        if skin.space.sampled:
+            return False
+        lines += evaluate(skin).sentences()
     else:
+        if space_of(data, options).sampled or not moduli_of(data, options).known:
+            return False
         model = build(data, options)
-        said.append(_direction_note(model))
         assert model.resolution is not None, "the command line sets an accuracy"
-        found = evaluate(model.posterior, float(model.resolution.errors.peak))
-    if found is None:
-        return False
-    for line in (*said, *found.sentences()):
-        click.echo(line)
-    click.echo("nothing is written; 'softness-bayes predict' shows contact, stress and firing at these values")
+        lines += [_about_direction(model)]
+        lines += evaluate(model.posterior, float(model.resolution.errors.peak)).sentences()
+    lines.append("nothing is written; 'softness-bayes predict' shows contact, stress and firing at these values")
+    click.echo("\n".join(lines))
     return True
 
 
-def _direction_note(model: ExperimentModel) -> str:
+def _about_direction(model: ExperimentModel) -> str:
     """Return the sentence on the direction of the ratings, marked as a note or a warning."""
     return f"{'warning' if model.direction.against_data else 'note'}: {model.direction.sentence}"
 
@@ -160,31 +159,24 @@ def run(
     NotConvergedError
         If a limit was reached before convergence; all results are written nevertheless.
     """
-    from softness_bayes.model.build import ExperimentModel, people_note
-    from softness_bayes.model.reach import reach_of
     from softness_bayes.provenance import versions
     from softness_bayes.runs.kept import model_of, sample_kept
 
-    out, (options, how) = checkpoint.directory, request
-    model = model_of(data, options)
-    for note in data.notes:
-        click.echo(f"note: {note}", err=True)
-    if isinstance(model, ExperimentModel):
-        if said := reach_of(model.experiment, model.options):
-            click.echo(f"warning: {said}", err=True)
-        click.echo(_direction_note(model), err=True)
-        meaning, people = model.interpretation, people_note(model.experiment, model.options)
-        for note in (meaning.note, meaning.errors_note, *([] if people is None else [people])):
-            click.echo(f"note: {note}", err=True)
+    out, model = checkpoint.directory, model_of(data, request.model)
+    for line in _about(model, data):
+        click.echo(line, err=True)
     bar = Bar()
     with keeping(lambda: _kept(checkpoint, bar.drawing, moved)), checkpoint:
-        decided = request._replace(model=model.options)
-        asked = {"files": files.record_in(out), "options": decided.record(), "figures": own_figures is not None}
-        asked |= {"own_figures": list(own_figures)} if own_figures else {}
-        checkpoint.request = {**asked, "versions": versions()}
+        checkpoint.request = {
+            "files": files.record_in(out),
+            "options": request._replace(model=model.options).record(),
+            "figures": own_figures is not None,
+            "own_figures": list(own_figures or ()),
+            "versions": versions(),
+        }
         bar.begin(0.0 if checkpoint.status is None else checkpoint.status.seconds)
         try:
-            result = sample_kept(checkpoint, model, how, own_figures, bar.show, bar.stage)
+            result = sample_kept(checkpoint, model, request.run, own_figures, bar.show, bar.stage)
         finally:
             bar.close()
     print_result(result, out, bar.times())
@@ -194,6 +186,22 @@ def run(
             f"not converged after {ending.steps} steps; the draws so far are in {out}, for inspection only; "
             f"{_again(out, moved)} the run"
         )
+
+
+def _about(model: ExperimentModel | SkinModel, data: Experiment | Compression) -> Iterator[str]:
+    """Yield notes and warnings on the data and on how the model reads them."""
+    from softness_bayes.model.build import ExperimentModel, people_note
+    from softness_bayes.model.reach import reach_of
+
+    yield from (f"note: {note}" for note in data.notes)
+    if isinstance(model, ExperimentModel):
+        if note := reach_of(model.experiment, model.options):
+            yield f"warning: {note}"
+        yield _about_direction(model)
+        notes = model.interpretation.note, model.interpretation.errors_note
+        yield from (f"note: {note}" for note in notes)
+        if people := people_note(model.experiment, model.options):
+            yield f"note: {people}"
 
 
 def _kept(checkpoint: Checkpoint, drawing: bool = False, moved: Sequence[str] = ()) -> str:

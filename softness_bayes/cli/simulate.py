@@ -5,23 +5,15 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from softness_bayes import __version__
-from softness_bayes.cli.options import (
-    NumberIn,
-    Touches,
-    collected,
-    force,
-    out,
-    seed,
-    set_values,
-    touches,
-    whole,
-)
+from softness_bayes.cli.options import Touches, collected, force, number, out, seed, set_values, touches
+from softness_bayes.cli.predict import accurate
 from softness_bayes.defaults import ERRORS
 from softness_bayes.likelihood.directions import RATING_DIRECTIONS, RISES
 from softness_bayes.model.options import ModelOptions
@@ -29,10 +21,8 @@ from softness_bayes.ranges import FINGERS, PARTICIPANTS, SLOPES, TYPICAL_RATINGS
 from softness_bayes.readable import counted, percent
 
 if TYPE_CHECKING:
-    from softness_bayes.data import Fabrics
     from softness_bayes.model.simulation import Simulation
     from softness_bayes.touch.contact import Load
-    from softness_bayes.touch.scene import Discretisation
 
 RATINGS, FABRICS, COMPRESSION, TRUTH = "ratings.csv", "fabrics.csv", "compression.csv", "truth.json"
 
@@ -57,7 +47,7 @@ RATINGS, FABRICS, COMPRESSION, TRUTH = "ratings.csv", "fabrics.csv", "compressio
         "help": "Whether ratings rise or fall with the response.",
     },
 )
-@click.option("--participants", type=whole(PARTICIPANTS), default=30, show_default=True, help="Number of raters.")
+@number("--participants", PARTICIPANTS, "Number of raters.", 30)
 @click.option(
     "--missing",
     type=click.FloatRange(0, 1, max_open=True),
@@ -65,21 +55,13 @@ RATINGS, FABRICS, COMPRESSION, TRUTH = "ratings.csv", "fabrics.csv", "compressio
     show_default=True,
     help="Share of ratings that are missing at random.",
 )
-@click.option(
-    "--typical-rating", type=NumberIn(TYPICAL_RATINGS), metavar="Y", help="exp(mu); by default the centre of its prior."
-)
-@click.option(
-    "--slope",
-    type=NumberIn(SLOPES),
-    metavar="C1",
-    help="c1 of standardised ratings; by default the median of its prior.",
-)
-@click.option(
+@number("--typical-rating", TYPICAL_RATINGS, "exp(mu); by default the centre of its prior.", metavar="Y")
+@number("--slope", SLOPES, "c1 of standardised ratings; by default the median of its prior.", metavar="C1")
+@number(
     "--fingers",
-    type=whole(FINGERS),
-    default=0,
-    show_default=True,
-    help="Number of fingers pressed by a rigid flat plate to 0.5, 1, 1.5 and 2 mm, for compression.csv.",
+    FINGERS,
+    "Number of fingers pressed by a rigid flat plate to 0.5, 1, 1.5 and 2 mm, for compression.csv.",
+    0,
 )
 @seed
 @out()
@@ -109,7 +91,7 @@ def command(
 
     from softness_bayes.data import SIMULATE, fabrics_csv, ratings_csv
     from softness_bayes.files.outputs import require_outputs, write_outputs
-    from softness_bayes.model.scenes import usual_values
+    from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
     from softness_bayes.model.simulation import simulate_ratings
     from softness_bayes.parameters.declared import PLATE_PARAMETERS
 
@@ -119,6 +101,7 @@ def command(
     require_outputs(out, made, SIMULATE, force, touches.inputs)
     fabrics, loads = touches.read()
     usual = usual_values(model.readings, model.prior_set, values, fingers or None)
+    compiled = partial(scene_of, fabrics, loads, usual, model.readings, finger=model.finger)
     simulation = simulate_ratings(
         np.random.default_rng(seed),
         fabrics,
@@ -131,7 +114,7 @@ def command(
         model.direction,
         model.scale,
         slope,
-        _resolution(fabrics, loads, usual, model),
+        accurate(compiled, usual, touch_parameters(usual), model.accuracy).discretisation,
         model.finger,
         model.load_cv or 0.0,
         model.errors,
@@ -141,12 +124,8 @@ def command(
     contents = {RATINGS: ratings_csv(simulation.ratings, fabrics), FABRICS: fabrics_csv(fabrics)}
     story = _truth(simulation, fabrics.names, loads)
     stored = model.record()
-    story |= {
-        "seed": seed,
-        "readings": stored["readings"],
-        "ratings": stored["scale"],
-        "direction": stored["direction"],
-    }
+    story |= {"seed": seed, "readings": stored["readings"], "ratings": stored["scale"]}
+    story |= {"direction": stored["direction"]}
     more = {name: stored[name] for name in ("finger", "load_cv", "errors", "resolution", "n_categories")}
     story |= {name: value for name, value in more.items() if value and value != ERRORS[0]}
     story |= {"version": __version__, "simulated": True}
@@ -163,24 +142,6 @@ def command(
     silent = float((simulation.total_rate == 0).mean())
     if silent:
         click.echo(f"note: no receptor fires in {percent(silent)} of the conditions", err=True)
-
-
-def _resolution(
-    fabrics: Fabrics, loads: tuple[Load, ...], values: Mapping[str, float], model: ModelOptions
-) -> Discretisation:
-    """Return a discretisation that achieves the accuracy at these parameters."""
-    from softness_bayes.model.scenes import scene_of, touch_parameters
-    from softness_bayes.touch.accuracy import PRESETS, choose, given_draws
-
-    choice = choose(
-        lambda discretisation: scene_of(
-            fabrics, loads, values, model.readings, discretisation=discretisation, finger=model.finger
-        ),
-        given_draws(values, touch_parameters(values)),
-        model.accuracy,
-        PRESETS[1:],
-    )
-    return choice.discretisation
 
 
 def _forces(

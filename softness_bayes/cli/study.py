@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import click
 
 from softness_bayes.cli.interrupts import keeping
-from softness_bayes.cli.options import FILE, collected, dask, model_options, out, reading_options, spreads
-from softness_bayes.cli.progress import Count
+from softness_bayes.cli.options import FILE, collected, dask, model_options, out, spreads
+from softness_bayes.cli.progress import counting
 from softness_bayes.cli.running import command_line, executor_of
 from softness_bayes.errors import InputError, NotConvergedError, NumericalError
 from softness_bayes.model.options import ModelOptions
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("source", metavar="TABLES", type=FILE)
-@reading_options
+@collected("files", DataFiles, without=("data", "compression"))
 @model_options
 @click.option(
     "--pool",
@@ -88,29 +88,29 @@ def command(
         for one in listed
         if one.name in tables
     }
-    bar = Count(len(listed), "table", "fitting")
     hint = f"finished fits, and all steps of the others, are saved in {out}: the same command continues"
-    with keeping(lambda: hint), executor_of(dask, out) as executor:
-        try:
-            found = study(
-                tables,
-                out,
-                model,
-                replace(run, command=command_line()),
-                [name.strip() for name in pooled.split(",") if name.strip()],
-                spreads,
-                lambda finished, one: bar.show(finished, f"{one.table} {one.outcome}"),
-                refused,
-                kept,
-                executor,
-            )
-        finally:
-            bar.close()
-    found.save()
-    for sentence in found.sentences():
+    with (
+        counting(len(listed), "table", "fitting") as show,
+        keeping(lambda: hint),
+        executor_of(dask, out) as executor,
+    ):
+        fitted = study(
+            tables,
+            out,
+            model,
+            replace(run, command=command_line()),
+            [name.strip() for name in pooled.split(",") if name.strip()],
+            spreads,
+            lambda finished, one: show(finished, f"{one.table} {one.outcome}"),
+            refused,
+            kept,
+            executor,
+        )
+    fitted.save()
+    for sentence in fitted.sentences():
         click.echo(sentence)
     click.echo(f"written to {out}")
-    _end(found)
+    _end(fitted)
 
 
 def _files_of(one: Listed, files: DataFiles) -> DataFiles:
@@ -132,17 +132,17 @@ def _read(listed: list[Listed], files: DataFiles) -> tuple[dict[str, Experiment 
     return tables, refused
 
 
-def _end(found: Study) -> None:
+def _end(fitted: Study) -> None:
     """Raise an error if tables were refused, have not converged or were not pooled."""
     from softness_bayes.runs.table_fit import REFUSED, UNCONVERGED
 
-    total = len(found.outcomes)
-    if bad := found.named(REFUSED):
+    total = len(fitted.outcomes)
+    if bad := fitted.named(REFUSED):
         raise InputError(f"{some_of(len(bad), total, 'table', 'was', 'were')} refused ({', '.join(bad)}); see above")
-    if short := found.named(UNCONVERGED):
+    if short := fitted.named(UNCONVERGED):
         raise NotConvergedError(
             f"{some_of(len(short), total, 'table', 'has', 'have')} not converged ({', '.join(short)}); only "
             "converged tables are pooled; the same command with a larger --max-steps continues the others"
         )
-    if found.failed:
-        raise NumericalError(f"not pooled: {', '.join(found.failed)}; see above")
+    if fitted.failed:
+        raise NumericalError(f"not pooled: {', '.join(fitted.failed)}; see above")

@@ -22,7 +22,6 @@ from softness_bayes.options import (
     Numbers,
     NumbersByName,
     Options,
-    Whole,
     described,
     option,
 )
@@ -132,7 +131,7 @@ class PriorSet(Kind):
 class ReadingsByPlace(ByName):
     """Readings of the model's equations: a named set of them, and others by their place."""
 
-    metavar = "PLACE=NAME"
+    metavar = "SET|PLACE=NAME"
 
     def accept(self, name: str, value: Any) -> Readings:
         """Return readings."""
@@ -163,20 +162,14 @@ class ReadingsByPlace(ByName):
         """Return the readings of names."""
         return _mended().override(stored)
 
-    def sets(self) -> Iterable[str]:
-        """Return the named sets."""
-        from softness_bayes.touch.readings import NAMED_READINGS
-
-        return NAMED_READINGS
-
     def complete(self, incomplete: str) -> Iterable[str]:
-        """Return the places, or the readings of a place."""
-        from softness_bayes.touch.readings import ALTERNATIVES
+        """Return the named sets and the places, or the readings of a place."""
+        from softness_bayes.touch.readings import ALTERNATIVES, NAMED_READINGS
 
         place, given, _ = incomplete.partition("=")
         if given and place in ALTERNATIVES:
             return [f"{place}={name}" for name in (*ALTERNATIVES[place], *installed(place))]
-        return [f"{name}=" for name in ALTERNATIVES]
+        return [*NAMED_READINGS, *(f"{name}=" for name in ALTERNATIVES)]
 
 
 class FingerValues(NumbersByName):
@@ -355,10 +348,10 @@ class ModelOptions(Options):
         ReadingsByPlace(),
         flag="--reading",
         default_factory=_mended,
-        help="Another reading of one equation of the model, such as pressure=hertz, or a custom one, such as "
-        "pressure=mymodule:mine; 'list readings' shows them.",
+        help="Named set of readings of the model's equations: mended (the default), printed or hertz; or another "
+        "reading of one equation, such as pressure=hertz, or a custom one, such as pressure=mymodule:mine. "
+        "'list readings' shows them.",
         set_flag="--readings",
-        set_help="Named set of readings: mended (the default), printed or hertz. --reading changes single ones.",
         spelled=True,
     )
     direction: RatingDirection | None = option(
@@ -454,7 +447,7 @@ class ModelOptions(Options):
         needs_ratings=True,
     )
     n_categories: int | None = option(
-        Whole(CATEGORIES_RANGE, "K"),
+        Number(CATEGORIES_RANGE, "K"),
         None,
         "--categories",
         "Number of ordered categories (--ratings categories); by default the largest number in the table.",

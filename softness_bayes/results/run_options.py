@@ -21,7 +21,6 @@ from softness_bayes.options import (
     Kind,
     Number,
     Options,
-    Whole,
     described,
     option,
 )
@@ -46,7 +45,7 @@ class RunOptions(Options):
         needs_ratings=True,
     )
     max_steps: int = option(
-        Whole(STEPS, ""),
+        Number(STEPS, "N"),
         MAX_STEPS,
         "--max-steps",
         "Largest number of steps of each ensemble; the run then ends even if it has not converged.",
@@ -68,13 +67,13 @@ class RunOptions(Options):
         "converged. By default no limit.",
     )
     processes: int | None = option(
-        Whole(PROCESSES),
+        Number(PROCESSES, "N"),
         None,
         "--processes",
         "Processes that share the ensembles; by default one for each core. Draws do not depend on it.",
     )
     seed: int = option(
-        Whole(SEEDS, ""),
+        Number(SEEDS, "N"),
         SEED,
         "--seed",
         "Seed of the random numbers: the same seed gives the same results.",
@@ -82,7 +81,7 @@ class RunOptions(Options):
         spelled=True,
     )
     min_steps: int = option(
-        Whole(Count(0, STEPS.high)),
+        Number(Count(0, STEPS.high)),
         0,
         help="Smallest number of steps of each ensemble, even if the run has converged earlier.",
     )

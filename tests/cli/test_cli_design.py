@@ -8,8 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from softness_bayes.cli import main
-from softness_bayes.data import Experiment, Fabrics, Ratings, fabrics_csv, ratings_csv, read_experiment
-from softness_bayes.errors import InputError
+from softness_bayes.data import Experiment, Fabrics, Ratings, fabrics_csv, ratings_csv
 from softness_bayes.touch.contact import Force, Indentation
 
 LOADS = Indentation(1e-3), Indentation(2.5e-3)
@@ -178,18 +177,3 @@ def test_loads_a_hair_apart_are_remarked_and_rounded_on_request(tmp_path):
     done = check(tmp_path, given, "--round-load", "0.25")
     assert "loads         0.5 N (108 ratings), 1 N (108 ratings)" in done.stdout
     assert "loads rounded to multiples of 0.25: 6 became 2: 0.5 N from 0.495 N, 0.5 N, 0.505 N; 1 N from" in done.stdout
-
-
-def test_rounding_keeps_every_rating_and_refuses_what_is_no_load(tmp_path):
-    check(tmp_path, experiment(loads=FORCES))
-    path = tmp_path / "ratings.csv"
-    plain, rounded = read_experiment(path), read_experiment(path, round_load=0.05)
-    assert np.array_equal(plain.ratings.rating, rounded.ratings.rating)
-    assert [load.newton for load in rounded.ratings.loads] == [0.5, 1.0, 1.05]
-    measured = np.array([load.newton for load in plain.ratings.loads])[plain.ratings.load]
-    used = np.array([load.newton for load in rounded.ratings.loads])[rounded.ratings.load]
-    assert np.abs(measured - used).max() <= 0.025 + 1e-12
-    with pytest.raises(InputError, match=r"0.495 N would become 0.*give a smaller step"):
-        read_experiment(path, round_load=5.0)
-    with pytest.raises(InputError, match="round_load is -1"):
-        read_experiment(path, round_load=-1.0)

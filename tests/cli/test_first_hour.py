@@ -206,13 +206,3 @@ def test_a_column_that_may_hold_the_load_is_named_not_passed_over(tmp_path):
     assert "--indentation-mm 2" not in done.stderr.splitlines()[-1]
     assert "1 mm" in call(*asked, "--column", "indentation_mm=Indentation").stdout
     assert "'Indentation' may contain loads but is not read" in call(*asked, "--indentation-mm", "2").stdout
-
-
-def test_whole_numbers_of_few_values_may_be_categories(tmp_path):
-    rows = "\n".join(f"s{p},m{f},{1 + (p + 2 * f) % 7}" for p in range(8) for f in (1, 2, 3))
-    (tmp_path / "r.csv").write_text(f"participant,fabric,rating\n{rows}\n")
-    (tmp_path / "fabrics.csv").write_text(CLOTH)
-    said = "all ratings are whole numbers from 1 to 7"
-    asked = ["check", "--data", tmp_path / "r.csv", "--indentation-mm", "2"]
-    assert said in call(*asked).stdout
-    assert said not in call(*asked, "--ratings", "categories").stdout

@@ -33,6 +33,7 @@ from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.results import fitted
 from softness_bayes.runs import calibrate
 from softness_bayes.touch import accuracy
+from support.paths import DATA
 from support.randomness import SEED
 
 SEEDS = Path(__file__).with_name("fuzz")
@@ -254,3 +255,42 @@ def test_ten_thousand_cases_end_well(tmp_path, stubbed, monkeypatch, part):
     fuzz_tables(tmp_path, np.random.default_rng([SEED, 3, part]), 6000)
     monkeypatch.chdir(tmp_path / "lines")
     fuzz_lines(tmp_path / "lines", np.random.default_rng([SEED, 4, part]), 2000)
+
+
+# values of parameters, computed
+
+NUMBERS = (
+    *("nan", "inf", "-inf", "1e308", "5e-324", "-1", "0", "-0", "1e-300", "1e999", "", "=", "b=1", "0x10", "1_0"),
+    *("1,5", "１２", "٣", "--", "\u202e5", "9" * 400, " 3 ", "+4", "true", "1e-12", "1e12", "1e100", "1e-100"),
+)
+NAMES = (*EVERY_PARAMETER, "q", "B", "b ", "σ", "c_na", "", ",", ";", "load")
+CHECK = ("check", "--data", str(DATA / "ratings.csv"))
+PREDICT = ("predict", "--fabrics", str(DATA / "fabrics.csv"), "--accuracy", "0.01", "--force-n", "1")
+COMPUTED = {"--set": (PREDICT,), "--fix": (CHECK, (*CHECK, "--cost", "--accuracy", "0.01"))}
+
+
+def value(random: np.random.Generator) -> str:
+    """One that broke something, or a number of any size."""
+    if random.random() < 0.4:
+        return str(random.choice(NUMBERS))
+    return repr(float(10.0 ** random.uniform(*[(-12, 12), (-1, 2.5)][random.integers(2)])))
+
+
+@pytest.mark.parametrize("cases", [12, pytest.param(400, marks=pytest.mark.slow)])
+def test_values_of_parameters_give_numbers_or_a_message(cases):
+    random, runner, codes = np.random.default_rng([SEED, 21]), CliRunner(), set()
+    for _ in range(cases):
+        option = str(random.choice([*COMPUTED]))
+        verb = COMPUTED[option][random.integers(len(COMPUTED[option]))]
+        given = [f"{random.choice(NAMES)}={value(random)}" for _ in range(random.integers(1, 5))]
+        given += given[:1] if random.random() < 0.1 else []
+        line = [*verb, *(word for each in given for word in (option, each))]
+        said = runner.invoke(main, line)
+        codes.add(said.exit_code)
+        assert said.exit_code in (0, 2, 4), (line, said.output, said.exception)  # done, refused, or no numbers
+        assert said.exception is None or isinstance(said.exception, SystemExit), (line, said.exception)
+        if said.exit_code:
+            assert said.output.strip(), line
+        elif line[0] == "predict":
+            assert not {"nan", "inf", "-inf"} & set(said.output.lower().replace("|", " ").split()), line
+    assert 2 in codes

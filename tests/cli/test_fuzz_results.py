@@ -12,13 +12,14 @@ from click.testing import CliRunner
 from softness_bayes.cli import main
 from softness_bayes.runs import run
 from support.command_line import FIXED, few_ratings
+from support.faults import DAMAGES, damage
 from support.paths import DATA
 from support.randomness import SEED
 from support.report_runs import quickly
 
 ASKED = [*FIXED, "--seed", "3", "--no-figures", "--max-steps", "40", "--processes", "1"]
 SENTINELS = {"thesis.tex": b"\\documentclass{thesis}\n", "notes.csv": b"a,b\n1,2\n", ".git_config": b"[core]\n"}
-DAMAGES = ("flip", "cut", "empty", "separator", "encoding", "swap", "remove", "directory")
+KINDS = (*DAMAGES, "separator", "directory")
 
 
 @pytest.fixture(scope="module")
@@ -45,31 +46,17 @@ def no_walk(monkeypatch):
     monkeypatch.setattr(run, "walk", stop)
 
 
-def damage(path: Path, how: str, others: list[Path], random: np.random.Generator) -> None:
+def spoil(path: Path, how: str, others: list[Path], random: np.random.Generator) -> None:
     """Spoil one file of a run."""
-    content = path.read_bytes()
     match how:
-        case "flip":
-            spoilt = bytearray(content)
-            for at in random.integers(0, max(len(content), 1), 3):
-                spoilt[at : at + 1] = bytes([random.integers(0, 256)])
-            path.write_bytes(spoilt)
-        case "cut":
-            path.write_bytes(content[: int(random.integers(0, len(content) + 1))])
-        case "empty":
-            path.write_bytes(b"")
         case "separator":
-            path.write_bytes(content.replace(b",", b";").replace(b".", b","))
-        case "encoding":
-            path.write_bytes(content.decode("utf-8", "replace").encode("utf-16"))
-        case "swap":
-            path.write_bytes(others[int(random.integers(0, len(others)))].read_bytes())
-        case "remove":
-            path.unlink()
+            path.write_bytes(path.read_bytes().replace(b",", b";").replace(b".", b","))
         case "directory":
             path.unlink()
             path.mkdir()
             (path / "inside.txt").write_text("somebody's")
+        case _:
+            damage(path, how, others, random)
 
 
 def files_of(folder: Path) -> dict[str, str]:
@@ -91,8 +78,8 @@ def fuzz_results(finished: Path, folder: Path, random: np.random.Generator, case
         for place in (here, out):
             for name, content in SENTINELS.items():
                 (place / name).write_bytes(content)
-        target, how = kinds[int(random.integers(0, len(kinds)))], str(random.choice(DAMAGES))
-        damage(out / target, how, [out / kind for kind in kinds if (out / kind) != out / target], random)
+        target, how = kinds[int(random.integers(0, len(kinds)))], str(random.choice(KINDS))
+        spoil(out / target, how, [out / kind for kind in kinds if (out / kind) != out / target], random)
         verbs = {
             "status": ["status", out],
             "resume": ["resume", out, "--no-figures"],

@@ -6,7 +6,7 @@ import sys
 import numpy as np
 
 from oracles.autoregressive import autoregressive
-from softness_bayes.cli.progress import LONG, Bar, Figures
+from softness_bayes.cli.progress import LONG, Bar, drawing
 from softness_bayes.plotting.figures import draw_figures
 from softness_bayes.sampler.diagnostics import look
 from softness_bayes.sampler.sampling import Progress
@@ -38,10 +38,6 @@ def test_a_walk_that_is_too_short_gives_no_bound(capsys):
     assert "too short for an upper limit" in line
 
 
-def test_a_short_run_says_nothing(capsys):
-    assert shown(capsys, 0.01, 12.0)[1] == []
-
-
 class Terminal(io.StringIO):
     def isatty(self):
         return True
@@ -53,7 +49,7 @@ def test_each_figure_is_named_while_it_is_drawn_on_a_terminal_only(monkeypatch, 
     for stream, names in ((Terminal(), ["figure 1 of 2: trace", "figure 2 of 2: rank"]), (io.StringIO(), [])):
         monkeypatch.setattr(sys, "stderr", stream)
         monkeypatch.setenv("COLUMNS", "100")
-        with Figures() as progress:
-            draw_figures(result, tmp_path / "figures", ["trace", "rank"], ("png",), told=progress.show)
+        with drawing() as show:
+            draw_figures(result, tmp_path / "figures", ["trace", "rank"], ("png",), told=show)
         said = [line.strip() for line in stream.getvalue().split("\r") if line.strip()]
         assert said == (["reading the results", *names] if names else [])

@@ -1,17 +1,14 @@
 """A first look, `sample --quick`: labelled as such wherever it is seen, and upgraded to the draws of a full run."""
 
 import io
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from softness_bayes.checkpoints.status import read_status
-from softness_bayes.cli.running import warn_of_unconverged
 from softness_bayes.plotting.figures import FIGURES
 from softness_bayes.plotting.figures import FIRST_LOOK as LABEL
-from softness_bayes.report.conclusion import conclude, facts_of
 from softness_bayes.report.page import report_page
 from softness_bayes.report.repeat import repetition
 from softness_bayes.results.result import Result
@@ -79,35 +76,6 @@ def test_answers_from_it_are_called_preliminary(looked, asked):
     tables += [pd.read_csv(io.StringIO(done.stdout))] if "target" in asked else []
     assert tables
     assert all(table["preliminary"].all() for table in tables)
-
-
-def test_its_tables_are_labelled(looked, result):
-    directory, _ = looked
-    tables = {path.name: pd.read_csv(path) for path in (directory / "out").glob("*.csv")}
-    assert {"summary.csv", "predictive_checks.csv"} <= {*tables}
-    assert all(table["preliminary"].all() for table in tables.values())
-    # the label is that of the file: the result itself has none, and neither have converged runs
-    assert "preliminary" not in result.table
-    assert "preliminary" not in result.summary()
-
-
-@pytest.mark.parametrize(
-    ("converged", "quick", "said"),
-    [(True, False, ""), (False, False, "the chains of this run"), (False, True, "first")],
-)
-def test_only_unconverged_chains_are_warned_of(capsys, converged, quick, said):
-    ending = SimpleNamespace(converged=converged)
-    warn_of_unconverged(SimpleNamespace(provenance=SimpleNamespace(ending=ending), is_first_look=quick, source="run"))
-    assert said in (told := capsys.readouterr().err)
-    assert bool(told) == (not converged)
-
-
-def test_its_findings_are_told_only_where_the_ensembles_agree(result):
-    facts = facts_of(result)._replace(settled=True)
-    assert conclude(facts).learnt.startswith("preliminary: ")
-    assert conclude(facts._replace(settled=False)).learnt.startswith("nothing yet")
-    # negative control: a run that merely has not converged has no findings
-    assert conclude(facts._replace(quick=False, settled=False)).learnt.startswith("nothing yet")
 
 
 def test_resume_goes_on_to_the_very_result_of_a_full_run(looked):

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from softness_bayes import read_experiment, sample
 from softness_bayes.cli import main
-from softness_bayes.cli.options import collected, flagged
+from softness_bayes.cli.options import collected
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.directions import FALLS
 from softness_bayes.likelihood.error_laws import LAPSES
@@ -72,7 +72,7 @@ FLAGGED = [(kind, name) for kind in EVERY for name, one in kind.declared.items()
 def typed(kind, *words):
     """Return the options of a class that a command with these words receives."""
     received = []
-    command = click.command()(collected("it", kind, *flagged(kind))(lambda it: received.append(it)))
+    command = click.command()(collected("it", kind)(lambda it: received.append(it)))
     command.main([*words], standalone_mode=False)
     return received[0]
 
