@@ -10,20 +10,36 @@ from bokeh.models import ColumnDataSource, LinearColorMapper, Range1d
 from bokeh.models.annotations import ColorBar
 from bokeh.palettes import Viridis256
 from bokeh.plotting import figure
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from softness_bayes.explore.picture import Picture
 from softness_bayes.explore.subject import Subject
 from softness_bayes.parameters.declared import KPA
-from softness_bayes.plotting.panels import TINTS, title
+from softness_bayes.plotting.panels import title
 from softness_bayes.plotting.style import USUAL
 from softness_bayes.plotting.touch import SEEN
-from softness_bayes.report.charts import INK, TURN_TINT, dress, plain_ticks
+from softness_bayes.report.charts import INK, add_bands, add_ratings, dress, plain_ticks
 
 MODULUS_WORDS = "fabric modulus E_fab [kPa]"
 BANDS = ("low50", "high50", "low95", "high95")
 ROUND = np.linspace(0.0, 2.0 * np.pi, 97)
 """Angles of the points that outline the contact."""
+
+
+COLUMNS = {
+    "curve": ("x", "rate", "rating"),
+    "others": ("xs", "rate", "rating"),
+    "touched": ("x", "rate", "rating"),
+    "turn": ("x",),
+    **{f"{name}/band": ("x", "median", *BANDS) for name in ("rate", "rating")},
+    **{f"{name}/turn": ("left", "middle", "right") for name in ("rate", "rating")},
+    "data": ("x", "mean", "low", "high"),
+    "firing": ("x", "rate"),
+    "receptors": ("x", "y"),
+    "firing receptors": ("x", "y", "rate"),
+    "contact": ("x", "y"),
+}
+"""Source of data in the charts -> its columns; what belongs to ratings stays empty without a run."""
 
 
 class Charts:
@@ -41,58 +57,48 @@ class Charts:
     """The columns of the charts by name."""
 
     def __init__(self, subject: Subject) -> None:
-        self.subject, self.sources = subject, {}
-        both = ["rate"] if subject.rated is None else ["rate", "rating"]
-        for name, keys in {
-            "curve": ["x", *both],
-            "others": ["xs", *both],
-            "touched": ["x", *both],
-            "turn": ["x"],
-        }.items():
-            self._source(name, *keys)
+        self.subject = subject
+        self.sources = {name: ColumnDataSource({key: [] for key in keys}, name=name) for name, keys in COLUMNS.items()}
         self.figures = {"rate": self._curves("rate", "total rate [spikes/s]", "linear")}
         if subject.rated is not None:
             self.figures["rating"] = self._curves("rating", subject.rated.scale.label, subject.rated.scale.axis)
-            self._draw_data(self.figures["rating"])
+            add_ratings(self.figures["rating"], self.sources["data"])
         rate = "firing rate of a receptor [Hz]"
-        self.figures["firing"] = _figure("distance from the contact's axis [mm]", rate, title="Receptors by distance")
-        firing = self._source("firing", "x", "rate")
-        self.figures["firing"].line("x", "rate", source=firing, color=INK, line_width=2)
+        firing = _figure("distance from the contact's axis [mm]", rate, title="Receptors by distance")
+        firing.line("x", "rate", source=self.sources["firing"], color=INK, line_width=2)
         self.colours = LinearColorMapper(palette=Viridis256, low=0.0, high=1.0)
-        self.figures["pad"] = self._pad()
+        self.figures |= {"firing": firing, "pad": self._pad()}
 
     # contents
 
     def draw(self, load: int, found: Picture) -> None:
         """Show a picture, under a load."""
+        rated = self.subject.rated
         curves = {"rate": found.rate} if found.rating is None else {"rate": found.rate, "rating": found.rating}
         here = {"rate": found.chosen["total_rate_hz"], "rating": found.chosen.get("typical_rating")}
-        others = {name: list(np.delete(values, load, axis=0)) for name, values in curves.items()}
         self._put("curve", x=found.modulus, **{name: values[load] for name, values in curves.items()})
-        self._put("others", xs=[found.modulus] * (len(found.rate) - 1), **others)
         self._put("turn", x=found.turn[[load]][np.isfinite(found.turn[[load]])])
         self._put("touched", x=[found.chosen["e_fab_kpa"]], **{name: [here[name]] for name in curves})
+        others = {name: list(np.delete(values, load, axis=0)) for name, values in curves.items()}
+        self.sources["others"].data = {"xs": [found.modulus] * (len(found.rate) - 1), **others}
+        if rated is not None:
+            self._put("data", **{key: rated.shown[load].fabrics[key] for key in COLUMNS["data"]})
         for name, values in curves.items():
-            chart = self.figures[name]
+            chart, columns = self.figures[name], [np.ravel(values)]
             chart.title = title(self.subject.loads[load])
-            behind: list[ArrayLike] = []
-            if self.subject.rated is not None:
-                shown = self.subject.rated.shown[load]
-                self._put(f"{name}/band", **getattr(shown, name))
-                self._put(f"{name}/turn", **shown.turn)
-                behind = [getattr(one, name)[key] for one in self.subject.rated.shown for key in BANDS]
+            if rated is not None:
+                self._put(f"{name}/band", **getattr(rated.shown[load], name))
+                self._put(f"{name}/turn", **rated.shown[load].turn)
+                columns += [np.asarray(getattr(one, name)[key], float) for one in rated.shown for key in BANDS]
                 if name == "rating":
-                    self._put("data", **{key: shown.fabrics[key] for key in ("x", "mean", "low", "high")})
-                    behind += [one.fabrics[key] for one in self.subject.rated.shown for key in ("low", "high")]
-            every = np.concatenate([np.ravel(values), *(np.asarray(column, float) for column in behind)])
-            logarithmic = name == "rating" and self.subject.rated is not None and self.subject.rated.scale.axis == "log"
-            chart.y_range.update(**axis_ends(every, logarithmic, from_zero=name == "rate"))
+                    columns += [np.asarray(one.fabrics[key], float) for one in rated.shown for key in ("low", "high")]
+            logarithmic = name == "rating" and rated is not None and rated.scale.axis == "log"
+            chart.y_range.update(**axis_ends(np.concatenate(columns), logarithmic, from_zero=name == "rate"))
         self._draw_receptors(found)
 
     def _put(self, name: str, **columns: Any) -> None:
-        """Replace the columns of a source: numbers, or rows of numbers in the chart of other loads."""
-        rows = name == "others"
-        self.sources[name].data = {key: value if rows else np.asarray(value, float) for key, value in columns.items()}
+        """Replace the columns of a source, which are numbers."""
+        self.sources[name].data = {key: np.asarray(value, float) for key, value in columns.items()}
 
     def _draw_receptors(self, found: Picture) -> None:
         chart, x, y = self.figures["firing"], *(self.subject.receptors.T * 1e3)
@@ -110,21 +116,12 @@ class Charts:
 
     # the charts
 
-    def _source(self, name: str, *keys: str) -> ColumnDataSource:
-        self.sources[name] = ColumnDataSource({key: [] for key in keys}, name=name)
-        return self.sources[name]
-
     def _curves(self, name: str, label: str, axis: str) -> figure:
         """Return the chart of the response or of the rating against the modulus."""
         chart = _figure(MODULUS_WORDS, label, x_axis_type="log", y_axis_type=axis)
         chart.x_range = Range1d(start=self.subject.ends[0] / KPA, end=self.subject.ends[1] / KPA)
         if self.subject.rated is not None:
-            turn = self._source(f"{name}/turn", "left", "middle", "right")
-            chart.vstrip(x0="left", x1="right", source=turn, color=USUAL.inflection, alpha=TURN_TINT)
-            band = self._source(f"{name}/band", "x", "median", *BANDS)
-            for level, tint in (("95", TINTS[1]), ("50", TINTS[0])):
-                look: Any = {"fill_color": USUAL.posterior, "fill_alpha": tint}
-                chart.varea(x="x", y1=f"low{level}", y2=f"high{level}", source=band, **look)
+            add_bands(chart, self.sources[f"{name}/band"], self.sources[f"{name}/turn"])
         if axis == "log":
             plain_ticks(chart)
         others, curve, turn, touched = (self.sources[key] for key in ("others", "curve", "turn", "touched"))
@@ -134,12 +131,6 @@ class Charts:
         chart.scatter("x", name, source=touched, marker="diamond", size=13, color=INK)
         return chart
 
-    def _draw_data(self, chart: figure) -> None:
-        """Add mean ratings and their spread between raters to a chart."""
-        data = self._source("data", "x", "mean", "low", "high")
-        chart.segment(x0="x", x1="x", y0="low", y1="high", source=data, color=USUAL.data, alpha=0.6)
-        chart.scatter(x="x", y="mean", source=data, size=8, color=USUAL.data)
-
     def _pad(self) -> figure:
         """Return the chart of receptors on the pad, to scale."""
         long, wide = self.subject.finger.pad_length * 1e3, self.subject.finger.pad_width * 1e3
@@ -148,10 +139,9 @@ class Charts:
         chart.x_range, chart.y_range = Range1d(start=0.0, end=long), Range1d(start=0.0, end=wide)
         drawn: Any = {"size": 6, "line_color": USUAL.absent, "line_width": 0.5}
         fill: Any = {"field": "rate", "transform": self.colours}
-        chart.scatter("x", "y", source=self._source("receptors", "x", "y"), fill_color=None, **drawn)
-        firing = self._source("firing receptors", "x", "y", "rate")
-        chart.scatter("x", "y", source=firing, fill_color=fill, **drawn)
-        chart.line("x", "y", source=self._source("contact", "x", "y"), color=INK)
+        chart.scatter("x", "y", source=self.sources["receptors"], fill_color=None, **drawn)
+        chart.scatter("x", "y", source=self.sources["firing receptors"], fill_color=fill, **drawn)
+        chart.line("x", "y", source=self.sources["contact"], color=INK)
         chart.add_layout(ColorBar(color_mapper=self.colours, title="Hz", background_fill_color=None), "right")
         return chart
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import shlex
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -12,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checking.inflection import CurveShape, Inflection, find_inflection, response_curves
-from softness_bayes.data.ratings import LOAD_COLUMNS
+from softness_bayes.data import LOAD_COLUMNS, Fabrics, fabrics_csv
 from softness_bayes.defaults import ACCURACY
 from softness_bayes.explore.subject import State, Subject
-from softness_bayes.model.fingers import values_of
+from softness_bayes.model.fingers import finger_of, values_of
+from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.prediction import quantities
 from softness_bayes.model.scenes import touch_parameters
 from softness_bayes.parameters.declared import KPA, SHAPE_PARAMETERS
@@ -24,7 +23,6 @@ from softness_bayes.readable import number, percent
 from softness_bayes.touch.contact import HERTZ_LIMIT
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.profiles import touch_profiles
-from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.receptors import kink_distances
 
 Array = NDArray[np.float64]
@@ -144,33 +142,26 @@ def repeating(subject: Subject, state: State) -> str:
     column = next(entry.column.name for entry in LOAD_COLUMNS if isinstance(load, entry.kind))
     words = ["softness-bayes", "predict", "--fabrics", "explored.csv"]
     words += [f"--{column.replace('_', '-')}", str(load).partition(" ")[0]]
+    values = subject.values(state)
     if subject.rated is not None:
         # finger, readings, noise and the medians of parameters without a slider come from the run
-        words += ["--posterior", subject.rated.source, *_options("--set", state.values)]
+        touch: Mapping[str, float] = state.values
+        words += ["--posterior", subject.rated.source]
     else:
-        values, usual = subject.values(state), Readings().names
-        shape = {f"{name}_mm": values[name] for name in SHAPE_PARAMETERS if name in values}
         touch = {n: values[n] for n in TouchParameters._fields if n in values and n not in SHAPE_PARAMETERS}
-        words += [*_options("--set", touch), *_options("--finger", values_of(subject.finger) | shape)]
-        changed = {place: name for place, name in subject.readings.names.items() if name != usual[place]}
-        words += [word for place, name in changed.items() for word in ("--reading", f"{place}={name}")]
-    return f"printf '%s\\n' {' '.join(map(shlex.quote, _table(subject, state)))} > explored.csv\n{shlex.join(words)}"
+        shape = {f"{name}_mm": values[name] for name in SHAPE_PARAMETERS if name in values}
+        finger = finger_of(values_of(subject.finger) | shape)
+        words += ModelOptions(readings=subject.readings, finger=finger).words("readings", "finger")
+    words += [word for name, value in touch.items() for word in ("--set", f"{name}={value:.15g}")]
+    rows = fabrics_csv(_touched(subject, state)).splitlines()
+    return f"printf '%s\\n' {' '.join(map(shlex.quote, rows))} > explored.csv\n{shlex.join(words)}"
 
 
-def _options(option: str, values: Mapping[str, float]) -> list[str]:
-    """Return an option for each of some numbers by name."""
-    written = {name: repr(float(value)).removesuffix(".0") for name, value in values.items()}
-    return [word for name, value in written.items() for word in (option, f"{name}={value}")]
-
-
-def _table(subject: Subject, state: State) -> list[str]:
-    """Return the rows of a table with this fabric only."""
+def _touched(subject: Subject, state: State) -> Fabrics:
+    """Return the fabric of a state alone."""
     if state.fabric is None:
-        name, modulus, poisson = "explored", state.modulus_kpa, subject.poisson_ratio
+        name, modulus, poisson = "explored", state.modulus_kpa * KPA, subject.poisson_ratio
     else:
         fabrics, k = subject.fabrics, state.fabric
-        name, modulus, poisson = fabrics.names[k], fabrics.effective_modulus[k] / KPA, fabrics.poisson_ratio[k]
-    # twelve digits reproduce the table's value and hide the rounding of the unit conversion
-    row, text = (name, f"{modulus:.12g}", f"{poisson:.12g}"), io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([("fabric", "effective_modulus_kpa", "poisson_ratio"), row])
-    return text.getvalue().splitlines()
+        name, modulus, poisson = fabrics.names[k], fabrics.effective_modulus[k], fabrics.poisson_ratio[k]
+    return Fabrics((name,), effective_modulus=np.array([modulus]), poisson_ratio=np.array([poisson]))

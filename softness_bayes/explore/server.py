@@ -11,13 +11,8 @@ from typing import Any
 from bokeh.application import Application
 from bokeh.application.handlers.function import FunctionHandler
 from bokeh.document import Document
-from bokeh.protocol import Protocol
-from bokeh.server.connection import ServerConnection
-from bokeh.server.contexts import ApplicationContext
 from bokeh.server.server import BaseServer
-from bokeh.server.session import ServerSession
 from bokeh.server.tornado import BokehTornado
-from bokeh.server.views.ws import WSHandler
 from tornado.httpserver import HTTPServer
 from tornado.httputil import HTTPServerRequest
 from tornado.ioloop import IOLoop
@@ -29,8 +24,6 @@ from softness_bayes.explore.subject import Subject
 
 ADDRESS = "127.0.0.1"
 """The loopback address: nobody else on a network reaches it."""
-
-_TAKEN = {errno.EADDRINUSE: "it is in use", errno.EACCES: "it needs other permissions"}
 
 
 def listening(port: int) -> socket:
@@ -44,7 +37,8 @@ def listening(port: int) -> socket:
     try:
         return create_server((ADDRESS, port))
     except OSError as error:
-        reason = _TAKEN.get(error.errno or 0, error.strerror)
+        known = {errno.EADDRINUSE: "it is in use", errno.EACCES: "it needs other permissions"}
+        reason = known.get(error.errno or 0, error.strerror)
         raise InputError(f"--port {port}: {reason}; expected a free port, or 0 for any that is free") from None
 
 
@@ -87,14 +81,11 @@ def page_server(subject: Subject, opened: socket) -> BaseServer:
 
 
 class _Tornado(BokehTornado):
-    """Bokeh's application for the page's own address alone, with websockets that send small messages immediately.
+    """Bokeh's application for the page's own address alone.
 
     A page of another site may let its own name point to the loopback address (DNS rebinding). The browser then takes
     this server for that site, and names that site as host. So every request, those that open a websocket included, must
     name the address and port as its host, and as its origin if it has one.
-
-    Tornado turns Nagle's algorithm on again after each response, the one that opens a websocket included. A small
-    message then waits until the browser has acknowledged the one before, which can take 40 ms.
     """
 
     port: int
@@ -106,16 +97,6 @@ class _Tornado(BokehTornado):
         if request.headers.get("Host") in hosts and (origin is None or origin.removeprefix("http://") in hosts):
             return super().find_handler(request, **kwargs)
         return self.get_handler_delegate(request, ErrorHandler, {"status_code": 403})
-
-    def new_connection(
-        self,
-        protocol: Protocol,
-        socket: WSHandler,
-        application_context: ApplicationContext,
-        session: ServerSession,
-    ) -> ServerConnection:
-        socket.set_nodelay(True)
-        return super().new_connection(protocol, socket, application_context, session)
 
 
 def address_of(server: BaseServer) -> str:

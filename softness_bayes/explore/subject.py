@@ -15,11 +15,12 @@ from softness_bayes.data import Fabrics
 from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.errors import InputError
 from softness_bayes.model.fingers import box_of_priors, require_one_source
+from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.prediction import deviations_of_fabrics
 from softness_bayes.model.scenes import firing_of
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.declared import KPA, Parameter
-from softness_bayes.parameters.laws import LogNormal, LogUniform, Prior
+from softness_bayes.parameters.laws import LogNormal, LogUniform
 from softness_bayes.report.charts import shown
 from softness_bayes.results.fitted import Fitted
 from softness_bayes.results.result import Result
@@ -185,8 +186,8 @@ class Subject:
         Fabrics by their effective moduli.
     loads
         The loads.
-    readings, finger, noise
-        Readings of the model, fingertip, and strength of the membrane's noise.
+    readings, finger
+        Readings of the model, and fingertip.
     firing
         Source of the rate curves.
     box
@@ -208,7 +209,6 @@ class Subject:
     firing: Firing
     box: FingerBox | None
     poisson_ratio: float
-    noise: float = 0.0
     least_drop: float = LEAST_DROP
     rated: Rated | None = None
 
@@ -238,17 +238,11 @@ class Subject:
         moduli = np.append(self.fabrics.effective_modulus, free)
         return self._scene(moduli, np.append(self.fabrics.poisson_ratio, self.poisson_ratio), self.ends)
 
-    @cached_property
-    def _touch(self) -> dict[tuple[int, int], Scene]:
-        return {}
-
     def touch(self, state: State) -> Scene:
-        """Return the scene of a state's touch alone; cached for each fabric and load."""
+        """Return the scene of a state's touch alone."""
         fabric = len(self.fabrics) if state.fabric is None else state.fabric
-        if (fabric, state.load) not in self._touch:
-            here = (self.touches.fabric == fabric) & (self.touches.load == state.load)
-            self._touch[fabric, state.load] = self.touches.take(np.flatnonzero(here))
-        return self._touch[fabric, state.load]
+        here = (self.touches.fabric == fabric) & (self.touches.load == state.load)
+        return self.touches.take(np.flatnonzero(here))
 
     def _scene(self, moduli: Array, poisson: Array, ends: tuple[float, float] | None = None) -> Scene:
         return Scene(
@@ -278,53 +272,44 @@ def example_fabrics() -> Fabrics:
         return Fabrics.read(path)
 
 
-def of_priors(
-    fabrics: Fabrics,
-    loads: Sequence[Load],
-    readings: Readings = Readings(),
-    prior_set: str = "default",
-    priors: Mapping[str, Prior] | None = None,
-    fix: Mapping[str, float] | None = None,
-    finger: Finger = Finger(),
-) -> Subject:
-    """Return the model at the medians of the given priors.
+def of_priors(fabrics: Fabrics, loads: Sequence[Load], options: ModelOptions = ModelOptions()) -> Subject:
+    """Return the model at the medians of its priors.
 
     Parameters
     ----------
     fabrics, loads
         The fabrics, and the loads that press on them.
-    readings, prior_set, priors, fix, finger
-        As for a run. Fixed parameters have no slider.
+    options
+        Readings, finger, priors and fixed values, as for a run. Fixed parameters have no slider.
 
     Raises
     ------
     InputError
-        If the arguments are inconsistent, or a fabric has no modulus.
+        If the options are inconsistent, or a fabric has no modulus.
     """
-    require_one_source(priors or {}, finger)
+    readings, finger = options.readings, options.finger
+    require_one_source(options.priors, finger)
     space = parameter_space(
-        fix=fix,
-        priors=priors,
-        prior_set=prior_set,
+        fix=options.fix,
+        priors=options.priors,
+        prior_set=options.prior_set,
         skin_displacement=readings.skin_displacement,
         membrane=readings.membrane,
     )
     values = {name: float(value) for name, value in space.values(space.median).items()}
     chain = tuple(p for p in space.sampled if p.name in TouchParameters._fields)
-    known = Fabrics(
-        fabrics.names, effective_modulus=fabrics.modulus(readings.fabric_modulus), poisson_ratio=fabrics.poisson_ratio
-    )
+    moduli, poisson = fabrics.modulus(readings.fabric_modulus), fabrics.poisson_ratio
     others = {name: value for name, value in values.items() if name not in {p.name for p in chain}}
     return Subject(
         tuple(span_of(p, values[p.name]) for p in chain),
         others,
-        known,
+        Fabrics(fabrics.names, effective_modulus=moduli, poisson_ratio=poisson),
         tuple(loads),
         readings,
         finger,
         firing_of(others, readings.membrane),
         box_of_priors(chain, finger),
-        float(np.median(known.poisson_ratio)),
+        float(np.median(poisson)),
     )
 
 
@@ -354,7 +339,6 @@ def of_run(result: Result) -> Subject:
         scene.firing,
         scene.finger_box,
         float(np.median(scene.poisson)),
-        result.provenance.rating_model.noise,
         result.least_drop,
         rated,
     )

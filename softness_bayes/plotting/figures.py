@@ -90,11 +90,13 @@ FORCES = {"predictions/typical_force_n": "the run had no compression data"}
 
 FIGURES: Mapping[str, Drawing] = MappingProxyType(
     {
-        "response": Drawing(response.response, "response against E_fab under each load", CURVES),
+        "response": Drawing(
+            response.response, "response against E_fab under each load, with credible bands of 50 and 95 %", CURVES
+        ),
         "response_ratio": Drawing(
             partial(response.response, against_ratio=True), "response against E_fab / E_skin", CURVES
         ),
-        "rating": Drawing(rating.rating, "predicted and observed ratings against E_fab", CURVES),
+        "rating": Drawing(rating.rating, "predicted and observed ratings against E_fab under each load", CURVES),
         "rating_ratio": Drawing(
             partial(rating.rating, against_ratio=True), "predicted and observed ratings against E_fab / E_skin", CURVES
         ),
@@ -116,19 +118,29 @@ FIGURES: Mapping[str, Drawing] = MappingProxyType(
             REPLICATES,
             only=PAIRS,
         ),
-        "loo_pit": Drawing(checks.loo_pit, "leave-one-out predictive check (LOO-PIT) of the ratings", CURVES | PIT),
+        "loo_pit": Drawing(
+            checks.loo_pit,
+            "LOO-PIT: rank of each rating within its leave-one-out prediction, uniform if these are calibrated",
+            CURVES | PIT,
+        ),
         "touch": Drawing(
-            touch.touch, "pressure and stress under the pad, and the firing rates of its receptors", CURVES | TOUCH
+            touch.touch,
+            "pressure and stress under the pad, and firing rates of its receptors, at the posterior medians",
+            CURVES | TOUCH,
         ),
         "membrane": Drawing(touch.membrane, "firing rate against current, and example spike trains", CURVES | FIRING),
         "corner": Drawing(parameters.corner, "joint posterior of the most correlated pairs of parameters"),
         "corner_all": Drawing(
             partial(parameters.corner, every=True), "joint posterior of every pair of parameters", on_request=True
         ),
-        "prior": Drawing(parameters.prior, "prior and posterior of every parameter"),
-        "trace": Drawing(parameters.trace, "traces of the ensembles"),
-        "rank": Drawing(parameters.rank, "ranks of the draws of each ensemble"),
-        "compression": Drawing(touch.compression, "force of a rigid plate against indentation", FORCES),
+        "prior": Drawing(parameters.prior, "prior (grey) and posterior (blue) of every parameter"),
+        "trace": Drawing(parameters.trace, "trace of every parameter in each ensemble, against the steps"),
+        "rank": Drawing(
+            parameters.rank, "ranks of the draws of each ensemble among all draws, uniform if the ensembles agree"
+        ),
+        "compression": Drawing(
+            touch.compression, "force of a rigid plate against indentation, with credible bands and the data", FORCES
+        ),
     }
 )
 """The only list of the built-in figures: file name -> figure."""

@@ -51,13 +51,13 @@ TURNING = "Does the model reproduce the turning point (maximum), where the ratin
 
 
 class Standing(Enum):
-    """Consequence of a finding for the conclusions; the value is its style."""
+    """Consequence of a finding for the conclusions, in words; the name is its style on the page."""
 
     GOOD = "good"
-    DOUBTFUL = "doubtful"
+    DOUBTFUL = "with doubt"
     BAD = "bad"
-    NEUTRAL = "neutral"
-    """For information, or because the data cannot tell."""
+    NEUTRAL = "for information"
+    """No consequence, or the data cannot tell."""
 
 
 class Card(NamedTuple):

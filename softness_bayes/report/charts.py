@@ -10,6 +10,7 @@ import numpy as np
 from bokeh.embed import components
 from bokeh.models import BasicTickFormatter, ColumnDataSource, FixedTicker, HoverTool, Range1d
 from bokeh.models.annotations import Title
+from bokeh.models.renderers import GlyphRenderer
 from bokeh.plotting import figure
 from bokeh.resources import Resources
 from numpy.typing import NDArray
@@ -228,17 +229,8 @@ def _chart(name: str, first: Shown, label: str, ends: tuple[float, float], axis:
     )
     band = ColumnDataSource(dict(getattr(first, name)), name=f"{name}/band")
     turn = ColumnDataSource(dict(first.turn), name=f"{name}/turn")
-    chart.vstrip(x0="left", x1="right", source=turn, color=USUAL.inflection, alpha=TURN_TINT)
+    add_bands(chart, band, turn)
     chart.vspan(x="middle", source=turn, color=USUAL.inflection, line_width=2)
-    for level, tint in (("95", TINTS[1]), ("50", TINTS[0])):
-        chart.varea(
-            x="x",
-            y1=f"low{level}",
-            y2=f"high{level}",
-            source=band,
-            fill_color=USUAL.posterior,
-            fill_alpha=tint,
-        )
     line = chart.line(x="x", y="median", source=band, color=USUAL.posterior, line_width=2.5, name="median")
     rows = [("at", "@x{0.[000]}"), ("median", "@median{0.[00]}")]
     rows += [(f"{level} %", f"@low{level}{{0.[00]}} to @high{level}{{0.[00]}}") for level in ("50", "95")]
@@ -246,6 +238,20 @@ def _chart(name: str, first: Shown, label: str, ends: tuple[float, float], axis:
     if axis == "log":
         plain_ticks(chart)
     return chart
+
+
+def add_bands(chart: figure, band: ColumnDataSource, turn: ColumnDataSource) -> None:
+    """Shade the credible bands of 50 % and 95 %, and the interval of the turning point, in a chart."""
+    chart.vstrip(x0="left", x1="right", source=turn, color=USUAL.inflection, alpha=TURN_TINT)
+    for level, tint in (("95", TINTS[1]), ("50", TINTS[0])):
+        look: Any = {"fill_color": USUAL.posterior, "fill_alpha": tint}
+        chart.varea(x="x", y1=f"low{level}", y2=f"high{level}", source=band, **look)
+
+
+def add_ratings(chart: figure, source: ColumnDataSource) -> GlyphRenderer[Any]:
+    """Mark mean ratings with their spread between participants in a chart; return the marks of the means."""
+    chart.segment(x0="x", x1="x", y0="low", y1="high", source=source, color=USUAL.data, line_width=1.5, alpha=0.6)
+    return chart.scatter(x="x", y="mean", source=source, size=8, color=USUAL.data)
 
 
 def plain_ticks(chart: figure) -> None:
@@ -261,8 +267,7 @@ def _fabrics(chart: figure, first: Shown, foot: bool) -> None:
         marks = chart.scatter(x="x", y="foot", source=source, marker="triangle", size=9, color=INK)
         rows = [("fabric", "@fabric"), ("at", "@x{0.[000]}")]
     else:
-        chart.segment(x0="x", x1="x", y0="low", y1="high", source=source, color=USUAL.data, line_width=1.5, alpha=0.6)
-        marks = chart.scatter(x="x", y="mean", source=source, size=8, color=USUAL.data)
+        marks = add_ratings(chart, source)
         rows = [("fabric", "@fabric"), ("at", "@x{0.[000]}"), ("mean rating", "@mean{0.[00]}")]
         rows += [("± 1 sd", "@low{0.[00]} to @high{0.[00]}")]
     chart.add_tools(HoverTool(renderers=[marks], tooltips=rows))

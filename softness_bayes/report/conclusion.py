@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,9 @@ from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.readable import chance, number, with_error
 from softness_bayes.report.cards import exactness_of, input_errors_of
 from softness_bayes.results.result import Result
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 LIKELY = 0.9
 """Probability above which a turning point is reported; below one minus this, its absence is reported."""
@@ -111,35 +114,24 @@ class Conclusion(NamedTuple):
 
 def facts_of(result: Result) -> Facts:
     """Return the values on which the conclusion about a result is based."""
-    facts = _facts(result)
-    if not result.provenance.ending.quick:
-        return facts
-    summary = result.summary()
-    agree = summary["r_hat"].max() <= _AGREE and summary["ess_bulk"].min() >= _ENOUGH
-    return facts._replace(quick=True, settled=bool(agree))
-
-
-def _facts(result: Result) -> Facts:
-    ending = result.provenance.ending
-    converged, steps = ending.converged, ending.steps
+    ending, summary = result.provenance.ending, result.summary()
+    settled = summary["r_hat"].max() <= _AGREE and summary["ess_bulk"].min() >= _ENOUGH
+    facts = Facts(ending.converged, ending.steps, quick=bool(ending.quick), settled=bool(ending.quick and settled))
     if not result.has_ratings:
         failed = result.provenance.plate.force_p_value < DOUBTFUL  # NaN is not
         wrong = ("growth of the plate's force with indentation",) if failed else ()
-        return Facts(converged, steps, unreproduced=wrong, skin=_skin(result))
-    fit, checks = fit_of(result.tree), result.tables["predictive_checks"]
+        return facts._replace(unreproduced=wrong, skin=_skin(summary))
+    fit, checks, inputs = fit_of(result.tree), result.tables["predictive_checks"], input_errors_of(result)
     other = next(one.name for one in (RISES, FALLS) if one is not fit.direction.direction)
-    inputs = input_errors_of(result)
     modulus = result.fabrics.effective_modulus
-    return Facts(
-        converged,
-        steps,
-        other if fit.direction.against_data else None,
-        bool(fit.flat),
-        fit.mostly_silent,
-        not fit.explained[-1].p_value >= DOUBTFUL,
-        exactness_of(result).exact_enough,
-        tuple(doubts(checks)),
-        _turns(result),
+    return facts._replace(
+        other_direction=other if fit.direction.against_data else None,
+        flat=bool(fit.flat),
+        silent=fit.mostly_silent,
+        differ=not fit.explained[-1].p_value >= DOUBTFUL,
+        exact=exactness_of(result).exact_enough,
+        unreproduced=tuple(doubts(checks)),
+        turns=_turns(result),
         fabrics=(float(modulus.min()) / 1e3, float(modulus.max()) / 1e3),
         highest=highest_rated(result.tree),
         moved=inputs.largest if inputs.sensitive else None,
@@ -178,21 +170,15 @@ def _trust(facts: Facts) -> str:
     if facts.silent:
         return "With care: the chains have converged, but most of the posterior predicts that no receptor fires."
     if facts.moved is not None:
+        size = "more than one posterior standard deviation"
+        if facts.moved.shift <= LINEAR:  # a shift to first order is a guide no further
+            size = f"about {facts.moved.shift:.2g} posterior standard deviations"
         return (
             "With care: the chains have converged and no check found a difference between model and data, but "
             "the fabrics' moduli are treated as exact. The largest shift that errors of 10 % would cause "
-            f"({facts.moved.name}) is {_by(facts.moved.shift)}."
+            f"({facts.moved.name}) is {size}."
         )
     return "Yes: the chains have converged and no check found a difference between model and data."
-
-
-def _by(shift: float) -> str:
-    """Return a shift to first order, in posterior standard deviations, as far as that is a guide."""
-    return (
-        f"about {shift:.2g} posterior standard deviations"
-        if shift <= LINEAR
-        else ("more than one posterior standard deviation")
-    )
 
 
 def _learnt(facts: Facts) -> str:
@@ -200,35 +186,35 @@ def _learnt(facts: Facts) -> str:
         return "nothing about skin or receptors, because the model does not fit these ratings."
     if not facts.converged and not facts.settled:
         return "nothing yet. The draws so far are for inspection only."
-    return f"{'preliminary: ' * facts.quick}{_found(facts)}"
-
-
-def _found(facts: Facts) -> str:
     if facts.skin:
-        return f"{'; '.join(map(_known, facts.skin))}."
-    if not facts.differ:
-        return (
-            "the ratings do not differ between fabrics by more than noise, so they show little about the turning point."
-        )
-    turns = (_turned(turn, facts.rejected) for turn in facts.turns)
-    return f"{'; '.join([*_highest(facts.highest), *turns])}."
+        clauses = [_known(one) for one in facts.skin]
+    elif facts.differ:
+        clauses = [*_highest(facts.highest), *(_turned(turn, facts.rejected) for turn in facts.turns)]
+    else:
+        clauses = [
+            "the ratings do not differ between fabrics by more than noise, so they show little about the turning point"
+        ]
+    return f"{'preliminary: ' * facts.quick}{'; '.join(clauses)}."
 
 
 def _highest(highest: tuple[HighestRated, ...]) -> list[str]:
     """Return a clause on the fabric rated highest under each load, if it is known of any."""
-    clear, unclear = ([one for one in highest if one.clear is is_clear] for is_clear in (True, False))
-    told = []
-    if clear:
-        each = [f"{one.fabric} at {one.load} (probability {_chance(one)})" for one in clear]
-        told.append(f"the softest of the fabrics rated (highest predicted rating) is {_listed(each)}")
-    if unclear:
-        each = [f"{one.load} (most probable: {one.fabric}, {_chance(one)} among {one.fabrics})" for one in unclear]
-        told.append(f"no single fabric is clearly the softest at {_listed(each)}")
-    return told
-
-
-def _chance(one: HighestRated) -> str:
-    return with_error(100 * one.probability, 100 * one.error, " %") if one.error else chance(one.probability)
+    chances = [
+        with_error(100 * one.probability, 100 * one.error, " %") if one.error else chance(one.probability)
+        for one in highest
+    ]
+    clear = [
+        f"{one.fabric} at {one.load} (probability {likely})"
+        for one, likely in zip(highest, chances, strict=True)
+        if one.clear
+    ]
+    unclear = [
+        f"{one.load} (most probable: {one.fabric}, {likely} among {one.fabrics})"
+        for one, likely in zip(highest, chances, strict=True)
+        if not one.clear
+    ]
+    clauses = [f"the softest of the fabrics rated (highest predicted rating) is {_listed(clear)}"] if clear else []
+    return [*clauses, f"no single fabric is clearly the softest at {_listed(unclear)}"] if unclear else clauses
 
 
 def _turned(turn: Turn, rejected: bool) -> str:
@@ -267,8 +253,10 @@ def _next(facts: Facts, directory: str | None) -> str:
         return f"continue the run with 'softness-bayes resume {directory or 'DIR'}'."
     if not facts.exact:
         return "repeat the run with --exact-reweight."
+    if (facts.contradicted or facts.unreproduced) and facts.skin:
+        return "look in figures/compression.png for fingers that differ from the others, and check their forces' units."
     if facts.contradicted or facts.unreproduced:
-        return _after_a_failed_check(facts)
+        return "see predictive_checks.csv, try another --reading, and rank the runs with 'softness-bayes compare'."
     if facts.moved is not None:
         return (
             "if the moduli were measured with errors, repeat the run with these errors (--modulus-cv 0.1, or "
@@ -277,15 +265,6 @@ def _next(facts: Facts, directory: str | None) -> str:
     help_ = _helpful(facts)
     steps = [f"read the page that 'softness-bayes report {directory}' writes"] if directory else []
     return f"{'; '.join([*steps, *([help_] if help_ else [])]) or 'nothing more is needed'}."
-
-
-def _after_a_failed_check(facts: Facts) -> str:
-    if facts.skin:
-        return (
-            "look in figures/compression.png for fingers that differ from the others, and check the units "
-            "of their forces."
-        )
-    return "see predictive_checks.csv, try another --reading, and rank the runs with 'softness-bayes compare'."
 
 
 def _helpful(facts: Facts) -> str:
@@ -326,17 +305,11 @@ def _turns(result: Result) -> tuple[Turn, ...]:
     )
 
 
-def _skin(result: Result) -> tuple[Skin, ...]:
-    return tuple(
-        Skin(
-            str(name),
-            float(row["hdi_low"]),
-            float(row["hdi_high"]),
-            bool(row["contraction"] >= 1.0 - INFORMED**2),
-        )
-        for name, row in result.summary().iterrows()
-        if name in PARAMETERS
-    )
+def _skin(summary: pd.DataFrame) -> tuple[Skin, ...]:
+    rows = summary[summary.index.isin(PARAMETERS)]
+    informed = rows["contraction"] >= 1.0 - INFORMED**2
+    columns = (rows.index, rows["hdi_low"], rows["hdi_high"], informed)
+    return tuple(Skin(str(name), *row) for name, *row in zip(*columns, strict=True))
 
 
 def _listed(names: list[str]) -> str:

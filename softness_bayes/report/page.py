@@ -5,10 +5,9 @@ from __future__ import annotations
 import base64
 import io
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,7 +28,7 @@ from softness_bayes.plotting.panels import TINTS
 from softness_bayes.plotting.style import METADATA, USUAL
 from softness_bayes.readable import chance, counted, number, sentence
 from softness_bayes.report import tables
-from softness_bayes.report.cards import Standing, cards
+from softness_bayes.report.cards import cards
 from softness_bayes.report.charts import AXES, TURN_TINT, Shown, charts, shown
 from softness_bayes.report.conclusion import conclude, facts_of
 from softness_bayes.report.repeat import repetition
@@ -48,32 +47,6 @@ TITLE = "Report of a run"
 
 REPORT = "report"
 """Command under which the page is listed in the record of written files."""
-
-CAPTIONS: Mapping[str, str] = MappingProxyType(
-    {
-        "response": "Response against the fabric's modulus under each load: median, 50 % and 95 % credible bands.",
-        "response_ratio": "Response against the ratio of fabric modulus to skin modulus under each load.",
-        "rating": "Predicted rating against the fabric's modulus under each load, with the data.",
-        "rating_ratio": "Predicted rating against the ratio of fabric modulus to skin modulus, with the data.",
-        "touch": "The touch at the posterior medians: pressure and stress under the pad, and the firing rates "
-        "of the receptors.",
-        "membrane": "Firing rate against current with its credible band, and example spike trains.",
-        "predictive_checks": "Posterior predictive checks: test quantities of the ratings and of replicates "
-        "from the fitted model.",
-        "category_counts": "Number of ratings in each category, with the limits of replicates from the model.",
-        "psychometric": "Share of answers that a fabric is softer than the standard, with the limits of replicates.",
-        "loo_pit": "LOO-PIT: rank of each rating within its leave-one-out prediction. Uniform if the "
-        "predictions are calibrated.",
-        "inflection": "Posterior of the fabric modulus at the turning point (maximum), and the probability of one.",
-        "prior": "Prior (grey) and posterior (blue) of every parameter.",
-        "corner": "Joint posterior of the most correlated pairs of parameters.",
-        "corner_all": "Joint posterior of every pair of parameters.",
-        "trace": "Trace of every parameter in each ensemble, against the steps.",
-        "rank": "Ranks of the draws of each ensemble among all draws. Uniform if the ensembles agree.",
-        "compression": "Force of a rigid plate on the typical finger with credible bands, and the data.",
-    }
-)
-"""Figure name -> caption, which is also the text for screen readers."""
 
 SWITCHED = ("rating", "rating_ratio", "response", "response_ratio")
 """Figures that replace the interactive charts in print and in browsers without scripts."""
@@ -168,12 +141,6 @@ def report_page(
         verdict=result.provenance.ending.verdict,
         conclusion=conclude(facts_of(result)),
         findings=cards(result),
-        words={
-            Standing.GOOD: "good",
-            Standing.DOUBTFUL: "with doubt",
-            Standing.BAD: "bad",
-            Standing.NEUTRAL: "for information",
-        },
         has_ratings=result.has_ratings,
         **(_switched(result) if result.has_ratings else {}),
         replaced=[pictures[name] for name in SWITCHED if name in pictures],
@@ -229,7 +196,7 @@ def picture(result: Result, name: str) -> Picture:
     with USUAL.applied():
         drawing(result, USUAL).savefig(drawn, format="png", dpi=dpi, metadata=dict(METADATA["png"]))
     source = f"data:image/png;base64,{base64.b64encode(drawn.getvalue()).decode('ascii')}"
-    caption = CAPTIONS.get(name, f"{drawing.shows[:1].upper()}{drawing.shows[1:]}.")
+    caption = sentence(drawing.shows)
     return Picture(file_of(name), source, caption, alternative_text(result, name, caption))
 
 

@@ -107,13 +107,3 @@ def test_a_fast_drag_does_not_queue(window, of_ratings):
     assert f"--set b={state.values['b']:g} " in shown
     assert 1 <= window.script("window.drawn") <= 20
     assert window.complaints() == []
-
-
-def test_loads_and_reset(window, of_ratings):
-    start = of_ratings.start
-    window.script(f"{MODEL.format('load')}.value = '0'")
-    wait_for(window, "--indentation-mm 2")
-    window.script(f"{MODEL.format('reset')}.trigger_event(new (Bokeh.require('core/bokeh_events').ButtonClick)())")
-    wait_for(window, "--force-n 1.5")
-    assert command(window) == picture(of_ratings, start).command
-    assert window.complaints() == []

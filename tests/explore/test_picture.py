@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError
 from softness_bayes.explore.picture import picture
 from softness_bayes.explore.subject import of_priors, of_run, span_of
+from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.prediction import OtherTouches
 from softness_bayes.model.scenes import firing_of, touch_parameters, usual_values
 from softness_bayes.parameters.declared import PARAMETERS
@@ -65,14 +67,10 @@ def test_spans_hold_the_central_98_percent_and_the_start():
     assert (span.logarithmic, span.unit) == (True, "kPa")
     assert span.value(span.place(37.125)) == pytest.approx(37.125, rel=1e-4)
     assert span_of(PARAMETERS["b"], 1000.0).high == 1000.0
+    assert span_of(replace(PARAMETERS["alpha"].up_to(60.0), prior=LogNormal(50, 0.5)), 50.0).high == 60.0
     linear = span_of(replace(PARAMETERS["b"], prior=Uniform(10.0, 20.0)), 15.0)
     assert (linear.logarithmic, linear.low, linear.high) == (False, 10.1, 19.9)
     assert not span_of(replace(PARAMETERS["tau"], prior=HalfNormal(1)), 0.7).logarithmic
-
-
-def test_a_span_ends_where_the_model_does():
-    alpha = replace(PARAMETERS["alpha"].up_to(60.0), prior=LogNormal(50, 0.5))
-    assert span_of(alpha, 50.0).high == 60.0
 
 
 # the model
@@ -123,7 +121,7 @@ def test_silence_and_reach_are_said_in_words(of_medians):
     assert silent.chosen["total_rate_hz"] == 0
     assert any("No receptor fires under this fabric" in one for one in silent.told)
     assert "no receptor fires at any modulus" in silent.told[0] or "turn" in silent.told[0]
-    dead = of_priors(of_medians.fabrics, (Indentation(2e-3),), fix={"alpha": 5.0})
+    dead = of_priors(of_medians.fabrics, (Indentation(2e-3),), ModelOptions(fix={"alpha": 5.0}))
     found = picture(dead, dead.start)
     assert found.told[0] == "Indentation 2 mm: no receptor fires at any modulus."
     assert not (found.receptors > 0).any()
@@ -132,14 +130,6 @@ def test_silence_and_reach_are_said_in_words(of_medians):
     assert any("questionable" in one or "meaningless" in one for one in deep.told)
     fine = picture(of_medians, replace(moved(of_medians), load=0, fabric=2))
     assert len(fine.told) == 1  # no word of reach where there is none
-
-
-def test_nothing_is_compiled_anew(of_medians):
-    """A move evaluates: the scenes are those of before."""
-    picture(of_medians, of_medians.start)
-    scenes = of_medians.curves, of_medians.touches, of_medians.touch(of_medians.start)
-    picture(of_medians, moved(of_medians, b=50.0))
-    assert scenes == (of_medians.curves, of_medians.touches, of_medians.touch(of_medians.start))
 
 
 # the command
@@ -161,9 +151,10 @@ def test_the_command_repeats_readings_and_fingers(tmp_path):
     """Channels that are held have their own rate curve, so that the numbers are those of `predict`."""
     held = {name: value for name, value in usual_values(MENDED).items() if name.startswith("c_")}
     hertz = replace(NAMED_READINGS["hertz"], membrane=MENDED.membrane)
-    subject = of_priors(
-        _one("a 'felt'"), (Indentation(2e-3),), hertz, "in-vivo", {"receptor_depth": Normal(0.6, 0.05)}, held
-    )
+    priors = {"receptor_depth": Normal(0.6, 0.05)}
+    options = ModelOptions(readings=hertz, prior_set="in-vivo", priors=priors, fix=held)
+    felt = Fabrics(("a 'felt'",), effective_modulus=np.array([5e4]))
+    subject = of_priors(felt, (Indentation(2e-3),), options)
     assert [span.name for span in subject.spans] == ["b", "m", "alpha", "beta", "sigma_0", "receptor_depth"]
     found = picture(subject, moved(subject, receptor_depth=0.55, sigma_0=4.0))
     same(found.chosen, repeated(found.command, tmp_path), 2e-4)
@@ -181,24 +172,6 @@ def test_the_command_repeats_the_numbers_of_a_run(result, tmp_path):
             assert float(row["typical_rating"]) == pytest.approx(found.chosen["typical_rating"], rel=1e-3)
         with pytest.raises(AssertionError):
             same(picture(subject, moved(subject, b=90.0)).chosen, row)
-
-
-@pytest.mark.slow
-def test_the_command_repeats_any_state(of_medians, tmp_path, rng):
-    for _ in range(8):
-        values = {span.name: span.value(rng.uniform(span.place(span.low), span.place(span.high)))
-                  for span in of_medians.spans}  # fmt: skip
-        state = replace(of_medians.start, values=values, load=int(rng.integers(3)), fabric=int(rng.integers(3)))
-        found = picture(of_medians, state)
-        row = repeated(found.command, tmp_path)
-        peak = max(found.rate.max(), 1e-9)
-        assert abs(float(row["total_rate_hz"]) - found.chosen["total_rate_hz"]) < TOLERANCE * peak
-
-
-def _one(name):
-    from softness_bayes.data import Fabrics
-
-    return Fabrics((name,), effective_modulus=np.array([5e4]))
 
 
 # runs

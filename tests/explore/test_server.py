@@ -2,21 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
-import http.client
-import os
-import signal
 import socket
-import subprocess
-import sys
-import time
 import urllib.parse
-from functools import partial
 from html import escape
 
 import numpy as np
 import pytest
-from bokeh.client import pull_session
 from bokeh.document import Document
 from bokeh.events import ButtonClick
 
@@ -28,7 +19,6 @@ from softness_bayes.explore.page import ANY, Page
 from softness_bayes.explore.picture import picture
 from softness_bayes.explore.server import listening
 from support.command_line import call, refused
-from support.paths import ROOT
 
 
 @pytest.fixture(scope="module")
@@ -48,11 +38,6 @@ def status(address, target="/", host=None, origin=None, upgrade=False):
     with socket.create_connection((address.hostname, address.port), timeout=60) as channel:
         channel.sendall("\r\n".join([*lines, "", ""]).encode())
         return int(channel.recv(64).split()[1])
-
-
-def test_it_listens_on_the_loopback_address_alone():
-    with listening(0) as opened:
-        assert opened.getsockname()[0] == "127.0.0.1"
 
 
 def foreign_hosts(address):
@@ -83,34 +68,9 @@ def test_the_check_of_addresses_is_what_refuses(address, monkeypatch):
     assert status(address, host=address.netloc, origin="http://evil.example") == 200
 
 
-def test_the_page_needs_no_network(address):
-    with contextlib.closing(http.client.HTTPConnection(address.hostname, address.port, timeout=120)) as asked:
-        asked.request("GET", "/")
-        text = asked.getresponse().read().decode()
-    assert "softness-bayes explore" in text
-    assert "https://" not in text
-    assert "http://" not in text.replace(f"http://{address.netloc}", "")
-
-
-def test_small_messages_do_not_wait(address, monkeypatch):
-    """Nagle's algorithm is off on the channel; Tornado alone leaves it on."""
-    found, plain = [], server.BokehTornado.new_connection
-
-    def opened(self, protocol, channel, *others):
-        found.append(channel.ws_connection.stream.socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY))
-        return plain(self, protocol, channel, *others)
-
-    monkeypatch.setattr(server.BokehTornado, "new_connection", opened)
-    for _ in range(2):
-        pull_session(url=f"http://{address.netloc}/").close()
-        monkeypatch.setattr(server._Tornado, "new_connection", opened)
-    quick, usual = found
-    assert quick
-    assert not usual
-
-
 def test_a_port_that_is_taken_is_refused():
     with listening(0) as taken:
+        assert taken.getsockname()[0] == "127.0.0.1"
         port = taken.getsockname()[1]
         with pytest.raises(InputError, match=f"--port {port}: it is in use; expected a free port"), listening(port):
             pass
@@ -223,23 +183,3 @@ def test_bad_input_is_refused(unserved, tmp_path, report_run):
     with socket.create_server(("127.0.0.1", 0)) as other:
         refused(call("explore", "--port", other.getsockname()[1]), "it is in use; expected a free port, or 0")
     assert unserved == []
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_it_quietly(number):
-    command = [sys.executable, "-W", "error", "-m", "softness_bayes", "explore"]
-    how = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    # a shell starts what it runs in the background with interrupts ignored, which children inherit
-    heard = partial(signal.signal, number, signal.SIG_DFL)
-    running = subprocess.Popen(command, **how, env=os.environ | {"PYTHONPATH": str(ROOT)}, preexec_fn=heard)
-    address = urllib.parse.urlsplit(running.stdout.readline().strip())
-    asked = http.client.HTTPConnection(address.hostname, address.port, timeout=60)
-    asked.request("GET", "/nothing")
-    assert asked.getresponse().status == 404
-    asked.close()
-    begun = time.monotonic()
-    running.send_signal(number)
-    out, err = running.communicate(timeout=20)
-    assert time.monotonic() - begun < 3
-    assert (running.returncode, out, err) == (128 + number, "", "Ctrl-C ends it\ninterrupted\n")

@@ -1,13 +1,9 @@
 """The cards of a report: their standing and their words follow from values, and no page searches a text for words."""
 
-import ast
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pytest
 
-from softness_bayes import report
 from softness_bayes.checking.agreement import Explained, Fit
 from softness_bayes.checking.exactness import compare_likelihoods
 from softness_bayes.checking.modulus_errors import MovedMost
@@ -108,25 +104,3 @@ def test_standing_and_answer_follow_from_the_values(card, standing, answer):
         assert doubted.standing is (DOUBTFUL if standing is GOOD else standing)
         assert (doubt in doubted.details) == (standing is GOOD)
         assert doubted.doubted("another") == doubted  # the first doubt stays alone
-
-
-def text_searches(code):
-    """Return what in some code looks for words in text: ``"two words" in text``, ``text.startswith("word")``."""
-    found = []
-    for node in ast.walk(ast.parse(code)):
-        if isinstance(node, ast.Compare) and any(isinstance(op, ast.In | ast.NotIn) for op in node.ops):
-            words = isinstance(node.left, ast.Constant) and isinstance(node.left.value, str) and " " in node.left.value
-            found += [ast.unparse(node)] if words else []
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
-            looks = node.func.attr in ("startswith", "endswith", "find", "rfind", "search", "match")
-            found += [ast.unparse(node)] if looks else []
-    return found
-
-
-def test_no_page_searches_a_text_for_words():
-    assert text_searches('clean = all("nothing else" in doubt for doubt in doubts)')
-    assert text_searches('bad = verdict.startswith("Not converged")')
-    # these two read a command line, and names
-    modules = {path.name for path in Path(report.__file__).parent.glob("*.py")} - {"repeat.py", "anonymity.py"}
-    for name in sorted(modules):
-        assert not text_searches((Path(report.__file__).parent / name).read_text(encoding="utf-8")), name

@@ -51,16 +51,6 @@ def test_a_load_that_cannot_tell_asks_for_the_fabrics_that_would():
     assert "fabrics softer than 800 kPa" in below.next_step
 
 
-def test_a_probable_turning_point_that_its_own_load_cannot_show_says_so():
-    (line,) = {conclude(GOOD._replace(turns=(TOLD._replace(reproduced=None),))).learnt}
-    assert line.endswith("though the ratings at this load alone cannot show it.")
-
-
-def test_a_response_that_does_not_turn():
-    found = conclude(GOOD._replace(turns=(Turn("1 mm", 0.02, np.nan, np.nan, np.nan, True),)))
-    assert found.learnt == "at 1 mm the response does not turn over (probability of a turning point: 2 %)."
-
-
 def test_a_run_that_has_not_converged_is_continued_before_anything_is_learnt():
     found = conclude(GOOD._replace(converged=False, steps=40), "results")
     assert found.trust.startswith("Not yet: ")
@@ -79,12 +69,6 @@ def test_a_fit_against_its_data_is_never_trusted(done):
     assert "units" not in found.next_step
 
 
-def test_a_flat_fit_is_never_trusted_and_asks_for_units():
-    found = conclude(GOOD._replace(flat=True, silent=True), "results")
-    assert found.trust.startswith("No: ")
-    assert "units of moduli and loads" in found.next_step
-
-
 def test_a_failed_check_limits_the_trust_and_is_named():
     checks = GOOD._replace(unreproduced=("LOO-PIT",), turns=(TOLD._replace(reproduced=False),))
     found = conclude(checks, "results")
@@ -94,18 +78,36 @@ def test_a_failed_check_limits_the_trust_and_is_named():
     assert "predictive_checks.csv" in found.next_step
 
 
+@pytest.mark.parametrize(
+    ("facts", "part", "words"),
+    [
+        (GOOD._replace(flat=True, silent=True), "trust", "No: "),
+        (GOOD._replace(flat=True, silent=True), "next_step", "units of moduli and loads"),
+        (
+            GOOD._replace(turns=(TOLD._replace(reproduced=None),)),
+            "learnt",
+            "the ratings at this load alone cannot show it",
+        ),
+        (
+            GOOD._replace(turns=(Turn("1 mm", 0.02, np.nan, np.nan, np.nan, True),)),
+            "learnt",
+            "at 1 mm the response does not turn over (probability of a turning point: 2 %).",
+        ),
+        (GOOD._replace(exact=False), "trust", "With care: "),
+        (GOOD._replace(exact=False), "next_step", "--exact-reweight"),
+        (GOOD._replace(silent=True), "trust", "no receptor fires"),
+    ],
+)
+def test_each_fact_has_its_words(facts, part, words):
+    assert words in getattr(conclude(facts), part)
+
+
 def test_a_rejected_model_says_that_its_turning_points_depend_on_it():
     fine, none = GOOD.turns, GOOD.turns[0]._replace(probability=0.02)
     assert "if the model holds" not in conclude(GOOD).learnt
     for facts in (GOOD._replace(unreproduced=("fabrics' own deviations",)), GOOD._replace(exact=False)):
         assert f"if the model holds, at {fine[0].load} the response turns over" in conclude(facts).learnt
         assert "if the model holds, at 1 mm the response does not" in conclude(facts._replace(turns=(none,))).learnt
-
-
-def test_an_inexact_model_and_a_silent_posterior_are_used_with_care():
-    assert conclude(GOOD._replace(exact=False)).trust.startswith("With care: ")
-    assert "--exact-reweight" in conclude(GOOD._replace(exact=False)).next_step
-    assert "no receptor fires" in conclude(GOOD._replace(silent=True)).trust
 
 
 def test_a_run_on_plate_forces_alone_says_what_is_known_of_the_skin():
