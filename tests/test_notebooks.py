@@ -2,7 +2,6 @@
 
 import ast
 import json
-from pathlib import Path
 
 import pytest
 
@@ -30,14 +29,6 @@ def inner_names(tree):
     return found
 
 
-def test_there_are_notebooks():
-    assert len(NOTEBOOKS) >= 6
-    assert inner_names(ast.parse("from softness_bayes.touch import stress\nimport softness_bayes.touch as touch")) == {
-        "softness_bayes.touch.stress",
-        "softness_bayes.touch",
-    }
-
-
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_uses_public_names(path):
     tree = code_of(path)
@@ -62,9 +53,3 @@ def test_a_notebook_was_executed_in_order_and_stored_without_times(path):
 def test_a_public_name_is_there(name):
     assert getattr(softness_bayes, name) is not None
     assert name in dir(softness_bayes)
-
-
-def test_type_checkers_see_the_public_names_where_they_are():
-    (block,) = (n for n in ast.parse(Path(softness_bayes.__file__).read_text()).body if isinstance(n, ast.If))
-    seen = {alias.name: node.module for node in block.body for alias in node.names}
-    assert seen == dict(softness_bayes._HOMES)

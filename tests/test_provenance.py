@@ -61,11 +61,6 @@ def test_a_section_comes_back_as_it_was_written(name, section):
     assert getattr(Provenance(written), name) == section
 
 
-def test_no_two_sections_share_an_attribute():
-    names = [each.name for section in SECTIONS.values() for each in fields(section)]
-    assert len(names) == len({*names})
-
-
 def test_families_are_read_without_what_only_begins_like_them():
     priors = {"b": parse_prior("lognormal(100,0.5)"), "mu": parse_prior("normal(3,3)")}
     others = attributes_of(SECTIONS["asked"], SECTIONS["silence"])  # prior_set, prior_silent_everywhere

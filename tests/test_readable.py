@@ -1,12 +1,9 @@
 """Shares and probabilities have one form, in every sentence."""
 
-import re
-
 import numpy as np
 import pytest
 
 from softness_bayes.readable import chance, percent
-from support.paths import ROOT
 
 
 @pytest.mark.parametrize("digits", [0, 1, 2])
@@ -29,12 +26,3 @@ def test_only_all_and_nothing_are_100_and_0_percent(digits):
 def test_what_is_not_known_is_a_dash_and_draws_show_no_certainty():
     assert percent(float("nan")) == percent(None) == "–"
     assert [chance(p) for p in (0.0, 0.0025, 0.5, 0.9975, 1.0)] == ["<1 %", "<1 %", "50 %", ">99 %", ">99 %"]
-
-
-def test_no_module_and_no_page_writes_shares_in_another_form():
-    pages = [ROOT / "README.md", *(ROOT / "softness_bayes" / "docs").glob("*.md")]
-    for path in [*(ROOT / "softness_bayes").rglob("*.py"), *pages]:
-        text = path.read_text(encoding="utf-8")
-        assert not re.search(r":\.\d%\}", text), f"{path.name}: percent() of readable.py writes it"
-        if path.suffix == ".md":
-            assert not re.search(r"\d%(?![A-Za-z0-9])", text), path.name

@@ -9,7 +9,7 @@ from softness_bayes.touch.accuracy import PRESETS
 from softness_bayes.touch.neuron.firing import CURVES, exact_curve, key, text_of
 from softness_bayes.touch.neuron.fixed_channels import USUAL_CURRENT
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, HODGKIN_HUXLEY, PAPER_CHANNELS
-from softness_bayes.touch.neuron.rate_curve import LARGEST_CURRENT, RateCurve
+from softness_bayes.touch.neuron.rate_curve import LARGEST_CURRENT
 
 RATE_NODES = sorted({preset.rate_nodes for preset in PRESETS})
 
@@ -20,11 +20,6 @@ CASES = [
 ]
 """Arguments of `exact_curve`: what runs with the paper's channels ask for."""
 
-
-def build() -> dict[str, RateCurve]:
-    """Return the curves by their keys."""
-    return {key(*case): exact_curve(*case) for case in CASES}
-
-
 if __name__ == "__main__":
-    (Path(neuron.__file__).parent / CURVES).write_text(text_of(build()), encoding="utf-8")
+    curves = {key(*case): exact_curve(*case) for case in CASES}
+    (Path(neuron.__file__).parent / CURVES).write_text(text_of(curves), encoding="utf-8")

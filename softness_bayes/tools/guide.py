@@ -89,7 +89,9 @@ def build(directory: Path, reference: Collection[str], draw: Callable[..., str],
         linked = set[str]()
         text = _relinked(texts[file], file, place, reference, linked)
         for other in linked:
-            _copy(clone / other, directory / place_of(other, reference), file)
+            copied = directory / place_of(other, reference)
+            copied.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(clone / other, copied)
         page = draw(
             title=titles[file],
             text=_with_reference(text, root, reference, directory),
@@ -120,13 +122,6 @@ def _relinked(text: str, file: str, place: str, reference: Collection[str], link
         return f'{attribute}="{posixpath.relpath(there, posixpath.dirname(place) or ".")}{hash_}{anchor}"'
 
     return re.sub(r'\b(href|src)="([^"]+)"', moved, text)
-
-
-def _copy(source: Path, target: Path, page: str) -> None:
-    if not source.is_file():
-        raise FileNotFoundError(f"{page} links to {source}, which does not exist; the pages are built from a clone")
-    target.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(source, target)
 
 
 def _with_reference(text: str, root: str, reference: Collection[str], directory: Path) -> str:

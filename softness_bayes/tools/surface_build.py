@@ -3,7 +3,7 @@
 It takes some twenty minutes for each membrane and writes the same tables on every run with the same versions on the
 same machine; elsewhere they agree to 1e-7, because exp differs in its last bits between processors. ``--measure`` only
 measures the tables that are there against exact rates, on random points; ``--membrane`` does one and leaves the others
-as they are.
+as they are; ``--sample`` makes the sample of exact rate curves by which resolutions are judged.
 """
 
 from __future__ import annotations
@@ -15,16 +15,19 @@ from collections.abc import Callable, Mapping
 from importlib import resources
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from softness_bayes import touch
 from softness_bayes.errors import NumericalError
 from softness_bayes.touch import neuron
+from softness_bayes.touch.accuracy import TABLE
 from softness_bayes.touch.neuron.cells import Cells, fold, rest
-from softness_bayes.touch.neuron.firing import exact_curve
+from softness_bayes.touch.neuron.firing import exact_curve, exact_curves
 from softness_bayes.touch.neuron.limit_cycle import steady_orbit
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.neuron.polynomials import TotalDegree
@@ -238,15 +241,33 @@ def _measure_own(design: SurfaceInputs, place: FloatArray, rng: np.random.Genera
     return CurveError(float(difference.max()), float((difference / exact).max()), curve.error.onset_hertz)
 
 
-def write(surfaces: Mapping[str, FiringSurface], path: Path) -> None:
-    """Write surfaces as a NumPy archive whose bytes depend only on its arrays."""
+def exact_sample(surface: FiringSurface, size: int = 200, nodes: int = 30, spread: float = 0.03) -> FloatArray:
+    """Return exact rate curves as a table: multipliers, rheobase, rate just above it, coefficients.
+
+    Parameters
+    ----------
+    surface
+        The membrane's surface.
+    size, nodes, spread
+        Channel vectors, exact rates of each, and the standard deviation of a multiplier's logarithm.
+    """
+    rng, drawn = np.random.default_rng(0), np.empty((0, 4))
+    while len(drawn) < size:
+        some = np.asarray(surface.design.channels) * np.exp(spread * rng.standard_normal((size, 4)))
+        drawn = np.concatenate([drawn, some[surface.answers(Channels(*some.T))]])
+    channels = Channels(*drawn[:size].T)
+    onset_current = surface.curve(channels).rheobase
+    curve = exact_curves(channels, surface.design.membrane, surface.max_current, nodes, onset_current)
+    return np.column_stack([*channels, curve.rheobase, curve.onset_rate, curve.coefficients])
+
+
+def write(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write a NumPy archive whose bytes depend only on its arrays."""
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, surface in sorted(surfaces.items()):
-            parts = {"border": surface.border, "digest": np.array(surface.design.digest), "table": surface.table}
-            for key, array in parts.items():
-                content = BytesIO()
-                np.lib.format.write_array(content, np.ascontiguousarray(array), allow_pickle=False)
-                archive.writestr(zipfile.ZipInfo(f"{name}/{key}.npy"), content.getvalue(), zipfile.ZIP_DEFLATED)
+        for name, array in sorted(arrays.items()):
+            content = BytesIO()
+            np.lib.format.write_array(content, np.ascontiguousarray(array), allow_pickle=False)
+            archive.writestr(zipfile.ZipInfo(f"{name}.npy"), content.getvalue(), zipfile.ZIP_DEFLATED)
 
 
 def main() -> None:
@@ -254,9 +275,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path(neuron.__file__).parent, help="folder to write to")
     parser.add_argument("--measure", action="store_true", help="only measure the tables that are shipped")
+    parser.add_argument("--sample", action="store_true", help="only make the sample of exact curves of all membranes")
     parser.add_argument("--points", type=int, default=100_000, help="points of the measurement")
     parser.add_argument("--membrane", choices=DESIGNS, action="append", help="only this one; may be repeated")
     options = parser.parse_args()
+    if options.sample:
+        samples = {name: exact_sample(FiringSurface.load(one.membrane)) for name, one in DESIGNS.items()}
+        write(Path(touch.__file__).parent / TABLE, samples)
+        return
     chosen = options.membrane or list(DESIGNS)
     shipped = chosen if options.measure else [name for name in DESIGNS if name not in chosen]
     surfaces = {name: FiringSurface.load(DESIGNS[name].membrane) for name in shipped}
@@ -264,7 +290,11 @@ def main() -> None:
     with threadpool_limits(1):
         if not options.measure:
             surfaces |= {name: build(DESIGNS[name], print) for name in chosen}
-            write(surfaces, options.out / TABLES)
+            parts: dict[str, NDArray[Any]] = {}
+            for name, one in surfaces.items():
+                digest = np.array(one.design.digest)
+                parts |= {f"{name}/border": one.border, f"{name}/digest": digest, f"{name}/table": one.table}
+            write(options.out / TABLES, parts)
         errors |= {name: measure(surfaces[name], print, options.points) for name in chosen}
     (options.out / ERRORS).write_text(json.dumps(errors, indent=2) + "\n")
 

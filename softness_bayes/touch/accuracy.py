@@ -50,7 +50,7 @@ class FiringSample:
     """Exact rate curves of a sample of channel vectors, log-normal about the centre of a firing-rate surface.
 
     Exact rates take milliseconds per current, so the curves are stored. ``python -m
-    softness_bayes.tools.firing_sample_build`` recomputes them for every membrane that has a surface.
+    softness_bayes.tools.surface_build --sample`` recomputes them for every membrane that has a surface.
 
     Parameters
     ----------

@@ -9,11 +9,8 @@ import pytest
 
 from softness_bayes.bench import growth, peers
 from softness_bayes.bench.peers import Peer, measure, ratio
-from softness_bayes.bench.precision import CHANNELS, QUICK, Point, quickest
+from softness_bayes.bench.precision import CHANNELS, QUICK, Point
 from softness_bayes.bench.solvers import solve_each, step_all
-from softness_bayes.cli.bench import machine, summary
-from softness_bayes.errors import InputError
-from softness_bayes.plotting.benchmark import work_precision_figure
 from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
 from softness_bayes.touch.neuron.rate import firing_rate
 from support.command_line import call, refused
@@ -72,37 +69,6 @@ def test_the_ratio_is_of_the_quickest_setting_that_is_no_worse():
     peer = Point("peer", "p", 1.0, 5e-3, np.nan)
     assert ratio(peer, [*held, free]) == pytest.approx(5e4)
     assert math.isnan(ratio(peer._replace(error_peak=1e-7), held))
-
-
-def test_the_quickest_call_counts(monkeypatch):
-    ticks = iter([0.0, 3.0, 10.0, 11.0, 20.0, 22.0])
-    monkeypatch.setattr("softness_bayes.bench.precision.time.process_time", lambda: next(ticks))
-    assert quickest(lambda: None, 3) == 1.0
-
-
-def test_the_summary_names_the_machine(tmp_path):
-    (tmp_path / "cpuinfo").write_text("processor\t: 0\nmodel name\t: Some Processor 7\n\nmodel name\t: Another\n")
-    name = machine(tmp_path / "cpuinfo")
-    assert name.startswith("Some Processor 7, ")
-    assert "Python" in machine(tmp_path / "none")
-    points = [Point(CHANNELS[0], "accuracy 1", 5e-6, 1e-3, 2e-3), Point("peer", "p", 2.0, 5e-3, np.nan)]
-    text = summary(points, [np.nan, 4e5], name)
-    assert "| channels held, accuracy 1 | 5 µs | 1e-03 | 2e-03 |  |" in text
-    assert "| peer, p | 2 s | 5e-03 |  | 4e+05 |" in text
-    assert name in text
-
-
-def test_the_figure_holds_its_numbers():
-    series = {"channels held": [(1e-6, 1e-2), (2e-6, 1e-4)]}
-    figure = work_precision_figure(series, {"loop": (1.0, 1e-3)}, [(2e-6, 1e-4)], "a machine")
-    lines = {line.get_gid(): line for line in figure.axes[0].lines}
-    np.testing.assert_allclose(lines["series/channels held"].get_ydata(), [1.0, 2.0])
-    np.testing.assert_allclose(lines["series/channels held"].get_xdata(), [1e-2, 1e-4])
-    np.testing.assert_allclose(lines["peer/loop"].get_ydata(), [1e6])
-    assert list(lines["dial"].get_xdata()) == [1e-4]
-    assert figure.axes[0].get_title(loc="left") == "a machine"
-    with pytest.raises(InputError, match="at least one series"):
-        work_precision_figure({}, {})
 
 
 def test_growth_is_the_slope_between_neighbouring_sizes(monkeypatch):

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import re
-from importlib.resources import files
 from pathlib import Path
 
-import pytest
-
-from support.pages import headings, text_of
+from support.pages import headings
 from support.paths import ROOT
 
 DOCS = ROOT / "softness_bayes" / "docs"
@@ -61,32 +58,6 @@ def test_no_page_outside_of_the_repository_is_cited():
         if name in path.read_text(encoding="utf-8")
     ]
     assert not wrong
-
-
-@pytest.mark.parametrize("name", NUMBERED)
-def test_sections_within_a_page(name):
-    said = {*re.findall(r"[Ss]ection (\d+)", text_of(name))}
-    assert said <= {*headings(name)}
-
-
-def test_the_package_brings_its_pages():
-    """What is read from the package, as an installed one reads it, is what stands in the repository."""
-    pages = {path.name for path in DOCS.glob("*.md")}
-    assert pages >= {*NUMBERED}
-    assert {entry.name for entry in (files("softness_bayes") / "docs").iterdir() if entry.name.endswith(".md")} == pages
-    for name in pages:
-        assert text_of(name) == (DOCS / name).read_text(encoding="utf-8")
-
-
-def test_reference_values_are_in_the_repository():
-    """What tests take from beside the project is data alone, for want of which they may skip."""
-    folders = {
-        folder
-        for path in SOURCES
-        if path.suffix == ".py"
-        for folder in re.findall(r'\bshared / "(\w+)"', path.read_text(encoding="utf-8"), re.IGNORECASE)
-    }
-    assert folders == {"data"}
 
 
 def test_references_are_found():

@@ -40,11 +40,6 @@ def test_every_link_of_the_guide_leads_somewhere(tmp_path, draw):
     assert (tmp_path / "notebooks" / "figures" / "rating.png").exists()
 
 
-def test_a_page_of_the_reference_leads_back(draw):
-    page = pdoc.render.html_module(pdoc.doc.Module.from_name("softness_bayes.errors"), {})
-    assert 'href="../index.html">Guide</a>' in page
-
-
 def test_a_cited_section_is_linked(tmp_path, draw):
     stand_in(tmp_path)
     guide.build(tmp_path, REFERENCE, draw)
