@@ -136,6 +136,8 @@ class RatingData:
     digest_ratings: str = ""
     digest_fabrics: str = ""
     missing_ratings: int = 0
+    rating_column: str = "rating"
+    """Title of the column of ratings in the file."""
 
 
 @dataclass(frozen=True)

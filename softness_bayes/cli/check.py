@@ -11,6 +11,7 @@ import click
 
 from softness_bayes.cli.design import cost_lines, design_lines
 from softness_bayes.cli.options import collected, data_files, force, path
+from softness_bayes.cli.people import read_or_answer, show_people
 from softness_bayes.defaults import MOST_SHOWN
 from softness_bayes.errors import InputError
 from softness_bayes.model.options import ModelOptions
@@ -19,6 +20,7 @@ from softness_bayes.readable import counted
 if TYPE_CHECKING:
     from softness_bayes.data import Compression, Experiment, Ratings
     from softness_bayes.model.interpretation import Interpretation
+    from softness_bayes.people.free_means import FreeMeans
     from softness_bayes.results.run_options import DataFiles
 
 CHECK = "check"
@@ -63,12 +65,15 @@ def command(
     from softness_bayes.model.interpretation import interpret
     from softness_bayes.model.reach import reach_of
     from softness_bayes.model.understanding import SCHEMA, foreseen, understood, understood_forces, warnings
+    from softness_bayes.people.free_means import free_means
 
     if cost and as_json:
         raise InputError("check: --cost is printed as text: omit --json")
     if figure is not None:
         _require_figure(figure, files, force)
-    experiment = files.read()
+    experiment = read_or_answer(files, model)
+    if experiment is None:
+        return
     if isinstance(experiment, Compression):
         if design or cost or figure is not None:
             raise InputError("check: --design, --cost and --figure need ratings: give --data, or omit them")
@@ -79,12 +84,16 @@ def command(
         return
     meaning, reached = interpret(experiment.ratings, model), reach_of(experiment, model)
     notes = [*experiment.notes, *warnings(experiment, model, meaning)]
+    people = None if model.scale.model is not None else free_means(experiment.ratings, model, meaning)
     direction = choose_direction(experiment, model, meaning)
     known = understood(experiment, model, meaning, direction, [*([reached] if reached else []), *notes])
     known["design"] = foreseen(experiment, model) if design else None
     if as_json:
-        click.echo(json.dumps(known, indent=1, ensure_ascii=False))
+        click.echo(json.dumps(known | _people(people), indent=1, ensure_ascii=False))
     else:
+        if people is not None:
+            show_people(people)
+            click.echo()
         lines = [f"warning: {reached}\n"] if reached else []
         lines += [*_of_tables(known, experiment, model), *(f"note: {note}" for note in notes)]
         lines += ["\nWhat do the numbers say?", known["model"]["numbers"], known["model"]["errors_because"]]
@@ -95,6 +104,11 @@ def command(
     if figure is not None:
         _draw(figure, experiment, model, meaning)
         click.echo(f"drawn in {figure}", err=True)
+
+
+def _people(found: FreeMeans | None) -> dict[str, Any]:
+    """Return people's own means as JSON, null where they have no limits."""
+    return {} if found is None else {"people": json.loads(found.table().to_json(orient="records"))}
 
 
 def _require_figure(figure: Path, files: DataFiles, force: bool) -> None:

@@ -30,7 +30,7 @@ from softness_bayes.data.faults import TableError, listing, together
 from softness_bayes.data.headers import FABRICS, LOADED, PRESSED, RATED, either
 from softness_bayes.data.ratings import LOAD_COLUMNS, Ratings, loads_of, with_rounded_loads
 from softness_bayes.data.sheets import Form
-from softness_bayes.data.tables import Marks, Table, check_renames, read_table
+from softness_bayes.data.tables import MISSING, Marks, Table, check_renames, read_table
 from softness_bayes.data.workbooks import TableSource, has_sheet
 from softness_bayes.files.outputs import write_outputs
 from softness_bayes.files.spreadsheet import escaped
@@ -49,6 +49,7 @@ __all__ = [
     "fabrics_csv",
     "loads_of",
     "ratings_csv",
+    "read_answers",
     "read_experiment",
     "write_compression",
     "write_fabrics",
@@ -142,7 +143,8 @@ def read_experiment(
         table.faults.add_general(
             f"the fabrics have no properties: name their table with --fabrics, put a {FABRICS_BESIDE} in the "
             "folder of the ratings, or add to the ratings a column "
-            f"{', '.join(column.name for column in MODULUS_SOURCES)} (the last with {THICKNESS.name})"
+            f"{', '.join(column.name for column in MODULUS_SOURCES)} (the last with {THICKNESS.name}); "
+            "what people said of them needs no properties: 'softness-bayes check' shows it"
             + "".join(f"; {note}" for note in table.notes)
         )
     plate_table = None if compression_path is None else read_table(compression_path, PRESSED, columns, decimal)
@@ -169,6 +171,37 @@ def read_experiment(
         tuple(dict.fromkeys((*ratings.notes, *fabrics.notes, *notes))),
         compression,
     )
+
+
+def read_answers(
+    ratings_path: TableSource,
+    fabrics_path: TableSource | None = None,
+    *,
+    columns: Mapping[str, str] | None = None,
+    indentation_mm: float | None = None,
+    force_n: float | None = None,
+    decimal: Marks = None,
+    drop_zeros: bool = False,
+    wide: bool = False,
+) -> Ratings | None:
+    """Read ratings of fabrics of which nothing was measured, under loads that may be unknown.
+
+    Parameters are those of `read_experiment`. None is returned if the modulus of a fabric is known.
+
+    Raises
+    ------
+    InputError
+        Naming file, row, column and value.
+    """
+    columns = columns or {}
+    source, _ = _separate_fabrics(ratings_path, fabrics_path, columns)
+    sought = either(RATED if indentation_mm is force_n is None else LOADED, FABRICS)
+    table = read_table(ratings_path, sought, columns, decimal, Form(wide))
+    described = table if source is None else read_table(source, FABRICS, columns, decimal)
+    known = (text for column in MODULUS_SOURCES for text in described.cells.get(column.name, ()))
+    if any(text.casefold() not in MISSING for text in known):
+        return None
+    return Ratings.from_table(table, None, indentation_mm, force_n, drop_zeros, loads_needed=False)
 
 
 def _tried(faults: list[TableError], read: Callable[[], Read]) -> Read | None:

@@ -210,7 +210,7 @@ class Ratings:
         """Index (n,) of each rating's list, if ratings are places; by default one for each participant and load."""
         if self.lists is not None:
             return self.lists
-        return np.unique(self.participant * len(self.loads) + self.load, return_inverse=True)[1]
+        return np.unique(self.participant * max(len(self.loads), 1) + self.load, return_inverse=True)[1]
 
     def load_log_sd(self, cv: float | None = None) -> FloatArray:
         """Return the standard deviation (n,) of each rating's log load, log-normal about the stated one.
@@ -226,8 +226,9 @@ class Ratings:
     @property
     def conditions(self) -> Conditions:
         """The rated pairs of fabric and load, and the index of each rating's pair."""
-        pairs, of_rating = np.unique(self.fabric * len(self.loads) + self.load, return_inverse=True)
-        return Conditions(*np.divmod(pairs, len(self.loads)), of_rating)
+        loads = max(len(self.loads), 1)
+        pairs, of_rating = np.unique(self.fabric * loads + self.load, return_inverse=True)
+        return Conditions(*np.divmod(pairs, loads), of_rating)
 
     @classmethod
     def crossed(
@@ -309,9 +310,15 @@ class Ratings:
         indentation_mm: float | None = None,
         force_n: float | None = None,
         drop_zeros: bool = False,
+        loads_needed: bool = True,
     ) -> Ratings:
-        """Return the ratings of a table, optionally without those of 0; other arguments as for `read`."""
-        given = given_load(table, indentation_mm, force_n)
+        """Return the ratings of a table, optionally without those of 0; other arguments as for `read`.
+
+        If loads are not needed, ratings without any have no `loads`.
+        """
+        unknown = not loads_needed and indentation_mm is force_n is None
+        unknown &= not any(entry.column.name in table for entry in LOAD_COLUMNS)
+        given = None if unknown else given_load(table, indentation_mm, force_n)
         table, cells = cells_of(table)
         table.require("fabric", RATING.name)
         table = unpaired(table)
@@ -324,8 +331,8 @@ class Ratings:
         load_cv, resolution = (table.numbers(c) if c.name in table else None for c in (LOAD_CV, RESOLUTION))
         table.check()
         touches = [load for load in loads if load is not None]
-        notes += _repeats(table, by, what, touches)
-        if cells is not None and len(set(zip(by, what, touches, strict=True))) < len(table):
+        notes += _repeats(table, by, what, loads)
+        if cells is not None and len(set(zip(by, what, loads, strict=True))) < len(table):
             table.faults.add_general("a cell of one fabric and load is in several rows, expected one")
             table.check()
         wrong = np.flatnonzero(filed[rated] < 0)
@@ -345,7 +352,7 @@ class Ratings:
             tuple(distinct),
             participant=_index(by, participants),
             fabric=_index(what, names),
-            load=_index(touches, distinct),
+            load=_index(touches, distinct) if distinct else np.zeros(len(by), np.intp),
             rating=filed[rated],
             rows=table.rows,
             n_missing=len(filed) - rated.size,

@@ -42,6 +42,10 @@ MOST_LAPSES = 0.5
 """Largest share of lapses."""
 
 
+FARTHEST = (-7.0, 6.0)
+"""Ends of the coordinates between which their mode is sought."""
+
+
 class _Mode(NamedTuple):
     """The normal law of the effects for given parameters."""
 
@@ -178,7 +182,7 @@ def free_means(
         _clusters(ratings, options.scale),
         np.bincount(condition),
         ratings.cells is None or ratings.cells.geometric_sd is not None,
-        _word(ratings, options.scale),
+        word_of(ratings.rating_column, options.scale),
     )
 
 
@@ -195,9 +199,9 @@ def groups_of_loads(ratings: Ratings) -> tuple[list[str], IntArray]:
     return groups.names, groups.of[ratings.load]
 
 
-def _word(ratings: Ratings, scale: Scale) -> str:
-    """Return what the highest rating means, as far as the title of its column or the form of the table says it."""
-    title = ratings.rating_column.casefold()
+def word_of(title: str, scale: Scale) -> str:
+    """Return what the highest rating means, as far as the title of its column or the scale of the ratings says it."""
+    title = title.casefold()
     if scale in (RANKS, PAIRS) or "soft" in title:
         return "softest"
     return "hardest" if "hard" in title or "stiff" in title else "highest rated"
@@ -289,13 +293,7 @@ def _mode(answers: Answers, given: Mapping[str, float], start: Array, log_prior:
     effects, terms = start, answers.terms(start, given)
     now = density(effects, terms.value)
     for _ in range(100):
-        bend, ridge = terms.bend + np.diag(precision), 0.0
-        while True:
-            try:
-                root = cho_factor(bend + ridge * np.diag(np.abs(np.diag(bend))))
-                break
-            except np.linalg.LinAlgError:  # rows far out in heavy tails bend the other way
-                ridge = max(2.0 * ridge, 0.1)
+        root = _root(terms.bend + np.diag(precision))
         step = cho_solve(root, terms.slope - precision * (effects - middle))
         share = 1.0
         while True:
@@ -307,14 +305,20 @@ def _mode(answers: Answers, given: Mapping[str, float], start: Array, log_prior:
         effects, terms, gain, now = effects + share * step, new, after - now, after
         if abs(gain) < 1e-7 and np.abs(share * step).max() < 1e-4 * min(1.0, answers.wide):
             break
-    bend = terms.bend + np.diag(precision)
-    try:
-        root = cho_factor(bend)
-    except np.linalg.LinAlgError:
-        root = cho_factor(bend + np.diag(np.abs(np.diag(bend))))
+    root = _root(terms.bend + np.diag(precision))
     covariance = cho_solve(root, np.eye(effects.size))
     log_det = 2.0 * float(np.log(np.diag(root[0])).sum())
     return _Mode(effects, 0.5 * (covariance + covariance.T), now - 0.5 * log_det + log_prior)
+
+
+def _root(bend: Array) -> tuple[Array, bool]:
+    """Return the Cholesky factor of minus second derivatives, enlarged where rows far out bend the other way."""
+    ridge = 0.0
+    while True:
+        try:
+            return cho_factor(bend + ridge * np.diag(np.abs(np.diag(bend)) + 1.0))
+        except np.linalg.LinAlgError:
+            ridge = max(2.0 * ridge, 0.1)
 
 
 def _marginal(mode: Callable[[Array], _Mode], space: _Parameters) -> tuple[Array, Array]:
@@ -324,9 +328,9 @@ def _marginal(mode: Callable[[Array], _Mode], space: _Parameters) -> tuple[Array
         return np.zeros(0), np.zeros((0, 0))
 
     def loss(point: Array) -> float:
-        return -mode(np.clip(point, -12.0, 12.0)).log_density if np.abs(point).max() < 40 else 1e10
+        return -mode(point).log_density
 
-    best = minimize(loss, space.start, method="BFGS", options={"eps": 1e-4, "gtol": 3e-2}).x
+    best = minimize(loss, space.start, method="L-BFGS-B", bounds=[FARTHEST] * d, options={"eps": 1e-4, "gtol": 3e-2}).x
     h, bend = 0.1, np.zeros((d, d))
     shift, middle = h * np.eye(d), loss(best)
     up, down = (np.array([loss(best + sign * one) for one in shift]) for sign in (1.0, -1.0))

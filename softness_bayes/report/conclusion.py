@@ -11,8 +11,11 @@ from softness_bayes.checking.check_table import doubts
 from softness_bayes.checking.modulus_errors import LINEAR, MovedMost
 from softness_bayes.checking.sensitivity import INFORMED
 from softness_bayes.checking.turning_check import DOUBTFUL, turns_reproduced
+from softness_bayes.files.run_files import FABRIC_RATINGS, RULER
 from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.parameters.declared import PARAMETERS
+from softness_bayes.people.free_means import word_of
+from softness_bayes.people.sentences import highest_sentences, ruler_sentence
 from softness_bayes.readable import chance, number, with_error
 from softness_bayes.report.cards import exactness_of, input_errors_of
 from softness_bayes.results.result import Result
@@ -82,6 +85,8 @@ class Facts(NamedTuple):
     """True if this is a first look, which ended before the chains had converged."""
     settled: bool = False
     """True if the ensembles of a first look agree well enough to report its findings."""
+    people: tuple[str, ...] = ()
+    """Sentences on people's own means, and on how much of them the chain keeps."""
 
     @property
     def failed(self) -> bool:
@@ -105,11 +110,14 @@ class Conclusion(NamedTuple):
     trust: str
     learnt: str
     next_step: str
+    people: tuple[str, ...] = ()
+    """Sentences on people's own answer; empty for a run without ratings."""
 
     @property
-    def lines(self) -> tuple[str, str, str]:
+    def lines(self) -> tuple[str, ...]:
         """The sentences with their labels, as printed."""
-        return (f"Trust it?  {self.trust}", f"Learnt:    {self.learnt}", f"Next:      {self.next_step}")
+        said = [f"{'People:' if k == 0 else '':11}{line}" for k, line in enumerate(self.people)]
+        return (*said, f"Trust it?  {self.trust}", f"Learnt:    {self.learnt}", f"Next:      {self.next_step}")
 
 
 def facts_of(result: Result) -> Facts:
@@ -135,6 +143,18 @@ def facts_of(result: Result) -> Facts:
         fabrics=(float(modulus.min()) / 1e3, float(modulus.max()) / 1e3),
         highest=highest_rated(result.tree),
         moved=inputs.largest if inputs.sensitive else None,
+        people=_people(result),
+    )
+
+
+def _people(result: Result) -> tuple[str, ...]:
+    """Return what people said under each load, and how much of it the chain keeps."""
+    if RULER not in result.tables:
+        return ()  # a custom scale
+    table, scale = result.tables[FABRIC_RATINGS].reset_index(), result.scale
+    return (
+        *highest_sentences(table, word_of(result.provenance.rating_data.rating_column, scale), scale),
+        ruler_sentence(result.tables[RULER], scale),
     )
 
 
@@ -148,7 +168,7 @@ def conclude(facts: Facts, directory: str | None = None) -> Conclusion:
     directory
         Directory of the run, as commands name it; None on the report's page, which knows of none.
     """
-    return Conclusion(_trust(facts), _learnt(facts), _next(facts, directory))
+    return Conclusion(_trust(facts), _learnt(facts), _next(facts, directory), facts.people)
 
 
 def _trust(facts: Facts) -> str:
@@ -213,8 +233,8 @@ def _highest(highest: tuple[HighestRated, ...]) -> list[str]:
         for one, likely in zip(highest, chances, strict=True)
         if not one.clear
     ]
-    clauses = [f"the softest of the fabrics rated (highest predicted rating) is {_listed(clear)}"] if clear else []
-    return [*clauses, f"no single fabric is clearly the softest at {_listed(unclear)}"] if unclear else clauses
+    clauses = [f"the chain predicts the highest rating for {_listed(clear)}"] if clear else []
+    return [*clauses, f"the chain predicts no single highest rating at {_listed(unclear)}"] if unclear else clauses
 
 
 def _turned(turn: Turn, rejected: bool) -> str:

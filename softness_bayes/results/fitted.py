@@ -158,6 +158,7 @@ def experiment_of(result: Stored) -> Experiment:
         rating=constant[RATING_AS_FILED].values if RATING_AS_FILED in constant else rating.values,
         rows=rating["rating_row"].values,
         n_missing=found.missing_ratings,
+        rating_column=found.rating_column,
         digest=found.digest_ratings,
         load_cv=constant[LOAD_CV.name].values if LOAD_CV.name in constant else None,
         resolution=constant[RESOLUTION.name].values if RESOLUTION.name in constant else None,

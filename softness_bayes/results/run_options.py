@@ -27,7 +27,7 @@ from softness_bayes.options import (
 from softness_bayes.ranges import LOAD_STEPS, PROCESSES, SEEDS, STEPS, Count
 
 if TYPE_CHECKING:
-    from softness_bayes.data import Compression, Experiment
+    from softness_bayes.data import Compression, Experiment, Ratings
     from softness_bayes.data.tables import Marks
     from softness_bayes.sampler.sampling import Settings
 
@@ -259,6 +259,15 @@ class DataFiles(Options):
                 "give --data, or omit them"
             )
         return Compression.read(self.compression, columns=self.columns, decimal=self.decimal)
+
+    def answers(self) -> Ratings | None:
+        """Return ratings of fabrics of which nothing was measured (`data.read_answers`); None for other data."""
+        from softness_bayes.data import read_answers
+
+        if self.data is None:
+            return None
+        how = {name: getattr(self, name) for name in DataFiles.declared if name not in ("compression", "round_load")}
+        return read_answers(how.pop("data"), how.pop("fabrics"), **how)
 
     def record_in(self, directory: Path) -> dict[str, Any]:
         """Return a record with paths relative to a directory, so that a run and its files can move together."""

@@ -19,11 +19,12 @@ from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.checkpoints.identity import identity, require_density
 from softness_bayes.data import Compression, Experiment
 from softness_bayes.files.command_line import storable
-from softness_bayes.files.run_files import ANSWERS, FABRIC_RATINGS, FINGERS, MODULI, MODULUS_ERRORS, RATERS
+from softness_bayes.files.run_files import ANSWERS, FABRIC_RATINGS, FINGERS, MODULI, MODULUS_ERRORS, RATERS, RULER
 from softness_bayes.likelihood.directions import direction_named
 from softness_bayes.model.build import ExperimentModel, build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Density, Posterior
+from softness_bayes.people.of_run import people_tables
 from softness_bayes.provenance import (
     PRIOR,
     READING,
@@ -233,7 +234,12 @@ def sample_model(
                 model.interpretation.errors_note,
                 model.interpretation.note,
             ),
-            RatingData(experiment.ratings.digest, experiment.fabrics.digest, experiment.ratings.n_missing),
+            RatingData(
+                experiment.ratings.digest,
+                experiment.fabrics.digest,
+                experiment.ratings.n_missing,
+                experiment.ratings.rating_column,
+            ),
         ),
     }
     arviz_bridge.require_storable(asked, labels_of(experiment))
@@ -287,13 +293,17 @@ def _assembled(
         share=FIRST_SHARE if run.quick else 1.0,
     )
     listener(Stage.TABLES)
-    return Result(tree, summary.join(information_table(tree)), tables_of(model.experiment, tree, shifts))
+    return Result(tree, summary.join(information_table(tree)), tables_of(model, tree, shifts))
 
 
-def tables_of(experiment: Experiment, tree: xr.DataTree, shifts: pd.DataFrame | None) -> dict[str, pd.DataFrame]:
+def tables_of(model: ExperimentModel, tree: xr.DataTree, shifts: pd.DataFrame | None) -> dict[str, pd.DataFrame]:
     """Return the tables of a result by name, apart from its summary; `shifts` are the effects of errors in moduli."""
+    experiment = model.experiment
     tables = {"directions": direction_table(tree), "predictive_checks": check_table(tree)}
     tables[FABRIC_RATINGS] = fabric_rating_table(tree)
+    if model.options.scale.model is None:
+        people, tables[RULER] = people_tables(experiment.ratings, model.options, tree)
+        tables[FABRIC_RATINGS] = tables[FABRIC_RATINGS].join(people)
     if (moduli := modulus_table(tree)) is not None:
         tables[MODULI] = moduli
     if (fingers := finger_table(tree)) is not None:

@@ -126,7 +126,7 @@ KINDS = (
     Kind("no column of a name", f"{CHECK} --column ratng=rating", nothing, ("did you mean 'rating'?",)),
     Kind("a load beside a column", f"{CHECK} --force-n 1", nothing, ("tables without a load column",)),
     Kind("a long table called wide", f"{CHECK} --wide", nothing, ("--wide expects a table with one column per",)),
-    Kind("fabrics without properties", CHECK, lambda f: (f / "fabrics.csv").unlink(), ("no properties", "--fabrics")),
+    Kind("fabrics without properties", SAMPLE, lambda f: (f / "fabrics.csv").unlink(), ("no properties", "--fabrics")),
     Kind("a bad force", COMPRESSION, text("participant,indentation_mm,force_n\nP1,1,-1\n", "forces.csv"), ("row 2",)),
     # options
     Kind("an unknown verb", "chek", nothing, ("No such command 'chek'", "check")),

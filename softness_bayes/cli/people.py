@@ -1,0 +1,56 @@
+"""People's own answers on the terminal, and tables of which nothing else is known."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from softness_bayes.errors import InputError
+
+if TYPE_CHECKING:
+    from softness_bayes.data import Compression, Experiment
+    from softness_bayes.model.options import ModelOptions
+    from softness_bayes.people.free_means import FreeMeans
+    from softness_bayes.results.run_options import DataFiles
+
+MOST_ROWS = 40
+"""Largest number of rows of means that are printed."""
+
+
+def read_or_answer(files: DataFiles, model: ModelOptions) -> Experiment | Compression | None:
+    """Return the data of an experiment; of ratings whose fabrics nobody measured, show people's answer instead."""
+    try:
+        return files.read()
+    except InputError as error:
+        try:
+            ratings = files.answers()
+        except InputError:
+            raise error from None
+        if ratings is None:
+            raise
+        from softness_bayes.people.free_means import free_means
+        from softness_bayes.people.sentences import needed_sentences
+
+        for note in ratings.notes:
+            click.echo(f"note: {note}", err=True)
+        show_people(free_means(ratings, model))
+        click.echo()
+        for line in needed_sentences(ratings.fabrics, bool(ratings.loads)):
+            click.echo(line)
+        return None
+
+
+def show_people(found: FreeMeans) -> None:
+    """Print people's own means, and what is decided by them."""
+    from softness_bayes.people.sentences import highest_sentences, pair_sentences
+    from softness_bayes.readable import chance
+
+    table = found.table()
+    click.echo("What do people say? (means of these raters, without skin and receptors; 90 % intervals)")
+    for line in (*highest_sentences(table, found.word, found.scale), *pair_sentences(found)):
+        click.echo(line)
+    if len(table) <= MOST_ROWS:
+        shown = table if any(found.loads) else table.drop(columns="load")
+        words = dict.fromkeys(("p_highest", "p_higher_than_next"), chance)
+        click.echo(shown.to_string(index=False, float_format="{:.3g}".format, na_rep="–", formatters=words))

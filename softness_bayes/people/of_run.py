@@ -1,0 +1,71 @@
+"""People's own answer beside the chain of one run, from the groups of its result."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from softness_bayes.checking.agreement import predicted_ratings
+from softness_bayes.checking.layout import layout_of, values_in
+from softness_bayes.data import Ratings
+from softness_bayes.likelihood.scales import PAIRS, RANKS, SLIDER
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.people.answers import left_out_of_draws, told_pairs
+from softness_bayes.people.free_means import FreeMeans, free_means
+from softness_bayes.people.ruler import NORMAL_90, Ruler, ruler
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+
+def people_tables(ratings: Ratings, options: ModelOptions, tree: xr.DataTree) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Return people's own means by load and fabric, and the ruler of the run.
+
+    Parameters
+    ----------
+    ratings, options
+        The ratings, and the model of the run.
+    tree
+        The groups of its result.
+
+    Returns
+    -------
+    DataFrame
+        Index load and fabric; columns people, people_low, people_high and p_highest (`FreeMeans.table`).
+    DataFrame
+        Index quantity (share, gain, lost, misfit); columns value, low and high, NaN where there is no limit.
+    """
+    import pandas as pd
+
+    found = free_means(ratings, options)
+    measured = _ruler_of(found, ratings, options, tree)
+    spread = NORMAL_90 * measured.lost_se
+    rows = {
+        "share": (measured.share, measured.share_low, measured.share_high),
+        "gain": (measured.gain, np.nan, np.nan),
+        "lost": (measured.lost, measured.lost - spread, measured.lost + spread),
+        "misfit": (measured.misfit, np.nan, np.nan),
+    }
+    table = pd.DataFrame.from_dict(rows, orient="index", columns=["value", "low", "high"])
+    means = found.table().set_index(["load", "fabric"])[["people", "people_low", "people_high", "p_highest"]]
+    return means, table.rename_axis("quantity")
+
+
+def _ruler_of(found: FreeMeans, ratings: Ratings, options: ModelOptions, tree: xr.DataTree) -> Ruler:
+    if options.scale is RANKS:
+        density = values_in(tree, "log_likelihood_participant", "ratings_of_participant")[0]
+        density = density[:, np.unique(ratings.participant)]
+    else:
+        density = values_in(tree, "log_likelihood_loo", "rating")[0]
+    if options.scale is PAIRS:
+        density = density[:, told_pairs(ratings)[:, 0]]
+    layout = layout_of(tree)
+    predicted = predicted_ratings(tree, layout).mean(axis=0)
+    at = dict(zip(zip(layout.design.fabric, layout.load, strict=True), predicted, strict=True))
+    ours = np.array([at[pair] for pair in zip(found.fabric, found.load, strict=True)])
+    if options.scale is SLIDER:
+        low, high = options.slider_ends
+        ours = low + (high - low) * ours
+    return ruler(found, left_out_of_draws(density.astype(float)), ours)

@@ -1,0 +1,130 @@
+"""People's own answers in sentences: who is highest, which pairs are decided, and how much of it a chain keeps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from softness_bayes.likelihood.scales import Scale
+from softness_bayes.people.free_means import FreeMeans
+from softness_bayes.readable import chance, number, percent
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+CLEAR, DECIDED = 0.9, 0.95
+"""Probabilities from which a fabric is the highest rated, and from which the order of a pair is decided."""
+
+MOST_NAMED = 4
+"""Largest number of fabrics that are named as possibly the highest."""
+
+
+def highest_sentences(table: pd.DataFrame, word: str, scale: Scale) -> list[str]:
+    """Return a sentence for each load on the fabric that people rated highest.
+
+    Parameters
+    ----------
+    table
+        Columns load, fabric, people, people_low, people_high and p_highest of `FreeMeans.table`.
+    word
+        `FreeMeans.word`.
+    scale
+        Scale of the ratings.
+    """
+    return [
+        _highest(rows.sort_values("people", ascending=False), word, scale)
+        for _, rows in table.groupby("load", sort=False)
+    ]
+
+
+def _highest(rows: pd.DataFrame, word: str, scale: Scale) -> str:
+    load = str(rows["load"].iloc[0])
+    at, top = f" at {load}" if load else "", rows.iloc[0]
+    if math.isnan(top["p_highest"]):
+        return (
+            f"{top['fabric']} has the highest mean{at}, {_value(top['people'], scale)}; the table does not show how "
+            "uncertain the means are"
+        )
+    last = f"; the lowest mean is that of {_named(rows.iloc[-1], scale)}" if len(rows) > 1 else ""
+    first = rows.sort_values("p_highest", ascending=False)
+    best = first.iloc[0]
+    if best["p_highest"] >= CLEAR or len(rows) == 1:
+        sure = f" (probability {chance(best['p_highest'])})" if len(rows) > 1 else ""
+        return f"{best['fabric']} is the {word}{at}{sure}, {_interval(best, scale)}{last}"
+    count = min(int(np.searchsorted(first["p_highest"].cumsum(), CLEAR)) + 1, MOST_NAMED)
+    named = [
+        f"{row['fabric']} ({chance(row['p_highest'])}; {_interval(row, scale)})"
+        for _, row in first.head(count).iterrows()
+    ]
+    others = " or another one" if first["p_highest"].head(count).sum() < CLEAR else ""
+    return f"the {word}{at} is {' or '.join(named)}{others}{last}"
+
+
+def _named(row: pd.Series, scale: Scale) -> str:
+    return f"{row['fabric']}, {_interval(row, scale)}"
+
+
+def _interval(row: pd.Series, scale: Scale) -> str:
+    ends = (_value(row[name], scale) for name in ("people", "people_low", "people_high"))
+    return "{} ({} to {})".format(*ends)
+
+
+def _value(value: float, scale: Scale) -> str:
+    """Return a mean as text; of comparisons, the share of those met that it is placed above."""
+    return f"above {percent(value)} of those it met" if scale.answer else number(value)
+
+
+def pair_sentences(free: FreeMeans) -> list[str]:
+    """Return a sentence for each load with several fabrics on how many of their pairs people decided."""
+    said = []
+    for k, load in enumerate(free.loads):
+        own = free.under(k)
+        if own.size < 2 or not free.noise_known:
+            continue
+        sure = free.p_higher(own)[np.triu_indices(own.size, 1)]
+        decided = int((np.maximum(sure, 1.0 - sure) >= DECIDED).sum())
+        where = f" at {load}" if load else ""
+        said.append(
+            f"{decided} of {sure.size} pairs of fabrics{where} are decided ({percent(DECIDED)} sure of the order)"
+        )
+    return said
+
+
+def ruler_sentence(table: pd.DataFrame, scale: Scale) -> str:
+    """Return a sentence on how much of people's differences a chain keeps, from the table of its ruler."""
+    rows = table.to_dict("index")
+    (share, low, high), misfit = (rows["share"][name] for name in ("value", "low", "high")), rows["misfit"]["value"]
+    if math.isnan(share):
+        return (
+            "people's answers do not tell the fabrics apart: means of their own predict no better than one for all, so "
+            "there is nothing that the chain could keep or lose"
+        )
+    size = f"{number(misfit, 2)} units of the ratings"
+    if scale.axis == "log":
+        size = f"a factor of {number(math.exp(misfit))}"
+    return (
+        "of what people's own means predict beyond 'all fabrics alike', the chain keeps "
+        f"{percent(max(share, 0.0))} (90 % interval {percent(max(low, 0.0))} to {percent(min(high, 1.0))}); people's "
+        f"means scatter about the chain's by {size} (sd)"
+    )
+
+
+def needed_sentences(fabrics: Sequence[str], loads_known: bool) -> list[str]:
+    """Return lines on what has to be measured before skin and receptors can be fitted, with an example."""
+    lines = ["to fit skin and receptors, this has to be known as well:"]
+    if not loads_known:
+        lines.append(
+            "- how hard people pressed: a column force_n or indentation_mm of the ratings, as it was set or measured"
+        )
+    lines += [
+        "- how stiff the fabrics are: a table of fabrics, given with --fabrics, with what was measured "
+        "(bending_rigidity_n_m, or tensile_modulus_mpa and thickness_mm, or effective_modulus_kpa); where nothing was, "
+        "brackets that contain the modulus for certain. Write your numbers in place of LOW and HIGH:",
+        "    fabric,effective_modulus_low_kpa,effective_modulus_high_kpa",
+        *(f"    {name},LOW,HIGH" for name in fabrics[:3]),
+        *(["    ..."] if len(fabrics) > 3 else []),
+    ]
+    return lines
