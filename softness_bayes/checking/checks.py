@@ -407,4 +407,4 @@ def check_exponent(forces: CompressionForces, replicated: Array) -> ExponentChec
     observed, again = float(forces.exponent(forces.values)), forces.exponent(replicated)
     low, high = np.quantile(again, [0.05, 0.95])
     tail = min(float((again >= observed).mean()), float((again <= observed).mean()))
-    return ExponentCheck(observed, float(low), float(high), min(1.0, 2.0 * tail), forces.n_rows / forces.n_fingers)
+    return ExponentCheck(observed, float(low), float(high), min(1.0, 2.0 * tail), forces.values.size / forces.n_fingers)

@@ -17,13 +17,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.likelihood.contract import Parameters
-from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.effects import Effects
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.normal_rows import EffectLaw
 from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.scales import AGGREGATED, Scale
-from softness_bayes.likelihood.stated import Stated
 
 FloatArray = NDArray[np.float64]
 

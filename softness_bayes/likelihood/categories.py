@@ -11,11 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import Effects, Parameters
-from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings
 from softness_bayes.likelihood.row_laws import Rows
 from softness_bayes.likelihood.scales import CATEGORIES, Scale
-from softness_bayes.likelihood.stated import Stated
 
 FloatArray = NDArray[np.float64]
 

@@ -130,7 +130,7 @@ class Likelihood(ABC):
         ----------
         mean_rate
             N/N_ref of each condition [Hz], shape (..., conditions), followed by the rates at other loads if loads have
-            errors (`load_errors.LoadErrors`), or by the rates of individual fingers. Models without receptors use only
+            errors (`design.LoadErrors`), or by the rates of individual fingers. Models without receptors use only
             its batch shape, as that of `NO_RESPONSE`. Here and elsewhere, its batch shape is broadcast with that of the
             parameters.
         parameters

@@ -18,15 +18,14 @@ from scipy.special import ndtr
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import Effects, Parameters
-from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.individual_effects import IndividualEffects, own_drive
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.mu_nodes import RaterLaw, about_mu, at_nodes, draw_index, log_prior, log_sum
 from softness_bayes.likelihood.pieces import in_pieces
-from softness_bayes.likelihood.pressed import PressedRaters
+from softness_bayes.likelihood.plate import PressedRaters
 from softness_bayes.likelihood.rater_sums import RaterSums
 from softness_bayes.likelihood.ratings import OF_FORCES, SKIN
-from softness_bayes.likelihood.stated import Stated
 from softness_bayes.touch.finger_grid import EFFECT_OF, SPREAD_OF, FingerGrid, SkinLaws
 
 FloatArray = NDArray[np.float64]

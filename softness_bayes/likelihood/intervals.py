@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import Parameters
-from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.effects import RATER_EFFECTS, RATER_SPREADS, Effects, RaterEffects
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.integrals import Integrals
@@ -30,7 +30,6 @@ from softness_bayes.likelihood.rater_effects import Given, NormalTable, Table
 from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.row_laws import Rows, scores_at
 from softness_bayes.likelihood.scales import SLIDER, Scale
-from softness_bayes.likelihood.stated import Stated
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]

@@ -14,7 +14,7 @@ from scipy.special import ndtr
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import Parameters
-from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.directions import RISES, RatingDirection
 from softness_bayes.likelihood.effects import Effects
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
@@ -22,7 +22,6 @@ from softness_bayes.likelihood.normal_rows import EffectLaw, LeaveOneOut, Normal
 from softness_bayes.likelihood.pieces import in_pieces
 from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.scales import MAGNITUDE, Scale
-from softness_bayes.likelihood.stated import Stated
 from softness_bayes.parameters.laws import Normal, Prior
 
 FloatArray = NDArray[np.float64]

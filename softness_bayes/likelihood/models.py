@@ -6,18 +6,16 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from types import MappingProxyType
 
-from numpy.typing import ArrayLike
-
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.aggregated import AggregatedModel, AggregatedRatings
 from softness_bayes.likelihood.categories import CategoryModel, CategoryRatings
 from softness_bayes.likelihood.contract import Likelihood
 from softness_bayes.likelihood.custom import require_model
+from softness_bayes.likelihood.design import LoadErrors
 from softness_bayes.likelihood.directions import RISES, RatingDirection
 from softness_bayes.likelihood.error_laws import ERROR_LAWS, GUMBEL, LAPSES, NORMAL, STUDENT, ErrorLaw
 from softness_bayes.likelihood.individual import IndividualRatings
 from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings, SliderModel
-from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.orders import OrderModel, OrderRatings
 from softness_bayes.likelihood.pairs import PairModel, PairRatings
@@ -33,7 +31,6 @@ from softness_bayes.likelihood.scales import (
     STANDARDISED,
     Scale,
 )
-from softness_bayes.likelihood.shared_loads import SharedLoads
 from softness_bayes.likelihood.spreads import RaterSpreads
 from softness_bayes.likelihood.uncertain_loads import UncertainLoads
 from softness_bayes.likelihood.z_scores import StandardisedModel, StandardisedRatings
@@ -71,12 +68,6 @@ OF_DIFFERENT_RATERS: Mapping[Scale, Callable[..., RatingsModel]] = MappingProxyT
 )
 """Constructors of the models in which raters differ in exponents or noise, by scale."""
 
-UNDER_UNCERTAIN_LOADS: Mapping[Scale, Callable[..., RatingsLikelihood]] = MappingProxyType({MAGNITUDE: UncertainLoads})
-"""Likelihoods of ratings with independent load errors, by scale."""
-
-UNDER_SHARED_LOADS: Mapping[Scale, Callable[..., RatingsLikelihood]] = MappingProxyType({MAGNITUDE: SharedLoads.of})
-"""Likelihoods of ratings with load errors shared by all ratings of a load, by scale."""
-
 LIKELIHOODS: tuple[type[Likelihood], ...] = (
     LogRatings,
     IntervalRatings,
@@ -84,7 +75,6 @@ LIKELIHOODS: tuple[type[Likelihood], ...] = (
     OrderRatings,
     PairRatings,
     UncertainLoads,
-    SharedLoads,
     IndividualRatings,
     StandardisedRatings,
     AggregatedRatings,
@@ -143,44 +133,19 @@ def model_of_different_raters(
     return OF_DIFFERENT_RATERS[scale](direction, law=error, differ=differ)
 
 
-def under_uncertain_loads(observed: RatingsLikelihood, errors: LoadErrors) -> RatingsLikelihood:
-    """Return the likelihood of ratings with independent load errors.
+def under_load_errors(observed: RatingsLikelihood, errors: LoadErrors) -> RatingsLikelihood:
+    """Return the likelihood of ratings whose loads have errors.
 
     Raises
     ------
     InputError
-        If the scale of the ratings has no such likelihood.
+        If there is no such likelihood for the scale of the ratings.
     """
     model = observed.model
-    return _for_scale(UNDER_UNCERTAIN_LOADS, model.scale, "load_cv")(observed.values, observed.design, model, errors)
-
-
-def under_shared_loads(observed: RatingsLikelihood, log_sd: float, load: ArrayLike) -> RatingsLikelihood:
-    """Return the likelihood of ratings with load errors shared by all ratings of a load.
-
-    Parameters
-    ----------
-    observed
-        Ratings of exact loads.
-    log_sd
-        Standard deviation of the logarithm of each load.
-    load
-        Index of each condition's load, shape (conditions,).
-
-    Raises
-    ------
-    InputError
-        If the scale of the ratings has no such likelihood.
-    """
-    return _for_scale(UNDER_SHARED_LOADS, observed.model.scale, "shared_load_cv")(observed, log_sd, load)
-
-
-def _for_scale(
-    table: Mapping[Scale, Callable[..., RatingsLikelihood]], scale: Scale, name: str
-) -> Callable[..., RatingsLikelihood]:
-    if scale not in table:
-        known = ", ".join(one.name for one in table)
+    if model.scale != MAGNITUDE:
+        name = "load_cv" if errors.load is None else "shared_load_cv"
         raise InputError(
-            f"ratings: errors of loads ({name}) are not modelled for {scale.name} ratings, only for {known}"
+            f"ratings: errors of loads ({name}) are not modelled for {model.scale.name} ratings, only for "
+            f"{MAGNITUDE.name}"
         )
-    return table[scale]
+    return UncertainLoads(observed.values, observed.design, model, errors)

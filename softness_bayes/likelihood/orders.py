@@ -18,7 +18,7 @@ from scipy.special import expit, ndtri
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import Effects, Parameters
-from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.error_laws import GUMBEL, GUMBEL_SD, ErrorLaw
 from softness_bayes.likelihood.information import Comparisons, order_information
 from softness_bayes.likelihood.magnitude import RatingModel
@@ -26,7 +26,6 @@ from softness_bayes.likelihood.pieces import in_pieces
 from softness_bayes.likelihood.places import RankedLists, shares
 from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.scales import RANKS, Scale
-from softness_bayes.likelihood.stated import Stated
 from softness_bayes.parameters.laws import Prior
 
 FloatArray = NDArray[np.float64]

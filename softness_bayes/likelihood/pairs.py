@@ -16,13 +16,12 @@ from scipy.special import log_ndtr
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import Parameters
-from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.information import Comparisons, pair_information
 from softness_bayes.likelihood.orders import LEAST_SPREAD, OrderModel, OrderRatings
 from softness_bayes.likelihood.places import RankedLists, index_within
 from softness_bayes.likelihood.scales import PAIRS, Scale
-from softness_bayes.likelihood.stated import Stated
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]

@@ -1,9 +1,12 @@
-"""Likelihood of rigid-plate forces on fingerpads, with the skin of each finger integrated out."""
+"""Likelihood of rigid-plate forces on fingerpads, with the skin of each finger integrated out (model.md 9).
+
+If people with plate forces are also raters, `PressedRaters` gives the law of each one's skin before any rating.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import ClassVar, NamedTuple, Self
@@ -20,6 +23,7 @@ from softness_bayes.likelihood.pieces import in_pieces
 from softness_bayes.likelihood.scales import PLATE_FORCE, Scale
 from softness_bayes.parameters.laws import Prior
 from softness_bayes.touch.contact import STRAIN, Finger, SkinDisplacement, plate_line
+from softness_bayes.touch.finger_grid import SkinLaws
 
 Array = NDArray[np.float64]
 
@@ -147,11 +151,6 @@ class CompressionForces(Likelihood):
             self._turned[j] = basis.T @ padded
             self._noise[j] = float(((padded - basis @ self._turned[j]) ** 2).sum())
 
-    @property
-    def n_rows(self) -> int:
-        """Number of forces."""
-        return self.values.size
-
     def with_values(self, values: ArrayLike) -> Self:
         """Return the likelihood of other forces at the same indentations of the same fingers."""
         shape, displacement = self.model.shape, self.model.displacement
@@ -164,12 +163,7 @@ class CompressionForces(Likelihood):
 
     def log_likelihood(self, mean_rate: Array, parameters: Parameters) -> Array:
         """Return the log density of all forces [1/N each] at parameters of batch shape (...), shape (...)."""
-        law = self._law(mean_rate, parameters)
-        spare, squares = self.n_rows - 2 * self.n_fingers, sum(self._noise.tolist())
-        noise = spare * (_LOG_TWO_PI + np.log(law.variance)) + squares / law.variance
-        determinant = np.log(law.second * law.first_given).sum(axis=-1) + 2 * self.n_fingers * _LOG_TWO_PI
-        quadratic = (law.residual[..., 1] ** 2 / law.second + law.apart**2 / law.first_given).sum(axis=-1)
-        return np.asarray(-0.5 * (noise + determinant + quadratic) - self._log.sum())
+        return self.log_likelihood_participants(mean_rate, parameters).sum(axis=-1)
 
     def log_likelihood_participants(self, mean_rate: Array, parameters: Parameters) -> Array:
         """Return the log density of each finger's forces, shape (..., fingers); fingers are independent."""
@@ -187,7 +181,7 @@ class CompressionForces(Likelihood):
             mean, sd = self._without_one(rate, some)
             return -0.5 * (((self._log - mean) / sd) ** 2 + _LOG_TWO_PI) - np.log(sd) - self._log
 
-        return in_pieces(density, _WIDTH * self.n_rows, mean_rate, parameters)
+        return in_pieces(density, _WIDTH * self.values.size, mean_rate, parameters)
 
     def below_loo(self, mean_rate: Array, parameters: Parameters) -> Array:
         """Return the probability of a smaller force than the observed one given all the others, shape (..., rows)."""
@@ -196,7 +190,7 @@ class CompressionForces(Likelihood):
             mean, sd = self._without_one(rate, some)
             return np.asarray(ndtr((self._log - mean) / sd))
 
-        return in_pieces(below, _WIDTH * self.n_rows, mean_rate, parameters)
+        return in_pieces(below, _WIDTH * self.values.size, mean_rate, parameters)
 
     def drive(self, mean_rate: Array, parameters: Parameters) -> Array:
         """Return the log force [ln N] of every row on the typical finger, shape (..., rows)."""
@@ -227,27 +221,14 @@ class CompressionForces(Likelihood):
         return self.new_effects(rng, parameters, effects.log_b.shape[:-1])
 
     def draw_effects(self, rng: np.random.Generator, mean_rate: Array, parameters: Parameters) -> FingerEffects:
-        """Return exact draws of the fingers' deviations given their forces, one for each point of the batch.
+        """Return exact draws of the fingers' deviations given their forces, one for each point of the batch."""
+        law = self.finger_law(parameters, mean_rate)
+        drawn = law.mean + (law.root @ rng.standard_normal((*law.mean.shape, 1)))[..., 0]
+        return FingerEffects(drawn[..., 0], drawn[..., 1])
 
-        A draw from the prior is corrected by the residual of its own simulated forces (Matheron's rule).
-        """
-        law = self._law(mean_rate, parameters)
-        shape = law.residual.shape[:-1]
-        blank = self.new_effects(rng, parameters, shape[:-1])
-        tau_b, tau_m = (np.asarray(v, float)[..., None] for v in (parameters.tau_b, parameters.tau_m))
-        turn = self._turn
-        noise = np.sqrt(law.variance)[..., None, None] * rng.standard_normal((*shape, 2))
-        made = np.einsum("jab,...jb->...ja", turn, np.stack([blank.log_b, blank.m], axis=-1)) + noise
-        gap = law.residual - made
-        # the inverse of the 2 x 2 covariance applied to the gap
-        first = (gap[..., 0] - law.gain * gap[..., 1]) / law.first_given
-        solved = np.stack([first, gap[..., 1] / law.second - law.gain * first], axis=-1)
-        pulled = np.einsum("jab,...ja->...jb", turn, solved)
-        return FingerEffects(blank.log_b + tau_b**2 * pulled[..., 0], blank.m + tau_m**2 * pulled[..., 1])
-
-    def finger_law(self, parameters: Parameters) -> FingerLaw:
+    def finger_law(self, parameters: Parameters, mean_rate: Array = NO_RESPONSE) -> FingerLaw:
         """Return the law of each finger's deviations from the typical one given its forces, for batch shape (...)."""
-        law = self._law(NO_RESPONSE, parameters)
+        law = self._law(mean_rate, parameters)
         shape = law.residual.shape[:-1]
         spread = np.stack(
             np.broadcast_arrays(*(np.asarray(v, float) for v in (parameters.tau_b, parameters.tau_m))), axis=-1
@@ -299,8 +280,8 @@ class CompressionForces(Likelihood):
 
         The normal equations of a finger's deviations are summed over its other forces, which avoids cancellation.
         """
-        z = np.column_stack([np.ones(self.n_rows), self._line.slope])
-        others = (self.finger[:, None] == self.finger) & ~np.eye(self.n_rows, dtype=bool)
+        z = np.column_stack([np.ones(self.values.size), self._line.slope])
+        others = (self.finger[:, None] == self.finger) & ~np.eye(self.values.size, dtype=bool)
         scale = np.stack(
             np.broadcast_arrays(*(np.asarray(v, float) for v in (parameters.tau_b, parameters.tau_m))), axis=-1
         )[..., None, :]
@@ -328,6 +309,59 @@ class CompressionForces(Likelihood):
         gain = h * r12 * r22 / second
         apart = residual[..., 0] - gain * residual[..., 1]
         return _Law(variance, residual, second, first_given, gain, apart)
+
+
+@dataclass(frozen=True, eq=False)
+class PressedRaters:
+    """Raters for whom there are also plate forces.
+
+    Parameters
+    ----------
+    forces
+        The forces.
+    rater, finger
+        Index of each such person among the raters (-1 for people who are not raters) and among the fingers of the
+        forces, shape (people,).
+    """
+
+    forces: CompressionForces
+    rater: NDArray[np.intp]
+    finger: NDArray[np.intp]
+
+    @classmethod
+    def of(cls, forces: CompressionForces, raters: Sequence[str], pressed: Sequence[str]) -> PressedRaters | None:
+        """Return the people whose names occur in both lists; None if there are none."""
+        place = {name: k for k, name in enumerate(pressed)}
+        both = [(k, place[name]) for k, name in enumerate(raters) if name in place]
+        if not both:
+            return None
+        rater, finger = np.array(both, np.intp).T
+        return cls(forces, rater, finger)
+
+    @property
+    def size(self) -> int:
+        """Number of people."""
+        return self.rater.size
+
+    def as_strangers(self) -> PressedRaters:
+        """Return the same people as if none of them were raters."""
+        return PressedRaters(self.forces, np.full_like(self.rater, -1), self.finger)
+
+    def skins(self, names: Sequence[str], parameters: Parameters) -> SkinLaws:
+        """Return the laws of their skins given the forces, for the quantities that differ between raters (`names`).
+
+        Quantities that do not differ between raters have deviation 0. If m is one of them, a rater has the m of the
+        typical finger, and the law of ln b is marginal over m in the forces.
+        """
+        law = self.forces.finger_law(parameters)
+        mean, root = law.mean[..., self.finger, :], law.root[..., self.finger, :, :]
+        nothing = np.zeros(mean.shape[:-1])
+        if "m" not in names:
+            return SkinLaws(mean[..., 0], nothing, root[..., 0, 0], nothing, nothing)
+        if "b" not in names:
+            sd = np.hypot(root[..., 1, 0], root[..., 1, 1])
+            return SkinLaws(nothing, mean[..., 1], nothing, nothing, sd)
+        return SkinLaws(mean[..., 0], mean[..., 1], root[..., 0, 0], root[..., 1, 0], root[..., 1, 1])
 
 
 class _Law(NamedTuple):

@@ -10,10 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import Effects, Likelihood, Model, Parameters
-from softness_bayes.likelihood.design import Design, IndexArray
+from softness_bayes.likelihood.design import Design, IndexArray, LoadErrors, Stated
 from softness_bayes.likelihood.directions import RatingDirection
-from softness_bayes.likelihood.load_errors import LoadErrors
-from softness_bayes.likelihood.stated import Stated
 from softness_bayes.touch.finger_grid import SkinLaws
 
 FloatArray = NDArray[np.float64]
@@ -216,7 +214,7 @@ class RatingsLikelihood(Likelihood):
         Parameters
         ----------
         pressed
-            `pressed.PressedRaters`, or None if there are no plate forces.
+            `plate.PressedRaters`, or None if there are no plate forces.
         """
         return self
 

@@ -1,71 +1,99 @@
-"""Magnitude estimates of touches with independent load errors (model.md 9).
+"""Magnitude estimates of touches whose loads have errors, of each rating or shared by all of a load (model.md 9).
 
-The effect of a load error on a log rating is approximated as normal, with the mean and the variance of the response
-under the distribution of the load. `OverLoads` integrates over each load without this approximation and is the
-reference of the exactness check.
+The logarithm of a touch's load is the stated one plus log_sd z, z ~ N(0, 1), and its drive is d(z). An error of each
+rating's own is approximated as normal: the row has the mean and, beside varsigma², the variance of d under the law of
+z. An error shared by all ratings of a load is a common effect: d is approximated by its mean plus its slope times z,
+and z is integrated out in closed form, like the other effects. Means, variances and slopes are sums over few loads
+(Gauss-Hermite). `OverLoads` integrates d(z) without these approximations and is the reference of the exactness check.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+from dataclasses import replace
 from functools import cached_property
-from typing import Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
+from scipy.special import logsumexp, ndtri, ndtri_exp
+from scipy.stats import qmc
 
-from softness_bayes.likelihood.contract import Parameters
-from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.effects import Effects
-from softness_bayes.likelihood.erring_loads import ErringLoads
-from softness_bayes.likelihood.load_errors import OUTER, LoadErrors
-from softness_bayes.likelihood.magnitude import RatingModel
-from softness_bayes.likelihood.mu_nodes import log_sum
-from softness_bayes.likelihood.normal_rows import EffectLaw, NormalRows
-from softness_bayes.likelihood.shared_loads import FINE_NODES, between
+from softness_bayes.likelihood.contract import Effects, Likelihood, Parameters
+from softness_bayes.likelihood.design import Design, IndexArray, LoadErrors
+from softness_bayes.likelihood.error_laws import NormalLaw
+from softness_bayes.likelihood.integrals import Integrals
+from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
+from softness_bayes.likelihood.normal_rows import EffectLaw, LeaveOneOut, NormalRows
+from softness_bayes.likelihood.pieces import over_draws
+from softness_bayes.likelihood.rater_effects import Given, Table
+from softness_bayes.likelihood.row_laws import Rows
 
 FloatArray = NDArray[np.float64]
 
-LOAD_POINTS = np.linspace(-4.5, 4.5, 51)
-"""Points of the reference integral over a load, in standard deviations of its logarithm."""
+FINE_KNOTS = (-4.0, -3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0, 4.0)
+"""Loads between which the reference interpolates."""
 
-LEVEL_REACH, LEVEL_STEP, MOST_LEVELS = 8.0, 0.3, 401
-"""Half-width and spacing of its points over a rater's level, in standard deviations of that level, and their largest
-number."""
+POINTS = np.linspace(-4.5, 4.5, 51)
+"""Points z of the reference integral over the load of one rating."""
 
-FABRIC_DRAWS = 16
-"""Number of draws of the fabrics' deviations over which the reference averages."""
+VECTORS = 256
+"""Number of vectors z in the reference sum over shared errors, a power of two."""
 
 
-class UncertainLoads(ErringLoads):
-    """Positive ratings under a `RatingModel`, with mu, participants, fabrics and load errors integrated out.
+class LoadEffects(NamedTuple):
+    """Effects as in `effects.Effects`, and the errors of the loads."""
+
+    mu: FloatArray
+    participant: FloatArray
+    fabric: FloatArray
+    load: FloatArray
+    """z of each shared error, shape (..., loads); without columns if errors are independent."""
+
+
+class _Factors(NamedTuple):
+    """The normal law of the z of shared errors given all rows."""
+
+    mean: FloatArray  # (..., loads)
+    covariance: FloatArray  # (..., loads, loads)
+    log_density: FloatArray  # of the log ratings, (...)
+
+
+class UncertainLoads(LogRatings):
+    """Positive ratings under a `RatingModel`, with mu, participants, fabrics and errors of loads integrated out.
 
     Parameters
     ----------
     ratings, design, model, over
         As for `LogRatings`.
     errors
-        The errors of the loads. Mean rates are given at the stated loads, then at the further loads of `LoadErrors`.
+        The errors of the loads. Mean rates are given at the stated loads, then at the further ones of `LoadErrors`.
     """
 
-    effect = "spread"
-
     def __init__(
-        self,
-        ratings: ArrayLike,
-        design: Design,
-        model: RatingModel,
-        errors: LoadErrors,
-        over: Design | None = None,
+        self, ratings: ArrayLike, design: Design, model: RatingModel, errors: LoadErrors, over: Design | None = None
     ) -> None:
-        super().__init__(ratings, design, model, errors, over)
-        self._touches = Design(
-            errors.of_row, design.participant, design.fabric[errors.condition], design.n_participants
-        )
+        super().__init__(ratings, design, model, over)
+        self.errors = errors
 
     @cached_property
     def _rows(self) -> NormalRows:
-        level = float(np.log(self.model.centre)), self.model.spread
-        return NormalRows(self._touches, self._log, *level, self.design.n_fabrics)
+        errors, design = self.errors, self.design
+        touches = Design(errors.of_row, design.participant, design.fabric[errors.condition], design.n_participants)
+        return NormalRows(touches, self._log, math.log(self.model.centre), self.model.spread, design.n_fabrics)
+
+    @property
+    def load_errors(self) -> LoadErrors:
+        """The additional loads at which responses are needed."""
+        return self.errors
+
+    @property
+    def fabric_of_rate(self) -> IndexArray:
+        """Fabric of each column of the mean rates."""
+        fabric = self.design.fabric
+        return np.concatenate([fabric, np.tile(fabric[self.errors.condition], len(self.errors.further))])
 
     def with_values(self, values: ArrayLike) -> Self:
         """Return the likelihood of other ratings of the same rows."""
@@ -73,19 +101,69 @@ class UncertainLoads(ErringLoads):
 
     def without(self, rows: NDArray[np.bool_]) -> Self:
         """Return the likelihood of the other ratings, with x still centred over all rows."""
-        errors = self.errors.without(rows)
+        errors = replace(self.errors, of_row=self.errors.of_row[~rows])
         return type(self)(self.values[~rows], self.design.without(rows), self.model, errors, self._over)
 
     def finer(self) -> OverLoads:
-        """Return the reference likelihood, integrated over each load without approximation as normal."""
-        return OverLoads(self.values, self.design, self.model, self.errors.at_nodes(FINE_NODES), self._over)
+        """Return the reference likelihood, which integrates over loads without approximation."""
+        errors = replace(self.errors, knots=FINE_KNOTS)
+        return OverLoads(self.values, self.design, self.model, errors, self._over)
 
-    def moments(self, mean_rate: FloatArray, parameters: Parameters) -> tuple[FloatArray, FloatArray]:
-        """Return mean and variance of the drive under the distribution of each touch's load, each (..., touches)."""
-        lower, stated, higher = self.drives(mean_rate, parameters)
-        up, down = higher - stated, lower - stated
-        shift = OUTER * (up + down)
-        return stated + shift, OUTER * ((up - shift) ** 2 + (down - shift) ** 2) + (1.0 - 2.0 * OUTER) * shift**2
+    def drive_at(self, elsewhere: FloatArray, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
+        """Return `drive` at other mean rates [Hz], shape (..., k)."""
+        return super().drive_at(elsewhere, self._stated(mean_rate), parameters)
+
+    def drive(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
+        """Return the response's contribution in each condition at its stated load, shape (..., conditions)."""
+        return self.drive_at(self._stated(mean_rate), mean_rate, parameters)
+
+    def predictor(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
+        """Return log(N/N_ref + eps) at the stated loads, shape (..., conditions)."""
+        return super().predictor(self._stated(mean_rate), parameters)
+
+    def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
+        """Return the log density of all ratings together, shape (...)."""
+        if self.errors.load is None:
+            return super().log_likelihood(mean_rate, parameters)
+        return self._factors(mean_rate, parameters).log_density + self._jacobian
+
+    def leave_one_out(self, mean_rate: FloatArray, parameters: Parameters) -> LeaveOneOut:
+        """Return the normal law of each log rating given all the others, arrays of shape (..., rows)."""
+        if self.errors.load is None:
+            return super().leave_one_out(mean_rate, parameters)
+        law, slope, z = *self._laws(mean_rate, parameters), self._factors(mean_rate, parameters)
+        moved = np.concatenate([np.zeros_like(slope[:1]), slope])
+        mean, sd = self._rows.leave_one_out(law._replace(offset=law.offset + moved))
+        # the rows' inverse covariance times their residuals, and times the effects of z
+        solved = (self._log - mean) * sd**-2
+        reach = np.moveaxis(solved[0] - solved[1:], 0, -1)
+        diagonal = sd[0] ** -2 - np.einsum("...ri,...ij,...rj->...r", reach, z.covariance, reach)
+        left = solved[0] - (reach * z.mean[..., None, :]).sum(axis=-1)
+        return LeaveOneOut(self._log - left / diagonal, diagonal**-0.5)
+
+    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
+        """Return the log density of each participant's ratings given all others', shape (..., participants)."""
+        alone = LogRatings if self.errors.load is None else Likelihood
+        return alone.log_likelihood_participants(self, mean_rate, parameters)
+
+    def new_effects(
+        self,
+        rng: np.random.Generator,
+        parameters: Parameters,
+        shape: tuple[int, ...],
+        levels: Mapping[str, ArrayLike] | None = None,
+    ) -> Effects:
+        """Return effects of new participants, fabrics and loads, of batch ``shape``."""
+        effects = super().new_effects(rng, parameters, shape, levels)
+        z = rng.standard_normal((*shape, len(self.errors.member)))
+        return LoadEffects(effects.mu, effects.participant, effects.fabric, z)
+
+    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
+        """Return exact draws of all effects given the ratings, one for each point of the batch; z come first."""
+        law, slope, z = *self._laws(mean_rate, parameters), self._factors(mean_rate, parameters)
+        drawn = z.mean + (np.linalg.cholesky(z.covariance) @ rng.standard_normal((*z.mean.shape, 1)))[..., 0]
+        moved = law._replace(offset=law.offset + (np.moveaxis(drawn, -1, 0)[..., None] * slope).sum(axis=0))
+        return LoadEffects(*self._rows.draw_effects(rng, moved), drawn)
 
     def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return the residual of each log rating given the effects, shape (..., rows), scaled for the checks.
@@ -93,13 +171,11 @@ class UncertainLoads(ErringLoads):
         It is multiplied by varsigma and divided by the row's standard deviation, so that all residuals have standard
         deviation varsigma.
         """
-        mean, variance = self.moments(mean_rate, parameters)
-        row, design = self.errors.of_row, self.design
-        expected = effects.mu[..., None] + mean[..., row] + effects.participant[..., design.participant]
-        expected = expected + effects.fabric[..., design.fabric[design.condition]]
-        own = self.model.error_sd(parameters)[..., None]
-        scaled = (self._log - expected) * (own / np.sqrt(own**2 + variance))[..., row]
-        return self.model.error.normal_scores(scaled, parameters)
+        touched, sd = self._touched(mean_rate, parameters, effects)
+        design, own = self.design, self.model.error_sd(parameters)[..., None]
+        left = self._log - touched - (effects.fabric[..., design.fabric])[..., design.condition]
+        left = left - effects.mu[..., None] - effects.participant[..., design.participant]
+        return self.model.error.normal_scores(left * (own / sd), parameters)
 
     def replicate(
         self,
@@ -109,114 +185,174 @@ class UncertainLoads(ErringLoads):
         effects: Effects,
         mean_rate: FloatArray | None = None,
     ) -> FloatArray:
-        """Return one rating for every row, shape (..., rows), including load errors at these mean rates.
+        """Return one rating for every row, shape (..., rows), under loads with errors at these mean rates.
 
         Raises
         ------
         TypeError
             Without mean rates.
         """
-        rates = self._needed(mean_rate)
-        mean, variance = self.moments(rates, parameters)
-        row, design = self.errors.of_row, self.design
-        bend = (mean - self.drive(rates, parameters)[..., self.errors.condition])[..., row]
-        log_rating = effects.mu[..., None] + (drive + effects.fabric[..., design.fabric])[..., design.condition]
-        log_rating = log_rating + bend + effects.participant[..., design.participant]
-        sd = np.sqrt(self.model.error_sd(parameters)[..., None] ** 2 + variance)
+        if mean_rate is None:
+            raise TypeError("errors of loads change ratings by the response: expected mean rates")
+        design = self.design
+        touched, sd = self._touched(mean_rate, parameters, effects)
+        away = (drive - self.drive(mean_rate, parameters) + effects.fabric[..., design.fabric])[..., design.condition]
+        log_rating = effects.mu[..., None] + touched + away + effects.participant[..., design.participant]
         noise = self.model.error.draw(rng, log_rating.shape, parameters)
-        return np.asarray(self.model.scale.natural(log_rating + sd[..., row] * noise))
+        return np.asarray(self.model.scale.natural(log_rating + sd * noise))
+
+    def _stated(self, mean_rate: FloatArray) -> FloatArray:
+        """Return the mean rates under the stated loads."""
+        return mean_rate[..., : self.design.n_conditions]
+
+    def _drives(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
+        """Return the drive of each touch at all knots, shape (knots, ..., touches)."""
+        errors, every = self.errors, self.drive_at(mean_rate, mean_rate, parameters)
+        stated, others = np.split(every, [self.design.n_conditions], axis=-1)
+        others = others.reshape(*others.shape[:-1], len(errors.further), errors.condition.size)
+        middle = errors.knots.index(0.0)
+        return np.insert(np.moveaxis(others, -2, 0), middle, stated[..., errors.condition], axis=0)
+
+    def _laws(self, mean_rate: FloatArray, parameters: Parameters) -> tuple[EffectLaw, FloatArray]:
+        """Return the law of the log ratings where the z of shared errors are 0, and slopes in z.
+
+        The slopes of the expectations have shape (loads, ..., touches).
+        """
+        drives, errors = self._drives(mean_rate, parameters), self.errors
+        mean, along = (np.tensordot(weights, drives, 1) for weights in (errors.weights, errors.weights * errors.knots))
+        variance = self.model.error_sd(parameters)[..., None] ** 2
+        if errors.load is None:
+            variance = variance + np.tensordot(errors.weights, (drives - mean) ** 2, 1)
+        slope = np.einsum("...t,lt->l...t", along, errors.member)
+        return EffectLaw.of(mean, variance, parameters.tau, parameters.omega), slope
 
     def _law(self, mean_rate: FloatArray, parameters: Parameters) -> EffectLaw:
-        mean, variance = self.moments(mean_rate, parameters)
-        variance = variance + np.asarray(parameters.varsigma, float)[..., None] ** 2
-        return EffectLaw.of(mean, variance, parameters.tau, parameters.omega)
+        return self._laws(mean_rate, parameters)[0]
+
+    def _touched(
+        self, mean_rate: FloatArray, parameters: Parameters, effects: Effects
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the drive of each row for the z in `effects`, and the standard deviation of its error."""
+        law, slope = self._laws(mean_rate, parameters)
+        touched = law.offset + (np.moveaxis(effects.load, -1, 0)[..., None] * slope).sum(axis=0)
+        sd = np.broadcast_to(np.sqrt(law.variance), (*law.variance.shape[:-1], touched.shape[-1]))
+        return touched[..., self.errors.of_row], sd[..., self.errors.of_row]
+
+    def _factors(self, mean_rate: FloatArray, parameters: Parameters) -> _Factors:
+        """Return the law of z.
+
+        The log density is quadratic in z, so values at 0, at each unit vector and at pairs of them determine it.
+        """
+        law, slope = self._laws(mean_rate, parameters)
+        loads = len(slope)
+        i, j = np.tril_indices(loads)
+        moves = np.concatenate([np.zeros_like(law.offset)[None], slope, -slope, slope[i] + slope[j]])
+        values = self._rows.log_density(law._replace(offset=law.offset + moves))
+        base, up, down, both = np.split(values, np.cumsum([1, loads, loads]))
+        information = np.zeros((*base.shape[1:], loads, loads))
+        information[..., i, j] = information[..., j, i] = np.moveaxis(up[i] + up[j] - base - both, 0, -1)
+        covariance = np.asarray(np.linalg.inv(np.eye(loads) + information), float)
+        pull = np.moveaxis(up - down, 0, -1) / 2.0
+        mean = (covariance @ pull[..., None])[..., 0]
+        explained = 0.5 * ((pull * mean).sum(axis=-1) + np.linalg.slogdet(covariance)[1])
+        return _Factors(mean, covariance, base[0] + explained)
 
 
 class OverLoads(UncertainLoads):
-    """The same ratings, integrated over each load, each rater's level and mu: the reference of `UncertainLoads`.
-
-    The drive is interpolated between the loads of `errors.nodes`. Individual deviations of fabrics (omega) connect all
-    raters. With them, the density is that of the normal approximation times the mean, over draws of the deviations in
-    this approximation, of the ratio of both densities given the deviations.
-    """
-
-    def moments(self, mean_rate: FloatArray, parameters: Parameters) -> tuple[FloatArray, FloatArray]:
-        """Return mean and variance of the drive under the distribution of each touch's load, each (..., touches)."""
-        knots = np.sort(np.append(self.errors.nodes, 0.0))
-        weight = np.exp(-0.5 * knots**2)
-        weight /= weight.sum()
-        every = self.drives(mean_rate, parameters)
-        mean = np.tensordot(weight, every, 1)
-        return mean, np.tensordot(weight, (every - mean) ** 2, 1)
+    """The same ratings, the drive being interpolated between many loads: the reference of `UncertainLoads`."""
 
     def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Log density of all ratings together, shape (...)."""
-        knots = np.sort(np.append(self.errors.nodes, 0.0))
-        every, law = self.drives(mean_rate, parameters), self._law(mean_rate, parameters)
-        drive = np.stack([between(knots, every, np.full(every.shape[1:], z)) for z in LOAD_POINTS])
-        noise = np.asarray(self.model.error_sd(parameters))
-        if not (law.fabric > 0).any():
-            return self._given(drive, law, noise) - self._log.sum()
-        fabric, rng, ratio = self.design.fabric[self.errors.condition], np.random.default_rng(0), []
-        for _ in range(FABRIC_DRAWS):
-            shift = self._rows.draw_effects(rng, law).fabric[..., fabric]
-            given = law._replace(offset=law.offset + shift, fabric=np.zeros_like(law.fabric))
-            ratio.append(self._given(drive + shift, given, noise) - self._rows.log_density(given))
-        averaged = log_sum(np.array(ratio), axis=0) - np.log(FABRIC_DRAWS)
-        return self._rows.log_density(law) + averaged - self._log.sum()
+        """Return the log density of all ratings together, shape (...)."""
+        density = self._over_each if self.errors.load is None else self._over_shared
+        return density(mean_rate, parameters) + self._jacobian
 
-    def _given(self, drive: FloatArray, law: EffectLaw, noise: FloatArray) -> FloatArray:
-        """Return the log density of the log ratings, shape (...), if fabrics have no deviations of their own.
+    def _over_each(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
+        """Return the log density of log ratings, the law of a row being a mixture over its load."""
+        drives = self._drives(mean_rate, parameters)
+        knots, *batch, touches = drives.shape
+        shape = parameters.batch_shape(tuple(batch))
+        drives = np.broadcast_to(drives, (knots, *shape, touches)).reshape(knots, -1, touches)
+        order = np.argsort(self.design.participant, kind="stable")
+        of_row = self.errors.of_row[order]
 
-        `drive` has shape (points, ..., touches); `law`, the normal approximation, tells where to integrate.
+        def column(value: ArrayLike) -> FloatArray:
+            return over_draws(value, shape)[:, None]
+
+        spread, omega = column(self.model.error_sd(parameters)), column(parameters.omega)
+        points = self._between(drives, np.broadcast_to(POINTS[:, None, None], (POINTS.size, *drives.shape[1:])))
+        stated = drives[self.errors.knots.index(0.0)]
+        shift = np.moveaxis(points - stated, 0, -1)[:, of_row] / spread[..., None]
+        _, rater = np.unique(self.design.participant[order], return_inverse=True)
+        fabric, level = self.design.fabric[self.errors.condition[of_row]], self.model.level
+        log, none = self._log[order], np.zeros(order.size)
+        given = Given(
+            stated[:, of_row], Rows(log, log, none), spread, column(parameters.tau), Parameters(shift=shift),
+            omega=omega if (omega > 0.0).any() else None,
+        )  # fmt: skip
+        table = Table(_LOADED, rater, fabric, self.design.n_fabrics, level.mean, level.sd)
+        return Integrals(table, np.ones(order.size)).log_density(given, log).reshape(shape)
+
+    def _over_shared(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
+        """Return the log density of log ratings by a weighted sum over low-discrepancy vectors z.
+
+        They follow the normal law of z under the linear approximation; if the response is linear, the sum is exact.
         """
-        tau, sd = (np.broadcast_to(v, law.offset.shape[:-1]) for v in (law.participant, noise))
-        found = np.empty(tau.shape)
-        for at in np.ndindex(found.shape):
-            found[at] = self._joint(drive[:, *at], law.offset[at], law.variance[at], float(tau[at]), float(sd[at]))
-        return found
+        drives, law = self._drives(mean_rate, parameters), self._law(mean_rate, parameters)
+        z = self._factors(mean_rate, parameters)
+        root = np.linalg.cholesky(z.covariance)
+        terms = []
+        for step in ndtri(qmc.Sobol(root.shape[-1], seed=1).random(VECTORS)):
+            factor = z.mean + root @ step
+            given = law._replace(offset=self._between(drives, factor[..., self.errors.load]))
+            # ratio of the prior of z to its sampling density
+            weight = 0.5 * (step**2).sum() - 0.5 * (factor**2).sum(axis=-1)
+            terms.append(self._rows.log_density(given) + weight)
+        total = logsumexp(terms, axis=0) - math.log(VECTORS)
+        return np.asarray(total + np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(axis=-1))
 
-    def _joint(self, drive: FloatArray, mean: FloatArray, variance: FloatArray, tau: float, noise: float) -> float:
-        """Return the log density of all log ratings for one point of the batch; `drive` is (points, touches)."""
-        levels = [
-            self._of_rater(self.design.participant == rater, drive, mean, variance, tau, noise)
-            for rater in np.unique(self.design.participant)
-        ]
-        centre, spread = float(np.log(self.model.centre)), self.model.spread
-        precision = np.array([1.0 / (width**2 + tau**2) for _, _, _, width in levels])
-        middle = np.array([middle for _, _, middle, _ in levels])
-        sd = (precision.sum() + spread**-2) ** -0.5
-        mu = sd**2 * (precision @ middle + centre / spread**2) + sd * np.arange(-LEVEL_REACH, LEVEL_REACH, LEVEL_STEP)
-        total = _normal(mu - centre, spread) + np.log(LEVEL_STEP * sd)
-        for level, log_density, _, _ in levels:
-            total = total + log_sum(log_density + _normal(mu[:, None] - level, tau), axis=-1)
-        return float(log_sum(total, axis=0))
-
-    def _of_rater(
-        self,
-        rows: NDArray[np.bool_],
-        drive: FloatArray,
-        mean: FloatArray,
-        variance: FloatArray,
-        tau: float,
-        noise: float,
-    ) -> tuple[FloatArray, FloatArray, float, float]:
-        """Return levels of a rater, the log density of the ratings at each times their spacing, and its mean and sd."""
-        touch, log = self.errors.of_row[rows], self._log[rows]
-        precision = 1.0 / variance[touch]
-        width = precision.sum() ** -0.5
-        middle = float(precision @ (log - mean[touch])) * width**2
-        step = min(LEVEL_STEP * width, tau)
-        reach = min(int(np.ceil(LEVEL_REACH * width / step)), MOST_LEVELS // 2)
-        level = middle + LEVEL_REACH * width * np.linspace(-1.0, 1.0, 2 * reach + 1)
-        weight = np.exp(-0.5 * LOAD_POINTS**2)
-        total = np.full(level.size, np.log(level[1] - level[0]))
-        for one, value in zip(touch, log, strict=True):
-            gap = (value - level)[:, None] - drive[:, one]
-            total += log_sum(_normal(gap, noise) + np.log(weight / weight.sum()), axis=-1)
-        return level, total, middle, float(width)
+    def _between(self, drives: FloatArray, z: FloatArray) -> FloatArray:
+        """Return drives (knots, ..., touches) interpolated at z (..., touches), by cubic splines."""
+        knots = np.array(self.errors.knots)
+        share = CubicSpline(knots, np.eye(knots.size))(np.clip(z, knots[0], knots[-1]))
+        return np.asarray((np.moveaxis(drives, 0, -1) * share).sum(axis=-1))
 
 
-def _normal(gap: FloatArray, sd: float) -> FloatArray:
-    """Return the log density of a normal law with mean 0."""
-    return np.asarray(-0.5 * (gap / sd) ** 2 - np.log(sd) - 0.5 * np.log(2.0 * np.pi))
+class _LoadedLaw(NormalLaw):
+    """Normal errors of ratings whose loads err: a mixture over z.
+
+    The parameter `shift`, of shape (draws, rows, points), is d(z) - d(0) in units of varsigma.
+    """
+
+    def draw(self, rng: np.random.Generator, shape: tuple[int, ...], parameters: Any) -> FloatArray:
+        """Return errors of rows whose z are drawn among the points."""
+        weight = np.exp(-0.5 * POINTS**2)
+        point = rng.choice(POINTS.size, size=shape, p=weight / weight.sum())
+        shift = np.broadcast_to(parameters.shift, (*shape, POINTS.size))
+        return rng.standard_normal(shape) + np.take_along_axis(shift, point[..., None], axis=-1)[..., 0]
+
+    def normal_scores(self, errors: FloatArray, parameters: Any) -> FloatArray:
+        """Return q with Phi(q) the mean of Phi(error - shift)."""
+        return np.asarray(ndtri_exp(self.log_below(errors, parameters)))
+
+    def log_below(self, errors: FloatArray, parameters: Any) -> FloatArray:
+        """Return the log of the mean of Phi(error - shift)."""
+        return self._mean(super().log_below(errors[..., None] - parameters.shift, parameters))
+
+    def log_density(self, errors: FloatArray, parameters: Any) -> FloatArray:
+        """Return the log of the mean density of error - shift."""
+        return self._mean(super().log_density(errors[..., None] - parameters.shift, parameters))
+
+    def slopes(self, errors: FloatArray, parameters: Any) -> tuple[FloatArray, FloatArray]:
+        """Return mean and variance of the slopes of the parts, the latter less 1."""
+        away = errors[..., None] - parameters.shift
+        share = np.exp(-0.5 * (away**2 + POINTS**2 - (away**2 + POINTS**2).min(axis=-1, keepdims=True)))
+        share /= share.sum(axis=-1, keepdims=True)
+        first = -(share * away).sum(axis=-1)
+        return first, (share * away**2).sum(axis=-1) - first**2 - 1.0
+
+    def _mean(self, logs: FloatArray) -> FloatArray:
+        weight = np.exp(-0.5 * POINTS**2)
+        return np.asarray(logsumexp(logs, b=weight / weight.sum(), axis=-1))
+
+
+_LOADED = _LoadedLaw("loads with errors", "normal, mixed over errors of loads", concave=False)

@@ -13,14 +13,13 @@ from scipy.special import log_ndtr, ndtr, owens_t
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import Parameters
-from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.directions import RISES, RatingDirection
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.normal_rows import given_the_others, summing
 from softness_bayes.likelihood.pieces import in_pieces
 from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.scales import STANDARDISED, Scale
-from softness_bayes.likelihood.stated import Stated
 from softness_bayes.parameters.laws import HalfNormal, Normal, Prior
 
 FloatArray = NDArray[np.float64]

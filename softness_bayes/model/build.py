@@ -14,19 +14,16 @@ from softness_bayes.data.faults import listing
 from softness_bayes.errors import InputError
 from softness_bayes.kinds import require_kind
 from softness_bayes.likelihood.custom import try_likelihood
-from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.design import Design, LoadErrors
 from softness_bayes.likelihood.directions import FREE, RISES, RatingDirection
 from softness_bayes.likelihood.individual import IndividualModel
-from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.models import (
     model_of_different_raters,
     rating_model,
-    under_shared_loads,
-    under_uncertain_loads,
+    under_load_errors,
 )
-from softness_bayes.likelihood.plate import CompressionForces
-from softness_bayes.likelihood.pressed import PressedRaters
+from softness_bayes.likelihood.plate import CompressionForces, PressedRaters
 from softness_bayes.likelihood.ratings import SKIN, RatingsLikelihood, RatingsModel
 from softness_bayes.likelihood.scales import MAGNITUDE, STANDARDISED
 from softness_bayes.likelihood.spreads import RaterSpreads, SpreadModel
@@ -201,10 +198,11 @@ def _with_load_errors(observed: RatingsLikelihood, experiment: Experiment, optio
             "shared_load_cv: errors shared by all ratings of a load cannot be combined with independent "
             "errors of each rating's load (load_cv); state the larger one"
         )
+    design = observed.design
     if shared:
         spread = float(np.sqrt(np.log1p(shared**2)))
-        return under_shared_loads(observed, spread, experiment.ratings.conditions.load)
-    return under_uncertain_loads(observed, LoadErrors.of(observed.design, log_sd)) if log_sd.any() else observed
+        return under_load_errors(observed, LoadErrors.of(design, spread, experiment.ratings.conditions.load))
+    return under_load_errors(observed, LoadErrors.of(design, log_sd)) if log_sd.any() else observed
 
 
 def _try_own(observation: RatingsLikelihood, posterior: Posterior) -> None:

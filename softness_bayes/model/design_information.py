@@ -21,13 +21,12 @@ from softness_bayes.checking.inflection import CurveShape, turning_points
 from softness_bayes.checking.sensitivity import prior_moments
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import Parameters
-from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.error_laws import STUDENT
 from softness_bayes.likelihood.information import Comparisons, EffectGroup, normal_information
 from softness_bayes.likelihood.orders import OrderModel
 from softness_bayes.likelihood.plate import CompressionForces, plate_line
 from softness_bayes.likelihood.scales import MAGNITUDE, PAIRS, RANKS, SLIDER, STANDARDISED
-from softness_bayes.likelihood.stated import Stated
 from softness_bayes.model.build import ExperimentModel, design_of
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.ranges import Range

@@ -13,7 +13,7 @@ from softness_bayes.data import Ratings
 from softness_bayes.data.forms import AggregatedCells
 from softness_bayes.data.oddities import steps_of_raters
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.error_laws import GUMBEL, LAPSES, NORMAL, STUDENT, ErrorLaw
 from softness_bayes.likelihood.models import rating_model
 from softness_bayes.likelihood.places import MOST_TIED, shares
@@ -27,7 +27,6 @@ from softness_bayes.likelihood.scales import (
     STANDARDISED,
     Scale,
 )
-from softness_bayes.likelihood.stated import Stated
 from softness_bayes.model.fingers import differing, fingers_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.ranges import CATEGORIES_RANGE

@@ -44,8 +44,8 @@ class Density:
         The parameters.
     terms
         Likelihoods of each kind of data, independent of each other given the parameters; that of ratings may be
-        conditional on plate forces of the same people (`likelihood.pressed`). b and m of the typical finger are those
-        of the typical rater.
+        conditional on plate forces of the same people (`likelihood.plate.PressedRaters`). b and m of the typical
+        finger are those of the typical rater.
     """
 
     space: ParameterSpace
@@ -170,7 +170,7 @@ class Posterior(Density):
     scene
         The forward model of the rated conditions.
     other_loads
-        The forward model of the same fabrics at additional loads, if loads have errors (`load_errors.LoadErrors`).
+        The forward model of the same fabrics at additional loads, if loads have errors (`design.LoadErrors`).
     fingers
         Family of fingers over which the likelihood of the ratings integrates; None if all raters have the typical
         finger.

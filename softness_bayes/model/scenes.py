@@ -12,7 +12,7 @@ from softness_bayes.data import LOAD_COLUMNS, Fabrics
 from softness_bayes.data.fabrics import log_sd
 from softness_bayes.errors import InputError
 from softness_bayes.kinds import require_kind, require_mapping
-from softness_bayes.likelihood.load_errors import LoadErrors
+from softness_bayes.likelihood.design import LoadErrors
 from softness_bayes.model.fingers import box_of_values
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.declared import (
@@ -258,7 +258,7 @@ def fabric_moduli(
 
 
 def at_other_loads(stated: Scene, errors: LoadErrors) -> Scene:
-    """Return the scene of the lower and higher loads of uncertain touches, in the order of their columns.
+    """Return the scene of the lower and higher loads of all touches, in the order of their columns.
 
     Parameters
     ----------
@@ -272,16 +272,15 @@ def at_other_loads(stated: Scene, errors: LoadErrors) -> Scene:
     InputError
         If such a load is out of range.
     """
-    uncertain = errors.uncertain
-    condition = errors.condition[uncertain]
+    condition = errors.condition
     every = [
         scaled(stated.loads[load], float(np.exp(node * spread)))
-        for node in errors.nodes
-        for load, spread in zip(stated.load[condition], errors.log_sd[uncertain], strict=True)
+        for node in errors.further
+        for load, spread in zip(stated.load[condition], errors.log_sd, strict=True)
     ]
     loads = tuple(dict.fromkeys(every))
     place = {load: k for k, load in enumerate(loads)}
-    fabric = np.tile(stated.fabric[condition], len(errors.nodes))
+    fabric = np.tile(stated.fabric[condition], len(errors.further))
     return stated.under(loads, fabric, [place[load] for load in every])
 
 

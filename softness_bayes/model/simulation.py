@@ -16,11 +16,11 @@ from softness_bayes.data.forms import PANEL, AggregatedCells
 from softness_bayes.errors import InputError
 from softness_bayes.kinds import require_kind, require_mapping
 from softness_bayes.likelihood.contract import NO_RESPONSE, Model, Parameters
-from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.directions import RISES, RatingDirection
 from softness_bayes.likelihood.effects import RATER_SPREADS
 from softness_bayes.likelihood.error_laws import GUMBEL, NORMAL, ErrorLaw
-from softness_bayes.likelihood.models import UNDER_UNCERTAIN_LOADS, model_of_different_raters, rating_model
+from softness_bayes.likelihood.models import model_of_different_raters, rating_model
 from softness_bayes.likelihood.plate import PLATE_PARAMETERS, CompressionForces
 from softness_bayes.likelihood.ratings import OF_FORCES
 from softness_bayes.likelihood.scales import (
@@ -33,7 +33,6 @@ from softness_bayes.likelihood.scales import (
     STANDARDISED,
     Scale,
 )
-from softness_bayes.likelihood.stated import Stated
 from softness_bayes.model.scenes import scaled, scene_of, touch_parameters
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.ranges import (
@@ -252,7 +251,7 @@ def _require_ranges(
     LOAD_ERRORS.require("simulate: load_cv", load_cv)
     if resolution and scale in (AGGREGATED, STANDARDISED, CATEGORIES, RANKS, PAIRS):
         raise InputError(f"simulate: resolution is {resolution}, expected none for {scale.name} ratings")
-    if load_cv and scale not in UNDER_UNCERTAIN_LOADS:
+    if load_cv and scale is not MAGNITUDE:
         raise InputError(f"simulate: load_cv is {load_cv}, expected none for {scale.name} ratings")
     PARTICIPANTS.require("simulate: number of participants", participants)
     SIMULATED_RATINGS.require("simulate: number of ratings", participants * conditions)

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.sparse import csr_array
 
-from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.error_laws import LAPSES
 from softness_bayes.likelihood.information import (
     Comparisons,
@@ -18,7 +18,6 @@ from softness_bayes.likelihood.information import (
 )
 from softness_bayes.likelihood.orders import OrderModel
 from softness_bayes.likelihood.pairs import PairModel
-from softness_bayes.likelihood.stated import Stated
 from support.points import rated
 
 STEP = 1e-4

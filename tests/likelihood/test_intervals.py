@@ -6,12 +6,11 @@ from numpy.testing import assert_allclose
 from scipy.stats import kstest
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
 from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings, SliderModel
 from softness_bayes.likelihood.magnitude import RatingModel
-from softness_bayes.likelihood.stated import Stated
 from support.interval_tables import POINTS, design_of, on_grid, points_of, rates_of, table
 
 LAWS = NORMAL, STUDENT, LAPSES

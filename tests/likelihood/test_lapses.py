@@ -7,12 +7,11 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import kstest
 
-from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.error_laws import LAPSES
 from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings
 from softness_bayes.likelihood.lapses import BEYOND, RaterRange, WholeScale
 from softness_bayes.likelihood.scales import MAGNITUDE, SLIDER
-from softness_bayes.likelihood.stated import Stated
 from support.points import rated
 
 WHO = Design(np.tile([0, 1, 2], 2), np.repeat([1, 0], 3), np.arange(3), 2)

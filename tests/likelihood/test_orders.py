@@ -66,15 +66,6 @@ def test_ties_are_orders_that_are_not_known(places, orders):
     assert_allclose(chance(places), sum(chance(order) for order in orders), rtol=1e-12)
 
 
-def test_numbers_matter_by_their_order_alone():
-    assert_allclose(chance((1, 2, 4, 3)), chance((-7.0, 0.1, 1e6, 0.2)), rtol=1e-14)
-
-
-def test_equal_worths_have_equal_chances():
-    model = one_list((2, 1, 3, 4))
-    assert_allclose(model.log_likelihood(np.full(4, 5.0), POINT), -np.log(24.0), rtol=1e-12)
-
-
 def test_extreme_worths_stay_finite():
     """Noise of 1e-8 makes an order against the response improbable, not impossible to compute."""
     precise = POINT.replace(varsigma=np.float64(1e-6))

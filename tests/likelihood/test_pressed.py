@@ -8,8 +8,7 @@ from scipy.stats import multivariate_normal, norm
 
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.individual import IndividualModel
-from softness_bayes.likelihood.plate import CompressionForces
-from softness_bayes.likelihood.pressed import PressedRaters
+from softness_bayes.likelihood.plate import CompressionForces, PressedRaters
 from softness_bayes.touch.contact import plate_line
 from softness_bayes.touch.finger_grid import FingerGrid, SkinLaws
 from support.points import rated

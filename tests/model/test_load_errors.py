@@ -1,7 +1,7 @@
 """Loads with errors, of each rating or shared by all: their law, the likelihood that integrates them, simulated ones.
 
-The oracle is quadrature over every rating's own load, with exact responses there, the mean and the participants; for
-shared errors a sum over the factors of the loads.
+The oracle is quadrature over every rating's own load, with exact responses there, the mean and the participants. The
+densities given the response, of shared errors too, are among those of `likelihood/test_golden.py`.
 """
 
 import pickle
@@ -15,11 +15,10 @@ from scipy.stats import norm
 
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.load_errors import NODE, LoadErrors
+from softness_bayes.likelihood.design import Design, LoadErrors
 from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.scales import STANDARDISED
-from softness_bayes.likelihood.shared_loads import SharedLoads
+from softness_bayes.likelihood.uncertain_loads import UncertainLoads
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import at_other_loads, scaled, scene_of, touch_parameters, usual_values
@@ -76,14 +75,13 @@ def test_touches_and_the_loads_beside_them():
     assert_allclose(np.stack([errors.condition, errors.log_sd], 1)[errors.of_row, 0], conditions.of_rating)
     assert_allclose(errors.log_sd[errors.of_row], log_sd)
     touched = at_other_loads(posterior.scene, errors)
-    columns = errors.columns - errors.n_conditions
+    size = errors.condition.size
     for touch, (condition, sd) in enumerate(zip(errors.condition, errors.log_sd, strict=True)):
-        assert errors.columns[touch, 1] == condition
-        for side in (0, 2) if sd else ():
-            k = columns[touch, side]
+        for side, z in enumerate((-np.sqrt(3.0), np.sqrt(3.0))):
+            k = touch + side * size
             assert touched.fabric[k] == conditions.fabric[condition]
             stated = experiment.ratings.loads[conditions.load[condition]]
-            assert touched.loads[touched.load[k]] == scaled(stated, float(np.exp((side - 1) * NODE * sd)))
+            assert touched.loads[touched.load[k]] == scaled(stated, float(np.exp(z * sd)))
     with pytest.raises(InputError, match="0 or above"):
         LoadErrors.of(posterior.observation.design, -log_sd)
 
@@ -239,31 +237,10 @@ def options(**changed):
     return ModelOptions(**{"fix": held("gamma", "varsigma"), "discretisation": COARSE, **changed})
 
 
-def over_factors(experiment, posterior, theta, cv):
-    """Log density by a dense sum over both loads' factors, the scene compiled for each load that they may be."""
-    sd, z = np.sqrt(np.log1p(cv**2)), np.linspace(-4.8, 4.8, 25)
-    conditions, usual = experiment.ratings.conditions, usual_values(MENDED)
-    loads = tuple(scaled(load, float(np.exp(sd * step))) for load in experiment.ratings.loads for step in z)
-    every = scene_of(experiment.fabrics, loads, usual, MENDED, discretisation=COARSE)
-    rate = (every.total_rate(touch_parameters(usual)) / every.n_receptors).reshape(2, z.size, -1)
-    plain = build(experiment, options()).posterior.observation
-    found = []
-    for point in theta:
-        p = posterior.rating_parameters(point)
-        stated = rate[conditions.load, z.size // 2, conditions.fabric]
-        terms = np.empty((z.size, z.size))
-        for i, j in np.ndindex(terms.shape):
-            held_at = rate[conditions.load, np.array([i, j])[conditions.load], conditions.fabric]
-            density = plain._rows.log_density(plain._law_of(plain.drive_at(held_at, stated, p), p))
-            terms[i, j] = density - 0.5 * (z[i] ** 2 + z[j] ** 2)
-        found.append(logsumexp(terms) - 2.0 * logsumexp(-0.5 * z**2) - np.log(plain.values).sum())
-    return np.array(found)
-
-
 def test_where_the_response_is_a_line_the_reference_is_the_closed_form():
     design, load = Design(np.tile(np.arange(4), 3), np.repeat(np.arange(3), 4), np.arange(4), 3), [0, 0, 1, 1]
     ratings = np.exp(np.random.default_rng(0).normal(3.0, 0.4, 12))
-    line = SharedLoads.of(RatingModel().observe(ratings, design), 0.05, load)
+    line = UncertainLoads(ratings, design, RatingModel(), LoadErrors.of(design, 0.05, load))
     p, level, lean = (
         rated(1.0, 0.5, 0.3, 0.0, 0.0),
         np.array([1.0, 2.0, 0.5, 1.5]),
@@ -271,27 +248,12 @@ def test_where_the_response_is_a_line_the_reference_is_the_closed_form():
     )
     found = []
     for observed in (line, line.finer()):
-        nodes = np.array([0.0, *observed.load_errors.nodes])
+        nodes = np.array([0.0, *observed.load_errors.further])
         found.append(observed.log_likelihood(np.exp(level + nodes[:, None] * lean).ravel(), p))
     # its vectors are spread by a normal law that ends at four standard deviations, and weighted
     assert_allclose(found[0], found[1], rtol=0, atol=1e-5)
     bent = np.exp(level + nodes[:, None] * lean + 0.1 * nodes[:, None] ** 2 * lean).ravel()
     assert abs(line.finer().log_likelihood(bent, p) - found[0]) > 1e-3
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("cv", "line"), [(0.05, 0.15), (0.01, 0.01)])
-def test_the_line_and_its_reference_agree_with_sums_over_both_factors(cv, line):
-    experiment = made()
-    posterior = build(experiment, options(shared_load_cv=cv)).posterior
-    theta = posterior.space.draw_prior(np.random.default_rng(1), 6)
-    theta = theta[posterior.rating_parameters(theta).varsigma > 0.05][:4]
-    expected = over_factors(experiment, posterior, theta, cv)
-    assert_allclose(posterior.log_likelihood(theta), expected, rtol=0, atol=line)
-    # what the exactness check compares with knows the response as it is
-    assert_allclose(exact_log_likelihood(posterior, theta), expected, rtol=0, atol=0.02)
-    ignored = build(experiment, options()).posterior.log_likelihood(theta)
-    assert np.abs(ignored - expected).max() > 3.0 * np.abs(posterior.log_likelihood(theta) - expected).max()
 
 
 def test_vanishing_shared_errors_give_the_likelihood_of_exact_loads():

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from softness_bayes.data import Experiment, Fabrics
-from softness_bayes.likelihood import shared_loads, uncertain_loads
+from softness_bayes.likelihood import uncertain_loads
 from softness_bayes.likelihood.scales import AGGREGATED, STANDARDISED
 from softness_bayes.model import scenes
 from softness_bayes.model.scenes import usual_values
@@ -59,8 +59,7 @@ def quickly() -> Iterator[None]:
         patch.setattr(fixed_channels, "averaged_curve", lambda *_: curve)
         patch.setattr(predictions, "spike_times", lambda *_: np.array([12.0, 30.0, 48.0]))
         patch.setattr(predictions, "ILLUSTRATED", 8)
-        for module in (shared_loads, uncertain_loads):  # exact fields of other loads take seconds
-            patch.setattr(module, "FINE_NODES", (-2.0, -1.0, 1.0, 2.0))
+        patch.setattr(uncertain_loads, "FINE_KNOTS", (-2.0, -1.0, 0.0, 1.0, 2.0))  # exact fields take seconds
         for module in (draws, plate):
             patch.setattr(module, "PRIOR_DRAWS", 200)
             patch.setattr(module, "REPLICATES", 120)
