@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from softness_bayes.data import Ratings as Ratings
     from softness_bayes.data import read_experiment as read_experiment
     from softness_bayes.errors import InputError as InputError
+    from softness_bayes.experiments.adaptive import Adaptive as Adaptive
+    from softness_bayes.experiments.choice import Costs as Costs
+    from softness_bayes.experiments.design import design as design
     from softness_bayes.likelihood.directions import FALLS as FALLS
     from softness_bayes.likelihood.directions import FREE as FREE
     from softness_bayes.likelihood.directions import RISES as RISES

@@ -27,7 +27,7 @@ LAYERS = (
     {"model", "plotting"},
     {"people"},
     {"bench", "checkpoints", "claims", "results"},
-    {"report", "runs"},
+    {"experiments", "report", "runs"},
     {"explore"},
     {"cli", "tools"},
     {"__main__"},

@@ -25,7 +25,7 @@ STARTED = time.monotonic()
 GROUPS: Mapping[str, tuple[str, ...]] = {
     "Start": ("demo", "new", "check", "list"),
     "Fit": ("sample", "status", "resume", "study"),
-    "Answers": ("report", "plot", "predict", "rank", "target", "explore"),
+    "Answers": ("report", "plot", "predict", "rank", "target", "design", "explore"),
     "Trust": ("compare", "simulate", "calibrate", "bench"),
     "Paper": ("claims",),
 }
@@ -36,6 +36,7 @@ VERBS = tuple(verb for verbs in GROUPS.values() for verb in verbs)
 HOMES: Mapping[str, str] = {
     "demo": "start.demo",
     "new": "start.new",
+    "design": "experiment.command",
     "list": "listing.command",
     "status": "resume.status",
     "plot": "report.plot",

@@ -405,7 +405,7 @@ class Scene:
                 drive = None if curve is None else Drive(group.alpha, group.beta, group.sigma_0, curve)
                 for start in range(0, max(group.b.size, 1), rows):
                     k = slice(start, start + rows)
-                    own = None if modulus is None else modulus[first:][k][:, self.fabric]
+                    own = None if modulus is None else modulus[first : first + several][k][:, self.fabric]
                     yield TouchParameters(*(value[k] for value in group)), own, drive and drive.part(k)
 
         return shape, chunks()

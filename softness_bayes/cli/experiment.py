@@ -1,0 +1,202 @@
+"""`softness-bayes design`: the touches whose ratings would tell most."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from softness_bayes.cli.options import (
+    FILE,
+    collected,
+    load_options,
+    out,
+    seed,
+    trust_code,
+    trusts_code,
+    typed,
+    whole,
+)
+from softness_bayes.errors import InputError
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.ranges import PANEL, Count
+from softness_bayes.results.run_options import DataFiles
+
+if TYPE_CHECKING:
+    from softness_bayes.experiments.choice import Plan
+
+DESIGN = "design"
+TABLE, GAINS, RECORD, FIGURE = "design.csv", "gain.csv", "design.json", "design"
+FORMATS = ("png", "pdf")
+MADE = (TABLE, GAINS, RECORD, *(f"{FIGURE}.{suffix}" for suffix in FORMATS))
+
+KPA = 1e3
+
+
+@click.command()
+@click.option(
+    "--given",
+    type=FILE,
+    multiple=True,
+    metavar="DIR",
+    help="A finished run. Give two runs of the same ratings to tell them apart (--about run).",
+)
+@collected("files", DataFiles, without=("compression", "force_n", "indentation_mm"))
+@collected("model", ModelOptions, without=("noise",))
+@click.option(
+    "--about",
+    metavar="NAME,...",
+    default="",
+    help="What is to be learnt: parameters, turning@2mm or turning@1N, run (which of two); by default everything.",
+)
+@click.option(
+    "--candidates", type=FILE, metavar="FILE", help="Table of fabrics that could be rated; by default the rated ones."
+)
+@click.option(
+    "--moduli",
+    metavar="LOW:HIGH:N",
+    help="Effective moduli [kPa] of fabrics to obtain; by default 12 over the range of the rated ones.",
+)
+@load_options(" of a candidate. Repeatable; by default as rated.")
+@click.option("--largest-load", metavar="LOAD", help="Leave out loads above this one, such as 2mm or 1N.")
+@click.option("--conditions", type=whole(Count(1, 50)), default=8, show_default=True, help="Largest number of touches.")
+@click.option(
+    "--raters",
+    metavar="same|new:N",
+    default="same",
+    show_default=True,
+    help="Raters, each of whom rates every touch once: those of the run, or N new ones.",
+)
+@click.option("--budget", type=click.FloatRange(0, min_open=True), help="Budget, in the unit of the costs.")
+@click.option("--cost-fabric", type=click.FloatRange(0), default=0.0, help="Cost of a fabric that has to be obtained.")
+@click.option("--cost-load", type=click.FloatRange(0), default=0.0, help="Cost of each load.")
+@click.option("--cost-rating", type=click.FloatRange(0), default=1.0, show_default=True, help="Cost of one rating.")
+@seed
+@out(DESIGN)
+@click.option("--force", is_flag=True, help="Replace the files that 'design' wrote there.")
+@trust_code
+def command(
+    given: tuple[Path, ...],
+    files: DataFiles,
+    model: ModelOptions,
+    about: str,
+    candidates: Path | None,
+    moduli: str | None,
+    indentation_mm: tuple[float, ...],
+    force_n: tuple[float, ...],
+    largest_load: str | None,
+    conditions: int,
+    raters: str,
+    budget: float | None,
+    cost_fabric: float,
+    cost_load: float,
+    cost_rating: float,
+    seed: int,
+    out: Path,
+    force: bool,
+) -> None:
+    """Choose the touches whose ratings would tell most, from a finished run.
+
+    Candidates are the fabrics that were rated, and moduli of fabrics to obtain, under the loads of the run. Touches
+    whose contact exceeds half the fingertip's radius are left out, and none is chosen more than twice. Moduli have the
+    errors of the run (15 % where it took them as exact; --modulus-cv): a design that ignores them misleads.
+    With --data instead of --given the plan is made from the prior, before any rating.
+    """
+    from softness_bayes.data import Fabrics, loads_of
+    from softness_bayes.experiments.choice import Costs
+    from softness_bayes.experiments.design import design
+    from softness_bayes.files.outputs import require_outputs, write_outputs
+    from softness_bayes.files.spreadsheet import csv_of
+    from softness_bayes.plotting.experiments import gain_figure
+    from softness_bayes.plotting.style import files_of
+    from softness_bayes.results.result import Result
+
+    if bool(given) == (files.data is not None):
+        raise InputError("design: give either --given, a finished run, or --data, before any rating")
+    if len(given) > 2:
+        raise InputError(f"design: expected one run, or two to tell apart, got {len(given)}")
+    inputs = [path for path in (candidates, files.data, files.fabrics) if path is not None]
+    require_outputs(out, MADE, DESIGN, force, inputs)
+    chosen = None if candidates is None else Fabrics.read(candidates)
+    if given:
+        results = [Result.load(path, trust_code=trusts_code()) for path in given]
+        source: Any = results[0] if len(results) == 1 else results
+    else:
+        source = files.read()
+    loads = loads_of(indentation_mm, force_n)
+    plan = design(
+        source,
+        tuple(name.strip() for name in about.split(",") if name.strip()),
+        candidates=chosen,
+        moduli=None if moduli is None else _grid(moduli),
+        loads=loads or None,
+        largest_load=None if largest_load is None else _largest(largest_load),
+        conditions=conditions,
+        raters=_raters(raters),
+        costs=Costs(budget, cost_fabric, cost_load, cost_rating),
+        modulus_cv=model.modulus_cv if typed("modulus_cv") else None,
+        options=model,
+        seed=seed,
+    )
+    contents: dict[str, bytes | str] = {
+        TABLE: csv_of(plan.table, index=False),
+        GAINS: csv_of(plan.gains, index=False),
+        RECORD: json.dumps(plan.record, indent=1) + "\n",
+    }
+    write_outputs(out, contents | files_of(gain_figure(plan.gains, plan.about), FIGURE, FORMATS), DESIGN)
+    _show(plan)
+    click.echo(f"written to {out}: {', '.join(MADE)}", err=True)
+
+
+def _grid(text: str) -> list[float]:
+    """Return moduli [Pa] evenly spaced in the logarithm from LOW:HIGH:N [kPa]."""
+    import numpy as np
+
+    try:
+        low, high, number = text.split(":")
+        ends, n = (float(low), float(high)), int(number)
+    except ValueError:
+        raise InputError(f"--moduli: expected LOW:HIGH:N, such as 20:2000:8 [kPa], got {text!r}") from None
+    if not (0 < ends[0] <= ends[1] < float("inf") and 1 <= n <= 200):
+        raise InputError(f"--moduli: expected 0 < LOW <= HIGH [kPa] and N from 1 to 200, got {text!r}")
+    return list(np.geomspace(*ends, n) * KPA)
+
+
+def _largest(text: str) -> float:
+    """Return a load in SI from a text such as 2mm or 1N."""
+    for suffix, factor in (("mm", 1e-3), ("N", 1.0)):
+        number = text.strip().removesuffix(suffix)
+        if number != text.strip():
+            try:
+                value = float(number) * factor
+            except ValueError:
+                break
+            if 0 < value < float("inf"):
+                return value
+    raise InputError(f"--largest-load: expected a load such as 2mm or 1N, got {text!r}")
+
+
+def _raters(text: str) -> int | None:
+    """Return the number of new raters from same or new:N; None for the same raters."""
+    if text == "same":
+        return None
+    kind, _, number = text.partition(":")
+    if kind != "new" or not number.isdigit() or not PANEL.low <= int(number) <= PANEL.high:
+        raise InputError(f"--raters: expected same or new:N, such as new:12, got {text!r}")
+    return int(number)
+
+
+def _show(plan: Plan) -> None:
+    """Print the chosen touches, and what they are expected to tell."""
+    columns = ["order", "fabric", "to_obtain", "e_fab_kpa", "indentation_mm", "force_n", "raters", "step_nats"]
+    shown = plan.table[columns].dropna(axis=1, how="all")
+    click.echo(f"rate next, to learn {', '.join(plan.about)} (the most informative first):")
+    click.echo(shown.to_string(index=False, float_format="{:.4g}".format))
+    b = plan.bracket
+    click.echo(f"information: {b.low:.2f} to {b.high:.2f} nats (± {b.se:.2f})")
+    ratios = sorted(plan.sd_ratio.items(), key=lambda each: each[1])
+    click.echo("expected posterior sd / present sd: " + ", ".join(f"{name} {ratio:.2f}" for name, ratio in ratios[:8]))
+    for note in plan.notes:
+        click.echo(f"note: {note}")
