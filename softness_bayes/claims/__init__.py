@@ -58,8 +58,8 @@ class Claim:
     name: str
     statement: str
     criterion: str
-    speaks: Callable[[Numbers], Booleans]
-    """The draws and loads with a response to judge, shape (draws, loads)."""
+    judged: str
+    """Field of `Numbers` that is a number for the draws and loads with a response to judge."""
     holds: Callable[[Numbers, Booleans], Booleans]
     """Test of the claim for each draw, from the loads that can be evaluated, shape (draws,)."""
     tell: Callable[[Numbers], str]
@@ -70,13 +70,9 @@ class Claim:
         """Return the verdict on each draw; `rated` is true if there are ratings."""
         if self.of_ratings and not rated:
             return [ClaimVerdict.UNTESTED] * len(numbers.largest)
-        speaks = self.speaks(numbers)
+        speaks = np.isfinite(getattr(numbers, self.judged))
         told = np.where(self.holds(numbers, speaks), ClaimVerdict.HOLDS, ClaimVerdict.FAILS)
         return [ClaimVerdict(name) for name in np.where(speaks.any(axis=-1), told, ClaimVerdict.SILENT).tolist()]
-
-
-def _known(name: str) -> Callable[[Numbers], Booleans]:
-    return lambda numbers: np.isfinite(getattr(numbers, name))
 
 
 def _clear(numbers: Numbers) -> Booleans:
@@ -157,7 +153,7 @@ CLAIMS = (
         "The response rises with E_fab, falls again and levels off",
         f"under at least one load an interior maximum, a drop of at least {100 * LEAST_DROP:g} % by 1 GPa, "
         f"and a change below {100 * LEVEL:g} % over the last decade",
-        lambda numbers: numbers.largest > 0,
+        "drop",
         _turns,
         _tell_drop,
     ),
@@ -166,7 +162,7 @@ CLAIMS = (
         "The turn is clear only beyond the mean touching force",
         f"a drop of at least {100 * LEAST_DROP:g} % under every load with {TOUCHING_FORCE:g} N or more at the maximum, "
         "and under no other",
-        lambda numbers: numbers.largest > 0,
+        "drop",
         _turns_from_touching_force_on,
         _tell_force,
     ),
@@ -175,7 +171,7 @@ CLAIMS = (
         "Where the response turns depends on the load, in E_fab and in E_fab/E_skin",
         f"at least two loads with a maximum and a drop of at least {100 * LEAST_DROP:g} % by 1 GPa, these maxima all "
         f"more than {100 * (APART - 1):.0f} % apart on both axes",
-        lambda numbers: numbers.largest > 0,
+        "drop",
         _place_depends_on_load,
         _tell_place,
     ),
@@ -183,7 +179,7 @@ CLAIMS = (
         "centre",
         "The response grows as the centre of contact moves from distal to proximal",
         "under every load the fabric set's mean response never falls from 0 to 30 mm",
-        _known("growth"),
+        "growth",
         _every(_grows),
         _tell_centre,
     ),
@@ -191,7 +187,7 @@ CLAIMS = (
         "depth",
         "Receptor depths from 0.5 to 0.9 mm hardly differ",
         f"under every load at most {100 * HARDLY:g} % of the maximum between them, at any E_fab",
-        _known("depth_spread"),
+        "depth_spread",
         _every(lambda numbers: numbers.depth_spread <= HARDLY),
         lambda numbers: _listing(100 * numbers.depth_spread[0], ".0f", " %"),
     ),
@@ -199,7 +195,7 @@ CLAIMS = (
         "linear",
         "Softness is linear in the response",
         "under every load a slope between mean standardised rating and response that differs from 0 at the 5 % level",
-        _known("slope"),
+        "slope",
         _every(lambda numbers: numbers.slope >= numbers.slope_needed),
         lambda numbers: "slope " + _listing(numbers.slope[0], "+.2f"),
         of_ratings=True,
@@ -208,7 +204,7 @@ CLAIMS = (
         "correlation",
         "Response and E_fab correlate negatively over the fabric set",
         "a negative correlation under every load",
-        _known("correlation"),
+        "correlation",
         _every(lambda numbers: numbers.correlation < 0),
         lambda numbers: "r " + _listing(numbers.correlation[0], "+.2f"),
     ),

@@ -89,6 +89,13 @@ def test_a_batch_of_any_shape_is_its_single_vectors(scene, rng, paper, monkeypat
     # chunks do not show
     monkeypatch.setattr("softness_bayes.touch.scene.CHUNK", 4 * 15 * 12)
     assert_same(scene.respond(parameters), together)
+    # nor where the moduli differ between vectors and chunks do not divide the vectors that share rate curves
+    monkeypatch.setattr("softness_bayes.touch.scene.WITH_CURVES", 22)
+    moduli = FABRICS * np.exp(0.1 * rng.standard_normal((3, 12, 5)))
+    for k in ((0, 1), (1, 11), (2, 11)):
+        np.testing.assert_allclose(
+            scene.total_rate(parameters, moduli)[k], scene.total_rate(take(parameters, k), moduli[k]), rtol=1e-12
+        )
     assert scene.respond(paper(b=np.empty(0))).mean_interval.shape == (0, 15)
 
 
