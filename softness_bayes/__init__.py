@@ -57,9 +57,9 @@ if TYPE_CHECKING:
     from softness_bayes.runs.calibrate import calibrate_like as calibrate_like
     from softness_bayes.runs.calibration_scene import CalibrationScene as CalibrationScene
     from softness_bayes.runs.comparison import compare as compare
-    from softness_bayes.runs.plate import sample_skin as sample_skin
     from softness_bayes.runs.population import pool_results as pool_results
     from softness_bayes.runs.run import sample as sample
+    from softness_bayes.runs.run import sample_skin as sample_skin
     from softness_bayes.runs.study import study as study
     from softness_bayes.touch.contact import Finger as Finger
     from softness_bayes.touch.contact import Force as Force

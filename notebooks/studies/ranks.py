@@ -76,7 +76,7 @@ class Mistaken:
     def log_likelihood(self, mean_rate: Any, parameters: Any) -> Any:
         """Return the log density of all ratings, shape (...)."""
         changed = {name: getattr(parameters, name) * by for name, by in self._factors.items()}
-        return self._right.log_likelihood(np.roll(mean_rate, self._shift, axis=-1), parameters._replace(**changed))
+        return self._right.log_likelihood(np.roll(mean_rate, self._shift, axis=-1), parameters.replace(**changed))
 
 
 Mistakes = Mapping[str, Callable[[Any], Mistaken]]

@@ -54,7 +54,7 @@ class Replicate(NamedTuple):
     """Result of one fit of simulated ratings, compared with the true values."""
 
     names: tuple[str, ...]
-    """Ranked quantities, those of `runs.ranked_quantities`."""
+    """Ranked quantities, those of `runs.replicate.quantities`."""
     rank: tuple[int, ...]
     """Number of the `DRAWS` posterior draws below the true value."""
     truth: tuple[float, ...]
@@ -64,14 +64,10 @@ class Replicate(NamedTuple):
     tau: float
     """Longest autocorrelation time, in steps."""
     converged: bool
-    """True if the run met its goal, so that the draws are nearly independent."""
-    exchangeable: bool = False
-    """True if the run did not, and the draws are exchangeable with the truth instead (`sampler.exchangeable`)."""
-
-    @property
-    def valid(self) -> bool:
-        """True if a correct model has uniform ranks."""
-        return self.converged or self.exchangeable
+    """True if the run met its goal, so that the draws are nearly independent; otherwise, the draws are those of chains
+    through the truth, with which they are exchangeable (`sampler.exchangeable`)."""
+    earlier: tuple[tuple[str, str], ...] = ()
+    """Settings of its fit, by name, that differ from those of the calibration, if it was taken from an earlier one."""
 
 
 class Judged(NamedTuple):
@@ -118,7 +114,7 @@ class Calibration:
     @classmethod
     def of(cls, replicates: Sequence[Replicate]) -> Calibration:
         """Collect the ranks of some replicates of one model."""
-        exchangeable = sum(one.exchangeable for one in replicates)
+        exchangeable = sum(not one.converged for one in replicates)
         return cls(replicates[0].names, np.array([one.rank for one in replicates]), exchangeable=exchangeable)
 
     @property
@@ -330,7 +326,7 @@ def verdict(calibration: Calibration, size: str, decided: bool) -> str:
     size
         Number of replicates and their outcome, in words.
     decided
-        Whether all replicates are finished and have valid ranks.
+        Whether all replicates are finished.
     """
     faults = calibration.faults()
     if faults:

@@ -13,7 +13,7 @@ from softness_bayes.checking.sensitivity import DETERMINED, INFORMED, contractio
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.laws import Prior, magnitude
 from softness_bayes.provenance import Provenance
-from softness_bayes.sampler.jackknife import jackknife
+from softness_bayes.sampler.chain_statistics import jackknife
 
 if TYPE_CHECKING:
     import pandas as pd

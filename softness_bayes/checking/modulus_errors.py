@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.checking.checks import MODULUS_STEP
 from softness_bayes.likelihood.contract import Likelihood, Parameters
-from softness_bayes.sampler.jackknife import jackknife
+from softness_bayes.sampler.chain_statistics import jackknife
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -22,7 +22,7 @@ from softness_bayes.checking.exactness import LARGEST_K, largest_pareto_k
 from softness_bayes.errors import InputError
 from softness_bayes.parameters.coordinates import Coordinate
 from softness_bayes.parameters.laws import Prior
-from softness_bayes.sampler.jackknife import GROUPS
+from softness_bayes.sampler.chain_statistics import GROUPS
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, xlog1py
 
 from softness_bayes.parameters.laws import Prior
-from softness_bayes.sampler.jackknife import jackknife
+from softness_bayes.sampler.chain_statistics import jackknife
 
 FloatArray = NDArray[np.float64]
 

@@ -21,16 +21,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checkpoints.identity import differences
-from softness_bayes.checkpoints.manifest import read_manifest, sealed
-from softness_bayes.checkpoints.records import to_json, unpacked
-from softness_bayes.checkpoints.salvage import EarlierState, Whole, kept_states, last_whole
+from softness_bayes.checkpoints.manifest import EarlierState, Whole, kept_states, last_whole, read_manifest, sealed
 from softness_bayes.checkpoints.status import Status, present_status, status_of
-from softness_bayes.checkpoints.stored_state import piece_file, state_file, state_of
+from softness_bayes.checkpoints.stored_state import piece_file, state_file, state_of, unpacked
 from softness_bayes.checkpoints.vacancy import is_kept, remove_run, require_vacant
 from softness_bayes.errors import InputError
 from softness_bayes.files.json_text import as_json
 from softness_bayes.files.lock import Lock, require_free
 from softness_bayes.files.outputs import require_outputs, write_outputs
+from softness_bayes.files.records import to_json
 from softness_bayes.files.run_files import (
     CHECKPOINT,
     FILES,

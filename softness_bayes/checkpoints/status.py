@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from softness_bayes.checkpoints.manifest import read_manifest
-from softness_bayes.checkpoints.records import from_json
 from softness_bayes.files.lock import is_held
+from softness_bayes.files.records import from_json
 from softness_bayes.files.run_files import CHECKPOINT, LOCK, MANIFEST
 from softness_bayes.sampler.chains import RunState
 from softness_bayes.sampler.diagnostics import Verdict

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
+import io
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.checkpoints.records import from_json, packed, to_json
-from softness_bayes.checkpoints.status import Status
+from softness_bayes.errors import InputError
 from softness_bayes.files.json_text import as_json, parse_json
+from softness_bayes.files.records import from_json, to_json
 from softness_bayes.sampler.chains import RunState, Segment
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -19,7 +22,7 @@ Arrays = Mapping[str, NDArray[Any]]
 _RECORD = "record"
 
 
-def state_file(state: RunState, status: Status) -> bytes:
+def state_file(state: RunState, status: NamedTuple) -> bytes:
     """Return the bytes of the file of a state, with its status but without its stored steps."""
     none = np.empty(0)
     accepted = [np.array([one.accepted for one in part], dtype=np.int64).sum(axis=0) for part in state.parts]
@@ -53,3 +56,38 @@ def piece_file(state: RunState, stored: int) -> bytes:
     """
     new = [Segment.join(Segment.after(part, stored)) for part in state.parts]
     return packed({name: np.stack([getattr(one, name) for one in new]) for name in Segment._fields[:2]})
+
+
+def packed(arrays: Mapping[str, NDArray[Any]]) -> bytes:
+    """Return arrays by name as the bytes of an npz file."""
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **arrays)
+    return buffer.getvalue()
+
+
+def unpacked(path: Path, digest: str) -> dict[str, NDArray[Any]]:
+    """Read the arrays of an npz file whose SHA-256 is known.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or has another digest.
+    """
+    try:
+        with open(path, "rb") as opened:
+            if hashlib.file_digest(opened, "sha256").hexdigest() != digest:
+                raise changed(path)
+            opened.seek(0)
+            with np.load(opened, allow_pickle=False) as file:
+                return {name: file[name] for name in file.files}
+    except OSError as error:
+        raise InputError(f"{path}: a part of a checkpoint that cannot be read ({error.strerror})") from None
+
+
+def changed(path: Path) -> InputError:
+    """Return the error for a checkpoint file with the wrong checksum."""
+    return InputError(
+        f"{path}: damaged, or changed since it was written: its checksum does not match; 'softness-bayes "
+        "resume' goes back to the last intact state if there is one; otherwise restore the file from a copy, "
+        "or start the run again in another directory"
+    )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -124,7 +123,7 @@ def command(
     Exit code 3: some replicates are missing; 4: not calibrated.
     """
     from softness_bayes.model.understanding import foreseen
-    from softness_bayes.runs.calibrate import calibrate, calibrate_like, finished, finished_like
+    from softness_bayes.runs.calibrate import finished, posterior_problem, prior_problem, replicated
     from softness_bayes.runs.calibration_scene import USUAL_FABRICS, USUAL_LOADS, CalibrationScene
 
     if so_far and earlier is not None:
@@ -134,13 +133,13 @@ def command(
             raise InputError(f"{given[0]}: cannot be combined with --like, which takes design and model from the run")
         with reading(like) as (result,):
             warn_of_unconverged(result)
-            begin, end = partial(calibrate_like, result), partial(finished_like, result)
+            problem = posterior_problem(result, run)
     else:
         scene = CalibrationScene(*touches.among(USUAL_FABRICS, USUAL_LOADS), participants)
         if design:
             click.echo("\n".join(design_lines(foreseen(*scene.planned(model)))))
             return
-        begin, end = partial(calibrate, scene, model), partial(finished, scene, model)
+        problem = prior_problem(scene, model, run)
     with (
         counting(replicates, "replicate", "calibrating") as show,
         keeping(lambda: _kept(out, replicates)),
@@ -150,18 +149,15 @@ def command(
         def tell(done: int, one: Replicate) -> None:
             show(done, f"last one {one.steps} steps, autocorrelation time {one.tau:.0f}")
 
-        judge = end if so_far else partial(begin, progress=tell, executor=executor, earlier=earlier)
-        calibrated = judge(run, replicates, out)
+        if so_far:
+            calibrated = finished(problem, replicates, out)
+        else:
+            calibrated = replicated(problem, run, replicates, out, tell, executor, earlier)
     _report(calibrated, out)
     if calibrated.calibration.faults():
         raise NumericalError("not calibrated: see the verdict above")
     if calibrated.unfinished:
         raise NotConvergedError(f"{some_of(len(calibrated.unfinished), replicates, 'replicate')} not finished")
-    if calibrated.invalid:
-        raise NotConvergedError(
-            f"{some_of(calibrated.invalid, replicates, 'replicate', 'has', 'have')} not converged and no valid ranks: "
-            "the same command without --finished repeats them"
-        )
 
 
 def _report(calibrated: Calibrated, out: Path) -> None:
@@ -184,7 +180,7 @@ def _report(calibrated: Calibrated, out: Path) -> None:
 
 def _kept(out: Path, asked: int) -> str:
     """Return the number of saved replicates and the command that continues them; empty without replicates."""
-    from softness_bayes.runs.calibration_files import finished_replicates
+    from softness_bayes.runs.calibrated import finished_replicates
 
     finished = finished_replicates(out)
     if not finished:

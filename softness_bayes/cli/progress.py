@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, NoReturn
+from contextlib import ExitStack, contextmanager
+from typing import TYPE_CHECKING, NoReturn, Self
 
 import click
 
@@ -17,41 +18,52 @@ from softness_bayes.cli.running import in_numbers, needed
 if TYPE_CHECKING:
     from tqdm import tqdm
 
-    from softness_bayes.results.assembly import Stage
     from softness_bayes.sampler.sampling import Progress
 
 LONG = 60.0
 """Remaining time [s] above which a convergence check prints a separate line."""
 
 
-class Bar:
+STAGES = "softness_bayes.results.assembly"
+"""Logger of the stages after sampling (`results.assembly.Stage`)."""
+
+
+class Bar(logging.Handler):
     """Progress on the terminal: steps against the estimate of what it takes to converge, then a line for each stage.
+
+    A context manager: it prints what the logger of the stages logs.
 
     If the remaining time is long, a separate line reports it after the first convergence check, and again if the
     estimate increases.
     """
 
     def __init__(self) -> None:
+        super().__init__()
         self._bar: tqdm[NoReturn] | None = None
-        self._stage: Stage | None = None
+        self.drawing = False
+        """True if figures are being drawn, which is the last stage."""
         self.begin(0.0)
+
+    def __enter__(self) -> Self:
+        logging.getLogger(STAGES).setLevel(logging.INFO)
+        logging.getLogger(STAGES).addHandler(self)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        logging.getLogger(STAGES).removeHandler(self)
+        self.clear()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write a line for a stage after the walk."""
+        self.clear()
+        self.drawing = getattr(record.msg, "name", "") == "FIGURES"
+        click.echo(record.getMessage(), err=True)
 
     def begin(self, before: float) -> None:
         """Begin to measure; `before` is the time [s] that earlier sessions of the run have sampled."""
         self._before, self._begun, self._sampled = before, time.monotonic(), 0.0
         self._start: Progress | None = None
         self._told = 0.0
-
-    def stage(self, stage: Stage) -> None:
-        """Write a line for a stage after the walk."""
-        self.close()
-        self._stage = stage
-        click.echo(str(stage), err=True)
-
-    @property
-    def drawing(self) -> bool:
-        """True if figures are being drawn, which is the last stage."""
-        return self._stage is not None and self._stage.number == len(type(self._stage))
 
     def show(self, progress: Progress) -> None:
         """Update the bar; its length changes when a convergence check changes the estimate."""
@@ -94,7 +106,7 @@ class Bar:
             f"{whole - begun - self._sampled:.1f} s for the stages after sampling"
         )
 
-    def close(self) -> None:
+    def clear(self) -> None:
         """Clear the line."""
         if self._bar is not None:
             self._bar.close()
@@ -117,10 +129,14 @@ def counting(total: int, unit: str, description: str) -> Iterator[Callable[[int,
     """
     from tqdm import tqdm
 
-    # the delay keeps the line away until there is progress, so that input errors are printed without it
-    with tqdm(total=total, unit=unit, desc=description, leave=False, dynamic_ncols=True, delay=1e-9) as bar:
+    bar: tqdm[NoReturn] | None = None
+    with ExitStack() as bars:  # no line before there is progress, so that input errors are printed without it
 
         def show(finished: int, last: str) -> None:
+            nonlocal bar
+            if bar is None:
+                line = tqdm(total=total, unit=unit, desc=description, leave=False, dynamic_ncols=True)
+                bar = bars.enter_context(line)
             bar.update(finished - bar.n)
             bar.set_postfix_str(last)
 

@@ -13,14 +13,13 @@ from softness_bayes.cli.options import FILE, collected, no_figures, number, trus
 from softness_bayes.cli.running import command_line, in_numbers, needed
 from softness_bayes.cli.sample import require_drawn, run
 from softness_bayes.errors import InputError
-from softness_bayes.files.asked import read_asked
 from softness_bayes.ranges import STEPS
 from softness_bayes.readable import counted, some_of
 from softness_bayes.results.run_options import DataFiles, RunOptions
 
 if TYPE_CHECKING:
     from softness_bayes.checkpoints.status import Status
-    from softness_bayes.runs.calibration_files import CalibrationProgress
+    from softness_bayes.runs.calibrated import CalibrationProgress
 
 
 MOVABLE = ("data", "fabrics", "compression")
@@ -142,7 +141,7 @@ def status(directory: Path) -> None:
     """
     from softness_bayes.checkpoints.status import read_status
     from softness_bayes.files.run_files import CHECKPOINT, MANIFEST, RUNS
-    from softness_bayes.runs.calibration_files import is_calibration, progress_of
+    from softness_bayes.runs.calibrated import is_calibration, progress_of
 
     if is_calibration(directory):
         _of_a_calibration(directory, progress_of(directory))
@@ -170,9 +169,7 @@ def status(directory: Path) -> None:
 def _of_a_calibration(directory: Path, found: CalibrationProgress) -> None:
     """Print the numbers of finished replicates and of those that are left."""
     left = found.asked - found.finished
-    size = counted(found.finished, "replicate is", "replicates are")
-    if found.asked:
-        size = some_of(found.finished, found.asked, "replicate")
+    size = some_of(found.finished, found.asked, "replicate")
     click.echo(f"{directory}: {size} finished, {found.unconverged} did not converge")
     if found.running:
         seconds = "" if math.isnan(found.seconds) else f", about {found.seconds:.0f} s to go"
@@ -185,13 +182,14 @@ def _of_a_calibration(directory: Path, found: CalibrationProgress) -> None:
 
 def _of_a_study(directory: Path, runs: dict[str, Status]) -> None:
     """Print the numbers of tables of a study by their state, and the progress of each run."""
-    from softness_bayes.runs.study_progress import refused_tables, seconds_left
+    from softness_bayes.runs.batch import read_asked
+    from softness_bayes.runs.study import refused_tables, seconds_left
 
     done = [name for name, one in runs.items() if one.ended and one.written and not one.running]
     good = sum((verdict := runs[name].verdict) is not None and verdict.converged for name in done)
     under_way = sum(one.running for one in runs.values())
     refused = [name for name in refused_tables(directory) if name not in runs]
-    asked = max(read_asked(directory).tasks, len(runs))
+    asked = max(read_asked(directory).fits, len(runs))
     waiting = max(asked - len(runs) - len(refused), 0)
     left = seconds_left(directory, done, asked - len(refused))
     click.echo(

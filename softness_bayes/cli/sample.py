@@ -160,13 +160,13 @@ def run(
         If a limit was reached before convergence; all results are written nevertheless.
     """
     from softness_bayes.provenance import versions
-    from softness_bayes.runs.kept import model_of, sample_kept
+    from softness_bayes.runs.run import model_of, sample_kept
 
     out, model = checkpoint.directory, model_of(data, request.model)
     for line in _about(model, data):
         click.echo(line, err=True)
     bar = Bar()
-    with keeping(lambda: _kept(checkpoint, bar.drawing, moved)), checkpoint:
+    with keeping(lambda: _kept(checkpoint, bar.drawing, moved)), checkpoint, bar:
         checkpoint.request = {
             "files": files.record_in(out),
             "options": request._replace(model=model.options).record(),
@@ -175,10 +175,7 @@ def run(
             "versions": versions(),
         }
         bar.begin(0.0 if checkpoint.status is None else checkpoint.status.seconds)
-        try:
-            result = sample_kept(checkpoint, model, request.run, own_figures, bar.show, bar.stage)
-        finally:
-            bar.close()
+        result = sample_kept(checkpoint, model, request.run, own_figures, bar.show)
     print_result(result, out, bar.times())
     ending = result.provenance.ending
     if not ending.converged and not ending.quick:

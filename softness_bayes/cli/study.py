@@ -77,7 +77,7 @@ def command(
     from softness_bayes.data.lists import list_tables
     from softness_bayes.files.run_files import RUNS
     from softness_bayes.runs.study import study
-    from softness_bayes.runs.table_fit import Kept
+    from softness_bayes.runs.table_fits import Kept
 
     listed = list_tables(source)
     if len(listed) < 2:
@@ -134,7 +134,7 @@ def _read(listed: list[Listed], files: DataFiles) -> tuple[dict[str, Experiment 
 
 def _end(fitted: Study) -> None:
     """Raise an error if tables were refused, have not converged or were not pooled."""
-    from softness_bayes.runs.table_fit import REFUSED, UNCONVERGED
+    from softness_bayes.runs.table_fits import REFUSED, UNCONVERGED
 
     total = len(fitted.outcomes)
     if bad := fitted.named(REFUSED):

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import logging
+from collections.abc import Mapping
 from dataclasses import replace
 from enum import Enum
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes import arviz_bridge
+from softness_bayes.checking.agreement import fabric_rating_table
+from softness_bayes.checking.check_table import check_table
 from softness_bayes.checking.checks import (
     MODULUS_STEP,
     SKIN_STEP,
@@ -25,20 +28,27 @@ from softness_bayes.checking.checks import (
     loo_pit,
 )
 from softness_bayes.checking.exactness import Exactness
+from softness_bayes.checking.identifiability import direction_table
+from softness_bayes.checking.individual import answer_table, finger_table, modulus_table
 from softness_bayes.checking.inflection import LEAST_DROP, curve_scene
 from softness_bayes.checking.sentences import exactness_sentence
-from softness_bayes.data import Experiment
+from softness_bayes.data import Compression, Experiment
+from softness_bayes.files.run_files import ANSWERS, FABRIC_RATINGS, FINGERS, MODULI, MODULUS_ERRORS, RATERS
 from softness_bayes.likelihood.effects import RATER_EFFECTS
 from softness_bayes.likelihood.error_laws import LAPSES, STUDENT
 from softness_bayes.likelihood.models import OF_DIFFERENT_RATERS
 from softness_bayes.likelihood.spreads import SPREADS
-from softness_bayes.model.posterior import Posterior
+from softness_bayes.model.posterior import Density, Posterior
 from softness_bayes.model.prediction import drive_slope, rates_of_other_moduli, rates_of_other_skins
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.provenance import PRIOR, Finding, NumericalErrors, ResidualChecks, Silence, attributes_of, family_of
-from softness_bayes.results.constants import constant_group, coordinates
+from softness_bayes.results.constants import constant_group, coordinates, held_parameters
 from softness_bayes.results.draws import (
+    CURVES,
+    DRAWS_PER_WALKER,
+    PRIOR_DRAWS,
+    REPLICATES,
     REWEIGHT_DRAWS,
     Groups,
     RatedDraws,
@@ -51,17 +61,19 @@ from softness_bayes.results.draws import (
     sampled_groups,
     tree_of,
 )
-from softness_bayes.results.exact import begin_comparison, exactness_stats, unchecked
+from softness_bayes.results.exact import compare_exactly, exactness_stats, unchecked
 from softness_bayes.results.predictions import illustration_groups, modulus_shifts, prediction_group, turning_groups
 from softness_bayes.results.replicates import (
     Replicates,
+    draw_plate,
     draw_replicates,
     plate_attributes,
+    plate_coordinates,
     plate_groups,
     predictive_groups,
     prior_groups,
 )
-from softness_bayes.results.summary import reweighted, summarise
+from softness_bayes.results.summary import rater_table, reweighted, summarise, with_covariates
 from softness_bayes.sampler.chains import Chains
 from softness_bayes.sampler.workers import Workers
 from softness_bayes.touch.scene import Scene
@@ -96,32 +108,18 @@ class Stage(Enum):
     def __str__(self) -> str:
         return f"after sampling, {self.number} of {len(Stage)}: {self.value}"
 
-
-Listener = Callable[[Stage], None]
-"""Function called at the start of each stage."""
-
-
-def no_listener(_: Stage) -> None:
-    """Do nothing."""
-
-
-class FigureDrawing(Protocol):
-    """Work that starts as soon as some groups of a result are available, such as drawing figures."""
-
-    def begin_walk(self, tree: xr.DataTree) -> None:
-        """Receive the posterior draws, before anything is computed from them."""
-
-    def begin_usual(self, tree: xr.DataTree) -> None:
-        """Receive all groups, before tables are computed from them."""
+    def log(self) -> None:
+        """Log the start of the stage with the logger of this module, at the level INFO."""
+        logging.getLogger(__name__).info(self)
 
 
 class Assembled(NamedTuple):
-    """The groups of a result and its summary."""
+    """The groups of a result and its tables."""
 
     tree: xr.DataTree
     summary: pd.DataFrame
-    modulus_errors: pd.DataFrame | None
-    """Effects of errors in moduli taken as exact; None if there are no such moduli."""
+    tables: dict[str, pd.DataFrame]
+    """All other tables by name."""
 
 
 def assembled(
@@ -133,12 +131,10 @@ def assembled(
     workers: Workers,
     attributes: Mapping[str, Any],
     reweight: bool = False,
-    listener: Listener = no_listener,
-    figures: FigureDrawing | None = None,
     exact: bool = True,
     share: float = 1.0,
 ) -> Assembled:
-    """Compute all groups and the summary from the draws of one run.
+    """Compute all groups and tables from the draws of a run on ratings.
 
     Parameters
     ----------
@@ -154,39 +150,24 @@ def assembled(
         Provenance of the result, apart from what is added here.
     reweight
         Whether summary, predictions and replicates use draws weighted by the exact likelihood.
-    listener
-        Function called at the start of each stage.
-    figures
-        Figures, started as soon as their data are available.
     exact
         Whether the fast likelihood is compared with the exact one.
     share
         Share of the usual numbers of draws of all quantities.
     """
-    listener(Stage.REPLICATES)
+    Stage.REPLICATES.log()
     kept = chains.kept(burn_in, draws_per_walker(posterior, chains, share))
     theta = kept.by_walker(posterior.natural(kept.coordinates))
-    comparison = begin_comparison(posterior, theta, workers, reweight) if exact else unchecked
-    if figures is not None:
-        walk = {"posterior": named(posterior.space, theta)}
-        figures.begin_walk(tree_of(walk, {arviz_bridge.ENSEMBLE: kept.ensemble}, attributes))
     draws = draws_of(experiment, posterior, kept, theta, rng, share)
+    exactness = compare_exactly(posterior, theta, workers, reweight) if exact else unchecked()
     if reweight:
-        listener(Stage.EXACT)
-    known = comparison() if reweight else None
-    if known is not None:
-        draws = replace(draws, log_weight=known.log_weight)
-    drawn = draw_replicates(rng, draws, workers)
+        draws = replace(draws, log_weight=exactness.log_weight)
+    drawn = draw_replicates(rng, draws)
     error, grid = numerical_error(draws), curve_scene(draws.scene, loads=draws.shown_loads)
-    groups = _groups(draws, drawn, error, grid, listener)
+    groups = _groups(draws, drawn, error, grid)
     turn = groups["predictions"]["inflection_e_fab_kpa"].values[0] * 1e3
-    shown, axes = illustration_groups(draws, drawn.receptors, drawn.trains(), turn)
-    levels = family_of(PRIOR, draws.model.levels)
-    # last, because it waits for the exact likelihood
-    if exact and not reweight:
-        listener(Stage.EXACT)
-    exactness = comparison() if known is None else known
-    listener(Stage.CHECKS)
+    shown, axes = illustration_groups(draws, drawn.receptors, drawn.trains, turn)
+    Stage.CHECKS.log()
     plate, plate_found = _plate(draws, drawn)
     found = {
         **_checks(draws, error, exactness),
@@ -198,12 +179,58 @@ def assembled(
     tree = tree_of(
         merged(posterior_groups, groups, plate, shown),
         {**coordinates(draws, grid), **axes},
-        {**attributes, **levels, **found},
+        {**attributes, **family_of(PRIOR, draws.model.levels), **found},
     )
-    if figures is not None:
-        figures.begin_usual(tree)
+    Stage.TABLES.log()
     shifts = modulus_shifts(draws, groups["inflection"])
-    return Assembled(_with_picks(tree, draws), summary_of(draws, exactness), shifts)
+    tree = _with_picks(tree, draws)
+    return Assembled(tree, summary_of(draws, exactness), _tables(experiment, tree, shifts))
+
+
+def _tables(experiment: Experiment, tree: xr.DataTree, shifts: pd.DataFrame | None) -> dict[str, pd.DataFrame]:
+    """Return the tables of a result by name, apart from its summary; `shifts` are the effects of errors in moduli."""
+    raters = {FINGERS: finger_table(tree), ANSWERS: answer_table(tree)}
+    found = {
+        "directions": direction_table(tree),
+        "predictive_checks": check_table(tree),
+        FABRIC_RATINGS: fabric_rating_table(tree),
+        MODULI: modulus_table(tree),
+        **{name: None if one is None else with_covariates(one, experiment.ratings) for name, one in raters.items()},
+        RATERS: rater_table(tree, experiment.ratings),
+        MODULUS_ERRORS: shifts,
+    }
+    return {name: table for name, table in found.items() if table is not None}
+
+
+def assembled_skin(
+    compression: Compression,
+    posterior: Density,
+    chains: Chains,
+    burn_in: int,
+    rng: np.random.Generator,
+    attributes: Mapping[str, Any],
+) -> Assembled:
+    """Compute all groups and tables from the draws of a run on compression data alone; arguments as for `assembled`."""
+    Stage.REPLICATES.log()
+    kept = chains.kept(burn_in, DRAWS_PER_WALKER)
+    natural = posterior.natural(kept.coordinates)
+    theta = kept.by_walker(natural)
+    prior, forces = posterior.space.draw_prior(rng, PRIOR_DRAWS), posterior.compression
+    drawn = draw_plate(rng, posterior, theta, theta[evenly(theta.shape, REPLICATES)], prior[:REPLICATES])
+    assert forces is not None
+    assert drawn is not None
+    typical = posterior.skin_parameters(theta[evenly(theta.shape, CURVES)])
+    own = {"prior": named(posterior.space, prior[None]), "constant_data": held_parameters(posterior.space)}
+    tree = tree_of(
+        merged(
+            sampled_groups(posterior, kept, theta, "compression"),
+            plate_groups(compression, forces, typical, drawn),
+            own,
+        ),
+        {arviz_bridge.ENSEMBLE: kept.ensemble, **plate_coordinates(compression)},
+        {**attributes, **plate_attributes(compression, check_exponent(forces, drawn.again))},
+    )
+    return Assembled(tree, summarise(posterior.names, natural), {"directions": direction_table(tree)})
 
 
 def numerical_error(draws: RatedDraws) -> float:
@@ -223,14 +250,14 @@ def summary_of(draws: RatedDraws, exactness: Exactness) -> pd.DataFrame:
     return reweighted(table, values[evenly(draws.theta.shape, REWEIGHT_DRAWS)], exactness.log_weight)
 
 
-def _groups(draws: RatedDraws, drawn: Replicates, error: float, grid: Scene, listener: Listener) -> Groups:
-    """Return all groups except those of the posterior, which wait for the exact likelihood."""
-    listener(Stage.LEFT_OUT)
+def _groups(draws: RatedDraws, drawn: Replicates, error: float, grid: Scene) -> Groups:
+    """Return all groups except those of the posterior."""
+    Stage.LEFT_OUT.log()
     few = draws.subset(draws.replicates)
     alone = draws.ratings.log_likelihood_loo(few.mean_rate, few.parameters)
     pit = loo_pit(draws.ratings, few.mean_rate, few.parameters, alone)
     predicted = predictive_groups(draws, drawn, alone)
-    listener(Stage.PREDICTIONS)
+    Stage.PREDICTIONS.log()
     groups: Groups = {
         **prior_groups(draws, drawn),
         "predictions": prediction_group(draws, grid, error),

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -61,8 +59,8 @@ def _other_loads(exact: Scene, posterior: Posterior) -> Scene:
     return at_other_loads(exact, errors)
 
 
-def begin_comparison(posterior: Posterior, theta: Array, workers: Workers, reweight: bool) -> Callable[[], Exactness]:
-    """Start to compute the exact log-likelihood at evenly spaced draws; return a function that awaits the comparison.
+def compare_exactly(posterior: Posterior, theta: Array, workers: Workers, reweight: bool) -> Exactness:
+    """Compare the sampled log-likelihood with the exact one at evenly spaced draws.
 
     The comparison stops after the first draws if these show clearly that the fast likelihood is accurate enough.
 
@@ -77,30 +75,23 @@ def begin_comparison(posterior: Posterior, theta: Array, workers: Workers, rewei
     reweight
         Whether to compare at `REWEIGHT_DRAWS` draws, for reweighting, instead of `EXACT_DRAWS`.
     """
-    compared = theta[evenly(theta.shape, REWEIGHT_DRAWS if reweight else EXACT_DRAWS)]
-    first = slice(None) if reweight else _first(len(compared))
-    begun = _begin_exact(posterior, compared[first], workers)
-
-    def finished() -> Exactness:
-        fast, names = posterior.for_sampling.log_likelihood(compared), posterior.names
-        rates = SAME_RATES if posterior.scene.firing.noise else EXACT_RATES
-        exact = np.full(len(compared), np.nan)
-        exact[first] = begun()
-        found = compare_likelihoods(names, compared[first], fast[first], exact[first], rates)
-        rest = np.full(len(compared), True)
-        rest[first] = False
-        if found.certain or not rest.any():
-            return found
-        exact[rest] = _begin_exact(posterior, compared[rest], workers)()
-        return compare_likelihoods(names, compared, fast, exact, rates)
-
-    return finished
+    rates = SAME_RATES if posterior.scene.firing.noise else EXACT_RATES
+    for number in (REWEIGHT_DRAWS,) if reweight else (FIRST_DRAWS, EXACT_DRAWS):
+        some = theta[evenly(theta.shape, number)]
+        # the division does not depend on the number of processes, so that results agree to the last bit
+        parts = np.array_split(some, min(EXACT_PARTS, -(-len(some) // FIRST_DRAWS)))
+        exact = np.concatenate(workers.map(exact_log_likelihood, [(part, posterior.scene) for part in parts]))
+        fast = posterior.for_sampling.log_likelihood(some)
+        found = compare_likelihoods(posterior.names, some, fast, exact, rates)
+        if found.certain:
+            break
+    return found
 
 
 def compare_integrals(posterior: Posterior, theta: Array) -> Exactness:
     """Compare the log-likelihood that was sampled with its reference for raters' effects, at evenly spaced draws.
 
-    Both have the fast response, so that only the integrals differ; arguments are those of `begin_comparison`.
+    Both have the fast response, so that only the integrals differ; arguments are those of `compare_exactly`.
     """
     sampled = posterior.for_sampling
     for number in (FIRST_DRAWS, EXACT_DRAWS):
@@ -120,18 +111,6 @@ def unchecked() -> Exactness:
     return compare_likelihoods((), nothing, nothing, nothing)
 
 
-def _begin_exact(posterior: Posterior, theta: Array, workers: Workers) -> Callable[[], Array]:
-    # the division does not depend on the number of processes, so that results agree to the last bit
-    count = min(EXACT_PARTS, -(-len(theta) // FIRST_DRAWS))
-    parts = [workers.start(exact_log_likelihood, part, posterior.scene) for part in np.array_split(theta, count)]
-    return lambda: np.concatenate([part() for part in parts])
-
-
-def _first(size: int) -> slice:
-    """Return the first draws to be compared, evenly spaced among all."""
-    return slice(None, None, max(1, size // FIRST_DRAWS))
-
-
 def exactness_stats(exactness: Exactness, shape: tuple[int, ...]) -> dict[str, Variable]:
     """Return the differences of the log-likelihood and the log weights; NaN at draws that were not compared.
 
@@ -142,10 +121,7 @@ def exactness_stats(exactness: Exactness, shape: tuple[int, ...]) -> dict[str, V
     shape
         Shape of all draws, (chains, draws, ...).
     """
-    size = exactness.difference.size
-    every = evenly(shape, REWEIGHT_DRAWS if size > EXACT_DRAWS else EXACT_DRAWS)
-    among = slice(size) if size in (0, every[0].size) else _first(every[0].size)
-    index = every[0][among], every[1][among]
+    index = evenly(shape, exactness.difference.size)
     found = {}
     for name, values in (
         ("exact_difference", exactness.difference),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -23,9 +23,8 @@ from softness_bayes.results.draws import (
     named,
     turning_variables,
 )
-from softness_bayes.sampler.workers import Workers
 from softness_bayes.touch.contact import Load
-from softness_bayes.touch.neuron.membrane import Channels, Membrane
+from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.neuron.spikes import spike_times
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.profiles import touch_profiles
@@ -291,43 +290,23 @@ def touch_illustration(
     return {ILLUSTRATIONS: variables}, coordinates
 
 
-def example_trains(
-    rng: np.random.Generator, scene: Scene, parameters: TouchParameters, workers: Workers | None = None
-) -> Callable[[], Trains]:
-    """Start trains at `EXCESSES` of the way from median rheobase to median alpha; return a function that awaits them.
+def example_trains(rng: np.random.Generator, scene: Scene, parameters: TouchParameters) -> Trains:
+    """Simulate trains at `EXCESSES` of the way from median rheobase to median alpha.
 
     Parameters
     ----------
     rng
-        Random generator of membrane noise, if the scene has any; trains are then simulated at once.
+        Random generator of membrane noise, if the scene has any.
     scene
         The scene of the data.
     parameters
         Draws of the parameters of the forward model, shape (draws,).
-    workers
-        Processes that simulate noise-free trains in parallel.
     """
-    rheobase = _rheobase(scene, parameters)
-    alpha, least = float(np.median(parameters.alpha)), float(np.median(rheobase))
+    alpha, least = float(np.median(parameters.alpha)), float(np.median(_rheobase(scene, parameters)))
     channels = Channels(*(float(np.median(getattr(parameters, name))) for name in Channels._fields))
     given = least + np.array(EXCESSES) * (alpha - least) if least < alpha else np.array([alpha])
-    membrane, noise = scene.readings.membrane, scene.firing.noise
-    if noise or workers is None:
-        made = Trains(given, _trains(None, given, channels, membrane, noise, rng))
-        return lambda: made
-    begun = workers.start(_trains, given, channels, membrane)
-    return lambda: Trains(given, begun())
-
-
-def _trains(
-    _: Any,
-    given: Array,
-    channels: Channels,
-    membrane: Membrane,
-    noise: float = 0.0,
-    rng: np.random.Generator | None = None,
-) -> tuple[Array, ...]:
-    return tuple(spike_times(float(each), channels, membrane, DURATION, noise, rng, TRAIN_TOLERANCE) for each in given)
+    how = channels, scene.readings.membrane, DURATION, scene.firing.noise, rng, TRAIN_TOLERANCE
+    return Trains(given, tuple(spike_times(float(each), *how) for each in given))
 
 
 def membrane_illustration(

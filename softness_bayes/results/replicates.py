@@ -7,7 +7,6 @@ result.
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -27,7 +26,6 @@ from softness_bayes.model.posterior import Density
 from softness_bayes.provenance import PlateData, attributes_of
 from softness_bayes.results.draws import Groups, RatedDraws, Subset, Variable, named
 from softness_bayes.results.predictions import Trains, example_trains
-from softness_bayes.sampler.workers import Workers
 from softness_bayes.touch.contact import plate_force
 from softness_bayes.touch.receptors import draw_receptors
 
@@ -66,11 +64,11 @@ class Replicates(NamedTuple):
     """Forces of a plate; None without compression data."""
     receptors: Array
     """Positions of the pad's receptors [m], shape (receptors, 2)."""
-    trains: Callable[[], Trains]
-    """Function that awaits the example spike trains."""
+    trains: Trains
+    """Example spike trains."""
 
 
-def draw_replicates(rng: np.random.Generator, draws: RatedDraws, workers: Workers | None = None) -> Replicates:
+def draw_replicates(rng: np.random.Generator, draws: RatedDraws) -> Replicates:
     """Draw all random quantities of a result except the posterior draws and their effects.
 
     Parameters
@@ -79,8 +77,6 @@ def draw_replicates(rng: np.random.Generator, draws: RatedDraws, workers: Worker
         Random generator of all draws; the numbers depend on the order of the lines of this function.
     draws
         The draws of the run.
-    workers
-        Processes that simulate example trains in parallel.
     """
     few, ratings = draws.subset(draws.replicates), draws.ratings
     drive = ratings.drive(few.mean_rate, few.parameters)
@@ -92,7 +88,7 @@ def draw_replicates(rng: np.random.Generator, draws: RatedDraws, workers: Worker
     prior = _prior_rated(rng, draws)
     plate = draw_plate(rng, draws.posterior, draws.theta, few.theta, draws.prior[: draws.replicates])
     receptors = draw_receptors(rng, draws.scene.finger, draws.scene.readings.receptor_density)
-    trains = example_trains(rng, draws.scene, draws.touch(draws.subset(draws.curves).theta), workers)
+    trains = example_trains(rng, draws.scene, draws.touch(draws.subset(draws.curves).theta))
     return Replicates(again, anew, level, prior, plate, receptors, trains)
 
 

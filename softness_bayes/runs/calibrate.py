@@ -1,4 +1,4 @@
-"""Simulation-based calibration of a scene: parallel replicates, with one file each."""
+"""Simulation-based calibration: parallel replicates of a problem, with one file each."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import math
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,26 +16,21 @@ from numpy.typing import NDArray
 from softness_bayes import __version__, ranges
 from softness_bayes.checking.calibration import DRAWS, Replicate
 from softness_bayes.errors import InputError
-from softness_bayes.files.asked import write_asked
-from softness_bayes.files.lock import Lock
 from softness_bayes.files.whole import sweep
 from softness_bayes.likelihood.directions import RISES
 from softness_bayes.model.build import build
-from softness_bayes.model.fingers import values_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.results.fitted import experiment_of, options_of
 from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
 from softness_bayes.results.run_options import RunOptions
-from softness_bayes.runs.calibrated import Calibrated
-from softness_bayes.runs.calibration_files import (
-    LOCK,
+from softness_bayes.runs.batch import batch
+from softness_bayes.runs.calibrated import (
     REPLICATES,
-    earlier_of,
+    Calibrated,
     finished_in,
-    forget_missing,
-    made_folder,
+    prepare,
     require_alike,
     take,
     write_manifest,
@@ -69,6 +63,22 @@ WALKERS = 8
 
 MOST_WALKERS = 120
 
+Report = Callable[[int, Replicate], None]
+"""Function called with the number of finished replicates and the last of them."""
+
+
+class Problem(NamedTuple):
+    """What a calibration replicates: parameters drawn, ratings simulated and fitted."""
+
+    posterior: Posterior
+    """The model."""
+    settings: Settings
+    """Settings of the sampler."""
+    manifest: dict[str, Any]
+    """All settings that affect the ranks, as JSON data."""
+    truths: NDArray[np.float64] | None = None
+    """Posterior draws from which true values are taken, shape (draws, dimension); None for draws of the prior."""
+
 
 def calibrate(
     scene: CalibrationScene,
@@ -76,7 +86,7 @@ def calibrate(
     run: RunOptions,
     count: int,
     directory: Path,
-    progress: Callable[[int, Replicate], None] | None = None,
+    progress: Report | None = None,
     settings: Settings | None = None,
     executor: Executor | None = None,
     earlier: Path | None = None,
@@ -105,11 +115,10 @@ def calibrate(
     settings
         Settings of the sampler; by default `REPLICATE`, with many walkers, up to `run.max_steps`.
     executor
-        Executor that runs the replicates instead of local processes, one task per replicate, with the same ranks. If
-        its workers do not share the directory (see `runs.cluster`), this process writes the replicates.
+        Executor that runs the replicates instead of local processes, one task per replicate, with the same ranks.
     earlier
         Directory of an earlier calibration of the same problem, whose replicates are taken over. The settings of its
-        fits may differ (`runs.calibration_files.FITS`); the verdict then says so.
+        fits may differ (`runs.calibrated.FITS`); the verdict then says so.
 
     Raises
     ------
@@ -119,15 +128,7 @@ def calibrate(
     LockedError
         If another process is calibrating there.
     """
-    ranges.REPLICATES.require("calibration: number of replicates", count)
-    ranges.PARTICIPANTS.require("calibration: number of participants", scene.participants)
-    model = scene.model(options)
-    model.posterior.space.require_sampled()
-    settings = settings or replicate_settings(run, model.posterior)
-    manifest = _manifest(scene, Request(model.options, run), settings)
-    return _calibrated(
-        ReplicateSource(model.posterior), manifest, run, count, directory, progress, settings, executor, earlier
-    )
+    return replicated(prior_problem(scene, options, run, settings), run, count, directory, progress, executor, earlier)
 
 
 def calibrate_like(
@@ -135,7 +136,7 @@ def calibrate_like(
     run: RunOptions,
     count: int,
     directory: Path,
-    progress: Callable[[int, Replicate], None] | None = None,
+    progress: Report | None = None,
     settings: Settings | None = None,
     executor: Executor | None = None,
     earlier: Path | None = None,
@@ -160,122 +161,45 @@ def calibrate_like(
     LockedError
         If another process is calibrating there.
     """
-    ranges.REPLICATES.require("calibration: number of replicates", count)
-    source, manifest, settings = _like(result, run, settings)
-    return _calibrated(source, manifest, run, count, directory, progress, settings, executor, earlier)
+    return replicated(posterior_problem(result, run, settings), run, count, directory, progress, executor, earlier)
 
 
-def finished_like(
-    result: Result, run: RunOptions, count: int, directory: Path, settings: Settings | None = None
-) -> Calibrated:
-    """Return the finished replicates of `calibrate_like` without running any; otherwise like `finished`."""
-    _, manifest, _ = _like(result, run, settings)
-    return _so_far(manifest, count, directory)
+def prior_problem(
+    scene: CalibrationScene, options: ModelOptions, run: RunOptions, settings: Settings | None = None
+) -> Problem:
+    """Return the problem whose true values are draws of the prior; arguments as for `calibrate`."""
+    ranges.PARTICIPANTS.require("calibration: number of participants", scene.participants)
+    model, fabrics = scene.model(options), scene.fabrics
+    model.posterior.space.require_sampled()
+    options = replace(model.options, direction=model.options.direction or RISES)
+    design = {
+        "participants": scene.participants,
+        "fabrics": dict(zip(fabrics.names, fabrics.modulus(options.readings.fabric_modulus).tolist(), strict=True)),
+        "poisson_ratio": np.asarray(fabrics.poisson_ratio).tolist(),
+        "loads": [str(load) for load in scene.loads],
+    }
+    return _problem(model.posterior, run, settings, {**options.record(), **design})
 
 
-class ReplicateSource(NamedTuple):
-    """Origin of replicates: the model and, if true values are drawn from its posterior, posterior draws."""
-
-    posterior: Posterior
-    truths: NDArray[np.float64] | None = None
-
-
-def _like(
-    result: Result, run: RunOptions, settings: Settings | None
-) -> tuple[ReplicateSource, dict[str, Any], Settings]:
-    """Return the source of replicates for a finished run, all settings that affect the ranks, and the sampler's."""
+def posterior_problem(result: Result, run: RunOptions, settings: Settings | None = None) -> Problem:
+    """Return the problem whose true values are draws of the posterior of a run; arguments as for `calibrate_like`."""
     if not result.provenance.ending.converged:
         raise InputError(f"{result.source}: the run has not converged, so its draws do not represent the posterior")
     posterior = build(experiment_of(result), options_of(result)).posterior
-    settings = settings or replicate_settings(run, posterior)
     values = result.values(TRUTHS)
     truths = np.stack([np.asarray(values[name]) for name in posterior.names], axis=-1)
-    manifest = {
-        "version": __version__,
-        "seed": run.seed,
-        "draws": DRAWS,
+    design = {
         "like": hashlib.sha256(truths.tobytes()).hexdigest()[:32],
         "ratings": result.provenance.rating_data.digest_ratings,
         "options": Request.of(result).model.record(),
-        "ensembles": settings.ensembles,
-        "max_steps": settings.max_steps,
-        "goal": str(settings.goal),
     }
-    return ReplicateSource(posterior, truths), manifest, settings
+    return _problem(posterior, run, settings, design)._replace(truths=truths)
 
 
-def _calibrated(
-    source: ReplicateSource,
-    manifest: dict[str, Any],
-    run: RunOptions,
-    count: int,
-    directory: Path,
-    progress: Callable[[int, Replicate], None] | None,
-    settings: Settings,
-    executor: Executor | None,
-    earlier: Path | None,
-) -> Calibrated:
-    """Run the replicates missing in a directory."""
-    folder = made_folder(directory, manifest)
-    with Lock(directory / LOCK) as lock:
-        require_alike(directory, manifest)
-        write_manifest(directory, manifest)
-        sweep(folder)
-        if earlier is not None:
-            take(earlier, directory, manifest, partial(_true_values, source, run.seed))
-        forget_missing(directory)
-        write_asked(directory, count)
-        done = {index: one for index, one in finished_in(folder, count).items() if one.valid}
-        missing = [index for index in range(count) if index not in done]
-        if missing:
-            processes = min(run.processes or available_processors(), len(missing))
-            with Workers(source, processes, executor) as workers:
-                shared = str(folder.resolve()) if shares_files(executor) else None
-                tasks = [(settings, run.seed, index, shared) for index in missing]
-                for index, one in workers.as_finished(_run, tasks):
-                    if shared is None:
-                        write_replicate(folder, index, one)
-                    done[index] = one
-                    if progress is not None:
-                        progress(len(done), one)
-        lock.vanish()
-    return Calibrated({index: done[index] for index in range(count)}, earlier=earlier_of(directory))
-
-
-def _true_values(source: ReplicateSource, seed: int, index: int) -> dict[str, float]:
-    return true_values(source.posterior, seed, index, source.truths)
-
-
-def finished(
-    scene: CalibrationScene,
-    options: ModelOptions,
-    run: RunOptions,
-    count: int,
-    directory: Path,
-    settings: Settings | None = None,
-) -> Calibrated:
-    """Return the finished replicates of a calibration without running any; it may still be in progress.
-
-    Arguments and errors as for `calibrate`; in addition
-
-    Raises
-    ------
-    InputError
-        If none is finished.
-    """
-    model = scene.model(options)
-    settings = settings or replicate_settings(run, model.posterior)
-    return _so_far(_manifest(scene, Request(model.options, run), settings), count, directory)
-
-
-def _so_far(manifest: dict[str, Any], count: int, directory: Path) -> Calibrated:
-    """Return the replicates that are finished."""
-    require_alike(directory, manifest)
-    done = finished_in(directory / REPLICATES, count)
-    if not done:
-        raise InputError(f"{directory}: no finished replicate of a calibration in this directory")
-    missing = tuple(index for index in range(count) if index not in done)
-    return Calibrated(done, missing, earlier_of(directory))
+def _problem(posterior: Posterior, run: RunOptions, settings: Settings | None, design: dict[str, Any]) -> Problem:
+    settings = settings or replicate_settings(run, posterior)
+    fits = {name: getattr(settings, name) for name in ("ensembles", "max_steps")} | {"goal": str(settings.goal)}
+    return Problem(posterior, settings, {"version": __version__, "seed": run.seed, "draws": DRAWS, **design, **fits})
 
 
 def replicate_settings(run: RunOptions, posterior: Posterior) -> Settings:
@@ -285,37 +209,57 @@ def replicate_settings(run: RunOptions, posterior: Posterior) -> Settings:
     return replace(REPLICATE, walkers=walkers, max_steps=run.max_steps)
 
 
-def _run(
-    source: ReplicateSource, settings: Settings, seed: int, index: int, folder: str | None
-) -> tuple[int, Replicate]:
-    """Run one replicate and write its file, unless the folder is None because this process does not see it."""
-    one = replicate(source.posterior, settings, seed, index, truths=source.truths)
-    if folder is not None:
-        write_replicate(Path(folder), index, one)
+def replicated(
+    problem: Problem,
+    run: RunOptions,
+    count: int,
+    directory: Path,
+    progress: Report | None = None,
+    executor: Executor | None = None,
+    earlier: Path | None = None,
+) -> Calibrated:
+    """Run the replicates of a problem that are missing in a directory; arguments and errors as for `calibrate`."""
+    ranges.REPLICATES.require("calibration: number of replicates", count)
+    prepare(directory, problem.manifest)
+    with batch(directory, count):
+        write_manifest(directory, problem.manifest)
+        sweep(directory / REPLICATES)
+        if earlier is not None:
+            draw = problem.posterior, run.seed
+            take(earlier, directory, problem.manifest, lambda index: true_values(*draw, index, problem.truths))
+        done = finished_in(directory, count)
+        missing = [index for index in range(count) if index not in done]
+        if missing:
+            processes = min(run.processes or available_processors(), len(missing))
+            shared = str(directory.resolve()) if shares_files(executor) else None
+            with Workers(problem, processes, executor) as workers:
+                for index, one in workers.as_finished(_run, [(run.seed, index, shared) for index in missing]):
+                    if shared is None:
+                        write_replicate(directory, index, one)
+                    done[index] = one
+                    if progress is not None:
+                        progress(len(done), one)
+    return Calibrated({index: done[index] for index in range(count)})
+
+
+def _run(problem: Problem, seed: int, index: int, directory: str | None) -> tuple[int, Replicate]:
+    """Run one replicate and write its file, unless the directory is None because this process does not see it."""
+    one = replicate(problem.posterior, problem.settings, seed, index, truths=problem.truths)
+    if directory is not None:
+        write_replicate(Path(directory), index, one)
     return index, one
 
 
-def _manifest(scene: CalibrationScene, request: Request, settings: Settings) -> dict[str, Any]:
-    """Return all settings that affect the ranks, as JSON data."""
-    fabrics, options = scene.fabrics, request.model
-    named = {
-        "version": __version__,
-        "seed": request.run.seed,
-        "draws": DRAWS,
-        "participants": scene.participants,
-        "fabrics": dict(zip(fabrics.names, fabrics.modulus(options.readings.fabric_modulus).tolist(), strict=True)),
-        "poisson_ratio": np.asarray(fabrics.poisson_ratio).tolist(),
-        "loads": [str(load) for load in scene.loads],
-        "fix": dict(options.fix),
-        "priors": {name: str(prior) for name, prior in options.priors.items()},
-        "prior_set": options.prior_set,
-        "readings": options.readings.names,
-        **({"finger": values_of(options.finger)} if values_of(options.finger) else {}),
-        "direction": (options.direction or RISES).name,
-        "discretisation": str(options.discretisation),
-        "ensembles": settings.ensembles,
-        "max_steps": settings.max_steps,
-        "goal": str(settings.goal),
-    }
-    # scale, errors, resolution, and all other settings that define the model
-    return {**options.record(), **named}
+def finished(problem: Problem, count: int, directory: Path) -> Calibrated:
+    """Return the finished replicates of a calibration without running any; it may still be in progress.
+
+    Raises
+    ------
+    InputError
+        If none is finished, or the directory contains anything but a calibration with the same settings.
+    """
+    require_alike(directory, problem.manifest)
+    done = finished_in(directory, count)
+    if not done:
+        raise InputError(f"{directory}: no finished replicate of a calibration in this directory")
+    return Calibrated(done, tuple(index for index in range(count) if index not in done))

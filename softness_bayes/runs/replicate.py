@@ -7,8 +7,12 @@ Schmitt, Bürkner and Vehtari, arXiv:2502.03279, 2025).
 Where the sampler does not converge, the true values are ranked among draws that are exchangeable with them
 (`sampler.exchangeable`). Their ranks are uniform as well, but detect less.
 
-The log-likelihood is among the ranked quantities, because it detects a posterior that ignores the data and equals
-the prior (Modrák et al., Bayesian Analysis 20, 461, 2025).
+Any function of parameters, participants and ratings has uniform ranks if the inference is correct. Without a turning
+point, its position is set to zero, below all others, and ties are broken at random, so that no replicate is left out
+and ranks remain uniform. The presence of a turning point is ranked as 0 or 1 with random ties, which compares its
+probability with its frequency. Participants are exchangeable, so that one represents all. The log-likelihood is among
+the ranked quantities, because it detects a posterior that ignores the data and equals the prior (Modrák et al.,
+Bayesian Analysis 20, 461, 2025).
 """
 
 from __future__ import annotations
@@ -21,12 +25,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checking.calibration import DRAWS, Replicate
+from softness_bayes.checking.inflection import CurveShape, curve_scene, find_inflection, response_curves
 from softness_bayes.likelihood.contract import Effects, Likelihood
 from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.model.posterior import Posterior
-from softness_bayes.runs.ranked_quantities import quantities
 from softness_bayes.sampler.exchangeable import STEPS, exchangeable_draws
 from softness_bayes.sampler.sampling import Sampled, Settings, sample_until
+from softness_bayes.touch.load_groups import groups_of
+from softness_bayes.touch.scene import Scene
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
@@ -38,6 +44,15 @@ ARCHIVE = 2_000
 
 ROUNDING = 1e-12
 """Relative difference up to which two values of a quantity are treated as tied."""
+
+LOG_LIKELIHOOD = "log_likelihood"
+"""Name of the joint log-likelihood among the ranked quantities."""
+
+PARTICIPANT, PARTICIPANTS = "participant_effect", "participant_spread"
+"""Names of the first participant's effect, and of the standard deviation of all participants' effects."""
+
+FABRIC, FABRICS = "fabric_effect", "fabric_spread"
+"""Names of the first fabric's deviation, and of the standard deviation of all fabrics' deviations."""
 
 
 def right(observation: Likelihood) -> Likelihood:
@@ -86,7 +101,7 @@ def replicate(
     rank = tuple(int(r) for r in ranks(truth, np.column_stack([*among.values()]), rng))
     tau = float(sampled.verdict.tau.max())
     steps = sampled.verdict.steps
-    return Replicate((*true,), rank, tuple(truth.tolist()), steps, tau, converged, not converged)
+    return Replicate((*true,), rank, tuple(truth.tolist()), steps, tau, converged)
 
 
 def _ranked_among(fitted: Posterior, theta: FloatArray, sampled: Sampled, rng: np.random.Generator) -> FloatArray:
@@ -183,3 +198,55 @@ def ranks(truth: FloatArray, draws: FloatArray, rng: np.random.Generator) -> Ind
     equal = np.abs(draws - truth) <= ROUNDING * np.abs(truth)
     below = ((draws < truth) & ~equal).sum(axis=0)
     return below + rng.integers(equal.sum(axis=0) + 1)
+
+
+def turns(load: object) -> str:
+    """Return the name of the presence, 0 or 1, of a turning point under a load."""
+    return f"turns[{load}]"
+
+
+def turning_point(load: object) -> str:
+    """Return the name of the position of the turning point, E_fab [kPa], 0 without one."""
+    return f"turning_point_kpa[{load}]"
+
+
+def quantities(posterior: Posterior, theta: FloatArray, effects: Effects) -> dict[str, FloatArray]:
+    """Return the ranked quantities at some points, by name.
+
+    Parameters
+    ----------
+    posterior
+        The model, with the ratings of the points.
+    theta
+        Points in natural units, shape (points, dimension).
+    effects
+        Effects of each point, in the form drawn by the likelihood of the ratings.
+
+    Returns
+    -------
+    dict of ndarray, each of shape (points,)
+    """
+    found = {name: theta[:, k] for k, name in enumerate(posterior.names)}
+    drawn = posterior.observation.model.named_effects(effects)
+    found |= {name: values for name, (values, axes) in drawn.items() if not axes}
+    found |= {LOG_LIKELIHOOD: posterior.log_likelihood(theta)}
+    if PARTICIPANT in drawn and posterior.space.held.get("tau") != 0.0:
+        participants, _ = drawn[PARTICIPANT]
+        found |= {PARTICIPANT: participants[:, 0], PARTICIPANTS: participants.std(axis=-1)}
+    if FABRIC in drawn and "omega" in posterior.names:
+        fabrics, _ = drawn[FABRIC]
+        found |= {FABRIC: fabrics[:, 0], FABRICS: fabrics.std(axis=-1)}
+    if isinstance(posterior.scene, Scene):
+        found |= _turning_points(posterior, posterior.scene, theta)
+    return found
+
+
+def _turning_points(posterior: Posterior, scene: Scene, theta: FloatArray) -> dict[str, FloatArray]:
+    groups = groups_of(scene.loads)
+    grid = curve_scene(scene, loads=[scene.loads[k] for k in groups.at])
+    curves = response_curves(grid, posterior.space.touch(theta))
+    turn = find_inflection(curves, 0.0, (float(scene.modulus.min()), float(scene.modulus.max())))
+    interior = np.broadcast_to(turn.outcome == CurveShape.INTERIOR, (len(theta), len(groups.names)))
+    place = np.where(interior, turn.modulus * 1e-3, 0.0)
+    found = {turns(load): interior[:, k].astype(float) for k, load in enumerate(groups.names)}
+    return found | {turning_point(load): place[:, k] for k, load in enumerate(groups.names)}

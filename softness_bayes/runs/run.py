@@ -1,27 +1,24 @@
-"""One run from data to result: model, sampling, and all predictions from the draws."""
+"""Runs from data to result: model, sampling, predictions from the draws, and the files of the result."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from softness_bayes import arviz_bridge
-from softness_bayes.checking.agreement import fabric_rating_table
-from softness_bayes.checking.check_table import check_table
 from softness_bayes.checking.exactness import HARMLESS, LARGEST_K, Exactness
-from softness_bayes.checking.identifiability import direction_table, information_table
-from softness_bayes.checking.individual import answer_table, finger_table, modulus_table
+from softness_bayes.checking.identifiability import information_table
 from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.checkpoints.identity import identity, require_density
 from softness_bayes.data import Compression, Experiment
 from softness_bayes.files.command_line import storable
-from softness_bayes.files.run_files import ANSWERS, FABRIC_RATINGS, FINGERS, MODULI, MODULUS_ERRORS, RATERS, RULER
+from softness_bayes.files.run_files import FABRIC_RATINGS, RULER
 from softness_bayes.likelihood.directions import direction_named
-from softness_bayes.model.build import ExperimentModel, build
+from softness_bayes.model.build import ExperimentModel, SkinModel, build, build_skin
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Density, Posterior
 from softness_bayes.people.of_run import people_tables
@@ -37,115 +34,38 @@ from softness_bayes.provenance import (
     family_of,
     versions,
 )
-from softness_bayes.results.assembly import FigureDrawing, Listener, Stage, assembled, no_listener
+from softness_bayes.results.assembly import Stage, assembled, assembled_skin
 from softness_bayes.results.draws import FIRST_SHARE
 from softness_bayes.results.exact import compare_integrals
 from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
 from softness_bayes.results.result_file import SCHEMA
 from softness_bayes.results.run_options import RunOptions
-from softness_bayes.results.summary import rater_table, with_covariates
 from softness_bayes.sampler.chains import RunState
 from softness_bayes.sampler.sampling import Progress, Sampled, progress_of, sampled_of, walk
 from softness_bayes.sampler.workers import Workers, one_thread
 
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
+Report = Callable[[Progress], None]
+"""Function called at least every few seconds while a run is sampled."""
 
 BY_REFERENCE = (
     "; effects of raters are summed over points in every step, because Laplace's method is too rough for this table"
 )
 """Addition to the note on the errors of a run whose integrals by Laplace's method could not be corrected by weights."""
+
 MANY_RATINGS = 5000
 """Number of ratings above which each ensemble walks alone: the time of a call then grows with its points, and ensembles
 that walk together would leave processors without work."""
 
-
-def walked(
-    data: Experiment | Compression,
-    density: Density,
-    request: Request,
-    progress: Callable[[Progress], None] | None,
-    checkpoint: Checkpoint | None,
-    workers: Workers | None = None,
-) -> RunState:
-    """Sample until convergence or a limit, from the start or from a checkpoint; arguments as for `sample`."""
-    density.space.require_sampled()
-    settings, begin = request.run.settings, None
-    if isinstance(data, Experiment) and len(data.ratings) > MANY_RATINGS:
-        settings = replace(settings, together=1)
-    if checkpoint is not None:
-        begin = checkpoint.begin(identity(data, density, settings, request.choices()))
-        if begin is not None:
-            require_density(density, begin)
-    try:
-        for state in walk(density, settings, request.run.seed, begin, workers):
-            if checkpoint is not None:
-                checkpoint.keep(state, settings, density)
-            if progress is not None:
-                progress(progress_of(state, settings))
-    finally:
-        if checkpoint is not None:
-            checkpoint.flush()
-    return state
-
-
-def rng_after(run: RunOptions) -> np.random.Generator:
-    """Return the random generator for all draws after sampling; a separate key makes it independent of ensembles."""
-    return np.random.default_rng(np.random.SeedSequence(run.seed, spawn_key=(1 << 20,)))
-
-
-def labels_of(data: Experiment | Compression) -> dict[str, Sequence[str]]:
-    """Return the names of participants, fabrics and fingers in some data, by the axis of a result."""
-    if isinstance(data, Compression):
-        return {"finger": data.participants}
-    fingers = {} if data.compression is None else labels_of(data.compression)
-    return {"participant": data.ratings.participants, "fabric": data.ratings.fabrics, **fingers}
-
-
-def requested(density: Density, request: Request) -> dict[str, Any]:
-    """Return the part of the provenance known before the first step: the requested settings.
-
-    Raises
-    ------
-    InputError
-        If an option cannot be stored as JSON.
-    """
-    model, run = request
-    model.require_storable()
-    return {
-        **attributes_of(Asked(SCHEMA, storable(run.command), request.record(), run.seed, model.prior_set)),
-        **family_of(PRIOR, {one.name: one.prior for one in density.space.chain}),
-        **family_of(READING, model.readings.names),
-        **versions(),
-    }
-
-
-def outcome(state: RunState, run: RunOptions) -> dict[str, Any]:
-    """Return the part of the provenance about the end of the run."""
-    verdict = sampled_of(state).verdict
-    said = verdict.sentence()
-    return attributes_of(
-        Ending(
-            verdict=f"A first look (quick), no result. {said}" if run.quick else said,
-            converged=verdict.converged,
-            steps=verdict.steps,
-            missing_steps=verdict.more_steps,
-            burn_in=verdict.burn_in,
-            sampling_seconds=state.seconds,
-            evaluations=state.nonfinite.evaluations,
-            failures=state.nonfinite.count,
-            quick=run.quick,
-        )
-    )
+WIDE = ModelOptions(prior_set="wide")
+"""Options of a model of compression data alone, with weakly informative priors of the skin."""
 
 
 def sample(
     experiment: Experiment,
     model: ModelOptions = ModelOptions(),
     run: RunOptions = RunOptions(),
-    progress: Callable[[Progress], None] | None = None,
+    progress: Report | None = None,
     checkpoint: Checkpoint | None = None,
     **options: Any,
 ) -> Result:
@@ -180,82 +100,241 @@ def sample(
     """
     model, run = Request(model, run).with_options(**options)
     model.require_storable()
-    if checkpoint is not None:
-        model = _as_begun(model, checkpoint)
+    begun = None if checkpoint is None else checkpoint.description.get("direction")
+    if model.direction is None and begun is not None:
+        model = model.decide(direction=direction_named(begun))
     return sample_model(build(experiment, model), run, progress, checkpoint)
 
 
-def _as_begun(options: ModelOptions, checkpoint: Checkpoint) -> ModelOptions:
-    """Return options with the direction of the run in a checkpoint, unless one is requested."""
-    kept = checkpoint.description.get("direction")
-    if options.direction is not None or kept is None:
-        return options
-    return options.decide(direction=direction_named(kept))
+def sample_skin(
+    compression: Compression,
+    model: ModelOptions = WIDE,
+    run: RunOptions = RunOptions(),
+    progress: Report | None = None,
+    checkpoint: Checkpoint | None = None,
+    **options: Any,
+) -> Result:
+    """Sample the skin's modulus and stiffening from compression data alone.
+
+    Without ratings, the result has no response curves and no turning point; it contains replicated forces of the fitted
+    skin, and their exponent against indentation.
+
+    Parameters
+    ----------
+    compression
+        Forces of a rigid plate on fingerpads.
+    model
+        Choices of the model; those about ratings are not used.
+    run, progress, checkpoint, **options
+        As for `sample`.
+
+    Raises
+    ------
+    InputError
+        If data and options do not make a model, or the result file cannot store a name or an option.
+    NumericalError
+        If the log-likelihood is not a number somewhere.
+    """
+    model, run = Request(model, run).with_options(**options)
+    model.require_storable()
+    return sample_model(build_skin(compression, model), run, progress, checkpoint)
 
 
 def sample_model(
-    model: ExperimentModel,
+    model: ExperimentModel | SkinModel,
     run: RunOptions,
-    progress: Callable[[Progress], None] | None = None,
+    progress: Report | None = None,
     checkpoint: Checkpoint | None = None,
-    listener: Listener = no_listener,
     workers: Workers | None = None,
-    figures: FigureDrawing | None = None,
 ) -> Result:
     """Sample a given model; other arguments and errors as for `sample`.
 
     Parameters
     ----------
-    listener
-        Function called at the start of each stage after sampling.
     workers
         Processes with the posterior, which are not closed; by default new ones.
-    figures
-        Figures, started as soon as their data are available.
     """
-    experiment, posterior, options, chosen = model.experiment, model.posterior, model.options, model.direction
-    request = Request(options, run)
-    asked = {
-        **requested(posterior, request),
-        **attributes_of(
-            DirectionTaken(
-                chosen.direction,
-                chosen.asked,
-                chosen.sentence,
-                chosen.evidence.firing,
-                direction_of_data="" if chosen.evidence.direction is None else chosen.evidence.direction.name,
-            ),
-            RatingSettings(
-                options.noise,
-                options.scale,
-                options.kept_accuracy,
-                str(options.discretisation),
-                model.interpretation.law.name,
-                model.interpretation.errors_note,
-                model.interpretation.note,
-            ),
-            RatingData(
-                experiment.ratings.digest,
-                experiment.fabrics.digest,
-                experiment.ratings.n_missing,
-                experiment.ratings.rating_column,
-            ),
-        ),
-    }
-    arviz_bridge.require_storable(asked, labels_of(experiment))
+    posterior, data = model.posterior, model.compression if isinstance(model, SkinModel) else model.experiment
+    asked = requested(model, run)
+    arviz_bridge.require_storable(asked, labels_of(data))
     with one_thread(), nullcontext(workers) if workers is not None else run.settings.workers(posterior) as workers:
-        state = walked(experiment, posterior, request, progress, checkpoint, workers)
-        sampled = sampled_of(state)
-        ended = sampled.verdict.converged and not run.quick
-        integrals = _integrals(posterior, sampled) if ended else None
+        state = walked(data, posterior, Request(model.options, run), progress, checkpoint, workers)
+        (chains, verdict), attributes = sampled_of(state), {**asked, **outcome(state, run)}
+        # a separate key makes the draws after sampling independent of the ensembles
+        rng = np.random.default_rng(np.random.SeedSequence(run.seed, spawn_key=(1 << 20,)))
+        if isinstance(model, SkinModel):
+            found = assembled_skin(model.compression, posterior, chains, verdict.burn_in, rng, attributes)
+            return Result(found.tree, found.summary.join(information_table(found.tree)), found.tables)
+        ended = verdict.converged and not run.quick
+        integrals = _integrals(model.posterior, sampled_of(state)) if ended else None
         if integrals is None or integrals.exact_enough or integrals.pareto_k <= LARGEST_K:
-            weighed = run.exact_reweight or (integrals is not None and integrals.sd > HARMLESS)
-            return _assembled(model, run, asked, state, workers, weighed, listener, figures)
+            found = assembled(
+                model.experiment,
+                model.posterior,
+                chains,
+                verdict.burn_in,
+                rng,
+                workers,
+                attributes,
+                run.exact_reweight or (integrals is not None and integrals.sd > HARMLESS),
+                exact=not run.quick,
+                share=FIRST_SHARE if run.quick else 1.0,
+            )
+            tables = found.tables
+            if model.options.scale.model is None:
+                people, tables[RULER] = people_tables(model.experiment.ratings, model.options, found.tree)
+                tables[FABRIC_RATINGS] = tables[FABRIC_RATINGS].join(people)
+            return Result(found.tree, found.summary.join(information_table(found.tree)), tables)
     # importance weights fail: the walk is repeated without the approximation
     interpretation = model.interpretation._replace(errors_note=f"{model.interpretation.errors_note}{BY_REFERENCE}")
-    observation = posterior.observation.without_approximation()
-    sure = replace(model, interpretation=interpretation, posterior=posterior.with_term(observation))
-    return sample_model(sure, run, progress, None, listener, None, figures)
+    observation = model.posterior.observation.without_approximation()
+    sure = replace(model, interpretation=interpretation, posterior=model.posterior.with_term(observation))
+    return sample_model(sure, run, progress)
+
+
+def sample_kept(
+    checkpoint: Checkpoint,
+    model: ExperimentModel | SkinModel,
+    run: RunOptions,
+    own_figures: Sequence[str] | None,
+    progress: Report | None = None,
+) -> Result:
+    """Sample a model until convergence or a limit, from the state of a checkpoint, and write its files next to it.
+
+    Parameters
+    ----------
+    checkpoint
+        The checkpoint of the run, whose lock is held.
+    model, run
+        The model, and how long to run.
+    own_figures
+        Figures to draw in addition to those of every run, custom or built-in; None to draw no figures at all.
+    progress
+        Function called at least every few seconds.
+
+    Raises
+    ------
+    InputError, NumericalError
+        As for `sample`.
+    """
+    with run.settings.workers(model.posterior) as workers:
+        result = sample_model(model, run, progress, checkpoint, workers)
+        Stage.FILES.log()
+        result.save(checkpoint.directory)
+        if own_figures is not None:
+            from softness_bayes.runs.drawing import draw_run_figures  # imports the plotting libraries
+
+            Stage.FIGURES.log()
+            draw_run_figures(result, checkpoint.directory, workers, own_figures)
+    checkpoint.finish()
+    return result
+
+
+def model_of(data: Experiment | Compression, options: ModelOptions) -> ExperimentModel | SkinModel:
+    """Return the model of some data: of ratings, or of compression data alone.
+
+    Raises
+    ------
+    InputError
+        If data and options do not make a model.
+    """
+    return build_skin(data, options) if isinstance(data, Compression) else build(data, options)
+
+
+def walked(
+    data: Experiment | Compression,
+    density: Density,
+    request: Request,
+    progress: Report | None,
+    checkpoint: Checkpoint | None,
+    workers: Workers | None = None,
+) -> RunState:
+    """Sample until convergence or a limit, from the start or from a checkpoint; arguments as for `sample`."""
+    density.space.require_sampled()
+    settings, begin = request.run.settings, None
+    if isinstance(data, Experiment) and len(data.ratings) > MANY_RATINGS:
+        settings = replace(settings, together=1)
+    if checkpoint is not None:
+        begin = checkpoint.begin(identity(data, density, settings, request.choices()))
+        if begin is not None:
+            require_density(density, begin)
+    try:
+        for state in walk(density, settings, request.run.seed, begin, workers):
+            if checkpoint is not None:
+                checkpoint.keep(state, settings, density)
+            if progress is not None:
+                progress(progress_of(state, settings))
+    finally:
+        if checkpoint is not None:
+            checkpoint.flush()
+    return state
+
+
+def labels_of(data: Experiment | Compression) -> dict[str, Sequence[str]]:
+    """Return the names of participants, fabrics and fingers in some data, by the axis of a result."""
+    if isinstance(data, Compression):
+        return {"finger": data.participants}
+    fingers = {} if data.compression is None else labels_of(data.compression)
+    return {"participant": data.ratings.participants, "fabric": data.ratings.fabrics, **fingers}
+
+
+def requested(model: ExperimentModel | SkinModel, run: RunOptions) -> dict[str, Any]:
+    """Return the part of the provenance known before the first step: the requested settings, and how data are read.
+
+    Raises
+    ------
+    InputError
+        If an option cannot be stored as JSON.
+    """
+    options, request = model.options, Request(model.options, run)
+    options.require_storable()
+    found = {
+        **attributes_of(Asked(SCHEMA, storable(run.command), request.record(), run.seed, options.prior_set)),
+        **family_of(PRIOR, {one.name: one.prior for one in model.posterior.space.chain}),
+        **family_of(READING, options.readings.names),
+        **versions(),
+    }
+    if isinstance(model, SkinModel):
+        return found
+    chosen, ratings = model.direction, model.experiment.ratings
+    return found | attributes_of(
+        DirectionTaken(
+            chosen.direction,
+            chosen.asked,
+            chosen.sentence,
+            chosen.evidence.firing,
+            direction_of_data="" if chosen.evidence.direction is None else chosen.evidence.direction.name,
+        ),
+        RatingSettings(
+            options.noise,
+            options.scale,
+            options.kept_accuracy,
+            str(options.discretisation),
+            model.interpretation.law.name,
+            model.interpretation.errors_note,
+            model.interpretation.note,
+        ),
+        RatingData(ratings.digest, model.experiment.fabrics.digest, ratings.n_missing, ratings.rating_column),
+    )
+
+
+def outcome(state: RunState, run: RunOptions) -> dict[str, Any]:
+    """Return the part of the provenance about the end of the run."""
+    verdict = sampled_of(state).verdict
+    said = verdict.sentence()
+    return attributes_of(
+        Ending(
+            verdict=f"A first look (quick), no result. {said}" if run.quick else said,
+            converged=verdict.converged,
+            steps=verdict.steps,
+            missing_steps=verdict.more_steps,
+            burn_in=verdict.burn_in,
+            sampling_seconds=state.seconds,
+            evaluations=state.nonfinite.evaluations,
+            failures=state.nonfinite.count,
+            quick=run.quick,
+        )
+    )
 
 
 def _integrals(posterior: Posterior, sampled: Sampled) -> Exactness | None:
@@ -264,54 +343,3 @@ def _integrals(posterior: Posterior, sampled: Sampled) -> Exactness | None:
         return None
     kept = sampled.chains.kept(sampled.verdict.burn_in)
     return compare_integrals(posterior, kept.by_walker(posterior.natural(kept.coordinates)))
-
-
-def _assembled(
-    model: ExperimentModel,
-    run: RunOptions,
-    asked: dict[str, Any],
-    state: RunState,
-    workers: Workers,
-    reweight: bool,
-    listener: Listener,
-    figures: FigureDrawing | None,
-) -> Result:
-    """Return the result of a walk that has ended, from draws that are weighted by the exact likelihood if asked."""
-    sampled = sampled_of(state)
-    tree, summary, shifts = assembled(
-        model.experiment,
-        model.posterior,
-        sampled.chains,
-        sampled.verdict.burn_in,
-        rng_after(run),
-        workers,
-        {**asked, **outcome(state, run)},
-        reweight,
-        listener,
-        figures,
-        exact=not run.quick,
-        share=FIRST_SHARE if run.quick else 1.0,
-    )
-    listener(Stage.TABLES)
-    return Result(tree, summary.join(information_table(tree)), tables_of(model, tree, shifts))
-
-
-def tables_of(model: ExperimentModel, tree: xr.DataTree, shifts: pd.DataFrame | None) -> dict[str, pd.DataFrame]:
-    """Return the tables of a result by name, apart from its summary; `shifts` are the effects of errors in moduli."""
-    experiment = model.experiment
-    tables = {"directions": direction_table(tree), "predictive_checks": check_table(tree)}
-    tables[FABRIC_RATINGS] = fabric_rating_table(tree)
-    if model.options.scale.model is None:
-        people, tables[RULER] = people_tables(experiment.ratings, model.options, tree)
-        tables[FABRIC_RATINGS] = tables[FABRIC_RATINGS].join(people)
-    if (moduli := modulus_table(tree)) is not None:
-        tables[MODULI] = moduli
-    if (fingers := finger_table(tree)) is not None:
-        tables[FINGERS] = with_covariates(fingers, experiment.ratings)
-    if (answers := answer_table(tree)) is not None:
-        tables[ANSWERS] = with_covariates(answers, experiment.ratings)
-    if (raters := rater_table(tree, experiment.ratings)) is not None:
-        tables[RATERS] = raters
-    if shifts is not None:
-        tables[MODULUS_ERRORS] = shifts
-    return tables

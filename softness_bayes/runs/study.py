@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import csv
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,10 +14,8 @@ import numpy as np
 from softness_bayes.checking.pooling import LEAST_TABLES
 from softness_bayes.data import Compression, Experiment
 from softness_bayes.errors import InputError
-from softness_bayes.files.asked import write_asked
-from softness_bayes.files.lock import Lock
 from softness_bayes.files.outputs import require_outputs, write_outputs
-from softness_bayes.files.run_files import RUNS
+from softness_bayes.files.run_files import POSTERIOR, RUNS
 from softness_bayes.files.spreadsheet import csv_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.laws import Prior
@@ -27,7 +26,7 @@ from softness_bayes.readable import some_of
 from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
 from softness_bayes.results.run_options import RunOptions
-from softness_bayes.runs.fits_apart import fits_apart
+from softness_bayes.runs.batch import batch, read_asked
 from softness_bayes.runs.population import (
     PooledParameter,
     individual_table,
@@ -35,9 +34,8 @@ from softness_bayes.runs.population import (
     population_table,
     require_parameters,
 )
-from softness_bayes.runs.study_progress import TABLES
-from softness_bayes.runs.table_fit import CONVERGED, REFUSED, Kept, TableOutcome, fit_table
-from softness_bayes.sampler.workers import Workers, available_processors, shares_files
+from softness_bayes.runs.table_fits import CONVERGED, REFUSED, Kept, TableOutcome, fit_tables
+from softness_bayes.sampler.workers import Workers, available_processors
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -46,8 +44,8 @@ if TYPE_CHECKING:
 STUDY = "study"
 """Command under which the files are listed."""
 
-LOCK = "lock"
-"""Name of the lock of a running study."""
+TABLES = "tables.csv"
+"""Table of the outcomes of a study, written when it ends."""
 
 INDIVIDUAL, POPULATION, REPORT, FIGURE = "individual.csv", "population.csv", "study.md", "forest"
 MADE = (TABLES, INDIVIDUAL, POPULATION, REPORT, f"{FIGURE}.png", f"{FIGURE}.pdf")
@@ -180,8 +178,7 @@ def study(
     kept
         Record of the command line for each run.
     executor
-        Executor that runs the fits instead of local processes, one task per fit, with the same draws. If its workers do
-        not share the directory (see `runs.cluster`), tasks return the files of their runs.
+        Executor that runs the fits instead of local processes, with the same draws (see `runs.table_fits`).
     **options
         Single options that replace those of `model` and `run`, by name.
 
@@ -201,35 +198,13 @@ def study(
     require_outputs(directory, MADE, STUDY)
     (directory / RUNS).mkdir(parents=True, exist_ok=True)
     found = {name: TableOutcome(name, REFUSED, why) for name, why in refused.items()}
-    with Lock(directory / LOCK) as lock:
-        write_asked(directory, len(tables))
-        processes = min(request.run.processes or available_processors(), max(len(tables), 1))
-        with Workers(request, processes, executor) as workers:
-            for one in _fits(workers, request, tables, directory, kept or {}, executor):
-                found[one.table] = one
-                if progress is not None:
-                    progress(len(found), one)
-        lock.vanish()
+    processes = min(request.run.processes or available_processors(), max(len(tables), 1))
+    with batch(directory, len(tables)), Workers(request, processes, executor) as workers:
+        for one in fit_tables(workers, request, tables, directory / RUNS, kept or {}, executor):
+            found[one.table] = one
+            if progress is not None:
+                progress(len(found), one)
     return _pooled({name: found[name] for name in sorted(found)}, directory, pool, spreads)
-
-
-def _fits(
-    workers: Workers,
-    request: Request,
-    tables: Mapping[str, Experiment | Compression],
-    directory: Path,
-    kept: Mapping[str, Kept],
-    executor: Executor | None,
-) -> Iterator[TableOutcome]:
-    """Yield the outcome of each fit as it ends."""
-    if not shares_files(executor):
-        yield from fits_apart(workers, request, tables, directory / RUNS, kept)
-        return
-    home = directory if executor is None else directory.resolve()
-    tasks = [
-        (name, data, str(home / RUNS / name), kept.get(name), executor is not None) for name, data in tables.items()
-    ]
-    yield from workers.as_finished(fit_table, tasks)
 
 
 def _pooled(
@@ -250,6 +225,31 @@ def _pooled(
         for name, one in found.items()
     ]
     return Study(tuple(found.values()), populations, directory, pd.DataFrame(rows))
+
+
+def refused_tables(directory: Path) -> list[str]:
+    """Return the names of the tables that the last call of a study refused; empty before its end."""
+    path = directory / TABLES
+    if not path.is_file():
+        return []
+    with path.open(encoding="utf-8", newline="") as file:
+        return [row["table"] for row in csv.DictReader(file) if row.get("outcome") == REFUSED]
+
+
+def seconds_left(directory: Path, done: Iterable[str], tables: int) -> float:
+    """Return the estimated remaining time [s] of a study, as `Asked.seconds_left`.
+
+    Parameters
+    ----------
+    directory
+        Directory of the study.
+    done
+        Names of the runs that have ended.
+    tables
+        Number of tables that are fitted.
+    """
+    ended = [(directory / RUNS / name / POSTERIOR).stat().st_mtime for name in done]
+    return read_asked(directory).seconds_left(ended, tables - len(ended))
 
 
 class _Stored(Mapping[str, Result]):

@@ -102,22 +102,6 @@ class TriangularMap:
         t = np.asarray(np.linalg.solve(self.axes, (z - self.centre)[..., None])[..., 0], float)
         return (t - _bent(t, self.bends)) / self.scale
 
-    def with_one(self, y: FloatArray, place: NDArray[np.intp], value: FloatArray) -> FloatArray:
-        """Return map coordinates of points that have moved along one axis each.
-
-        Parameters
-        ----------
-        y
-            Map coordinates before, shape (points, dimension).
-        place
-            Index of the axis for each point, shape (points,).
-        value
-            New map coordinate of that index; the coordinates t of all other axes stay.
-        """
-        each, t = np.arange(len(y)), self._along(y)
-        t[each, place] += self.scale[place] * (value - y[each, place])
-        return (t - _bent(t, self.bends)) / self.scale
-
     def _along(self, y: FloatArray) -> FloatArray:
         """Return the coordinates t, shape (points, dimension), of points ``y`` of shape (..., dimension)."""
         t = (self.scale * y).reshape(-1, y.shape[-1]).T

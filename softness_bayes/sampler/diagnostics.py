@@ -10,8 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.readable import counted, percent
-from softness_bayes.sampler.autocorrelation import autocorrelation_time, indicator_time, own_time
-from softness_bayes.sampler.chain_statistics import ess_bulk, ess_tail, r_hat_between
+from softness_bayes.sampler.chain_statistics import (
+    autocorrelation_time,
+    ess_bulk,
+    ess_tail,
+    indicator_time,
+    own_time,
+    r_hat_between,
+)
 
 FloatArray = NDArray[np.float64]
 

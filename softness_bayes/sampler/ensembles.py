@@ -8,14 +8,14 @@ ensemble has its own random generator, so that its draws are those that it would
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.sampler.adaptation import TriangularMap
 from softness_bayes.sampler.chains import EnsembleState, Segment, random_state
-from softness_bayes.sampler.moves import Mode, Moves, Proposal, fitted
+from softness_bayes.sampler.moves import Moves, Proposal, fitted
 from softness_bayes.sampler.target import TargetDensity
 
 FloatArray = NDArray[np.float64]
@@ -49,39 +49,33 @@ def advance(
     modes
         Maps of the density's modes, if it has several.
     """
-    proposals, shares = zip(*fitted(moves, map, [Mode(map, own) for own in modes]), strict=True)
+    proposals, shares = zip(*fitted(moves, map, modes), strict=True)
     chances = np.array(shares) / sum(shares)
     ensembles = [_Ensemble(state, steps // stride) for state in states]
     for step in range(1, steps + 1):
-        under_way = [one.step(proposals[one.random.choice(len(proposals), p=chances)]) for one in ensembles]
-        answers: list[FloatArray | None] = [None] * len(under_way)
-        while asked := _asked(under_way, answers):
-            under_way, points = [one for one, _ in asked], [some for _, some in asked]
-            ends = np.cumsum([len(some) for some in points])
-            answers = [*np.split(target(map.forward(np.concatenate(points))), ends[:-1])]
+        for one in ensembles:
+            one.begin(proposals[one.random.choice(len(proposals), p=chances)])
+        for group in range(2):
+            moving = [one for one in ensembles if group < one.groups]
+            if not moving:
+                break
+            points = [one.propose(group) for one in moving]
+            found = np.split(
+                target(map.forward(np.concatenate(points))), np.cumsum([len(some) for some in points])[:-1]
+            )
+            for one, density in zip(moving, found, strict=True):
+                one.decide(density)
         if step % stride == 0:
             for one in ensembles:
                 one.store(step // stride - 1)
     return [(one.state, one.segment(map)) for one in ensembles]
 
 
-_Step = Generator[FloatArray, FloatArray | None, None]
-"""A step of one ensemble: it yields points, and is sent their log densities."""
-
-
-def _asked(steps: Sequence[_Step], answers: Sequence[FloatArray | None]) -> list[tuple[_Step, FloatArray]]:
-    """Continue steps with the log densities that they asked for; return those that go on, with their next points."""
-    asked = []
-    for one, answer in zip(steps, answers, strict=True):
-        try:
-            asked.append((one, one.send(answer)))
-        except StopIteration:
-            continue
-    return asked
-
-
 class _Ensemble:
-    """Walkers in the coordinates of a map, with room for their stored steps."""
+    """Walkers in the coordinates of a map, with room for their stored steps.
+
+    A step moves all walkers once, in one or two groups, of which each is proposed from the positions of the other.
+    """
 
     def __init__(self, state: EnsembleState, stored: int) -> None:
         self._y, self._log_density = state.coordinates.copy(), state.log_density.copy()
@@ -90,21 +84,26 @@ class _Ensemble:
         self._accepted = np.zeros(len(self._y), dtype=np.int64)
         self._walk, self._height = np.empty((stored, *self._y.shape)), np.empty((stored, len(self._y)))
 
-    def step(self, proposal: Proposal) -> _Step:
-        """Move all walkers once, in one or two groups of which each is proposed from the positions of the other."""
-        group = np.arange(len(self._y)) % (2 if proposal.in_halves else 1)
+    def begin(self, proposal: Proposal) -> None:
+        """Begin a step, with its walkers in random groups."""
+        self._proposal, self.groups = proposal, 2 if proposal.in_halves else 1
+        self._group = np.arange(len(self._y)) % self.groups
         if proposal.in_halves:
-            self.random.shuffle(group)
-        for k in range(group.max() + 1):
-            moving = np.flatnonzero(group == k)
-            proposed, ratio = proposal(self._y[moving], self.random, self._y[group != k])
-            found = yield proposed
-            assert found is not None
-            gained = found - self._log_density[moving] + ratio
-            accepted = np.log(self.random.rand(len(moving))) < gained
-            moved = moving[accepted]
-            self._y[moved], self._log_density[moved] = proposed[accepted], found[accepted]
-            self._accepted[moved] += 1
+            self.random.shuffle(self._group)
+
+    def propose(self, group: int) -> FloatArray:
+        """Return the points proposed to a group of walkers."""
+        self._moving = np.flatnonzero(self._group == group)
+        self._proposed, self._ratio = self._proposal(self._y[self._moving], self.random, self._y[self._group != group])
+        return self._proposed
+
+    def decide(self, log_density: FloatArray) -> None:
+        """Accept or reject the last proposed points, given their log density."""
+        gained = log_density - self._log_density[self._moving] + self._ratio
+        accepted = np.log(self.random.rand(len(self._moving))) < gained
+        moved = self._moving[accepted]
+        self._y[moved], self._log_density[moved] = self._proposed[accepted], log_density[accepted]
+        self._accepted[moved] += 1
 
     def store(self, row: int) -> None:
         """Store the present step."""

@@ -7,7 +7,7 @@ needed only in the processes that move walkers.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
@@ -131,52 +131,6 @@ class StudentBlocks:
 
 
 @dataclass(frozen=True)
-class OneAxis:
-    """Moves along one axis of the map, which is chosen more often the farther the walker is out on it.
-
-    The new coordinate comes from two Student's t about the origin, of equal weights and widths 1 and `wide`. Without
-    this move, walkers stay long in a tail that is far and thin, such as that of a modulus beyond which the response
-    does not change: proposals for other coordinates do not lead out of it, and the right one is drawn too rarely.
-    """
-
-    wide: float = 10.0
-    law: Student = Student()
-    map: TriangularMap | None = field(default=None, repr=False)
-    """Map of the walkers' coordinates; without one, these are the axes."""
-    in_halves: ClassVar[bool] = False
-
-    def __call__(self, y: FloatArray, random: np.random.RandomState, others: FloatArray | None = None) -> Proposed:
-        """Propose a point for every walker."""
-        walkers, dimension = y.shape
-        known = self.map or TriangularMap.identity(dimension)
-        each, weight = np.arange(walkers), np.cumsum(_outlying(y), axis=-1)
-        place = (weight < random.uniform(size=(walkers, 1)) * weight[:, -1:]).sum(axis=-1)
-        value, _ = self.law(np.zeros((walkers, 1)), random)
-        value = value[:, 0] * np.where(random.uniform(size=walkers) < 0.5, 1.0, self.wide)
-        proposed = known.with_one(y, place, value)
-        # the same axis has another probability to be chosen on the way back
-        there = self._log_density(value) + _log_chosen(y, place)
-        back = self._log_density(y[each, place]) + _log_chosen(proposed, place)
-        return proposed, back - there
-
-    def _log_density(self, y: FloatArray) -> FloatArray:
-        """Log density of the new coordinate up to a constant, shape (walkers,)."""
-        near, far = (self.law.log_density((y / width)[:, None]) - np.log(width) for width in (1.0, self.wide))
-        return np.asarray(np.logaddexp(near, far))
-
-
-def _outlying(y: FloatArray) -> FloatArray:
-    """Return the weights with which axes are chosen, of the shape of ``y``."""
-    return 1.0 + y**2
-
-
-def _log_chosen(y: FloatArray, place: NDArray[np.intp]) -> FloatArray:
-    """Return the log probability that the axes ``place`` are chosen at ``y``, shape (walkers,)."""
-    weight = _outlying(y)
-    return np.asarray(np.log(weight[np.arange(len(y)), place] / weight.sum(axis=-1)))
-
-
-@dataclass(frozen=True)
 class StudentModes:
     """Proposals from an equally weighted mixture of Student's t laws, one about each mode.
 
@@ -202,18 +156,16 @@ class StudentModes:
         return np.asarray(np.logaddexp.reduce(of_each, axis=0))
 
 
-def fitted(moves: Moves, map: TriangularMap, modes: Sequence[Mode]) -> Moves:
+def fitted(moves: Moves, map: TriangularMap, modes: Sequence[TriangularMap]) -> Moves:
     """Return the moves of walkers in the coordinates of a map.
 
     For a multimodal density, proposals about the origin become proposals about each mode.
     """
-
-    def of(proposal: Proposal) -> Proposal:
-        if isinstance(proposal, OneAxis):
-            return replace(proposal, map=map)
-        return StudentModes(proposal, tuple(modes)) if modes and isinstance(proposal, Student) else proposal
-
-    return tuple((of(proposal), share) for proposal, share in moves)
+    about = tuple(Mode(map, own) for own in modes)
+    return tuple(
+        (StudentModes(proposal, about) if about and isinstance(proposal, Student) else proposal, share)
+        for proposal, share in moves
+    )
 
 
 FIRST_MOVES: Moves = ((DifferentialEvolution(), 0.9), (DifferentialEvolution(1.0), 0.1))
@@ -235,18 +187,16 @@ MANY_DIMENSIONS = 20
 """Number of dimensions above which `MANY_DIMENSIONS_MOVES` are used."""
 
 MANY_DIMENSIONS_MOVES: Moves = (
-    (Student(20.0), 0.25),
-    (StudentBlocks(0.05), 0.15),
-    (StudentBlocks(0.2), 0.15),
-    (OneAxis(), 0.2),
-    (DifferentialEvolution(), 0.12),
-    (DifferentialEvolution(0.12), 0.08),
+    (Student(20.0), 0.3),
+    (StudentBlocks(0.05), 0.2),
+    (StudentBlocks(0.2), 0.2),
+    (DifferentialEvolution(), 0.15),
+    (DifferentialEvolution(0.12), 0.1),
     (DifferentialEvolution(1.0), 0.05),
 )
 """`MOVES` with lighter tails, and with moves of some of the coordinates.
 
 In 25 dimensions, proposals with 5 degrees of freedom are mostly too far out and double the number of steps of a run. In
 30 dimensions (16 materials in brackets), walkers without moves of some coordinates waited so long, where the map was
-poor or the density had a thin tail, that no better map could be learnt. In few dimensions, such moves only take steps
-from better ones.
+poor, that no better map could be learnt. In few dimensions, such moves only take steps from better ones.
 """

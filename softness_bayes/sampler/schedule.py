@@ -12,11 +12,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from softness_bayes.errors import InputError
-from softness_bayes.sampler.autocorrelation import own_time
+from softness_bayes.sampler.chain_statistics import own_time
 from softness_bayes.sampler.chains import RunState, Segment
 from softness_bayes.sampler.diagnostics import LOG_POSTERIOR, Goal, Verdict, look
 from softness_bayes.sampler.modes import labels, learn_modes
-from softness_bayes.sampler.target import TargetDensity, linear_coordinates
+from softness_bayes.sampler.target import TargetDensity
 
 APART = 0.05
 """Smallest number of steps between two checks, as a share of the run."""
@@ -187,7 +187,7 @@ def _learn(target: TargetDensity, state: RunState) -> RunState:
     late = np.stack([segment.coordinates[stored // 2 :] for segment in segments])
     height = np.stack([segment.log_density[stored // 2 :] for segment in segments])
     tau = own_time(np.moveaxis(late, -1, 1)).max()  # walkers may not have come together yet
-    modes = learn_modes(state.modes, late, height, min(float(tau), stored), linear_coordinates(target))
+    modes = learn_modes(state.modes, late, height, min(float(tau), stored), getattr(target, "n_linear", 0))
     learnt = modes[0]
     moved = tuple(
         one._replace(coordinates=learnt.inverse(state.map.forward(one.coordinates))) for one in state.ensembles

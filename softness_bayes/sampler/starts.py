@@ -17,7 +17,7 @@ from softness_bayes.errors import NumericalError
 from softness_bayes.sampler.adaptation import TriangularMap
 from softness_bayes.sampler.chains import EnsembleState, RunState, random_state
 from softness_bayes.sampler.diagnostics import Starts
-from softness_bayes.sampler.target import HasSamplingForm, Nonfinite, TargetDensity, watching
+from softness_bayes.sampler.target import Nonfinite, TargetDensity, watching
 from softness_bayes.sampler.workers import Workers
 
 FloatArray = NDArray[np.float64]
@@ -230,7 +230,7 @@ def watched(workers: Workers, tasks: list[tuple[Any, ...]]) -> tuple[list[Any], 
 
 
 def _watch(target: TargetDensity, work: Callable[..., Any], *task: Any) -> tuple[Any, Nonfinite]:
-    return watching(work, target.for_sampling if isinstance(target, HasSamplingForm) else target, *task)
+    return watching(work, getattr(target, "for_sampling", target), *task)
 
 
 def _climb(target: TargetDensity, seed: np.random.SeedSequence, best: bool) -> Optimum:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,18 @@ _LEAST = 10_000  # smallest denominator of the share of failures, so that a few 
 
 
 class TargetDensity(Protocol):
-    """A density to sample, in coordinates that are unbounded on every axis."""
+    """A density to sample, in coordinates that are unbounded on every axis.
+
+    A target may have further members:
+
+    ``for_sampling``
+        The target that is sampled: the same density, which may be less accurate where it is too small to matter.
+    ``n_linear``
+        Number of last coordinates that are nearly linear in the others; a map has fewer coefficients for these
+        (`adaptation.TriangularMap.fit`).
+    ``failing_stage(z)``
+        Name of the first stage without a finite result at one point ``z``, shape (dimension,).
+    """
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -35,31 +46,6 @@ class TargetDensity(Protocol):
 
     def draw_start(self, rng: np.random.Generator, size: int) -> FloatArray:
         """Draw dispersed points of finite density from which optimisations may start, shape (size, dimension)."""
-
-
-@runtime_checkable
-class HasSamplingForm(Protocol):
-    """A target with a form of its own for sampling."""
-
-    @property
-    def for_sampling(self) -> TargetDensity:
-        """The same density, which may be less accurate where it is too small to matter."""
-
-
-def linear_coordinates(target: TargetDensity) -> int:
-    """Return the number of last coordinates that a target declares to be nearly linear in the others; by default 0.
-
-    A map has fewer coefficients for these (`adaptation.TriangularMap.fit`).
-    """
-    return int(getattr(target, "n_linear", 0))
-
-
-@runtime_checkable
-class Explaining(Protocol):
-    """A target that can identify the stage that failed."""
-
-    def failing_stage(self, z: FloatArray) -> str:
-        """Return the name of the first stage without a finite result at one point ``z``, shape (dimension,)."""
 
 
 class Failure(NamedTuple):
@@ -160,7 +146,7 @@ class Watched:
         return value, raised
 
     def _stage(self, z: FloatArray) -> str:
-        return self._target.failing_stage(z) if isinstance(self._target, Explaining) else "density"
+        return str(self._target.failing_stage(z)) if hasattr(self._target, "failing_stage") else "density"
 
 
 def watching(work: Callable[..., Value], target: TargetDensity, *task: Any) -> tuple[Value, Nonfinite]:

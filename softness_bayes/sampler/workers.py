@@ -7,11 +7,10 @@ import logging
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
 from contextlib import AbstractContextManager, contextmanager
 from multiprocessing import get_context, parent_process, resource_tracker
-from queue import SimpleQueue
 from types import TracebackType
 from typing import Any, Protocol, Self, TypeVar, runtime_checkable
 
@@ -21,9 +20,6 @@ from softness_bayes.defaults import GARBAGE, SIGNALS
 from softness_bayes.errors import WorkersLostError
 
 Result = TypeVar("Result")
-
-Follow = Callable[[Result], tuple[Any, ...] | None]
-"""Takes a result and returns the arguments of a task that continues it, or None."""
 
 RENEWALS = 1
 """Number of times that dead processes are replaced without progress before the computation is aborted."""
@@ -152,27 +148,24 @@ class Workers:
         self._pool.shutdown(wait=False, cancel_futures=True)
         self._pool = self._new_pool()
 
-    def _finished(
-        self, work: Callable[..., Result], tasks: Sequence[tuple[Any, ...]], follow: Follow[Result] | None = None
-    ) -> Iterator[tuple[int, Result]]:
+    def _finished(self, work: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, Result]]:
         """Yield index and result of every task as it finishes; tasks whose process died are repeated."""
+        if self._pool is None and self._given is None:
+            for k, task in enumerate(tasks):
+                yield k, _on_one_thread(work, self._resident, task)
+            return
         left = dict(enumerate(tasks))
         while left:
-            running = dict[Future[Result], int]()
-            done: SimpleQueue[Future[Result]] = SimpleQueue()
+            running: dict[Future[Result], int] = {}
             try:
-                self._begin(work, left, left, running, done)
+                for k, task in left.items():
+                    running[self._submit(work, task)] = k
+                done = as_completed(list(running))
                 while running:
-                    future = done.get()
+                    future = next(done)
                     k, result = running.pop(future), future.result()
                     self._renewed = 0
-                    more = None if follow is None else follow(result)
-                    if more is None:
-                        del left[k]
-                    else:
-                        left[k] = more
-                        self._begin(work, left, [k], running, done)
-                    del future  # and with it the result
+                    del left[k], future  # and with it the result
                     yield k, result
             except BrokenExecutor:
                 self._renew()
@@ -180,25 +173,6 @@ class Workers:
                 if self._given is not None:
                     for future in running:
                         future.cancel()
-
-    def _begin(
-        self,
-        work: Callable[..., Result],
-        tasks: Mapping[int, tuple[Any, ...]],
-        numbers: Iterable[int],
-        running: dict[Future[Result], int],
-        done: SimpleQueue[Future[Result]],
-    ) -> None:
-        """Submit tasks by index; each is put on a queue when it is done."""
-        for k in numbers:
-            future = self._submit(work, tasks[k])
-            running[future] = k
-            future.add_done_callback(done.put)
-
-    @property
-    def _alone(self) -> bool:
-        """True if tasks run in this process."""
-        return self._pool is None and self._given is None
 
     def map(self, work: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]) -> list[Result]:
         """Return ``work(resident, *task)`` of every task, in order; ``work`` is a function of a module.
@@ -208,59 +182,12 @@ class Workers:
         WorkersLostError
             If processes died repeatedly.
         """
-        if self._alone:
-            return [_on_one_thread(work, self._resident, task) for task in tasks]
         found = dict(self._finished(work, tasks))
         return [found[k] for k in range(len(tasks))]
 
-    def start(self, work: Callable[..., Result], *task: Any) -> Callable[[], Result]:
-        """Start ``work(resident, *task)`` and return a function that waits for its result.
-
-        Without other processes, the work runs when that function is called.
-
-        Raises
-        ------
-        WorkersLostError
-            Raised by that function, as in `map`.
-        """
-        if self._alone:
-            return lambda: _on_one_thread(work, self._resident, task)
-        try:
-            future = self._submit(work, task)
-        except BrokenExecutor:
-            self._renew()
-            future = self._submit(work, task)
-
-        def finished() -> Result:
-            try:
-                return future.result()
-            except BrokenExecutor:
-                return self.map(work, [task])[0]
-
-        return finished
-
-    def as_finished(
-        self, work: Callable[..., Result], tasks: Sequence[tuple[Any, ...]], follow: Follow[Result] | None = None
-    ) -> Iterator[Result]:
-        """Yield ``work(resident, *task)`` of every task as soon as it finishes, in any order; otherwise like `map`.
-
-        Parameters
-        ----------
-        work, tasks
-            As for `map`.
-        follow
-            Function called with each result; the task that it returns, if any, is run next.
-        """
-        if not self._alone:
-            for _, result in self._finished(work, tasks, follow):
-                yield result
-            return
-        for task in tasks:
-            more: tuple[Any, ...] | None = task
-            while more is not None:
-                result = _on_one_thread(work, self._resident, more)
-                more = None if follow is None else follow(result)
-                yield result
+    def as_finished(self, work: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]) -> Iterator[Result]:
+        """Yield ``work(resident, *task)`` of every task as soon as it finishes, in any order; otherwise like `map`."""
+        return (result for _, result in self._finished(work, tasks))
 
 
 _DIED = (

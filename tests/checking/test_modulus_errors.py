@@ -15,7 +15,7 @@ from softness_bayes.checking.modulus_errors import (
 from softness_bayes.checking.sentences import shift_sentences
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.magnitude import RatingModel
-from softness_bayes.sampler.jackknife import GROUPS
+from softness_bayes.sampler.chain_statistics import GROUPS
 from support.points import rated
 
 FABRICS, LOADS, PEOPLE = 8, 3, 20

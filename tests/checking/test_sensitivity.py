@@ -25,7 +25,7 @@ from softness_bayes.checking.sensitivity import (
 )
 from softness_bayes.checking.sentences import direction_sentences, information_sentences
 from softness_bayes.parameters.laws import HalfNormal, LogNormal, Normal, Uniform
-from softness_bayes.sampler.jackknife import jackknife
+from softness_bayes.sampler.chain_statistics import jackknife
 
 DRAWS = 40_000
 

@@ -1,9 +1,6 @@
 """What a checkpoint survives: kills, full disks, a second process, other data; and what a continued run draws."""
 
 import errno
-import io
-import itertools
-import json
 import os
 import signal
 import subprocess
@@ -20,12 +17,10 @@ from softness_bayes.checkpoints import checkpoint as storage
 from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.checkpoints.manifest import read_manifest
 from softness_bayes.checkpoints.status import read_status
-from softness_bayes.checkpoints.stored_state import piece_file
 from softness_bayes.errors import InputError, LockedError
 from softness_bayes.files import whole
 from softness_bayes.files.lock import Lock, is_held
 from softness_bayes.files.outputs import write_outputs
-from softness_bayes.sampler.chains import Segment
 from softness_bayes.sampler.sampling import walk
 from softness_bayes.sampler.target import Failure, Nonfinite
 from support.full_disk import fill_disk
@@ -245,28 +240,6 @@ def test_writes_wait_and_pieces_are_joined(tmp_path, states, monkeypatch):
     same(load(tmp_path / "again"), main[-1])
 
 
-@pytest.mark.usefixtures("eager")
-def test_a_save_copies_only_the_steps_since_the_last_one(states):
-    """In whatever segments they were drawn; joined, the pieces are the chains."""
-    chains, state = states[-1].chains, states[-1]
-    stored = chains.log_density.shape[1]
-    cut = (0, 7, 8, stored - 1, stored)
-    parts = tuple(
-        tuple(
-            Segment(chains.coordinates[e, a:b], chains.log_density[e, a:b], state.parts[e][0].accepted)
-            for a, b in itertools.pairwise(cut)
-        )
-        for e in range(len(chains.log_density))
-    )
-    for first in (0, 3, 7, 9, stored - 1):
-        piece = np.load(io.BytesIO(piece_file(replace(state, parts=parts), first)))
-        np.testing.assert_array_equal(piece["coordinates"], chains.coordinates[:, first:])
-        np.testing.assert_array_equal(piece["log_density"], chains.log_density[:, first:])
-    last = Segment.after(parts[0], stored - 1)
-    assert len(last) == 1
-    assert last[0].coordinates.base is not None  # a view
-
-
 def test_where_the_density_failed_is_kept_beside_the_results(tmp_path, states):
     target = posterior_of_the_fake()
     point = tuple(target.space.coordinates(target.space.median).tolist())
@@ -335,21 +308,6 @@ def test_a_run_that_was_begun_with_something_else_is_refused_by_name(tmp_path, s
     with pytest.raises(InputError, match=r"begun with seed not given \(now 3\)"):
         load(tmp_path, {**WHAT, "seed": "3"})
     same(load(tmp_path), states[3])  # which harmed nothing
-
-
-@pytest.mark.usefixtures("eager")
-@pytest.mark.parametrize("pattern", ["piece-*.npz", "state-*.npz", "manifest.json"])
-@pytest.mark.parametrize("fault", ["gone", "short"])
-def test_a_damaged_checkpoint_is_refused(tmp_path, states, pattern, fault):
-    keep(tmp_path, states[:5])
-    path = max((tmp_path / "checkpoint").glob(pattern))  # of states the last, for the others are spare
-    if fault == "gone":
-        path.unlink()
-    else:
-        path.write_bytes(path.read_bytes()[:-100])
-    with pytest.raises(InputError, match="checkpoint") as refusal:
-        load(tmp_path)
-    assert str(path) in str(refusal.value)
 
 
 def flipped(content, rng):
@@ -423,20 +381,6 @@ def test_pieces_and_states_are_those_of_the_run_and_in_its_order(tmp_path, state
             load(run)
         mine.write_bytes(whole)
     same(load(run), kept[-1])
-
-
-@pytest.mark.usefixtures("eager")
-def test_every_entry_of_the_manifest_is_missed(tmp_path, states):
-    keep(tmp_path, states[:5])
-    path = tmp_path / "checkpoint" / "manifest.json"
-    manifest = json.loads(path.read_bytes())
-    for name in manifest:
-        path.write_text(json.dumps({key: value for key, value in manifest.items() if key != name}))
-        for read in (load, read_status):
-            with pytest.raises(InputError, match=r"manifest\.json: (damaged|not a checkpoint of format 3)"):
-                read(tmp_path)
-    path.write_text(json.dumps(manifest))  # other white space
-    same(load(tmp_path), states[4])
 
 
 def test_a_run_that_keeps_nothing_leaves_nothing(tmp_path):

@@ -6,8 +6,7 @@ import pytest
 
 from softness_bayes.checkpoints import checkpoint as storage
 from softness_bayes.checkpoints.checkpoint import Checkpoint
-from softness_bayes.checkpoints.manifest import read_manifest
-from softness_bayes.checkpoints.salvage import MOST_EARLIER, EarlierState, kept_states
+from softness_bayes.checkpoints.manifest import MOST_EARLIER, EarlierState, kept_states, read_manifest
 from softness_bayes.errors import InputError, LockedError
 from softness_bayes.files.lock import Lock
 from softness_bayes.sampler.sampling import walk

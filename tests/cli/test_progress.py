@@ -19,7 +19,7 @@ def shown(capsys, seconds_per_step, tau):
     for steps in (0, 100, 200, 300, *range(310, 400, 10)):
         seconds = 7.0 + seconds_per_step * steps  # seven for the pilot
         bar.show(Progress(steps, verdict.more_steps, seconds, verdict if steps >= 300 else None))
-    bar.close()
+    bar.clear()
     return verdict, [line for line in capsys.readouterr().err.replace("\r", "\n").splitlines() if "needs" in line]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from softness_bayes.files.json_text import as_json, parse_json
-from support.command_line import refused
+from support.command_line import call, refused
 from support.modules import MODULES
 from support.paths import DATA, ROOT
 
@@ -63,12 +63,12 @@ def test_one_module_reads_json():
 
 
 @pytest.mark.parametrize(
-    ("verb", "name"), [("status", "manifest.json"), ("resume", "manifest.json"), ("resume", "manifest-copy.json")]
+    ("run", "name"), [(within_limits, "manifest.json"), (call, "manifest.json"), (call, "manifest-copy.json")]
 )
-def test_a_deep_manifest(tmp_path, verb, name):
+def test_a_deep_manifest(tmp_path, run, name):
     (tmp_path / "checkpoint").mkdir()
     (tmp_path / "checkpoint" / name).write_text(DEEP)
-    refused(within_limits(verb, tmp_path), "manifest.json")
+    refused(run("resume", tmp_path), "manifest.json")
 
 
 @pytest.mark.parametrize(
@@ -89,6 +89,6 @@ def test_other_deep_files(tmp_path, monkeypatch, name, arguments):
     path.write_text(DEEP)
     if name == "asked.json":
         (tmp_path / "runs").mkdir()
-    done = within_limits(*arguments, *([] if name == "scheduler.json" else [tmp_path]))
+    done = call(*arguments, *([] if name == "scheduler.json" else [tmp_path]))
     refused(done, path.name)
     assert path.read_text() == DEEP

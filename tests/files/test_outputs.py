@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import ast
 import contextlib
-import errno
 import json
 import os
 import re
 import shutil
 import stat
-import subprocess
 import sys
 from pathlib import Path
 
@@ -19,7 +17,7 @@ import pytest
 from softness_bayes.cli import VERBS, main
 from softness_bayes.errors import InputError
 from softness_bayes.files import whole
-from softness_bayes.files.command_line import endings, portable
+from softness_bayes.files.command_line import portable
 from softness_bayes.files.listing import LISTING, Listing
 from softness_bayes.files.outputs import require_outputs, survey, write_outputs
 from softness_bayes.files.run_files import FILES
@@ -29,7 +27,7 @@ from softness_bayes.results.run_options import DataFiles
 from support.command_line import TOUCH, call, refused
 from support.full_disk import fill_disk
 from support.modules import MODULES
-from support.paths import DATA, ROOT
+from support.paths import DATA
 
 FORCES = DATA / "compression.csv"
 SHORT = ["--max-steps", "20", "--no-figures", "--processes", "1"]
@@ -265,23 +263,6 @@ def is_text(part):
 # full disks
 
 
-def test_a_limit_on_files_keeps_the_old_ones(tmp_path):
-    """In a process that the system itself keeps from writing more than 3000 bytes to a file."""
-    arguments = ["simulate", *map(str, TOUCH), "--participants", "9", "--out", str(tmp_path)]
-    assert call(*arguments).returncode == 0
-    before = snapshot(tmp_path)
-    assert (tmp_path / "ratings.csv").stat().st_size > 3000 > (tmp_path / "fabrics.csv").stat().st_size
-    program = (
-        "import resource; from softness_bayes.cli import main; "
-        "resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000)); main(prog_name='softness-bayes')"
-    )
-    words = [sys.executable, "-c", program, *arguments, "--seed", "7", "--force"]
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1"}
-    done = subprocess.run(words, capture_output=True, text=True, env=environment, check=False)
-    refused(done, "ratings.csv: File too large")
-    assert snapshot(tmp_path) == before
-
-
 @pytest.mark.parametrize("room", range(6))
 def test_a_full_disk_leaves_all_old_files_or_all_new_ones(tmp_path, monkeypatch, room):
     """Whichever write fails, what stands there is whole, of one time, and known to be ours."""
@@ -297,24 +278,6 @@ def test_a_full_disk_leaves_all_old_files_or_all_new_ones(tmp_path, monkeypatch,
     assert not survey(tmp_path, ["simulate"]).others
     write_outputs(tmp_path, new, "simulate")
     assert {name: (tmp_path / name).read_text() for name in new} == new
-
-
-def test_simulate_on_a_full_disk_keeps_the_old_files(tmp_path, monkeypatch):
-    arguments = ["simulate", *TOUCH, "--participants", "2", "--out", tmp_path]
-    assert call(*arguments).returncode == 0
-    before, written = snapshot(tmp_path), 0
-
-    def full(path, content):
-        nonlocal written
-        written += 1
-        if written == 3:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
-        return stage(path, content)
-
-    stage = whole.staged
-    monkeypatch.setattr("softness_bayes.files.outputs.staged", full)
-    refused(call(*arguments, "--force", "--seed", "9"), "No space left on device")
-    assert snapshot(tmp_path) == before
 
 
 def test_what_killed_processes_left_is_removed_and_only_that(tmp_path):
@@ -432,10 +395,3 @@ def test_paths_are_kept_from_the_run_on(tmp_path):
 )
 def test_a_word_of_a_command_keeps_no_absolute_path(word, kept):
     assert portable(word, Path("/home/jane/study")) == kept
-
-
-def test_results_are_told_apart_by_as_little_as_that_takes():
-    assert endings([Path("/a/b/one"), Path("/a/b/two")]) == ["one", "two"]
-    assert endings([Path("/a/b/run"), Path("/a/c/run"), Path("mine")]) == ["b/run", "c/run", "mine"]
-    assert endings([Path("/run"), Path("run")]) == ["/run", "run"]
-    assert endings([Path("")]) == ["."]

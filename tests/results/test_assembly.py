@@ -1,12 +1,10 @@
 """The groups of a result are functions of its draws: none depends on which was made before."""
 
-import copy
 import dataclasses
 
 import numpy as np
 import pytest
 
-from softness_bayes.checking.inflection import curve_scene
 from softness_bayes.model.build import build
 from softness_bayes.results import draws as draws_module
 from softness_bayes.results.draws import (
@@ -18,8 +16,7 @@ from softness_bayes.results.draws import (
     draws_of,
     draws_per_walker,
 )
-from softness_bayes.results.predictions import illustration_groups, prediction_group, turning_groups
-from softness_bayes.results.replicates import draw_replicates, predictive_groups, prior_groups
+from softness_bayes.results.replicates import draw_replicates
 from softness_bayes.results.request import Request
 from softness_bayes.sampler.chains import Chains
 from support.report_runs import OPTIONS, experiment, quickly
@@ -58,25 +55,6 @@ def test_what_is_drawn_depends_on_the_seed_alone(draws):
     # the response at its peak shares its noise: where it is not beyond the peak, ratings are the same
     assert (first.plateau == first.again).any()
     assert not (first.plateau == first.again).all()
-
-
-def test_groups_do_not_depend_on_the_order_in_which_they_are_made(draws):
-    drawn = draw_replicates(np.random.default_rng(1), draws)
-    grid, few = curve_scene(draws.scene), draws.subset(REPLICATES)
-    alone = draws.ratings.log_likelihood_loo(few.mean_rate, few.parameters)
-    turn = np.full((len(draws.subset(400).theta), len(draws.scene.loads)), np.nan)
-    makers = [
-        lambda: prior_groups(draws, drawn),
-        lambda: predictive_groups(draws, drawn, alone),
-        lambda: prediction_group(draws, grid, 1e-3),
-        lambda: turning_groups(draws, 1e-3),
-        lambda: illustration_groups(draws, drawn.receptors, drawn.trains(), turn),
-    ]
-    before = copy.deepcopy([draws.theta, draws.mean_rate, draws.prior])
-    forwards = [make() for make in makers]
-    backwards = [make() for make in reversed(makers)][::-1]
-    assert all(same(one, other) for one, other in zip(forwards, backwards, strict=True))
-    assert same(before, [draws.theta, draws.mean_rate, draws.prior])
 
 
 def test_a_first_look_stores_fewer_draws(draws):

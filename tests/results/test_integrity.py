@@ -4,10 +4,8 @@ import json
 import shutil
 
 import h5py
-import numpy as np
 import pandas as pd
 import pytest
-import xarray as xr
 
 from softness_bayes import arviz_bridge
 from softness_bayes.errors import InputError
@@ -76,12 +74,6 @@ def test_no_flipped_bit_changes_what_is_loaded_of_a_run(runs, tmp_path, rng):
     assert sum(flips(runs / "skin", tmp_path, rng, 5)) == 5
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "count"), [("small", 3000), ("ratings", 150), ("skin", 150)])
-def test_no_flipped_bit_of_many_changes_what_is_loaded(name, count, small, runs, tmp_path, rng):
-    assert sum(flips(small if name == "small" else runs / name, tmp_path, rng, count)) == count
-
-
 def test_damage_is_found_before_hdf5_reads_the_file(small, tmp_path, rng, monkeypatch):
     """Some flipped bits send HDF5 into an endless loop."""
     whole, path = bytearray((small / "posterior.nc").read_bytes()), tmp_path / "posterior.nc"
@@ -140,14 +132,6 @@ def test_a_change_is_refused_and_can_be_accepted(small, tmp_path, change):
     again = Result.load(tmp_path / "mine")
     assert again.verified
     assert again.tree.identical(accepted.tree)
-
-
-def test_arviz_reads_the_file(small):
-    import arviz
-
-    assert np.array_equal(
-        arviz.from_netcdf(small / "posterior.nc")["posterior"]["b"], small_result().tree["posterior"]["b"]
-    )
 
 
 @pytest.mark.parametrize("schema", [0, SCHEMA + 1, "two"])
@@ -263,10 +247,3 @@ def test_no_verb_ends_in_a_traceback(runs, tmp_path, few_pictures):
     Result.load(other, verify=False).save(accepted)
     for verb in (["report", accepted], ["predict", "--posterior", accepted, *touched]):
         refused(call(*verb), str(accepted / "posterior.nc"))
-
-
-def test_tables_are_json_of_their_columns(small):
-    """The file says what it holds to whoever reads it without this package."""
-    with xr.open_datatree(small / "posterior.nc", engine="h5netcdf") as tree:
-        columns = json.loads(str(tree[TABLES]["summary"].values))["columns"]
-    assert columns["mean"][0] == 0.1 + 0.2

@@ -9,8 +9,6 @@ from softness_bayes.results.predictions import (
     EXCESSES,
     ILLUSTRATIONS,
     example_trains,
-    illustrated_fabrics,
-    illustrated_loads,
     membrane_illustration,
     touch_illustration,
 )
@@ -102,23 +100,8 @@ def test_a_touch_is_kept_as_quantiles_over_the_draws(scene, draws, rng):
     assert sum(values.nbytes for values in stored.values()) < 1e5
 
 
-def test_without_an_inflection_a_fabric_halfway_is_shown(scene):
-    names, moduli = illustrated_fabrics(scene, np.full((4, len(LOADS)), np.nan))
-    assert names == ["softest fabric", "halfway", "stiffest fabric"]
-    assert_allclose(moduli, [3e4, np.sqrt(3e4 * 5e6), 5e6])
-    names, moduli = illustrated_fabrics(scene, np.full((4, len(LOADS)), 9e6))  # beyond the fabrics
-    assert names[-1] == "at the turning point"
-    assert (np.diff(moduli) > 0).all()
-
-
-@pytest.mark.parametrize(("count", "shown"), [(1, [0]), (2, [0, 1]), (3, [0, 1, 2]), (6, [0, 2, 5])])
-def test_few_loads_are_illustrated(count, shown):
-    loads = tuple(Indentation(1e-3 * (1 + k)) for k in range(count))
-    assert illustrated_loads(loads).tolist() == shown
-
-
 def test_rate_curves_and_trains_are_those_of_the_membrane(scene, draws, rng):
-    groups, axes = membrane_illustration(example_trains(rng, scene, draws)(), scene, draws)
+    groups, axes = membrane_illustration(example_trains(rng, scene, draws), scene, draws)
     current, rate = axes["current_ua_cm2"], groups["predictions"]["firing_rate_hz"].values
     curve = scene.firing.curve
     assert rate.shape == (1, 12, current.size)
@@ -136,7 +119,7 @@ def test_rate_curves_and_trains_are_those_of_the_membrane(scene, draws, rng):
 
 def test_a_silent_membrane_has_an_empty_train(scene, draws, rng):
     quiet = draws._replace(alpha=np.full(12, 5.0))
-    groups, axes = membrane_illustration(example_trains(rng, scene, quiet)(), scene, quiet)
+    groups, axes = membrane_illustration(example_trains(rng, scene, quiet), scene, quiet)
     assert np.isnan(groups[ILLUSTRATIONS]["spike_time_ms"].values).all()
     assert groups["predictions"]["firing_rate_hz"].values.max() == 0
     assert axes["current_ua_cm2"][[0, -1]].tolist() == [0.0, 5.0]

@@ -1,7 +1,5 @@
 """Rankings of a finished run: tables, the figure by its artists, the command line and the observed order."""
 
-import itertools
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -10,9 +8,6 @@ from numpy.testing import assert_allclose
 from softness_bayes.data import Fabrics
 from softness_bayes.data.lists import read_order
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.scales import MAGNITUDE
-from softness_bayes.plotting.ranking import NAMED, SOME, Order, named_rows, ranking_figure
-from softness_bayes.touch.contact import Indentation
 from support.command_line import call, refused
 from support.report_runs import CLOTH, LOADS, quickly
 
@@ -145,30 +140,6 @@ def test_the_figure_shows_places_ratings_ties_and_silence(ranking):
     assert_allclose(heard.get_xdata(), rows.loc[rows["p_silent"] < 0.5, "typical_rating"])
     ends = np.array([line[:, 0] for line in artist(figure, "band90/2 mm").get_segments()])
     assert_allclose(ends, rows[["typical_rating_low", "typical_rating_high"]])
-
-
-@pytest.mark.parametrize("count", [3, 12, NAMED, 600])
-def test_names_in_the_figure_do_not_overlap(count):
-    probability = np.zeros((count, count))
-    half = count // 2
-    probability[np.arange(half), np.arange(half)] = 1.0
-    probability[half:, half:] = 1.0 / (count - half)
-    tie = np.repeat([0, 1], [half, count - half])
-    names = [f"cloth of a very long name $number {k}" for k in range(count)]
-    rating = np.linspace(3.0, 1.0, count) * np.array([0.9, 1.0, 1.1])[:, None]
-    order = Order(Indentation(1e-3), names, probability, rating, tie > 0, tie)
-    figure = ranking_figure([order], MAGNITUDE)
-    assert named_rows(count).size == (count if count <= NAMED else SOME)
-    figure.draw_without_rendering()
-    labels = artist(figure, "places/1 mm").axes.get_yticklabels()
-    boxes = [label.get_window_extent() for label in labels]
-    assert len(boxes) == named_rows(count).size
-    assert all(below.y1 <= above.y0 + 1 for above, below in itertools.pairwise(boxes))
-    assert all(box.x0 >= 0 for box in boxes)
-    words = artist(figure, "tie-words/1 mm").get_text()
-    assert words == f"{count - half} tie, silent"
-    with pytest.raises(InputError, match="no fabrics"):
-        ranking_figure([], MAGNITUDE)
 
 
 def test_observed_orders_are_read(tmp_path):

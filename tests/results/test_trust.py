@@ -177,9 +177,10 @@ def tampered(finished, here):
 def test_no_command_runs_the_code_that_a_result_names(tampered, monkeypatch):
     for words in READERS:
         refused(call(*words), f"names code, '{CODE}'", "--trust-code")
-        # trusted, but not searched for in the working directory
-        refused(call(*words, "--trust-code"), "there is no module 'evil'", "PYTHONPATH")
         assert not has_run(), words
+    # trusted, but not searched for in the working directory
+    refused(call(*READERS[0], "--trust-code"), "there is no module 'evil'", "PYTHONPATH")
+    assert not has_run()
     with monkeypatch.context() as patch:  # the control: as before there was a refusal
         patch.setattr(result_file, "require_trusted", lambda *_: None)
         call(*READERS[0])
@@ -191,10 +192,9 @@ def test_no_command_runs_the_code_that_a_result_names(tampered, monkeypatch):
     assert not [path for path in os.listdir() if path not in ("run", "evil.py", "fabrics.csv", "__pycache__")]
 
 
-@pytest.mark.parametrize("trust", [[], ["--trust-code"]])
-def test_a_working_directory_on_pythons_path_is_not_searched(tampered, trust):
+def test_a_working_directory_on_pythons_path_is_not_searched(tampered):
     """`python -m` begins its path with the working directory."""
-    words = [sys.executable, "-m", "softness_bayes", *READERS[0], *trust]
+    words = [sys.executable, "-m", "softness_bayes", *READERS[0], "--trust-code"]
     done = subprocess.run(
         words, capture_output=True, text=True, env=os.environ | {"PYTHONPATH": str(ROOT)}, check=False
     )

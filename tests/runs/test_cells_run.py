@@ -5,19 +5,17 @@ import pytest
 
 from softness_bayes.checking.checks import DEVIATIONS
 from softness_bayes.checking.sentences import residual_sentences
-from softness_bayes.data import Experiment, read_experiment, write_ratings
+from softness_bayes.data import Experiment
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import AGGREGATED
 from softness_bayes.model.build import build, raters_told
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_ratings
-from softness_bayes.plotting import FIGURES, USUAL
-from softness_bayes.plotting.data import data_of
 from softness_bayes.results.fitted import experiment_of, options_of
 from softness_bayes.results.result import Result
 from softness_bayes.touch.readings import MENDED
-from support.command_line import call, refused
+from support.command_line import call
 from support.report_runs import CLOTH, COARSE, HELD, LOADS, RATERS, cells_run
 
 
@@ -84,27 +82,6 @@ def test_the_verbs_take_a_run_on_cells(run, few_pictures, tmp_path):
     one, mean = (np.log(float(row[f"{k}_high"]) / float(row[f"{k}_low"])) for k in ("new_rater_rating", "mean_rating"))
     assert one > 2 * mean
     assert call("rank", run, "--force-n", "1").returncode == 0
-
-
-def test_figures_of_one_panel_are_drawn_with_their_data(run):
-    data = data_of(FIGURES["rating"](Result.load(run), USUAL))
-    points = data[data["element"] == "ratings"]
-    assert len(points) == len(CLOTH) * len(LOADS)
-    # one panel has no spread between raters of its own to draw
-    assert data[data["element"] == "spread"]["y"].isna().all()
-
-
-def test_tables_of_cells_go_from_simulate_to_check(tmp_path):
-    ratings = simulate_ratings(
-        np.random.default_rng(1), CLOTH, LOADS, usual_values(MENDED), participants=9, scale=AGGREGATED
-    ).ratings
-    write_ratings(tmp_path / "cells.csv", ratings, CLOTH)
-    assert read_experiment(tmp_path / "cells.csv").ratings.cells.raters == 9
-    done = call("check", "--data", tmp_path / "cells.csv", "--ratings", "aggregated")
-    assert done.returncode == 0, done.stderr
-    assert "tau           several raters: the spread of their rating scales (tau) can be estimated" in done.stdout
-    refused(call("check", "--data", tmp_path / "cells.csv"), "add --ratings aggregated")
-    refused(call("check", "--data", tmp_path / "cells.csv", "--ratings", "aggregated", "--design"), "without errors")
 
 
 @pytest.mark.parametrize(

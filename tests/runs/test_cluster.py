@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import gc
 import os
 import signal
 import subprocess
 import sys
 import time
-import weakref
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 
 import numpy as np
@@ -58,7 +56,6 @@ def test_workers_on_an_executor():
     with ThreadPoolExecutor(2) as executor, Workers(3, 4, executor) as workers:
         assert workers.map(add, tasks) == [3 + k for k in range(9)]
         assert sorted(workers.as_finished(add, tasks)) == [3 + k for k in range(9)]
-        assert workers.start(add, 5)() == 8
 
 
 def test_a_resident_is_shared_once():
@@ -109,38 +106,6 @@ def test_a_broken_executor(at_once):
         workers.map(add, [(1,)])
 
 
-def test_a_task_that_is_continued():
-    """Alone and on an executor: each result may name the task that comes next."""
-    follow = lambda found: (found,) if found < 20 else None  # noqa: E731
-    expected = [10, 11, 17, 18, 24, 25]
-    assert sorted(Workers(7, 1).as_finished(add, [(3,), (4,)], follow)) == expected
-    with ThreadPoolExecutor(2) as executor, Workers(7, 1, executor) as workers:
-        assert sorted(workers.as_finished(add, [(3,), (4,)], follow)) == expected
-
-
-def test_finished_tasks_leave_memory(monkeypatch):
-    """The two futures of a task of a cluster do not keep each other alive until a garbage collection."""
-    inner, alive = ThreadPoolExecutor(1), weakref.WeakSet()
-
-    class Client:
-        def get_executor(self, pure):
-            return self
-
-        def submit(self, alike, versions, work, /, *task):
-            alive.add(future := inner.submit(work, *task))
-            return future
-
-    monkeypatch.setattr(clusters, "_pass_on", lambda done, found: found.set_result(done.result()))
-    gc.collect()
-    gc.disable()
-    try:
-        with inner, Workers(3, 1, Executing(Client())) as workers:
-            assert workers.map(add, [(k,) for k in range(20)]) == [3 + k for k in range(20)]
-        assert len(alive) <= 1
-    finally:
-        gc.enable()
-
-
 def test_equal_data_are_sent_under_one_key():
     """Of the content, not of the object: the scheduler keeps a value that is sent again, by this or another command."""
     sent = {}
@@ -161,13 +126,6 @@ def test_equal_data_are_sent_under_one_key():
     np.testing.assert_array_equal(next(iter(sent.values()))[0], ratings)
 
 
-class Executing(clusters.Cluster):
-    """A cluster that sends no value."""
-
-    def share(self, value):
-        return value
-
-
 def test_claims_on_an_executor():
     touches = {"indentation": TOUCHES["indentation"][:2]}
     readings = {name: NAMED_READINGS[name] for name in ("mended", "hertz")}
@@ -180,7 +138,6 @@ def test_claims_on_an_executor():
 # clusters that cannot be used
 
 GOOD = Worker(versions(), True, 1)
-OTHER = GOOD._replace(versions={**versions(), "version_numpy": "1.0"})
 
 
 @pytest.mark.parametrize(
@@ -261,15 +218,7 @@ def real_cluster(tmp_path):
         process.wait()
 
 
-OLD_NUMPY = """
-import importlib.metadata as metadata
-real = metadata.version
-metadata.version = lambda name: "1.0" if name == "numpy" else real(name)
-"""
-
-
 HELD = [*(f"--fix={one}" for one in ("m=2", "tau_b=0.3", "tau_m=0.5", "varsigma_f=0.1")), "--priors", "wide"]
-FORCES = "participant,indentation_mm,force_n\n" + "".join(f"{who},{x},{x / 5}\n" for who in "AB" for x in (0.5, 1, 2))
 
 
 def own_disk(directory):
@@ -309,39 +258,6 @@ def test_workers_that_die_while_they_are_asked_are_left_out(tmp_path):
     assert {*found} == {SCHEDULER, "tcp://alive"}
     require_workers("s", found)
     assert not strangers(found)
-
-
-@pytest.mark.slow
-def test_workers_that_cannot_be_used_on_the_command_line(real_cluster, tmp_path):
-    """None, one of another version: each is named, and nothing is left in --out; with another disk, files return."""
-    file, worker = real_cluster
-    out = tmp_path / "made" / "out"
-    asked = ["calibrate", "--replicates", 1, "--dask", file, "--out"]
-    refused(call(*asked, out), "the scheduler has no workers")
-    assert not out.parent.exists()
-    (tmp_path / "site").mkdir()
-    (tmp_path / "site" / "sitecustomize.py").write_text(OLD_NUMPY)
-    process = worker(paths=[tmp_path / "site"])
-    until(lambda: "has no workers" not in (done := call(*asked, out)).stderr or done.returncode != 2)
-    refused(call(*asked, out), "worker tcp://", "has numpy 1.0 (here ")
-    assert not out.parent.exists()
-    process.kill()
-    process.wait()
-    elsewhere = tmp_path / "elsewhere"
-    elsewhere.mkdir()
-    (tmp_path / "A.csv").write_text(FORCES)
-    (tmp_path / "B.csv").write_text(FORCES)
-    (tmp_path / "list.csv").write_text("table,compression\nA,A.csv\nB,B.csv\n")
-    if prefix := own_disk(elsewhere):
-        worker(prefix=prefix)
-        asked = ["study", tmp_path / "list.csv", *HELD, "--max-steps", 50, "--seed", 5]
-        until(lambda: "has no workers" not in call(*asked, "--out", elsewhere, "--dask", file).stderr)
-        done = call(*asked, "--out", elsewhere, "--dask", file)
-        assert "not all workers can read" in done.stderr
-        assert call(*asked, "--out", tmp_path / "here").returncode == done.returncode == 3
-        for name in (f"{RUNS}/A/summary.csv", f"{RUNS}/B/summary.csv"):
-            assert (elsewhere / name).read_bytes() == (tmp_path / "here" / name).read_bytes(), name
-        assert not list(elsewhere.glob(".shared-*"))
 
 
 @pytest.mark.slow

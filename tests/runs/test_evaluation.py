@@ -11,8 +11,7 @@ from softness_bayes.model.build import build, build_skin
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.results.run_options import RunOptions
 from softness_bayes.runs.evaluation import evaluate
-from softness_bayes.runs.plate import sample_skin
-from softness_bayes.runs.run import sample
+from softness_bayes.runs.run import sample, sample_skin
 from softness_bayes.touch.scene import Discretisation
 from support.command_line import HELD
 from support.paths import DATA

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from softness_bayes.claims import evaluate_claims
-from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError
 from softness_bayes.model.build import build, build_skin
 from softness_bayes.model.fingers import finger_of
@@ -16,16 +14,9 @@ from softness_bayes.parameters.laws import Normal, Uniform
 from softness_bayes.report.page import report_page
 from softness_bayes.results.exact import exact_log_likelihood
 from softness_bayes.results.fitted import options_of
-from softness_bayes.results.result import Result
-from softness_bayes.runs.calibration_scene import CalibrationScene
-from softness_bayes.runs.replicate import replicate
 from softness_bayes.runs.run import sample
-from softness_bayes.sampler.sampling import Settings
-from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation
-from support.command_line import TOUCH, call, refused
-from support.paths import DATA
 from support.report_runs import HELD, OPTIONS, experiment, quickly
 
 LAWS = {"radius": Normal(8, 0.5), "receptor_depth": Uniform(0.5, 0.9)}
@@ -66,19 +57,6 @@ def test_predictions_use_the_sampled_values(result):
     assert_allclose(table["contact_radius_mm"][held], np.sqrt(2.0 * radius), rtol=5e-3)
 
 
-def test_a_saved_run_keeps_them(result, tmp_path):
-    result.save(tmp_path / "run")
-    again = Result.load(tmp_path / "run")
-    assert_allclose(again.summary().loc["radius", "mean"], result.summary().loc["radius", "mean"])
-    # as many draws as above, whose stress fields are made
-    assert_allclose(again.predict(draws=2000)["total_rate_hz"], result.predict(draws=2000)["total_rate_hz"])
-
-
-def test_a_run_that_does_not_use_them_does_not_know_them(held_model):
-    assert not {"radius", "receptor_depth"} & {*held_model.posterior.names, *held_model.posterior.space.held}
-    assert held_model.scene.finger_box is None
-
-
 @pytest.mark.parametrize(
     "names",
     [
@@ -113,17 +91,6 @@ def test_the_exactness_check_has_the_fingers_of_the_draws(rng):
     assert_allclose(posterior.log_likelihood(theta), exact, atol=0.05)
 
 
-def test_calibration_draws_them_from_the_prior():
-    cloth = Fabrics(tuple("abc"), effective_modulus=np.geomspace(5e4, 1e6, 3))
-    scene = CalibrationScene(cloth, (Indentation(2e-3),), participants=3)
-    with quickly():
-        model = scene.model(ModelOptions(fix=HELD, discretisation=Discretisation(6, 7.0, 1e-3), priors=LAWS))
-        one = replicate(model.posterior, Settings(ensembles=2, max_steps=20, processes=1), 1, 0)
-    truth = dict(zip(one.names, one.truth, strict=True))
-    assert 0.5 < truth["receptor_depth"] < 0.9
-    assert truth["radius"] != 8.0
-
-
 # what is refused
 
 
@@ -147,15 +114,3 @@ def test_forces_of_a_plate_are_those_of_one_radius():
         fix=HELD, discretisation=Discretisation(6, 7.0, 1e-2), priors={"receptor_depth": LAWS["receptor_depth"]}
     )
     assert "receptor_depth" in build(rated, options).posterior.names
-
-
-def test_claims_are_judged_on_one_finger():
-    with pytest.raises(InputError, match="radius: claims are tested on one finger"):
-        evaluate_claims(priors={"radius": LAWS["radius"]})
-
-
-def test_a_value_is_given_by_the_finger(tmp_path):
-    refused(
-        call("simulate", "--out", tmp_path / "made", "--fabrics", DATA / "fabrics.csv", *TOUCH, "--set", "radius=8"),
-        "--finger radius_mm=VALUE",
-    )

@@ -28,8 +28,6 @@ from softness_bayes.touch.finger_grid import FingerGrid
 from softness_bayes.touch.fingers import FingerFamily
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation
-from support.command_line import call
-from support.paths import DATA
 from support.report_runs import OPTIONS, experiment, quickly
 
 
@@ -128,23 +126,6 @@ def test_two_raters_and_two_fabrics_agree_with_quadrature():
         assert_allclose(usual.log_likelihood(theta), found, rtol=0, atol=2e-4)
 
 
-def test_fingers_of_pressed_raters_are_those_of_the_scene():
-    """What the family interpolates for people who were pressed, against the scene asked for each of their fingers."""
-    with quickly():
-        posterior = build(pressed_too(), ModelOptions(fix=OPTIONS["fix"], individual=("b",))).posterior
-        theta = posterior.space.draw_prior(np.random.default_rng(4), 12)
-        observed, touch, scene = posterior.observation, posterior.space.touch(theta), posterior.scene
-        size, width = observed.model.grid.size, observed.design.n_conditions
-        assert [*observed.pressed.rater] == [2, 4]
-        own = posterior.response(theta)[:, -2 * size * width :].reshape(len(theta), 2, size, width)
-        law = observed.pressed.skins(("b",), posterior.rating_parameters(theta))
-        for person in range(2):
-            for finger in range(0, size, 4):
-                away = law.log_b[:, person] + law.b_by_b[:, person] * observed.model.grid.z["b"][finger]
-                rate = scene.total_rate(touch._replace(b=touch.b * np.exp(away))) / scene.n_receptors
-                assert_allclose(np.log(own[:, person, finger] + 0.1), np.log(rate + 0.1), rtol=0, atol=5e-3)
-
-
 def test_the_notes_say_who_was_pressed():
     whole, alike = pressed_too(), ModelOptions(individual=("b",))
     assert people_note(experiment(), alike) is None
@@ -196,10 +177,3 @@ def test_spreads_of_nothing_give_the_usual_likelihood():
         assert plausible.sum() > 5
         assert_allclose(found[plausible], expected[plausible], rtol=0, atol=1e-3)
         assert_allclose(found, expected, rtol=1e-5, atol=0)
-
-
-def test_the_command_line_refuses_other_names(tmp_path):
-    refused = call("sample", "--data", DATA / "ratings.csv", "--individual", "b,alpha", "--out", tmp_path / "no")
-    assert refused.returncode == 2
-    assert "expected some of b, m, sigma_0" in refused.stderr
-    assert not (tmp_path / "no").exists()

@@ -15,10 +15,12 @@ from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.model import build
 from softness_bayes.plotting import FIGURES, USUAL
 from softness_bayes.results import predictions
+from softness_bayes.results.fitted import experiment_of, options_of
 from softness_bayes.results.request import Request
 from softness_bayes.runs.run import sample
 from softness_bayes.touch.contact import Force
 from softness_bayes.touch.load_groups import groups_of
+from softness_bayes.touch.parameters import TouchParameters
 from support.report_runs import CLOTH, OPTIONS, quickly
 
 MEANT, TOUCHES = (0.5, 1.0, 2.0), 8
@@ -86,6 +88,20 @@ def test_what_is_said_names_groups_and_no_single_load(run, tmp_path, capsys):
     assert not [load for load in single if re.search(rf"(?<![\d.]){re.escape(load)}", said)]
     shifts = [name for name in result.tables[MODULUS_ERRORS].index if "turning point" in name]
     assert shifts == [f"turning point at {name}" for name in names]
+
+
+def test_a_group_is_shown_as_its_middle_load_among_curves_of_every_load(run):
+    result, _ = run
+    with quickly():
+        posterior = build.build(experiment_of(result), options_of(result)).posterior
+    drawn, at = result.group("predictions").isel(chain=0, draw=slice(5)), result.load_groups.at
+    theta = np.stack([drawn[f"at_{name}"].values for name in posterior.names], axis=-1)
+    touch = TouchParameters(*(np.broadcast_to(value, 5) for value in posterior.space.touch(theta)))
+    every = inflection.response_curves(inflection.curve_scene(posterior.scene), touch).total_rate
+    assert every.shape[1] == len(result.loads)
+    shown = result.curves().total_rate[:5]
+    np.testing.assert_allclose(every[:, at], shown, rtol=1e-5)
+    assert not np.allclose(every[:, at - 1], shown, rtol=1e-3)  # control: another load of the group
 
 
 @pytest.mark.parametrize("name", ["response", "rating_ratio", "inflection"])

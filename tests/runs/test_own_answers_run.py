@@ -11,7 +11,6 @@ from softness_bayes.checking.checks import NOISE
 from softness_bayes.checking.individual import POPULATION
 from softness_bayes.checking.sentences import residual_sentences
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.directions import FREE
 from softness_bayes.likelihood.error_laws import STUDENT
 from softness_bayes.likelihood.scales import STANDARDISED
 from softness_bayes.model.build import build
@@ -103,33 +102,6 @@ def test_they_combine_with_zeros_heavy_tails_and_deviations_of_fabrics():
         assert "ratings of 0 are censored" in model.interpretation.note
         assert {"tau_gamma", "omega", "nu"} <= {*posterior.names}
         theta = posterior.space.draw_prior(np.random.default_rng(2), 3)
-        assert np.isfinite(posterior.log_likelihood(theta)).all()
-
-
-@pytest.mark.slow
-def test_a_run_of_all_of_them(few_pictures, tmp_path):
-    with quickly():
-        result = sample(with_zeros(), **OPTIONS | {"max_steps": 20}, **COMBINED)
-    posterior = result.group("posterior")
-    assert {"rater_log_gamma", "fabric_effect", "tau_gamma", "omega", "nu"} <= {*posterior.data_vars}
-    assert "rater_log_varsigma" not in posterior
-    result.save(tmp_path / "run")
-    again = Result.load(tmp_path / "run")
-    assert {name for _, name in again.answers.index} == {"gamma"}
-    with quickly():
-        table = again.predict(draws=20)
-        again.rank(draws=20)
-    assert (table["new_rater_rating_high"] > table["typical_rating_high"]).all()
-    assert "--individual gamma" in report_page(again)
-
-
-def test_the_direction_may_be_inferred_beside_them():
-    options = ModelOptions(fix=OPTIONS["fix"], individual=("gamma",), direction=FREE)
-    with quickly():
-        posterior = build(experiment(), options).posterior
-        theta = posterior.space.draw_prior(np.random.default_rng(2), 40)
-        sign = np.sign(theta[:, posterior.names.index("gamma")])
-        assert {*sign} == {-1.0, 1.0}
         assert np.isfinite(posterior.log_likelihood(theta)).all()
 
 

@@ -4,7 +4,6 @@ import sys
 from dataclasses import replace
 from importlib.metadata import EntryPoint
 
-import numpy as np
 import pytest
 
 from softness_bayes import supplied
@@ -17,7 +16,6 @@ from softness_bayes.report.repeat import repetition
 from softness_bayes.results.result import Result
 from softness_bayes.runs.run import sample
 from softness_bayes.sampler import sampling
-from softness_bayes.supplied import reference
 from softness_bayes.touch.contact import DISPLACEMENT
 from softness_bayes.touch.readings import Readings, alternative
 from softness_bayes.touch.stress import HERTZ
@@ -85,25 +83,6 @@ def test_a_run_with_values_of_ones_own_is_continued(own_run):
         sample(experiment(), other, checkpoint=checkpoint, **options)
 
 
-@pytest.mark.slow
-def test_a_whole_study_with_values_of_ones_own_at_the_command_line(tmp_path):
-    few_ratings(tmp_path)
-    held = [word for pair in zip(FIXED[::2], FIXED[1::2], strict=True) if "b=80" not in pair for word in pair]
-    own = [word for place, name in NAMED.items() for word in ("--reading", f"{place}={name}")]
-    own += ["--prior", f"b={OWN}:Gamma(4,0.05)", "--figure", f"{OWN}:b_sorted"]
-    quick = [word for word in QUICK if word != "--no-figures"]
-    for out, given in (("own", own), ("plain", [])):
-        done = call("sample", "--data", "ratings.csv", "--out", out, *held, *given, *quick, cwd=tmp_path)
-        assert done.returncode == 3, done.stderr
-    assert (tmp_path / "own" / "figures" / "b_sorted.png").exists()
-    done = call("compare", "own", "plain", cwd=tmp_path)
-    assert NAMED["pressure"] in done.stdout, done.stderr
-    done = call("resume", "own", "--more-steps", "2", "--processes", "1", cwd=tmp_path)
-    assert done.returncode == 3, done.stderr
-    done = call("report", "own", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-
-
 @pytest.fixture(scope="module")
 def modelled_run(tmp_path_factory):
     """A run on an observation model of one's own."""
@@ -124,30 +103,6 @@ def test_an_observation_model_of_ones_own_passes_through_later_commands(modelled
     assert done.returncode == 0, done.stderr
     assert "typical_rating" in done.stdout
     assert f"--ratings {OWN}:AGREEMENT" in repetition(result).commands[0]
-
-
-@pytest.mark.slow
-def test_a_study_of_an_observation_model_of_ones_own_at_the_command_line(tmp_path):
-    few_ratings(tmp_path)
-    text = (tmp_path / "ratings.csv").read_text().splitlines()
-    column = text[0].split(",").index("rating")
-    rows = [row.split(",") for row in text[1:]]
-    scores = np.log([float(row[column]) for row in rows])
-    scores = (scores - scores.mean()) / scores.std()
-    made = [[*row[:column], f"{y:.3f}", *row[column + 1 :]] for row, y in zip(rows, scores, strict=True)]
-    (tmp_path / "ratings.csv").write_text("\n".join([text[0], *(",".join(row) for row in made)]) + "\n")
-    held = [w for pair in zip(FIXED[::2], FIXED[1::2], strict=True) for w in pair]
-    held = [w for k, w in enumerate(held) if not any(n in held[k | 1] for n in ("tau=", "eps="))]
-    given = ["--ratings", f"{OWN}:AGREEMENT", *held]
-    done = call("sample", "--data", "ratings.csv", "--out", "own", *given, *QUICK, cwd=tmp_path)
-    assert done.returncode == 3, done.stderr
-    for verb in (["resume", "own", "--more-steps", "2", "--no-figures"], ["report", "own"], ["plot", "own"]):
-        done = call(*verb, cwd=tmp_path)
-        assert done.returncode in (0, 3), done.stderr
-    assert f"--ratings {OWN}:AGREEMENT" in (tmp_path / "own" / "report.html").read_text(encoding="utf-8")
-
-
-LOCAL = replace(HERTZ, name="mine")
 
 
 @pytest.mark.parametrize(
@@ -270,10 +225,3 @@ def test_a_membrane_of_an_installed_package_passes_through_every_verb(own_packag
         sys.path.remove(str(own_package))
         sys.modules.pop("leaks")
         refused(call("predict", "--posterior", "own", *touch, cwd=tmp_path), "there is no module 'leaks'")
-
-
-def test_names_lead_back_to_values():
-    assert reference(MILD) == f"{OWN}:MILD"
-    assert reference(Gamma) == f"{OWN}:Gamma"
-    assert reference(LOCAL) == f"{__name__}:LOCAL"
-    assert reference(np.array(3.0)) is None

@@ -22,8 +22,7 @@ from softness_bayes.parameters.laws import LogNormal
 from softness_bayes.plotting import FIGURES, USUAL, figures_of
 from softness_bayes.results.result import Result
 from softness_bayes.results.run_options import RunOptions
-from softness_bayes.runs.plate import WIDE, sample_skin
-from softness_bayes.runs.run import sample
+from softness_bayes.runs.run import WIDE, sample, sample_skin
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import MENDED
@@ -318,18 +317,6 @@ def test_a_run_from_the_command_line(tmp_path):
         call("predict", "--fabrics", DATA / "fabrics.csv", "--force-n", "1", "--posterior", tmp_path / "skin"),
         "this run has no ratings",
     )
-
-
-def test_check_says_what_was_understood():
-    done = call("check", "--compression", DATA / "compression.csv")
-    assert done.returncode == 0
-    force = Compression.read(DATA / "compression.csv").force
-    assert f"32, from {force.min():.3g} to {force.max():.3g} N; 0 rows with a force of 0 left out" in done.stdout
-    assert "8 (F1 … F8), 4 forces each" in done.stdout
-    done = call("check", "--data", DATA / "ratings.csv", "--compression", DATA / "compression.csv")
-    assert done.returncode == 0
-    assert "fingers" in done.stdout
-    assert "participants" in done.stdout
 
 
 @pytest.mark.parametrize(

@@ -55,16 +55,6 @@ def test_ratings_are_kept_as_filed_and_as_they_are_understood(results, given, tm
     assert "of 0 are censored: they count as numbers below" in loaded.provenance.rating_model.rating_note
 
 
-def test_both_directions_are_weighed(results):
-    said = results["normal"].provenance.direction
-    assert 0.0 <= said.direction_rises <= 1.0
-    assert said.sign in (-1.0, 1.0)
-    assert said.said.startswith("direction: ratings rise with firing with probability")
-    assert results["exact"].provenance.direction.said == ""
-    prior = results["normal"].provenance.priors["gamma"]
-    assert str(prior).startswith("±")
-
-
 def test_laws_are_compared_on_the_same_probabilities(results):
     """Interval probabilities of both laws; densities of exact numbers are refused beside them."""
     laws = {name: results[name] for name in ("normal", "student")}

@@ -8,10 +8,8 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-import xarray as xr
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import halfnorm, kstest, lognorm, multivariate_normal, norm
-from threadpoolctl import threadpool_info, threadpool_limits
 
 from softness_bayes import arviz_bridge
 from softness_bayes.checking.inflection import curve_scene
@@ -32,7 +30,7 @@ from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
 from softness_bayes.results.result_file import SCHEMA
 from softness_bayes.results.run_options import RunOptions
-from softness_bayes.runs.run import sample, sample_model
+from softness_bayes.runs.run import sample
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch import scene
 from softness_bayes.touch.contact import Finger, Force, Indentation
@@ -48,7 +46,6 @@ CLOTH = Fabrics(("felt", "lawn", "drill", "gauze"), effective_modulus=np.array([
 LOADS = (Indentation(2e-3), Force(1.5))
 HELD = {"m": 2.0, "beta": 0.6, "c_Na": 1.05, "c_K": 1.16, "c_L": 1.0, "c_A": 1.5}
 SAMPLED = ["b", "alpha", "sigma_0", "gamma", "tau", "varsigma", "eps"]
-UNITS = {"b": "kPa", "m": "–", "alpha": "µA/cm²", "beta": "1/kPa", "sigma_0": "kPa", "eps": "Hz"}
 PRIORS = {
     "b": lognorm(0.5, scale=100),
     "alpha": lognorm(0.1, scale=20.3),
@@ -109,19 +106,6 @@ def theta_of(dataset, prefix=""):
     return np.stack([dataset[prefix + name].values for name in SAMPLED], axis=-1)
 
 
-def test_everything_after_the_draws_is_made_on_one_thread(experiment, options):
-    """On two busy cores the tables took 7.7 s of processor time with two threads, and 0.5 s with one."""
-    model, found = build(experiment, options.model), {}
-
-    def listener(stage):
-        found[stage] = max(library["num_threads"] for library in threadpool_info())
-
-    with threadpool_limits(2):
-        sample_model(model, dataclasses.replace(options.run, quick=True), listener=listener)
-    assert found
-    assert set(found.values()) == {1}
-
-
 # what the file holds
 
 
@@ -171,16 +155,6 @@ def test_dimensions_and_coordinates(result):
     assert rate.dims == ("chain", "draw", "load", "e_fab_kpa")
     assert rate["load"].values.tolist() == ["2 mm", "1.5 N"]
     assert_allclose(rate["e_fab_kpa"].values[[0, -1]], [2, 4000])  # a tenth of 20, ten times 400 kPa
-
-
-def test_units(result):
-    for group in ("posterior", "prior", "constant_data"):
-        for name, variable in result.group(group).data_vars.items():
-            if name in UNITS:
-                assert variable.attrs["units"] == UNITS[name], (group, name)
-    units = {"total_rate": "Hz", "inflection_e_fab_kpa": "kPa", "inflection_force_n": "N", "e_skin_kpa": "kPa"}
-    for name, unit in units.items():
-        assert result.group("predictions")[name].attrs["units"] == unit
 
 
 def test_the_data_are_in_the_file(result, experiment):
@@ -489,31 +463,6 @@ def test_values_name_every_parameter(result):
     assert {*zip(values["b"].tolist(), values["mu"].tolist(), strict=True)} <= pairs
 
 
-def test_results_that_cannot_be_read(result, directory, tmp_path):
-    with pytest.raises(InputError, match="no such file"):
-        Result.load(tmp_path)
-    (tmp_path / "posterior.nc").write_text("not a file of this kind")
-    with pytest.raises(InputError, match="not a readable result"):
-        Result.load(tmp_path)
-    xr.Dataset({"b": 1.0}).to_netcdf(tmp_path / "posterior.nc", engine="h5netcdf")
-    with pytest.raises(InputError, match="not a result of softness-bayes"):
-        Result.load(tmp_path)
-    newer = result.tree.copy()
-    newer.attrs["schema_version"] = SCHEMA + 1
-    arviz_bridge.write_netcdf(newer, tmp_path / "posterior.nc")
-    with pytest.raises(InputError, match=f"schema {SCHEMA + 1} is newer than {SCHEMA}"):
-        Result.load(tmp_path)
-    older = result.tree.copy()
-    older.attrs["schema_version"] = 1  # which had no tables of its own
-    arviz_bridge.write_netcdf(older, tmp_path / "posterior.nc")
-    with pytest.raises(InputError, match=r"summary\.csv: no such file"):
-        Result.load(tmp_path)
-    (tmp_path / "posterior.nc").write_bytes((directory / "posterior.nc").read_bytes())
-    pd.testing.assert_frame_equal(Result.load(tmp_path).table, result.table, check_exact=True)
-    with pytest.raises(InputError, match="no group 'nonsense'; it has posterior"):
-        result.group("nonsense")
-
-
 def test_a_directory_that_holds_something_is_refused(tmp_path):
     fresh = tmp_path / "a" / "b"
     require_vacant(fresh, replace=False)
@@ -636,17 +585,6 @@ def test_the_multipliers_of_hodgkin_and_huxley_are_sampled_but_for_the_current_i
         build(
             experiment, ModelOptions(readings=MENDED.override({"membrane": "printed"}), discretisation=Discretisation())
         )
-
-
-@pytest.mark.slow
-def test_a_run_over_the_multipliers_of_hodgkin_and_huxley_converges(experiment):
-    found = sample(
-        experiment,
-        ModelOptions(readings=MENDED.override({"membrane": "hodgkin-huxley"}), discretisation=Discretisation()),
-        RunOptions(),
-    )
-    assert found.attributes["converged"]
-    assert found.attributes["exactness_sd"] < 0.05
 
 
 def test_multipliers_beyond_the_surface_and_noise_with_free_ones_are_refused(experiment):

@@ -21,10 +21,8 @@ from softness_bayes.model.simulation import simulate_compression
 from softness_bayes.report.repeat import repetition
 from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
-from softness_bayes.runs import plate as skin
 from softness_bayes.runs import run
-from softness_bayes.runs.plate import sample_skin
-from softness_bayes.runs.run import requested, sample
+from softness_bayes.runs.run import requested, sample, sample_skin
 from softness_bayes.touch.readings import MENDED
 from support.command_line import call
 from support.paths import DATA
@@ -78,18 +76,17 @@ def test_a_run_of_a_large_seed_is_stored_and_repeated(tmp_path):
 def test_a_seed_is_stored_as_a_number_while_it_is_one_of_64_bits():
     with quickly():
         asked = Request().with_options(**OPTIONS)
-        density = build(experiment(), asked.model).posterior
+        model = build(experiment(), asked.model)
     for seed in (3, np.int64(3), 2**63 - 1):
-        assert requested(density, asked.with_options(seed=seed))["seed"] is seed
-    assert requested(density, asked.with_options(seed=2**63))["seed"] == str(2**63)
+        assert requested(model, asked.with_options(seed=seed).run)["seed"] == seed
+    assert requested(model, asked.with_options(seed=2**63).run)["seed"] == str(2**63)
 
 
 def test_nothing_is_computed_or_left_of_a_run_that_could_not_be_stored(tmp_path, monkeypatch):
     def never(*_):
         raise AssertionError("walked")
 
-    for module in (run, skin):
-        monkeypatch.setattr(module, "walked", never)
+    monkeypatch.setattr(run, "walked", never)
     data = experiment()
     named = replace(data.ratings, participants=("A\0", *data.ratings.participants[1:]))
     fabrics = replace(data.ratings, fabrics=("A\0", *data.ratings.fabrics[1:]))

@@ -18,7 +18,6 @@ from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.cli.study import _end
 from softness_bayes.data.lists import Listed, list_tables
 from softness_bayes.errors import InputError, LockedError, NotConvergedError, NumericalError
-from softness_bayes.files.asked import ASKED, write_asked
 from softness_bayes.files.lock import Lock
 from softness_bayes.files.run_files import CHECKPOINT, POSTERIOR, RUNS
 from softness_bayes.model.build import build_skin
@@ -28,11 +27,12 @@ from softness_bayes.model.simulation import simulate_compression
 from softness_bayes.parameters.declared import PRIOR_SETS
 from softness_bayes.parameters.laws import HalfNormal, LogNormal, Uniform
 from softness_bayes.results.result import Result
-from softness_bayes.runs import table_fit
-from softness_bayes.runs.plate import sample_skin
+from softness_bayes.runs import table_fits
+from softness_bayes.runs.batch import ASKED, LOCK, write_asked
 from softness_bayes.runs.population import pool_results, population_of
-from softness_bayes.runs.study import LOCK, MADE, Study, study
-from softness_bayes.runs.table_fit import CONVERGED, REFUSED, UNCONVERGED, TableOutcome, seed_of
+from softness_bayes.runs.run import sample_skin
+from softness_bayes.runs.study import MADE, Study, study
+from softness_bayes.runs.table_fits import CONVERGED, REFUSED, UNCONVERGED, TableOutcome, seed_of
 from softness_bayes.touch.contact import STRAIN
 from softness_bayes.touch.readings import MENDED
 from support.command_line import FIXED, call, few_ratings, refused
@@ -113,7 +113,7 @@ def test_tables_figure_and_report(done):
 
 
 def test_a_finished_study_runs_nothing_again(done, monkeypatch):
-    monkeypatch.setattr(table_fit, "sample_kept", None)
+    monkeypatch.setattr(table_fits, "sample_kept", None)
     again = study(TABLES, done.directory, OPTIONS, **LIMITED)
     assert again.population.equals(done.population)
 

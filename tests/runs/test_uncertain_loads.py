@@ -120,21 +120,6 @@ def test_the_command_line_simulates_samples_and_resumes(tmp_path, brief_pilot, m
     assert Result.load(home).provenance.ending.steps == 40
 
 
-def test_an_error_that_a_load_shares_goes_through_a_run(few_pictures, tmp_path):
-    with quickly():
-        result = sample(experiment(), **OPTIONS, shared_load_cv=0.05)
-        table = result.predict(draws=20)
-    assert (table["new_rater_rating_high"] > table["typical_rating_high"]).all()
-    assert result.said_of_loads() == (
-        "loads: the model includes a relative error of 0.05 of each load, shared by all its ratings"
-    )
-    assert "--shared-load-cv 0.05" in report_page(result)
-    assert np.isfinite(result.group("log_likelihood_loo")["rating"].values).all()
-    assert np.isfinite(result.provenance.findings[ALONG].p_value)
-    result.save(tmp_path / "run")
-    assert options_of(Result.load(tmp_path / "run")).shared_load_cv == 0.05
-
-
 def test_a_shared_error_that_is_too_large_is_refused(tmp_path):
     ended = call("sample", "--data", DATA / "ratings.csv", "--shared-load-cv", "0.2", "--out", tmp_path / "run")
     assert ended.returncode == 2

@@ -1,26 +1,23 @@
 """Runs on moduli that are not known exactly, from the data to the files, the report and the command line."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from scipy.stats import kstest
 
 from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError
 from softness_bayes.model.build import build
 from softness_bayes.parameters.laws import LogNormal
-from softness_bayes.plotting.figures import FIGURES, drawn, figures_of
+from softness_bayes.plotting.figures import FIGURES
 from softness_bayes.plotting.style import USUAL
-from softness_bayes.report.conclusion import conclude, facts_of
 from softness_bayes.report.page import report_page
 from softness_bayes.results.fitted import Fitted, experiment_of, options_of
 from softness_bayes.results.result import Result
-from softness_bayes.runs.drawing import FIRST_FIGURES, _needed
 from softness_bayes.runs.run import sample
-from support.command_line import FIXED, QUICK, call, few_ratings
+from support.command_line import call
 from support.paths import DATA
 from support.report_runs import CLOTH, OPTIONS, experiment, quickly
 
@@ -45,13 +42,6 @@ def result(few_pictures):
     unknown = LogNormal(150, 1.5)
     with quickly():
         return sample(rated(), **OPTIONS, unknown_modulus=unknown)
-
-
-def test_the_figures_of_a_run_have_the_moduli_without_the_other_draws(result):
-    """A run sends a figure only what it needs: then it shows the same as with the whole result."""
-    for name in set(figures_of(result)) & {"predictive_checks", *FIRST_FIGURES}:
-        sent = replace(result, tree=_needed(result.tree, name))
-        assert drawn(sent, name, ("csv",)) == drawn(result, name, ("csv",)), name
 
 
 def test_predicted_ratings_have_the_posterior_of_the_moduli(result):
@@ -166,35 +156,6 @@ def test_sentences_and_page_say_what_became_of_the_moduli(result):
     assert any(line.startswith("moduli: ") for line in result.said_of_moduli())
     assert not result.moduli_assumed
     assert "Would errors of the fabrics" in report_page(result)
-
-
-def test_moduli_that_are_merely_assumed_to_be_exact_are_never_beyond_doubt(report_run):
-    result = report_run("ratings")
-    assert result.moduli is None
-    assert result.moduli_assumed
-    assert {"b", "turning point at 2 mm"} <= {*result.tables["modulus_errors"].index}
-    facts = facts_of(result)._replace(converged=True, unreproduced=(), turns=())
-    if facts.moved is not None:
-        assert conclude(facts).trust.startswith("With care")
-    with quickly():
-        said = sample(experiment(), **OPTIONS, modulus_cv=0.0)
-    assert not said.moduli_assumed
-    assert facts_of(said).moved is None
-    # the same draws: only what is said of them differs
-    assert_array_equal(said.group("posterior")["b"].values, result.group("posterior")["b"].values)
-
-
-def test_the_command_line_samples_and_resumes_with_errors(tmp_path, brief_pilot):
-    home = tmp_path / "run"
-    few_ratings(tmp_path)
-    ended = call("sample", "--data", tmp_path / "ratings.csv", "--modulus-cv", "0.15", *QUICK, *FIXED, "--out", home)
-    assert ended.returncode == 3
-    assert "fabric moduli: the ratings narrow" in ended.stdout
-    options = json.loads(str(Result.load(home).attributes["options"]))
-    assert options["modulus_cv"] == 0.15
-    more = call("resume", home, "--more-steps", "20")
-    assert more.returncode == 3
-    assert Result.load(home).provenance.ending.steps == 40
 
 
 @pytest.mark.parametrize(

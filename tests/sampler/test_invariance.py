@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from emcee.moves import DESnookerMove
 
-from softness_bayes.sampler.autocorrelation import autocorrelation_time
+from softness_bayes.sampler.chain_statistics import autocorrelation_time
 from softness_bayes.sampler.moves import MOVES, DifferentialEvolution
 from softness_bayes.sampler.sampling import Settings, sample_until
 

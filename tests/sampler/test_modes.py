@@ -1,21 +1,18 @@
 """Separate modes: a run ends with their masses right, or not converged; never converged and wrong."""
 
 import hashlib
-from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import binom
 
-from softness_bayes.checkpoints.records import unpacked
 from softness_bayes.checkpoints.status import present_status
-from softness_bayes.checkpoints.stored_state import state_file, state_of
+from softness_bayes.checkpoints.stored_state import state_file, state_of, unpacked
 from softness_bayes.sampler.adaptation import TriangularMap
-from softness_bayes.sampler.diagnostics import ModeShare, Starts
+from softness_bayes.sampler.diagnostics import Starts
 from softness_bayes.sampler.modes import labels, learn_modes
 from softness_bayes.sampler.moves import Mode, Student, StudentModes
 from softness_bayes.sampler.sampling import walk
-from softness_bayes.sampler.starts import Optimum, find_optimum, separate, worth_starting_from
+from softness_bayes.sampler.starts import Optimum, separate, worth_starting_from
 from support.several_modes import (
     DIMENSION,
     FAR,
@@ -26,7 +23,6 @@ from support.several_modes import (
     narrow_and_wide,
     narrow_within_wide,
     normal,
-    one_mode,
     settings,
 )
 
@@ -97,26 +93,6 @@ def test_modes_that_no_move_joins_are_not_converged(target):
     assert verdict.tau[DIMENSION + 1 :].max() > verdict.kept / 2  # of the modes' shares
 
 
-def test_one_mode_is_walked_on_as_if_there_were_no_others():
-    """The map is that of all draws, the proposals are those about the origin."""
-    *_, state = walk(one_mode(), settings(max_steps=100), 1)
-    assert (state.modes, state.starts) == ((), Starts(8, 0, 1))
-    assert not state.verdict.shares
-    said = "All 8 optimisations from prior draws led to one mode; a mode that fewer than 31 % of optimisations reach "
-    said += "may have been missed."
-    assert state.verdict.sentence().endswith(said)
-    assert binom.pmf(0, 8, state.starts.missed) == pytest.approx(0.05)
-    # climbs that ended nowhere say nothing of modes; draws in none of the modes are not counted as if there were some
-    other = replace(state.verdict, starts=Starts(8, 2, 1))
-    assert "6 of 8 optimisations from prior draws led to one mode, the others to negligible mass" in other.sentence()
-    shares = (ModeShare(1.0, 0.0), ModeShare(0.0, 0.0))
-    assert (
-        replace(other, shares=shares)
-        .sentence()
-        .endswith("All draws are in one mode; 1 more, found by optimisation from prior draws, contains none.")
-    )
-
-
 def test_a_run_with_modes_goes_on_bit_by_bit_from_what_a_checkpoint_holds(tmp_path):
     target = narrow_and_wide(0.5)
     limits = {"pilot": (20, 30), "round_steps": 20, "max_steps": 60, "ensembles": 2, "relearning": 0}
@@ -147,16 +123,6 @@ def test_optima_are_ranked_by_mass():
     # negative control: by height alone the broad one is worthless beside a peak that is this much higher
     higher = optimum([0, 0], 25.0, 1e-6)
     assert worth_starting_from([[higher, broad]]) == [[higher, broad]]
-
-
-def test_climbs_from_any_draw_reach_modes_that_those_from_the_best_draw_miss():
-    target = narrow_and_wide(0.5)
-    climbs = {
-        best: [find_optimum(target, np.random.default_rng(seed), best).point.mean() < 1 for seed in range(12)]
-        for best in (True, False)
-    }
-    assert sum(climbs[True]) in (0, 12)
-    assert 2 <= sum(climbs[False]) <= 10
 
 
 def test_optima_are_one_mode_if_nothing_parts_them():

@@ -89,14 +89,6 @@ def test_an_error_at_some_points_is_a_failure_of_those_alone():
         watching(lambda target: {}["nothing"], Raising(np.nan))
 
 
-def test_a_few_failures_are_always_allowed():
-    assert Nonfinite(10, 5).share < 1e-3
-    assert Nonfinite(10, 50).share > 1e-3
-    assert Nonfinite(10**6, 500).share < 1e-3 < Nonfinite(10**5, 500).share
-    total = Nonfinite(5, 1, (Failure((0.0,), "a"),)) + Nonfinite(7, 2, (Failure((1.0,), "b"),) * KEPT)
-    assert (total.evaluations, total.count, len(total.failures)) == (12, 3, KEPT)
-
-
 class Broken(FakeScene):
     """No number where b > 1e5."""
 

@@ -1,12 +1,11 @@
 """Monte-Carlo errors of shares and quantiles against their spread over runs, and the table that carries them."""
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from oracles.autoregressive import autoregressive
-from softness_bayes.checking.inflection import CurveShape, Inflection, turning_table, with_errors
-from softness_bayes.sampler.precision import effective_size, quantile, share
+from softness_bayes.checking.inflection import CurveShape, Inflection, turning_table
+from softness_bayes.sampler.chain_statistics import effective_size, quantile, share
 
 ENSEMBLES, STEPS, WALKERS = 2, 60, 20
 
@@ -88,8 +87,3 @@ def test_the_table_is_made_of_the_draws(rng):
         assert row["p_interior_mcse"] == pytest.approx(np.sqrt(0.25 / (chains * draws)), rel=0.3)
     # without draws of the prior it says nothing of it
     assert turning_table(turn, ["1 mm", "2 mm"])["prior_p_interior"].isna().all()
-
-
-def test_a_number_of_one_draw_is_not_printed_with_an_error_of_none():
-    table = pd.DataFrame({"e_fab_kpa": [888.0, 632.0, np.nan], "e_fab_kpa_mcse": [0.0, 1.2, np.nan]})
-    assert with_errors(table, ["e_fab_kpa"])["e_fab_kpa"].tolist() == ["–", "632 ± 1", "–"]

@@ -155,17 +155,6 @@ def test_limits_end_a_run_that_has_not_converged():
     assert sample_until(Target(normal), hurried, 1).verdict.steps == 20
 
 
-def test_long_runs_are_stored_ever_more_coarsely():
-    settings = {**vars(SHORT), "max_steps": 500, "goal": Goal(lengths=1e9), "relearning": 0}
-    fine = sample_until(Target(normal), Settings(**settings), 1).chains
-    coarse = sample_until(Target(normal), Settings(**{**settings, "stored": 100}), 1).chains
-    assert (fine.stride, coarse.stride) == (1, 8)
-    assert coarse.steps == coarse.stride * coarse.coordinates.shape[1]
-    assert 50 <= coarse.coordinates.shape[1] <= 110
-    same = fine.coordinates[:, coarse.stride - 1 :: coarse.stride][:, : coarse.coordinates.shape[1]]
-    np.testing.assert_array_equal(coarse.coordinates, same)
-
-
 @pytest.mark.parametrize(("numbers", "least"), [(100 * 2 * 12 * 3, 1), (1, 100)])
 def test_runs_of_many_walkers_and_parameters_are_stored_more_coarsely_too(numbers, least, monkeypatch):
     settings = {**vars(SHORT), "max_steps": 500, "goal": Goal(lengths=1e9), "relearning": 0}
@@ -266,23 +255,6 @@ def test_a_slow_walk_becomes_one_more_stage_of_the_pilot():
     np.testing.assert_array_equal(resumed.chains.coordinates, states[-1].chains.coordinates)
 
 
-@pytest.mark.parametrize(("lengths", "again"), [(20.0, True), (40.0, False)])
-def test_a_growing_time_costs_a_run_its_draws_before_half_of_the_goal_alone(lengths, again):
-    settings = Settings(ensembles=2, walkers=12, pilot=(50,), round_steps=20, max_steps=60, processes=1)
-    *_, state = walk(Target(normal), settings, 1)
-    tau = state.verdict.kept / lengths * np.ones_like(state.verdict.tau)
-    found = replace(state.verdict, tau=tau, tau_change=0.3, own=1.0)
-    assert found.lengths == pytest.approx(lengths)
-    new = settings.relearned(Target(normal), replace(state, before=found, verdict=found))
-    assert (new.phase > state.phase) == again
-    assert new.steps == (0 if again else state.steps)
-
-
-def test_a_quick_walk_keeps_its_map():
-    *_, state = walk(Target(normal), Settings(processes=1), 3)
-    assert state.phase == len(Settings().pilot)
-
-
 def test_moves_and_sizes_are_described_and_limits_are_not():
     told = Settings().description(3)
     assert told["walkers"] == "20"
@@ -310,24 +282,6 @@ def test_moves_and_sizes_are_described_and_limits_are_not():
 def test_settings_that_make_no_sense_are_refused(wrong, message):
     with pytest.raises(InputError, match=message):
         sample_until(Target(normal), Settings(**{"processes": 1, **wrong}), 0)
-
-
-@pytest.mark.parametrize("together", [1, 2])
-def test_what_a_density_raises_is_passed_on_without_a_word(together, capfd):
-    class Stopped(BaseException):
-        pass
-
-    def density(z):
-        if stopping:
-            raise Stopped
-        return normal(z)
-
-    stopping, target = [], Target(density)
-    states = [state(target), state(target)][:together]
-    stopping.append(True)
-    with pytest.raises(Stopped):
-        advance(target, states, 20, MOVES, TriangularMap.identity(2))
-    assert capfd.readouterr() == ("", "")
 
 
 def test_a_density_that_is_nowhere_positive_is_refused():
@@ -390,15 +344,11 @@ def _fail(resident, what):
 def test_an_error_in_a_worker_arrives(processes):
     with Workers("the resident", processes) as workers, pytest.raises(NumericalError, match="the resident broke"):
         workers.map(_fail, [("broke",)])
-    with Workers("the resident", processes) as workers, pytest.raises(NumericalError, match="the resident broke"):
-        list(workers.as_finished(_fail, [("broke",)]))
 
 
 def test_a_worker_that_dies_is_reported():
     with Workers("the resident", 2) as workers, pytest.raises(SoftnessError, match="a worker process died"):
         workers.map(_fail, [("die",)])
-    with Workers("the resident", 2) as workers, pytest.raises(SoftnessError, match="a worker process died"):
-        list(workers.as_finished(_fail, [("die",)]))
 
 
 def test_a_script_without_a_main_guard_is_told_so(tmp_path):

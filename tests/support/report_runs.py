@@ -16,11 +16,9 @@ from softness_bayes.likelihood.scales import AGGREGATED, STANDARDISED
 from softness_bayes.model import scenes
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression, simulate_ratings
-from softness_bayes.results import draws, exact, predictions
+from softness_bayes.results import assembly, draws, exact, predictions
 from softness_bayes.results.result import Result
-from softness_bayes.runs import plate
-from softness_bayes.runs.plate import sample_skin
-from softness_bayes.runs.run import sample
+from softness_bayes.runs.run import sample, sample_skin
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.neuron import fixed_channels
@@ -60,7 +58,7 @@ def quickly() -> Iterator[None]:
         patch.setattr(predictions, "spike_times", lambda *_: np.array([12.0, 30.0, 48.0]))
         patch.setattr(predictions, "ILLUSTRATED", 8)
         patch.setattr(uncertain_loads, "FINE_KNOTS", (-2.0, -1.0, 0.0, 1.0, 2.0))  # exact fields take seconds
-        for module in (draws, plate):
+        for module in (draws, assembly):
             patch.setattr(module, "PRIOR_DRAWS", 200)
             patch.setattr(module, "REPLICATES", 120)
         patch.setattr(exact, "EXACT_DRAWS", 50)

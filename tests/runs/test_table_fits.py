@@ -15,10 +15,9 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
 from softness_bayes.results.run_options import RunOptions
-from softness_bayes.runs import fits_apart
-from softness_bayes.runs.fits_apart import RunFiles, fit_slice, packed, unpack
+from softness_bayes.runs import table_fits
 from softness_bayes.runs.study import study
-from softness_bayes.runs.table_fit import REFUSED, UNCONVERGED
+from softness_bayes.runs.table_fits import REFUSED, UNCONVERGED, fit_slice, packed, unpack
 from softness_bayes.sampler import sampling
 from support.report_runs import quickly
 
@@ -83,21 +82,21 @@ def test_the_same_draws(tables, here, tmp_path):
 
 
 def test_a_finished_study_sends_nothing(tables, here, monkeypatch):
-    monkeypatch.setattr(fits_apart, "fit_slice", None)
+    monkeypatch.setattr(table_fits, "fit_slice", None)
     assert there(tables, here.directory).outcomes == here.outcomes
 
 
 def test_slices(tables, here, tmp_path, monkeypatch):
     """A run that many tasks continue, each after a moment, has the draws of one that runs in one go."""
-    monkeypatch.setattr(fits_apart, "SLICE", 1e-3)
+    monkeypatch.setattr(table_fits, "SLICE", 1e-3)
     monkeypatch.setattr(sampling, "PATIENCE", 0.0)  # a slice sees the clock after its first step
-    slices, fit = [], fits_apart.fit_slice
+    slices, fit = [], table_fits.fit_slice
 
     def counted(*task):
         slices.append(task[1])
         return fit(*task)
 
-    monkeypatch.setattr(fits_apart, "fit_slice", counted)
+    monkeypatch.setattr(table_fits, "fit_slice", counted)
     one = {"P1": tables["P1"]}
     assert there(one, tmp_path).outcomes == here.outcomes[:1]
     assert len(slices) > 1
@@ -111,16 +110,16 @@ def test_slices(tables, here, tmp_path, monkeypatch):
 
 def test_a_killed_client_goes_on(tables, here, tmp_path, monkeypatch):
     """It stops after the first slice that it wrote; the next call continues from there."""
-    monkeypatch.setattr(fits_apart, "SLICE", 1e-3)
+    monkeypatch.setattr(table_fits, "SLICE", 1e-3)
     monkeypatch.setattr(sampling, "PATIENCE", 0.0)
-    write = fits_apart.unpack
+    write = table_fits.unpack
 
     def killed(files, directory):
         write(files, directory)
         if RUNS in directory.parts:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(fits_apart, "unpack", killed)
+    monkeypatch.setattr(table_fits, "unpack", killed)
     one = {"P1": tables["P1"]}
     with pytest.raises(KeyboardInterrupt):
         there(one, tmp_path)
@@ -152,13 +151,12 @@ def test_archives(here, tmp_path):
     assert not stale.exists()
     assert packed(copy) == packed(source)
     assert read_status(copy)[:9] == read_status(source)[:9]
-    assert RunFiles(source).__reduce__()[1] == (packed(source),)
 
 
 def test_messages_name_the_directory_of_the_client(tables, here):
     """Not the temporary one of a worker."""
     request = Request(OPTIONS, RunOptions(seed=9))
     home = here.directory / RUNS / "P1"
-    found = fit_slice(request, "P1", tables["P1"], str(home), None, RunFiles(home), 0.0)
-    assert (found.outcome.outcome, found.ended) == (REFUSED, True)
-    assert found.outcome.said.startswith(f"{home}: cannot be continued")
+    found = fit_slice(request, "P1", tables["P1"], str(home), None, packed(home), 0.0)
+    assert (found[0].outcome, found[2]) == (REFUSED, True)
+    assert found[0].said.startswith(f"{home}: cannot be continued")

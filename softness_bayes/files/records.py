@@ -6,18 +6,13 @@ its values and read by its annotations, so that a field is declared once.
 
 from __future__ import annotations
 
-import hashlib
-import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
-from pathlib import Path
 from types import NoneType
 from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
-
-from softness_bayes.errors import InputError
 
 
 def to_json(value: Any, arrays: list[NDArray[Any]] | None = None) -> Any:
@@ -72,38 +67,3 @@ def from_json(kind: Any, values: Any, arrays: Sequence[NDArray[Any]] = ()) -> An
         types = get_type_hints(kind)
         return kind(**{name: from_json(types[name], value, arrays) for name, value in values.items()})
     return kind(values)
-
-
-def packed(arrays: Mapping[str, NDArray[Any]]) -> bytes:
-    """Return arrays by name as the bytes of an npz file."""
-    buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, **arrays)
-    return buffer.getvalue()
-
-
-def unpacked(path: Path, digest: str) -> dict[str, NDArray[Any]]:
-    """Read the arrays of an npz file whose SHA-256 is known.
-
-    Raises
-    ------
-    InputError
-        If the file is missing or has another digest.
-    """
-    try:
-        with open(path, "rb") as opened:
-            if hashlib.file_digest(opened, "sha256").hexdigest() != digest:
-                raise changed(path)
-            opened.seek(0)
-            with np.load(opened, allow_pickle=False) as file:
-                return {name: file[name] for name in file.files}
-    except OSError as error:
-        raise InputError(f"{path}: a part of a checkpoint that cannot be read ({error.strerror})") from None
-
-
-def changed(path: Path) -> InputError:
-    """Return the error for a checkpoint file with the wrong checksum."""
-    return InputError(
-        f"{path}: damaged, or changed since it was written: its checksum does not match; 'softness-bayes "
-        "resume' goes back to the last intact state if there is one; otherwise restore the file from a copy, "
-        "or start the run again in another directory"
-    )

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from oracles.autoregressive import autoregressive, walks
-from softness_bayes.sampler.autocorrelation import autocorrelation_time, indicator_time, own_time
+from softness_bayes.sampler.chain_statistics import autocorrelation_time, indicator_time, own_time
 
 
 @pytest.mark.parametrize("tau", [1.0, 8.0, 30.0])
