@@ -68,7 +68,7 @@ Report = Callable[[int, Replicate], None]
 
 
 class Problem(NamedTuple):
-    """What a calibration replicates: parameters drawn, ratings simulated and fitted."""
+    """Work of one replicate of a calibration: parameters drawn, ratings simulated and fitted."""
 
     posterior: Posterior
     """The model."""
