@@ -77,11 +77,11 @@ def measured(table: Table) -> tuple[float, float]:
             write_fabrics(path, Fabrics(tuple(f"F{k}" for k in range(1, count + 1)), effective_modulus=moduli))
         timed("simulate", "--fabrics", few, *loads, "--participants", table.raters, "--out", data)
         steps = ("--max-steps", 10, "--processes", 1)
-        found = timed("sample", "--data", data / "ratings.csv", "--out", run, "--modulus-cv", 0, *steps)
+        used = timed("sample", "--data", data / "ratings.csv", "--out", run, "--modulus-cv", 0, *steps)
         if table.predicted:
             out = Path(name) / "predicted.csv"
-            found = timed("predict", "--fabrics", others, *loads, "--posterior", run, "--out", out)
-    return found
+            used = timed("predict", "--fabrics", others, *loads, "--posterior", run, "--out", out)
+    return used
 
 
 def timed(*command: object) -> tuple[float, float]:
@@ -98,10 +98,10 @@ def timed(*command: object) -> tuple[float, float]:
         words, text=True, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
     ) as process:
         assert process.stderr is not None
-        said = process.stderr.read()
+        errors = process.stderr.read()
         _, status, used = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode not in (0, 3):  # 3: so few steps do not converge
-        raise RuntimeError(f"softness-bayes {command[0]} ended with {process.returncode}: {said[-500:]}")
+        raise RuntimeError(f"softness-bayes {command[0]} ended with {process.returncode}: {errors[-500:]}")
     unit = 2**20 if sys.platform == "darwin" else 2**10  # of ru_maxrss, per MB
     return used.ru_utime + used.ru_stime, used.ru_maxrss / unit

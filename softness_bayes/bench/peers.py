@@ -46,10 +46,10 @@ def measure(peer: Peer, count: float, effort: Effort) -> Point:
     current = least + (most - least) * np.linspace(1.0, 0.5, measured) ** 2
     peer.rates(current if peer.together else current[:1], 1.0)  # compilation is not counted
     begun = time.process_time()
-    found = peer.rates(current, effort.duration)
+    rates = peer.rates(current, effort.duration)
     spent = (time.process_time() - begun) / measured
     some = np.unique(np.linspace(0, measured - 1, 12).astype(int))
-    error = abs(float(found[some].sum() / firing_rate(current[some]).sum() - 1.0))
+    error = abs(float(rates[some].sum() / firing_rate(current[some]).sum() - 1.0))
     return Point(peer.name, peer.setting, spent * count, error, np.nan)
 
 

@@ -27,10 +27,6 @@ from softness_bayes.touch.scene import Discretisation
 
 FABRICS = Fabrics(tuple(f"F{k}" for k in range(1, 13)), effective_modulus=np.geomspace(1e3, 5e6, 12))
 LOADS = (Indentation(1e-3), Indentation(2e-3), Indentation(3e-3))
-PARTICIPANTS, BATCH = 30, 64
-ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
-USUAL = 1e-3
-"""The accuracy of a run, unless another is asked for."""
 
 MEDIANS = usual_values(MENDED, given={"sigma_0": 7.0})
 """Parameters in natural units of the simulated ratings, and of the peers' work."""
@@ -79,9 +75,9 @@ CHANNELS = ("channels held", "channels free")
 def model_of(held: bool, **options: Any) -> ExperimentModel:
     """Return the model of 1080 simulated ratings, with channel multipliers fixed or free."""
     rng = np.random.default_rng(1)
-    made = simulate_ratings(rng, FABRICS, LOADS, MEDIANS, participants=PARTICIPANTS)
+    simulated = simulate_ratings(rng, FABRICS, LOADS, MEDIANS, participants=30)
     fix = PAPER_CHANNELS._asdict() if held else {}
-    return build(Experiment(made.ratings, FABRICS, ()), ModelOptions(fix=fix, **options))
+    return build(Experiment(simulated.ratings, FABRICS, ()), ModelOptions(fix=fix, **options))
 
 
 def work_precision(effort: Effort) -> Iterator[Point]:
@@ -91,11 +87,11 @@ def work_precision(effort: Effort) -> Iterator[Point]:
         reference = model_of(held, discretisation=finest)
         space = reference.posterior.space
         theta = space.draw_prior(np.random.default_rng(2), effort.draws if held else effort.exact)
-        points = space.draw_prior(np.random.default_rng(0), BATCH)
+        points = space.draw_prior(np.random.default_rng(0), 64)
         touch, eps = space.touch(theta), space.values(theta)["eps"]
         exact = reference.scene.fired_by(reference.scene.firing.exact()).total_rate(touch)
         peak = exact.max(axis=-1, keepdims=True)
-        for accuracy in (a for a in ACCURACIES if a >= 10.0 * effort.finest):
+        for accuracy in (a for a in (1e-2, 1e-3, 1e-4, 1e-5, 1e-6) if a >= 10.0 * effort.finest):
             try:
                 model = model_of(held, accuracy=accuracy)
             except InputError:
@@ -106,7 +102,7 @@ def work_precision(effort: Effort) -> Iterator[Point]:
             yield Point(
                 CHANNELS[not held],
                 f"accuracy {accuracy:g}",
-                quickest(partial(model.posterior.log_likelihood, points), effort.repeats) / BATCH,
+                quickest(partial(model.posterior.log_likelihood, points), effort.repeats) / len(points),
                 float((np.abs(rate - exact)[fires] / peak[fires]).max(initial=0.0)),
                 float(np.abs(log - better).max()),
                 accuracy,

@@ -28,7 +28,7 @@ def solve_each(method: str, tolerance: float, current: Array, duration: float) -
     for one in current:
         cells = Cells.of(CONNOR_STEVENS, ONE, np.array([one]))
         with np.errstate(over="ignore", invalid="ignore"):  # trial steps may overflow; the solver rejects them
-            found = solve_ivp(
+            solution = solve_ivp(
                 lambda _t, state, cells=cells: cells.slope(state[:, None])[:, 0],
                 (0.0, duration),
                 start,
@@ -37,7 +37,7 @@ def solve_each(method: str, tolerance: float, current: Array, duration: float) -
                 atol=1e-3 * tolerance,
                 events=crossing,
             )
-        times.append(found.t_events[0])
+        times.append(solution.t_events[0])
     return np.array([1000.0 / (t[-1] - t[-2]) if t.size > 2 else 0.0 for t in times])
 
 

@@ -30,8 +30,8 @@ def pages(clone: Path = CLONE) -> dict[str, str]:
     """
     front = (clone / FRONT).read_text(encoding="utf-8")
     listed, linked = (re.findall(rf"{begin}\[[^]]+\]\(([^)#]+\.md)\)", front, re.M) for begin in (r"^\| ", ""))
-    found = [FRONT, *listed, *linked, *(f"{DOCS}/{path.name}" for path in sorted((clone / DOCS).glob("*.md")))]
-    return {file: _place(file) for file in dict.fromkeys(found)}
+    files = [FRONT, *listed, *linked, *(f"{DOCS}/{path.name}" for path in sorted((clone / DOCS).glob("*.md")))]
+    return {file: _place(file) for file in dict.fromkeys(files)}
 
 
 def _place(file: str) -> str:
@@ -83,7 +83,7 @@ def build(directory: Path, reference: Collection[str], draw: Callable[..., str],
     titles = {
         file: unescape(re.sub("<[^>]+>", "", text[: text.index("</h1>")])).strip() for file, text in texts.items()
     }
-    own = {titles[file]: place for file, place in files.items() if file.startswith(DOCS)}
+    guide_pages = {titles[file]: place for file, place in files.items() if file.startswith(DOCS)}
     for file, place in files.items():
         root = "../" * place.count("/")
         linked = set[str]()
@@ -96,7 +96,7 @@ def build(directory: Path, reference: Collection[str], draw: Callable[..., str],
             title=titles[file],
             text=_with_reference(text, root, reference, directory),
             contents=getattr(texts[file], "toc_html", ""),
-            pages=own,
+            pages=guide_pages,
             reference=REFERENCE,
             root=root,
         )
@@ -141,7 +141,7 @@ def _with_reference(text: str, root: str, reference: Collection[str], directory:
 
 def unresolved(pages: Iterable[Path]) -> list[str]:
     """Return the links of some pages within a site whose target file or anchor is missing, each with its page."""
-    found = []
+    lost = []
     for path in pages:
         for link in re.findall(r'\b(?:href|src)="([^"]+)"', path.read_text(encoding="utf-8")):
             file, _, anchor = unescape(link).partition("#")
@@ -149,8 +149,8 @@ def unresolved(pages: Iterable[Path]) -> list[str]:
                 continue  # of another host
             target = (path.parent / file).resolve() if file else path.resolve()
             known = target.is_file() and (not anchor or target.suffix != ".html" or _has(target, anchor))
-            found += [] if known else [f"{path.name}: {link}"]
-    return found
+            lost += [] if known else [f"{path.name}: {link}"]
+    return lost
 
 
 def _has(page: Path, anchor: str) -> bool:

@@ -32,23 +32,23 @@ def imports() -> Imports:
         if name and name != START:
             rooms[name] = name if path.name == "__init__.py" else name.rpartition(".")[0] or name
             paths[name] = path
-    found: dict[str, set[str]] = {room: set() for room in rooms.values()}
+    imported: dict[str, set[str]] = {room: set() for room in rooms.values()}
     own = f"{softness_bayes.__name__}."
     for name, path in paths.items():
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom) and node.module:
                 for alias in node.names:
                     full, module = f"{node.module}.{alias.name}".removeprefix(own), node.module.removeprefix(own)
-                    found[rooms[name]].add(rooms.get(full, rooms.get(module, rooms[name])))
-    return {room: frozenset(others - {room}) for room, others in found.items()}
+                    imported[rooms[name]].add(rooms.get(full, rooms.get(module, rooms[name])))
+    return {room: frozenset(others - {room}) for room, others in imported.items()}
 
 
 def below(imported: Imports) -> dict[str, frozenset[str]]:
     """Return all rooms that each room reaches through imports."""
-    found: dict[str, frozenset[str]] = {}
+    reached: dict[str, frozenset[str]] = {}
     for name in TopologicalSorter(imported).static_order():
-        found[name] = imported[name].union(*(found[other] for other in imported[name]))
-    return found
+        reached[name] = imported[name].union(*(reached[other] for other in imported[name]))
+    return reached
 
 
 def floors(imported: Imports) -> list[list[str]]:

@@ -92,9 +92,9 @@ def build(design: SurfaceInputs, say: Say) -> FiringSurface:
 
 def _begin_at_fold(design: SurfaceInputs, channels: Channels) -> Onset:
     """Return the onset of membranes that are known to fire just above their fold, without simulation."""
-    found = fold(channels, design.membrane)
-    zero = np.zeros_like(found.current)
-    return Onset(found.current, zero, found.prefactor, zero.astype(bool))
+    onsets = fold(channels, design.membrane)
+    zero = np.zeros_like(onsets.current)
+    return Onset(onsets.current, zero, onsets.prefactor, zero.astype(bool))
 
 
 def _begin_at_births(design: SurfaceInputs, channels: Channels) -> Onset:
@@ -104,14 +104,14 @@ def _begin_at_births(design: SurfaceInputs, channels: Channels) -> Onset:
     searches start, a few at a time.
     """
     some, others = (Channels(*(c[part] for c in channels)) for part in (slice(100), slice(100, None)))
-    found = [onset(some, design.membrane)]
+    onsets = [onset(some, design.membrane)]
     terms = TotalDegree(len(design.axes), 5)
-    fitted = np.linalg.lstsq(terms.basis(design.place(np.array(some))), found[0].rheobase, rcond=None)[0]
+    fitted = np.linalg.lstsq(terms.basis(design.place(np.array(some))), onsets[0].rheobase, rcond=None)[0]
     expected = terms.basis(design.place(np.array(others))) @ fitted
     for start in range(0, expected.size, 71):
         part = slice(start, start + 71)
-        found.append(onset(Channels(*(c[part] for c in others)), design.membrane, expected[part]))
-    begin = Onset(*(np.concatenate(arrays) for arrays in zip(*found, strict=True)))
+        onsets.append(onset(Channels(*(c[part] for c in others)), design.membrane, expected[part]))
+    begin = Onset(*(np.concatenate(arrays) for arrays in zip(*onsets, strict=True)))
     if not begin.born.all():
         raise NumericalError(f"{design.membrane.name}: firing does not begin in one way over the box")
     return begin
@@ -181,7 +181,7 @@ def measure(
     relative = size[fires] / exact[fires]
     place_error, rate_error = _measure_onset(surface, rng, onsets) if jump else (0.0, 0.0)
     vectors = _places(surface, rng, corner, surface.corner) if design.border is not None else np.zeros((4, 0))
-    own = [_measure_own(design, vector, rng) for vector in vectors.T]
+    corner_errors = [_measure_own(design, vector, rng) for vector in vectors.T]
     return {
         "points": points,
         "near_border": near,
@@ -192,9 +192,9 @@ def measure(
         "relative_999": float(np.quantile(relative, 0.999)),
         "onset_hertz": rate_error,
         "onset_current": place_error,
-        "corner_vectors": len(own),
-        "corner_hertz": max((e.hertz for e in own), default=0.0),
-        "corner_onset_hertz": max((e.onset_hertz for e in own), default=0.0),
+        "corner_vectors": len(corner_errors),
+        "corner_hertz": max((e.hertz for e in corner_errors), default=0.0),
+        "corner_onset_hertz": max((e.onset_hertz for e in corner_errors), default=0.0),
     }
 
 
@@ -202,11 +202,11 @@ def _places(
     surface: FiringSurface, rng: np.random.Generator, count: int, wanted: Callable[[FloatArray], NDArray[np.bool_]]
 ) -> FloatArray:
     """Return random places of the box at which a condition holds, shape (axes, count)."""
-    found = np.zeros((len(surface.design.axes), 0))
-    while found.shape[1] < count:
-        place = rng.uniform(-1.0, 1.0, (len(found), 10_000))
-        found = np.hstack([found, place[:, wanted(place)]])
-    return found[:, :count]
+    places = np.zeros((len(surface.design.axes), 0))
+    while places.shape[1] < count:
+        place = rng.uniform(-1.0, 1.0, (len(places), 10_000))
+        places = np.hstack([places, place[:, wanted(place)]])
+    return places[:, :count]
 
 
 def _currents(rng: np.random.Generator, begin: FloatArray, count: int, design: SurfaceInputs) -> FloatArray:

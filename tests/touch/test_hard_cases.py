@@ -1,4 +1,4 @@
-"""Hard cases, one after another: errors within bounds and as they are kept; and what has no answer says so."""
+"""Hard cases, one after another: errors within bounds; and what has no answer says so."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hard_cases
-from hard_cases import CASES, CLOTH, FLOOR, MILLIMETRE, NEWTON, scene_of, touch_parameters, touches
+from hard_cases import CASES, CLOTH, MILLIMETRE, NEWTON, scene_of, touch_parameters, touches
 from oracles import plain_chain
 
 
@@ -17,18 +17,10 @@ def case_id(case):
 @pytest.mark.parametrize(
     "case", [pytest.param(case, marks=pytest.mark.slow if case.slow else (), id=case_id(case)) for case in CASES]
 )
-def test_worst_error_is_within_bounds_and_as_kept(case):
+def test_worst_error_is_within_bounds(case):
     found = case.measure()
     assert found.usual <= case.allowed.usual
     assert found.fine <= case.allowed.fine
-    (line,) = [line for line in hard_cases.kept() if line["case"] == case.name]
-    assert line["over"] == case.covers
-    for stated, measured in zip((line["worst error"], line["resolved more finely"]), found, strict=True):
-        if stated.startswith("<"):
-            assert measured < FLOOR
-        elif stated:  # other libraries and machines round otherwise
-            assert measured <= 1.5 * float(stated)
-            assert measured >= 0.25 * float(stated) or measured < 1e-9
 
 
 @pytest.mark.parametrize("broken", ["cos", "tan"])
