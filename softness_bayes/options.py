@@ -91,11 +91,21 @@ class Number(Kind):
     def accept(self, name: str, value: Any) -> float:
         """Return a number in the range."""
         self.range.require(name, value)
-        return self.parse(value)
+        return self._type(value)
 
-    def parse(self, text: Any) -> float:
-        """Return the number of a text; the command line checks the range before."""
-        return int(text) if isinstance(self.range, Count) else float(text)
+    def parse(self, text: str) -> float:
+        """Return the number of a text, if it is in the range."""
+        try:
+            value = self._type(text)
+        except ValueError:
+            value = math.nan
+        if not self.range.holds(value):
+            raise InputError(f"expected {self.range}, got {text!r}")
+        return value
+
+    @property
+    def _type(self) -> Callable[[Any], float]:
+        return int if isinstance(self.range, Count) else float
 
 
 class Duration(Kind):
@@ -405,10 +415,10 @@ class Options:
         names
             The options to give; by default all that have a flag.
         """
-        given = [(self.declared[name], getattr(self, name)) for name in names or self.declared]
+        values = [(self.declared[name], getattr(self, name)) for name in names or self.declared]
         return [
             word
-            for one, value in given
+            for one, value in values
             if one.flag and (one.spelled or value != one.default)
             for word in one.words(value)
         ]

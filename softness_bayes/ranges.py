@@ -75,6 +75,11 @@ class Count:
     low: int
     high: int = sys.maxsize
 
+    def holds(self, value: object) -> bool:
+        """Return whether `value` is a whole number in the range."""
+        unlimited = self.high == sys.maxsize
+        return isinstance(value, Integral) and self.low <= int(value) and (unlimited or int(value) <= self.high)
+
     def require(self, name: str, value: int) -> None:
         """Raise an error for a number outside the range.
 
@@ -83,8 +88,7 @@ class Count:
         InputError
             With name, value and range.
         """
-        limited = self.high != sys.maxsize
-        if not (isinstance(value, Integral) and self.low <= value and (not limited or value <= self.high)):
+        if not self.holds(value):
             raise InputError(f"{name} is {_written(value)}, expected {self}")
 
     def __str__(self) -> str:

@@ -40,9 +40,9 @@ def pytest_collection() -> None:
 
 
 @pytest.hookimpl(tryfirst=True)  # before pytest leaves out what is slow
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark the tests of `longer.txt` as slow."""
-    mark_longer(config, items)
+    mark_longer(items)
 
 
 def pytest_collection_finish() -> None:

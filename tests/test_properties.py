@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy import integrate
 
-from softness_bayes.data import Fabrics, Ratings, write_fabrics, write_ratings
-from softness_bayes.data.columns import BEARABLE, FINGERTIP, SOLID
+from softness_bayes.data import Ratings, write_ratings
+from softness_bayes.data.columns import BEARABLE, FINGERTIP
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
@@ -142,17 +142,6 @@ def test_a_batch_is_its_single_vectors(scene, several):
     np.testing.assert_allclose(together, alone, rtol=1e-12)
 
 
-@VERY_FEW
-@given(touched(), st.permutations(range(4)))
-def test_the_order_of_fabrics_does_not_show(smooth_firing, parameters, order):
-    moduli = FABRICS[2::3]
-    rates = [
-        Scene(chosen, 0.3, [INDENTED, Indentation(1e-3)], smooth_firing(), discretisation=COARSE).total_rate(parameters)
-        for chosen in (moduli, moduli[order])
-    ]
-    np.testing.assert_allclose(rates[1].reshape(2, -1), rates[0].reshape(2, -1)[:, order], rtol=1e-12)
-
-
 @FEW
 @given(touched())
 def test_no_more_receptors_than_there_are_and_none_without_a_rate(scene, parameters):
@@ -251,18 +240,6 @@ def test_likelihood_sees_ratios_of_rates_only(case, factor):
     assert float(found) == pytest.approx(float(observed.log_likelihood(rate, parameters)), rel=1e-9, abs=1e-8)
 
 
-@FEW
-@given(ratings_of())
-def test_one_batch_of_likelihoods_is_its_points(case):
-    design, ratings, rate, parameters = case
-    observed = LogRatings(ratings, design)
-    batch = parameters.each(lambda value: np.array([value, 1.3 * value + 0.01]))
-    together = observed.log_likelihood(np.stack([rate, 2 * rate]), batch)
-    for k in (0, 1):
-        alone = observed.log_likelihood((1 + k) * rate, batch.part(k))
-        assert together[k] == pytest.approx(float(alone), rel=1e-12, abs=1e-11)
-
-
 # the priors
 
 PRIORS = st.one_of(
@@ -345,32 +322,3 @@ def test_ratings_survive_a_file(tmp_path_factory, ratings, separator):
     write_ratings(path, ratings)
     assert rows_of(Ratings.read(path)) == rows_of(ratings)
     assert rows_of(Ratings.read(rewritten(path, separator))) == rows_of(ratings)
-
-
-@st.composite
-def tables_of_fabrics(draw):
-    names = draw(st.lists(NAMES, min_size=1, max_size=4, unique=True))
-    maybe = st.just(math.nan) | POSITIVE
-
-    def column(elements):
-        return np.array(draw(st.lists(elements, min_size=len(names), max_size=len(names))))
-
-    poisson = column(st.floats(-1.0, 0.5, exclude_min=True))
-    return Fabrics(
-        tuple(names),
-        bending_rigidity=column(maybe),
-        effective_modulus=column(st.floats(SOLID.low, SOLID.high)),
-        poisson_ratio=poisson,
-        thickness=column(maybe),
-    )
-
-
-@FEW
-@given(tables_of_fabrics(), st.sampled_from(",;\t"))
-def test_fabrics_survive_a_file(tmp_path_factory, fabrics, separator):
-    path = tmp_path_factory.mktemp("fabrics") / "fabrics.csv"
-    write_fabrics(path, fabrics)
-    for found in (Fabrics.read(path), Fabrics.read(rewritten(path, separator))):
-        assert found.names == fabrics.names
-        for name in ("bending_rigidity", "effective_modulus", "poisson_ratio", "thickness"):
-            np.testing.assert_array_equal(getattr(found, name), getattr(fabrics, name))

@@ -242,8 +242,8 @@ def _tables(first: str) -> list[str]:
 def _entries(first: str, wanted: Callable[[os.DirEntry[str]], bool]) -> list[str]:
     """Return names in this directory, among the first thirty, of which one comes first if it is there."""
     try:
-        with os.scandir(".") as found:
-            shown: Iterable[os.DirEntry[str]] = (one for one in found if one.name[0] not in "-.")
+        with os.scandir(".") as entries:
+            shown: Iterable[os.DirEntry[str]] = (one for one in entries if one.name[0] not in "-.")
             names = [one.name for one in sorted(shown, key=lambda one: one.name)[:30] if wanted(one)]
     except OSError:
         return []

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import os
 import platform
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING
 import click
 
 from softness_bayes.cli.options import force, out
+from softness_bayes.defaults import ACCURACY
 
 if TYPE_CHECKING:
     from softness_bayes.bench.peers import Peer
@@ -21,8 +23,6 @@ if TYPE_CHECKING:
 TABLE, WORDS, FIGURE, FORMATS = "work_precision.csv", "summary.md", "work_precision", ("png", "pdf")
 BENCH, MADE = "bench", (TABLE, WORDS, *(f"{FIGURE}.{name}" for name in FORMATS))
 GROWTH = ("whole_runs.csv", "whole_runs.md")
-PEERS = {"solvers": "scipy", "brian": "brian2", "jax_cells": "diffrax"}
-"""Modules of peers, and the package that each needs."""
 
 
 @click.command()
@@ -45,85 +45,85 @@ def command(quick: bool, scale: bool, out: Path, force: bool) -> None:
     from threadpoolctl import threadpool_limits
 
     from softness_bayes.bench.precision import FULL, QUICK
-    from softness_bayes.files.outputs import require_outputs
+    from softness_bayes.files.outputs import require_outputs, write_outputs
 
-    made = GROWTH if scale else MADE
-    require_outputs(out, made, BENCH, force)
-    click.echo(f"this takes minutes; it then writes {', '.join(made)} to {out.resolve()}", err=True)
-    if scale:
-        _whole_runs(quick, out)
-    else:
-        with threadpool_limits(1):
-            _measure(QUICK if quick else FULL, out)
+    names = GROWTH if scale else MADE
+    require_outputs(out, names, BENCH, force)
+    click.echo(f"this takes minutes; it then writes {', '.join(names)} to {out.resolve()}", err=True)
+    with threadpool_limits(1):
+        contents = _whole_runs(quick) if scale else _speed_and_error(QUICK if quick else FULL)
+    write_outputs(out, contents, BENCH)
     click.echo(f"written to {out}")
 
 
-def _whole_runs(quick: bool, out: Path) -> None:
-    """Measure, print and write whole runs on growing tables; a trial run measures the smallest of each kind."""
+def _whole_runs(quick: bool) -> dict[str, bytes | str]:
+    """Measure and print whole runs on growing tables; a trial run measures the smallest of each kind."""
     import pandas as pd
 
     from softness_bayes.bench.growth import TABLES, grown
-    from softness_bayes.files.outputs import write_outputs
     from softness_bayes.files.spreadsheet import csv_of
 
-    found, smallest = [], {table.what: table for table in reversed(TABLES)}
+    measured, smallest = [], {table.what: table for table in reversed(TABLES)}
     for one in grown([*reversed(smallest.values())] if quick else TABLES):
         click.echo(f"{one.what:12} {one.size:8} {one.seconds:9.1f} s {one.megabytes:7.0f} MB  power {one.exponent:.2f}")
-        found.append(one)
-    head = ("what grows", "size", "processor time [s]", "peak memory [MB]", "time as size to the power")
-    rows = [
-        (
-            one.what,
-            str(one.size),
-            f"{one.seconds:.1f}",
-            f"{one.megabytes:.0f}",
-            f"{one.exponent:.2f}".replace("nan", ""),
-        )
-        for one in found
-    ]
-    made = (csv_of(pd.DataFrame(found), index=False), markdown(head, rows))
-    write_outputs(out, dict(zip(GROWTH, made, strict=True)), BENCH)
+        measured.append(one)
+    table = pd.DataFrame(measured)
+    shown = {
+        "what grows": table["what"],
+        "size": table["size"],
+        "processor time [s]": table["seconds"].map("{:.1f}".format),
+        "peak memory [MB]": table["megabytes"].map("{:.0f}".format),
+        "time as size to the power": table["exponent"].map("{:.2f}".format).replace("nan", ""),
+    }
+    return dict(zip(GROWTH, (csv_of(table, index=False), markdown(shown)), strict=True))
 
 
-def _measure(effort: Effort, out: Path) -> None:
-    """Measure, print and write everything."""
+def _speed_and_error(effort: Effort) -> dict[str, bytes | str]:
+    """Measure and print the likelihood at each accuracy, and its peers."""
     import pandas as pd
 
     from softness_bayes.bench.peers import measure, ratio, receptors
-    from softness_bayes.bench.precision import CHANNELS, USUAL, work_precision
-    from softness_bayes.files.outputs import write_outputs
+    from softness_bayes.bench.precision import CHANNELS, work_precision
     from softness_bayes.files.spreadsheet import csv_of
     from softness_bayes.plotting.benchmark import work_precision_figure
     from softness_bayes.plotting.style import files_of
 
-    ours = []
-    for point in work_precision(effort):
-        click.echo(f"{point.way}, {point.setting}: {1e6 * point.seconds:.1f} µs, error {point.error_peak:.0e}")
-        ours.append(point)
-    others, count = [], receptors()
-    for peer in _peers():
-        point = measure(peer, count, effort)
-        click.echo(f"{point.way}, {point.setting}: {point.seconds:.3g} s, error {point.error_peak:.0e}")
-        others.append(point)
-    points, name = [*ours, *others], machine()
-    ratios = [*(math.nan for _ in ours), *(ratio(point, ours) for point in others)]
+    def shown(points: Iterable[Point]) -> Iterator[Point]:
+        for point in points:
+            click.echo(f"{point.way}, {point.setting}: {_time(point.seconds)}, error {point.error_peak:.0e}")
+            yield point
+
+    ours, count = [*shown(work_precision(effort))], receptors()
+    others = [*shown(measure(peer, count, effort) for peer in _peers())]
+    ratios, name = [*(math.nan for _ in ours), *(ratio(point, ours) for point in others)], machine()
+    table = pd.DataFrame([*ours, *others]).assign(ratio=ratios)
     figure = work_precision_figure(
         {way: [(p.seconds, p.error_peak) for p in ours if p.way == way] for way in CHANNELS},
         {f"{p.way}, {p.setting}": (p.seconds, p.error_peak) for p in others},
-        [(p.seconds, p.error_peak) for p in ours if p.accuracy == USUAL],
+        [(p.seconds, p.error_peak) for p in ours if p.accuracy == ACCURACY],
         name,
     )
-    contents: dict[str, bytes | str] = {
-        TABLE: csv_of(pd.DataFrame(points).assign(ratio=ratios), index=False),
-        WORDS: summary(points, ratios, name),
+    words = {
+        "way": table["way"] + ", " + table["setting"],
+        "time for a parameter vector": table["seconds"].map(_time),
+        "error / peak": table["error_peak"].map("{:.0e}".format),
+        "error of log(N/N_ref + eps)": table["error_log"].map("{:.0e}".format).replace("nan", ""),
+        "time / likelihood's": table["ratio"].map("{:.0e}".format).replace("nan", ""),
+    }
+    return {
+        TABLE: csv_of(table, index=False),
+        WORDS: f"{markdown(words)}\nMeasured on: {name}.\n",
         **files_of(figure, FIGURE, FORMATS),
     }
-    write_outputs(out, contents, BENCH)
+
+
+def _time(seconds: float) -> str:
+    return f"{1e6 * seconds:.3g} µs" if seconds < 1e-3 else f"{seconds:.3g} s"
 
 
 def _peers() -> Iterator[Peer]:
     """Yield the peers that can be imported."""
-    for module, package in PEERS.items():
+    for module, package in {"solvers": "scipy", "brian": "brian2", "jax_cells": "diffrax"}.items():
         try:
             import_module(package)
         except Exception:  # the error depends on the versions of NumPy and of the package
@@ -134,33 +134,17 @@ def _peers() -> Iterator[Peer]:
             yield from import_module(f"softness_bayes.bench.{module}").PEERS
 
 
-def summary(points: Sequence[Point], ratios: Sequence[float], machine: str) -> str:
-    """Return the table of measurements in Markdown."""
-    head = ("way", "time for a parameter vector", "error / peak", "error of log(N/N_ref + eps)", "time / likelihood's")
-    rows = []
-    for point, ratio in zip(points, ratios, strict=True):
-        log, over = ("" if math.isnan(x) else f"{x:.0e}" for x in (point.error_log, ratio))
-        time = f"{1e6 * point.seconds:.3g} µs" if point.seconds < 1e-3 else f"{point.seconds:.3g} s"
-        rows.append((f"{point.way}, {point.setting}", time, f"{point.error_peak:.0e}", log, over))
-    return f"{markdown(head, rows)}\nMeasured on: {machine}.\n"
-
-
-def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def markdown(columns: Mapping[str, Iterable[object]]) -> str:
     """Return a table in Markdown."""
-    return "".join(f"| {' | '.join(row)} |\n" for row in (head, ["---"] * len(head), *rows))
+    rows = [columns, ["---"] * len(columns), *zip(*columns.values(), strict=True)]
+    return "".join(f"| {' | '.join(map(str, row))} |\n" for row in rows)
 
 
-def machine(info: Path = Path("/proc/cpuinfo")) -> str:
-    """Return a description of the machine: processor, number of cores and versions.
-
-    Parameters
-    ----------
-    info
-        The system's description of its processors.
-    """
+def machine() -> str:
+    """Return a description of the machine: processor, number of cores and versions."""
     import numpy as np
 
-    text = info.read_text(encoding="utf-8", errors="replace") if info.is_file() else ""
-    named = [line.partition(":")[2].strip() for line in text.splitlines() if line.startswith("model name")]
-    processor = next(iter(named), platform.processor() or platform.machine())
+    info = Path("/proc/cpuinfo")
+    named = re.search(r"^model name\s*: (.*)", info.read_text() if info.is_file() else "", re.MULTILINE)
+    processor = named[1] if named else platform.processor() or platform.machine()
     return f"{processor}, {os.cpu_count()} cores, Python {platform.python_version()}, NumPy {np.__version__}"

@@ -129,8 +129,8 @@ def command(
     if so_far and earlier is not None:
         raise InputError("--from: cannot be combined with --finished, which writes no replicates")
     if like is not None:
-        if given := typed(*TOUCHES, *(name for name in ModelOptions.declared), "design", "participants"):
-            raise InputError(f"{given[0]}: cannot be combined with --like, which takes design and model from the run")
+        if flags := typed(*TOUCHES, *(name for name in ModelOptions.declared), "design", "participants"):
+            raise InputError(f"{flags[0]}: cannot be combined with --like, which takes design and model from the run")
         with reading(like) as (result,):
             warn_of_unconverged(result)
             problem = posterior_problem(result, run)
@@ -178,11 +178,11 @@ def _report(calibrated: Calibrated, out: Path) -> None:
     click.echo(calibrated.sentence())
 
 
-def _kept(out: Path, asked: int) -> str:
+def _kept(out: Path, count: int) -> str:
     """Return the number of saved replicates and the command that continues them; empty without replicates."""
     from softness_bayes.runs.calibrated import finished_replicates
 
     finished = finished_replicates(out)
     if not finished:
         return ""
-    return f"{some_of(finished, asked, 'replicate')} saved in {out}: the same command runs the others"
+    return f"{some_of(finished, count, 'replicate')} saved in {out}: the same command runs the others"

@@ -108,7 +108,10 @@ def command(
 
 def _people(found: FreeMeans | None) -> dict[str, Any]:
     """Return people's own means as JSON, null where they have no limits."""
-    return {} if found is None else {"people": json.loads(found.table().to_json(orient="records"))}
+    if found is None:
+        return {}
+    table = found.table().astype(object)
+    return {"people": table.where(table.notna(), None).to_dict("records")}
 
 
 def _require_figure(figure: Path, files: DataFiles, force: bool) -> None:

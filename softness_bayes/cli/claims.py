@@ -130,18 +130,17 @@ def _materials(data: Path | None, touches: Touches) -> tuple[Fabrics, Ratings | 
     if data is None:
         fabrics, loads = touches.among(CLOTH, ())
         return fabrics, None, loads
-    given = touches.indentation_mm, touches.force_n
-    if any(len(values) > 1 for values in given):
+    depths, forces = touches.indentation_mm, touches.force_n
+    if len(depths) > 1 or len(forces) > 1:
         raise InputError(
             "--data has its own loads: give --indentation-mm or --force-n at most once, as the load of all ratings"
         )
-    depth, newton = (next(iter(values), None) for values in given)
     experiment = read_experiment(
         data,
         touches.fabrics,
         columns=touches.columns,
-        indentation_mm=depth,
-        force_n=newton,
+        indentation_mm=depths[0] if depths else None,
+        force_n=forces[0] if forces else None,
         decimal=touches.decimal,
     )
     for note in experiment.notes:

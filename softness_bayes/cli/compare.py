@@ -64,18 +64,18 @@ def command(
     settings = REFIT if max_steps is None else replace(REFIT, max_steps=max_steps)
     with reading(*directories) as loaded, executor_of(dask) as executor:
         results = dict(zip(labels, loaded, strict=True))
-        found = compare(
+        comparison = compare(
             results, LEAVE[left_out], settings, lambda what: click.echo(f"sampled {what}", err=True), executor
         )
-    (path,) = write_outputs(out, {COMPARISON: csv_of(found.table)}, COMPARE)
-    shown = found.table.drop(columns=["model", "unfinished", "converged"])
+    (path,) = write_outputs(out, {COMPARISON: csv_of(comparison.table)}, COMPARE)
+    shown = comparison.table.drop(columns=["model", "unfinished", "converged"])
     click.echo(shown.to_string(float_format=lambda x: f"{x:.4g}", na_rep="–"))
     click.echo()
-    for label, model in found.table["model"].items():
+    for label, model in comparison.table["model"].items():
         click.echo(f"{label}: {model or 'the same model'}")
-    for warning in found.warnings:
+    for warning in comparison.warnings:
         click.echo(f"warning: {warning}")
-    shares = ", ".join(f"{load} {chance(share)}" for load, share in found.interior.items())
+    shares = ", ".join(f"{load} {chance(share)}" for load, share in comparison.interior.items())
     click.echo(f"probability of an interior maximum, averaged over the runs with their weights: {shares}")
     click.echo(f"written to {path}")
-    click.echo(found.sentence)
+    click.echo(comparison.sentence)

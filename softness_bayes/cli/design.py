@@ -8,7 +8,6 @@ from softness_bayes.readable import percent
 
 if TYPE_CHECKING:
     from softness_bayes.model.build import ExperimentModel
-    from softness_bayes.model.understanding import Setting
     from softness_bayes.touch.accuracy import Errors
     from softness_bayes.touch.scene import Discretisation
 
@@ -28,9 +27,9 @@ def design_lines(expected: dict[str, Any]) -> list[str]:
         "Linear approximation, without sampling. In test runs, 61 of 64 posterior widths were within a factor "
         "of 1.5 of it.",
     ]
-    given, used = expected["loads"]
-    if used < given:
-        lines.append(f"Neighbouring loads among the {given} are merged into {used} for this prediction.")
+    count, used = expected["loads"]
+    if used < count:
+        lines.append(f"Neighbouring loads among the {count} are merged into {used} for this prediction.")
     for name, ratio in expected["sd_ratio"].items():
         lines.append(f"  {name:14} {_limits(ratio)}")
     if expected["not_foreseen"]:
@@ -77,6 +76,8 @@ def cost_lines(model: ExperimentModel) -> list[str]:
     Errors are the largest over draws of the prior and conditions: of the response, relative to the peak of each draw,
     and of log(N/N_ref + eps). Costs are the time per parameter vector in batches of 64, measured on this machine.
     """
+    import pandas as pd
+
     from softness_bayes.model.scenes import prior_draws
     from softness_bayes.model.understanding import BATCH, ladder, left_out, seconds
     from softness_bayes.touch.accuracy import DRAWS
@@ -84,26 +85,33 @@ def cost_lines(model: ExperimentModel) -> list[str]:
     scene, chosen, draws = model.scene, model.resolution, prior_draws(model.posterior.space)
     assert chosen is not None, "the command line sets an accuracy"
     d = chosen.discretisation
-    settings = ladder(scene, draws)
     cost, others = seconds(scene, draws.parameters), model.posterior.other_loads
     cost += 0.0 if others is None else seconds(others, draws.parameters)
-    table = (
-        _row("stage", "resolution", "error / peak", "error of log"),
-        _row("mechanics", "", *_numbers(chosen.mechanics)),
-        _row("  stress field", f"tolerance {d.field_tolerance:.0e}", "", ""),
-        _row("  population", f"{d.nodes} nodes, to exp(-{d.saturation:g})", "", ""),
-        _row("firing rates", _rates(scene.firing, d), *_numbers(chosen.firing)),
-        _row("sum", "", *_numbers(chosen.errors)),
-    )
+    mechanics = f"{d.nodes} nodes to exp(-{d.saturation:g}), tolerance {d.field_tolerance:.0e}"
+    stages = [
+        {"stage": "mechanics", "resolution": mechanics, **_shown(chosen.mechanics)},
+        {"stage": "firing rates", "resolution": _rates(scene.firing, d), **_shown(chosen.firing)},
+        {"stage": "sum", "resolution": "", **_shown(chosen.errors)},
+    ]
+    presets = [
+        {
+            "nodes": one.resolution.discretisation.nodes,
+            "to exp(-x)": one.resolution.discretisation.saturation,
+            "tolerance": f"{one.resolution.discretisation.field_tolerance:.0e}",
+            "rates": _terms(one.resolution.discretisation),
+            **_shown(one.resolution.errors),
+            "cost [µs]": f"{1e6 * one.seconds:.1f}",
+            "": "<- chosen" if one.chosen else "",
+        }
+        for one in ladder(scene, draws)
+    ]
     return [
         f"accuracy {model.options.accuracy:g}, {scene.n_conditions} conditions, errors over {DRAWS} draws of the prior",
-        "",
-        *(line.rstrip() for line in table),
+        f"\n{pd.DataFrame(stages).to_string(index=False)}",
         f"\ncost: {1e6 * cost:.1f} µs for each parameter vector, {BATCH} at a time, on one core",
         "\nleft out:",
         *(f"- {reason}" for reason in left_out(model)),
-        "\npresets:",
-        *map(_choice, settings),
+        f"\npresets:\n{pd.DataFrame(presets).to_string(index=False)}",
     ]
 
 
@@ -119,17 +127,5 @@ def _terms(d: Discretisation) -> str:
     return "all terms" if d.rate_terms is None else f"{d.rate_terms} terms"
 
 
-def _numbers(errors: Errors) -> tuple[str, str]:
-    return f"{float(errors.peak):.1e}", f"{float(errors.log):.1e}"
-
-
-def _row(stage: str, resolution: str, peak: str, log: str) -> str:
-    return f"{stage:16} {resolution:28} {peak:>12} {log:>14}"
-
-
-def _choice(setting: Setting) -> str:
-    d = setting.resolution.discretisation
-    what = f"{d.nodes} nodes, to exp(-{d.saturation:g}), tolerance {d.field_tolerance:.0e}, {_terms(d)}"
-    mark = "  <- chosen" if setting.chosen else ""
-    peak, log = _numbers(setting.resolution.errors)
-    return f"{what:54} {peak:>9} {log:>9} {1e6 * setting.seconds:9.1f} µs{mark}"
+def _shown(errors: Errors) -> dict[str, str]:
+    return {"error / peak": f"{float(errors.peak):.1e}", "error of log": f"{float(errors.log):.1e}"}

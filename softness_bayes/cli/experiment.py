@@ -12,16 +12,17 @@ from softness_bayes.cli.options import (
     FILE,
     collected,
     load_options,
+    number,
     out,
+    path,
     seed,
     trust_code,
     trusts_code,
     typed,
-    whole,
 )
 from softness_bayes.errors import InputError
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.ranges import PANEL, Count
+from softness_bayes.ranges import PANEL, Count, Range
 from softness_bayes.results.run_options import DataFiles
 
 if TYPE_CHECKING:
@@ -51,9 +52,7 @@ KPA = 1e3
     default="",
     help="What is to be learnt: parameters, turning@2mm or turning@1N, run (which of two); by default everything.",
 )
-@click.option(
-    "--candidates", type=FILE, metavar="FILE", help="Table of fabrics that could be rated; by default the rated ones."
-)
+@path("--candidates", "FILE", "Table of fabrics that could be rated; by default the rated ones.")
 @click.option(
     "--moduli",
     metavar="LOW:HIGH:N",
@@ -61,7 +60,7 @@ KPA = 1e3
 )
 @load_options(" of a candidate. Repeatable; by default as rated.")
 @click.option("--largest-load", metavar="LOAD", help="Leave out loads above this one, such as 2mm or 1N.")
-@click.option("--conditions", type=whole(Count(1, 50)), default=8, show_default=True, help="Largest number of touches.")
+@number("--conditions", Count(1, 50), "Largest number of touches.", 8)
 @click.option(
     "--raters",
     metavar="same|new:N",
@@ -69,10 +68,10 @@ KPA = 1e3
     show_default=True,
     help="Raters, each of whom rates every touch once: those of the run, or N new ones.",
 )
-@click.option("--budget", type=click.FloatRange(0, min_open=True), help="Budget, in the unit of the costs.")
-@click.option("--cost-fabric", type=click.FloatRange(0), default=0.0, help="Cost of a fabric that has to be obtained.")
-@click.option("--cost-load", type=click.FloatRange(0), default=0.0, help="Cost of each load.")
-@click.option("--cost-rating", type=click.FloatRange(0), default=1.0, show_default=True, help="Cost of one rating.")
+@number("--budget", Range(0.0, above=True), "Budget, in the unit of the costs.", metavar="X")
+@number("--cost-fabric", Range(0.0), "Cost of a fabric that has to be obtained.", 0.0, "X")
+@number("--cost-load", Range(0.0), "Cost of each load.", 0.0, "X")
+@number("--cost-rating", Range(0.0), "Cost of one rating.", 1.0, "X")
 @seed
 @out(DESIGN)
 @click.option("--force", is_flag=True, help="Replace the files that 'design' wrote there.")

@@ -43,8 +43,8 @@ def keeping(hint: Callable[[], str]) -> Iterator[None]:
 def tell_kept() -> None:
     """Write the hints on kept files and how to continue to the error stream."""
     for hint in reversed(_kept):
-        if said := hint():
-            _tell(said)
+        if text := hint():
+            _tell(text)
 
 
 @contextmanager
@@ -60,13 +60,13 @@ def guarded(last: bool) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    asked: list[int] = []
+    received: list[int] = []
     done = threading.Event()
 
     def stop(number: int, frame: FrameType | None) -> None:
-        if asked:
+        if received:
             _end(number)  # a second signal ends the process at once
-        asked.append(number)
+        received.append(number)
         # errors that the interrupt causes in a callback or another thread are not shown
         sys.unraisablehook = threading.excepthook = _quiet
         raise Interrupted
@@ -85,12 +85,12 @@ def guarded(last: bool) -> Iterator[None]:
             yield
         finally:
             for number, handler in before.items():
-                signal.signal(number, signal.SIG_IGN if last and not asked else handler)
+                signal.signal(number, signal.SIG_IGN if last and not received else handler)
             signal.set_wakeup_fd(woken)
             os.close(writing)
     except BaseException as error:
-        if asked and not (isinstance(error, SystemExit) and not error.code):
-            _end(asked[0])
+        if received and not (isinstance(error, SystemExit) and not error.code):
+            _end(received[0])
         raise
     finally:
         done.set()
@@ -99,9 +99,9 @@ def guarded(last: bool) -> Iterator[None]:
 def _watch(reading: int, done: threading.Event) -> None:
     """End the process `GRACE` seconds after a signal; return when the other end of the pipe is closed."""
     while numbers := os.read(reading, 64):
-        asked = [number for number in numbers if number in SIGNALS]
-        if asked and not done.wait(GRACE):
-            _end(asked[0])
+        signals = [number for number in numbers if number in SIGNALS]
+        if signals and not done.wait(GRACE):
+            _end(signals[0])
     os.close(reading)
 
 
@@ -162,13 +162,13 @@ def _clean() -> None:
         atexit._run_exitfuncs()
 
 
-def _tell(said: str) -> None:
+def _tell(text: str) -> None:
     """Write a line directly, because the interrupted code may hold the stream's lock."""
     with suppress(OSError, AttributeError, ValueError):
-        os.write(sys.stderr.fileno(), f"{said}\n".encode(errors="surrogateescape"))
+        os.write(sys.stderr.fileno(), f"{text}\n".encode(errors="surrogateescape"))
         return
     with suppress(OSError, AttributeError, ValueError):
-        print(said, file=sys.stderr)
+        print(text, file=sys.stderr)
 
 
 def _quiet(*_: Any) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import sys
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -30,32 +29,6 @@ Verb = Callable[..., Any]
 Decorator = Callable[[Verb], Verb]
 
 FILE = click.Path(path_type=Path)
-
-
-class NumberIn(click.FloatRange):
-    """A finite number within a range.
-
-    Parameters
-    ----------
-    within
-        The range.
-    """
-
-    def __init__(self, within: Range) -> None:
-        super().__init__(within.low, within.high, min_open=within.above)
-        self._within = within
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Return the number, or refuse it."""
-        number = float(click.FLOAT.convert(value, param, ctx))
-        if not self._within.holds(number):
-            self.fail(f"expected {self._within}, got {value!r}", param, ctx)
-        return number
-
-
-def whole(count: Count) -> click.IntRange:
-    """Return the type of an option that counts."""
-    return click.IntRange(count.low, None if count.high == sys.maxsize else count.high)
 
 
 class _Text(click.ParamType):
@@ -93,13 +66,6 @@ def _parsed(kind: Kind, value: Any, param: click.Parameter | None, ctx: click.Co
         raise click.BadParameter(str(error), ctx, param) from None
 
 
-def _type(kind: Kind, choices: tuple[str, ...]) -> Any:
-    """Return the click type of the values of a kind."""
-    if isinstance(kind, Number):
-        return whole(kind.range) if isinstance(kind.range, Count) else NumberIn(kind.range)
-    return _Word(kind, choices) if choices else _Text(kind)
-
-
 def completion(words: Callable[[str], Iterable[str]]) -> Callable[..., list[str]]:
     """Return click's completion of a word that has begun, from a function of it that returns all words."""
 
@@ -109,13 +75,16 @@ def completion(words: Callable[[str], Iterable[str]]) -> Callable[..., list[str]
     return complete
 
 
-def number(
-    flag: str, within: Range | Count, text: str, default: float | None = None, metavar: str | None = "N"
-) -> Decorator:
+def number(flag: str, within: Range | Count, text: str, default: float | None = None, metavar: str = "N") -> Decorator:
     """Return an option for a number in a range."""
-    kind = whole(within) if isinstance(within, Count) else NumberIn(within)
-    shown = default is not None
-    return click.option(flag, type=kind, default=default, show_default=shown, metavar=metavar, help=text)
+    return click.option(
+        flag,
+        type=_Text(Number(within)),
+        default=default,
+        show_default=default is not None,
+        metavar=metavar,
+        help=f"{text} Accepts {within}.",
+    )
 
 
 def path(flag: str, metavar: str, text: str, name: str | None = None) -> Decorator:
@@ -158,7 +127,10 @@ def flag(options: type[Options], name: str, **changed: Any) -> Decorator:
     if one.shown:
         default = one.default if isinstance(kind, Number) else one.written(one.default)
         given |= {"default": default, "show_default": True}
-    return click.option(one.flag, name, type=_type(kind, choices), help=text, **given | changed)
+    if isinstance(kind, Number):
+        text = f"{text} Accepts {kind.range}."
+    kind_of_text = _Word(kind, choices) if choices else _Text(kind)
+    return click.option(one.flag, name, type=kind_of_text, help=text, **given | changed)
 
 
 def collected(

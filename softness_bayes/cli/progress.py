@@ -7,7 +7,7 @@ import math
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, NoReturn, Self
 
 import click
@@ -129,14 +129,10 @@ def counting(total: int, unit: str, description: str) -> Iterator[Callable[[int,
     """
     from tqdm import tqdm
 
-    bar: tqdm[NoReturn] | None = None
-    with ExitStack() as bars:  # no line before there is progress, so that input errors are printed without it
+    # the delay keeps the line away until there is progress, so that input errors are printed without it
+    with tqdm(total=total, unit=unit, desc=description, leave=False, dynamic_ncols=True, delay=1e-3) as bar:
 
         def show(finished: int, last: str) -> None:
-            nonlocal bar
-            if bar is None:
-                line = tqdm(total=total, unit=unit, desc=description, leave=False, dynamic_ncols=True)
-                bar = bars.enter_context(line)
             bar.update(finished - bar.n)
             bar.set_postfix_str(last)
 

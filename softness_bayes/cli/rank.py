@@ -151,8 +151,8 @@ def target(
     from softness_bayes.results.target import Cloth
 
     file.require()
-    given = ((TENSILE_MODULUS, tensile_modulus_mpa), (THICKNESS, thickness_mm))
-    tensile, thick = (None if value is None else value * column.factor for column, value in given)
+    measured = ((TENSILE_MODULUS, tensile_modulus_mpa), (THICKNESS, thickness_mm))
+    tensile, thick = (None if value is None else value * column.factor for column, value in measured)
     cloth = Cloth(tensile, thick, poisson_ratio)
     cloth.require()
     loads = loads_of(indentation_mm, force_n)

@@ -102,9 +102,9 @@ def command(
                 f"with --{name}"
             )
     wanted = checkpoint.request["figures"] and not no_figures
-    own = checkpoint.request.get("own_figures", []) if wanted else None
-    require_drawn(own)
-    run(checkpoint, files, files.read(), Request(model, how), own, moved.words())
+    own_figures = checkpoint.request.get("own_figures", []) if wanted else None
+    require_drawn(own_figures)
+    run(checkpoint, files, files.read(), Request(model, how), own_figures, moved.words())
 
 
 def _is_whole(directory: Path) -> bool:
@@ -146,38 +146,35 @@ def status(directory: Path) -> None:
     if is_calibration(directory):
         _of_a_calibration(directory, progress_of(directory))
         return
-
     if (directory / RUNS).is_dir() and not (directory / CHECKPOINT).exists():
         begun = sorted(path.parent.parent for path in (directory / RUNS).glob(f"*/{CHECKPOINT}/{MANIFEST}"))
         _of_a_study(directory, {path.name: read_status(path) for path in begun})
         return
     status = read_status(directory)
-    click.echo(f"{directory}: {_what(status)}")
-    togo = f", about {status.missing} to go" if status.missing else ""
-    click.echo(f"steps: {status.steps} in {status.seconds:.0f} s{togo}")
+    verdict, togo = status.verdict, f", about {status.missing} to go" if status.missing else ""
+    lines = [f"{directory}: {_what(status)}", f"steps: {status.steps} in {status.seconds:.0f} s{togo}"]
     if status.failures:
-        click.echo(f"the density could not be computed at {counted(status.failures, 'point')}, listed in nonfinite.csv")
-    if status.verdict is None:
-        click.echo("convergence has not been checked yet")
-        return
-    click.echo(f"at step {status.verdict.steps}: {in_numbers(status.verdict, status.seconds)}")
-    if not status.verdict.converged and status.steps:
-        click.echo(needed(status.verdict, status.seconds / status.steps))
-    click.echo(status.verdict.sentence())
-
-
-def _of_a_calibration(directory: Path, found: CalibrationProgress) -> None:
-    """Print the numbers of finished replicates and of those that are left."""
-    left = found.asked - found.finished
-    size = some_of(found.finished, found.asked, "replicate")
-    click.echo(f"{directory}: {size} finished, {found.unconverged} did not converge")
-    if found.running:
-        seconds = "" if math.isnan(found.seconds) else f", about {found.seconds:.0f} s to go"
-        click.echo(f"a process is running it{seconds}")
-    elif left:
-        click.echo(f"interrupted, no process is running it; the same 'softness-bayes calibrate' runs the other {left}")
+        points = counted(status.failures, "point")
+        lines.append(f"the density could not be computed at {points}, listed in nonfinite.csv")
+    if verdict is None:
+        lines.append("convergence has not been checked yet")
     else:
-        click.echo("no process is running it")
+        lines.append(f"at step {verdict.steps}: {in_numbers(verdict, status.seconds)}")
+        lines += [needed(verdict, status.seconds / status.steps)] if status.steps and not verdict.converged else []
+        lines.append(verdict.sentence())
+    click.echo("\n".join(lines))
+
+
+def _of_a_calibration(directory: Path, now: CalibrationProgress) -> None:
+    """Print the numbers of finished replicates and of those that are left."""
+    asked = max(now.asked, now.finished)
+    size, left = some_of(now.finished, asked, "replicate"), asked - now.finished
+    state = "no process is running it"
+    if now.running:
+        state = "a process is running it" + ("" if math.isnan(now.seconds) else f", about {now.seconds:.0f} s to go")
+    elif left:
+        state = f"interrupted, {state}; the same 'softness-bayes calibrate' runs the other {left}"
+    click.echo(f"{directory}: {size} finished, {now.unconverged} did not converge\n{state}")
 
 
 def _of_a_study(directory: Path, runs: dict[str, Status]) -> None:
@@ -189,9 +186,9 @@ def _of_a_study(directory: Path, runs: dict[str, Status]) -> None:
     good = sum((verdict := runs[name].verdict) is not None and verdict.converged for name in done)
     under_way = sum(one.running for one in runs.values())
     refused = [name for name in refused_tables(directory) if name not in runs]
-    asked = max(read_asked(directory).fits, len(runs))
-    waiting = max(asked - len(runs) - len(refused), 0)
-    left = seconds_left(directory, done, asked - len(refused))
+    count = max(read_asked(directory).fits, len(runs))
+    waiting = max(count - len(runs) - len(refused), 0)
+    left = seconds_left(directory, done, count - len(refused))
     click.echo(
         f"{directory}: {counted(len(done), 'run')} ended ({good} converged), {under_way} running, "
         f"{len(runs) - len(done) - under_way} interrupted, {waiting} not begun"

@@ -15,9 +15,9 @@ from softness_bayes.cli.options import collected, data_files, force, no_figures,
 from softness_bayes.cli.progress import Bar
 from softness_bayes.cli.running import command_line
 from softness_bayes.cli.summary import print_result
-from softness_bayes.errors import InputError, NotConvergedError
+from softness_bayes.errors import NotConvergedError
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.results.run_options import DataFiles, RunOptions, refused_without_ratings
+from softness_bayes.results.run_options import DataFiles, RunOptions, require_no_ratings_needed
 
 if TYPE_CHECKING:
     from softness_bayes.checkpoints.checkpoint import Checkpoint
@@ -76,7 +76,7 @@ def command(
     run(Checkpoint.create(out, force, inputs=files.paths), files, data, request, drawn)
 
 
-def require_drawn(own: Sequence[str] | None) -> None:
+def require_drawn(names: Sequence[str] | None) -> None:
     """Raise an error for custom figures that cannot be drawn; the argument is None if no figures are requested.
 
     Raises
@@ -84,13 +84,13 @@ def require_drawn(own: Sequence[str] | None) -> None:
     InputError
         If one cannot be imported, or is not a figure.
     """
-    if own is None:
+    if names is None:
         return
     from softness_bayes.plotting.figures import OWN_FIGURES, require_figures
     from softness_bayes.supplied import installed
 
-    if own or installed(OWN_FIGURES):
-        require_figures([*own, *installed(OWN_FIGURES)])
+    if names or installed(OWN_FIGURES):
+        require_figures([*names, *installed(OWN_FIGURES)])
 
 
 def _model_of_forces(model: ModelOptions, how: RunOptions) -> ModelOptions:
@@ -101,9 +101,7 @@ def _model_of_forces(model: ModelOptions, how: RunOptions) -> ModelOptions:
     InputError
         If an option for ratings was given.
     """
-    if flags := refused_without_ratings(model, how):
-        needs, them = ("needs", "it") if len(flags) == 1 else ("need", "them")
-        raise InputError(f"{' and '.join(flags)} {needs} ratings: give --data, or omit {them}")
+    require_no_ratings_needed(model, how)
     if typed("prior_set"):
         return model
     click.echo(

@@ -17,7 +17,7 @@ from softness_bayes.cli.predict import accurate
 from softness_bayes.defaults import ERRORS
 from softness_bayes.likelihood.directions import RATING_DIRECTIONS, RISES
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.ranges import FINGERS, PARTICIPANTS, SLOPES, TYPICAL_RATINGS
+from softness_bayes.ranges import FINGERS, PARTICIPANTS, SLOPES, TYPICAL_RATINGS, Range
 from softness_bayes.readable import counted, percent
 
 if TYPE_CHECKING:
@@ -48,13 +48,7 @@ RATINGS, FABRICS, COMPRESSION, TRUTH = "ratings.csv", "fabrics.csv", "compressio
     },
 )
 @number("--participants", PARTICIPANTS, "Number of raters.", 30)
-@click.option(
-    "--missing",
-    type=click.FloatRange(0, 1, max_open=True),
-    default=0.0,
-    show_default=True,
-    help="Share of ratings that are missing at random.",
-)
+@number("--missing", Range(0.0, 0.999), "Share of ratings that are missing at random.", 0.0, "SHARE")
 @number("--typical-rating", TYPICAL_RATINGS, "exp(mu); by default the centre of its prior.", metavar="Y")
 @number("--slope", SLOPES, "c1 of standardised ratings; by default the median of its prior.", metavar="C1")
 @number(
@@ -97,8 +91,8 @@ def command(
 
     assert model.direction is not None, "simulated ratings have a direction and an error law"
     assert model.errors is not None, "simulated ratings have a direction and an error law"
-    made = [RATINGS, FABRICS, TRUTH, *([COMPRESSION] if fingers else [])]
-    require_outputs(out, made, SIMULATE, force, touches.inputs)
+    names = [RATINGS, FABRICS, TRUTH, *([COMPRESSION] if fingers else [])]
+    require_outputs(out, names, SIMULATE, force, touches.inputs)
     fabrics, loads = touches.read()
     usual = usual_values(model.readings, model.prior_set, values, fingers or None)
     compiled = partial(scene_of, fabrics, loads, usual, model.readings, finger=model.finger)
@@ -154,11 +148,13 @@ def _forces(
     from softness_bayes.model.simulation import simulate_compression
 
     # a separate random stream, so that the ratings are the same with and without simulated fingers
-    made = simulate_compression(np.random.default_rng([seed, 1]), values, model.readings, fingers, shape=model.finger)
-    names = made.compression.participants
-    effects = {"log_b_effect": made.log_b_effect, "m_effect": made.m_effect}
+    simulation = simulate_compression(
+        np.random.default_rng([seed, 1]), values, model.readings, fingers, shape=model.finger
+    )
+    names = simulation.compression.participants
+    effects = {"log_b_effect": simulation.log_b_effect, "m_effect": simulation.m_effect}
     of_each = {name: dict(zip(names, effect.tolist(), strict=True)) for name, effect in effects.items()}
-    return compression_csv(made.compression), len(made.compression), of_each
+    return compression_csv(simulation.compression), len(simulation.compression), of_each
 
 
 def _truth(simulation: Simulation, names: tuple[str, ...], loads: tuple[Load, ...]) -> dict[str, Any]:

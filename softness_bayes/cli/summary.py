@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,31 +21,18 @@ def print_result(result: Result, out: Path, times: str = "") -> None:
     from softness_bayes.checking.sentences import fit_faults, plate_sentence, silence_note
     from softness_bayes.report.conclusion import conclude, facts_of
 
-    found, summary = result.provenance, result.summary()
-    fit = fit_of(result.tree) if result.has_ratings else None
-    faults = [] if fit is None else [f"the fit failed: {fault}" for fault in fit_faults(fit)]
-    for fault in faults:
-        click.echo(fault)
+    summary, fit = result.summary(), fit_of(result.tree) if result.has_ratings else None
     left_out = ("contraction", "psens_prior_mcse", "psens_likelihood_mcse")  # printed as text or only stored
     shown = summary.drop(columns=[*left_out])
     shown.insert(list(shown).index("prior_sd") + 1, "sd/prior_sd", summary["sd"] / summary["prior_sd"])
-    click.echo(shown.to_string(float_format=lambda x: f"{x:.4g}", na_rep="–"))
-    click.echo()
-    for sentence in result.learnt():
-        click.echo(sentence)
-    if result.has_compression:
-        click.echo(f"\n{plate_sentence(found.plate)}")
-    if fit is not None:
-        _print_ratings(result, fit)
-    click.echo(f"written to {out}; 'softness-bayes report {out}' makes a one-page report")
-    click.echo(found.verdict)
-    if fit is not None and (note := silence_note(fit)):
-        click.echo(note)
-    if times:
-        click.echo(times)
-    click.echo()
-    for line in conclude(facts_of(result), str(out)).lines:
-        click.echo(line)
+    lines = [] if fit is None else [f"the fit failed: {fault}" for fault in fit_faults(fit)]
+    lines += [f"{shown.to_string(float_format=lambda x: f'{x:.4g}', na_rep='–')}\n", *result.learnt()]
+    lines += [f"\n{plate_sentence(result.provenance.plate)}"] if result.has_compression else []
+    lines += [] if fit is None else [f"\n{_turning(result)}\n", *_about_ratings(result, fit)]
+    lines += [f"written to {out}; 'softness-bayes report {out}' makes a one-page report", result.provenance.verdict]
+    lines += [] if fit is None else [silence_note(fit)]
+    lines += [times, "\n".join(["", *conclude(facts_of(result), str(out)).lines])]
+    click.echo("\n".join(filter(None, lines)))
 
 
 def _turning(result: Result) -> str:
@@ -66,43 +54,36 @@ def _turning(result: Result) -> str:
     )
 
 
-def _print_ratings(result: Result, fit: Fit) -> None:
-    """Print the turning points and the checks of the ratings."""
+def _about_ratings(result: Result, fit: Fit) -> Iterator[str]:
+    """Yield sentences on the checks of the ratings, and on numerical errors."""
     from softness_bayes.checking.sentences import check_sentences, fit_sentence, residual_sentences
     from softness_bayes.provenance import NOT_ASKED
 
-    found = result.provenance
-    errors, silence, model = found.errors, found.silence, found.rating_model
-    click.echo(f"\n{_turning(result)}\n")
-    for sentence in (
-        fit_sentence(fit),
-        *([found.direction.said] if found.direction.said else []),
-        *check_sentences(result.tables["predictive_checks"]),
-        *([] if fit.direction.against_data else residual_sentences(found.findings)),
-        *([] if fit.direction.against_data else result.said_of_moduli()),
-        *([result.said_of_loads()] if result.load_cv.any() or result.shared_load_cv else []),
-        *(said for said in (found.rating_model.rating_note, found.rating_model.rating_errors_note) if said),
-    ):
-        click.echo(sentence)
-    click.echo(
+    provenance = result.provenance
+    errors, silence, model = provenance.errors, provenance.silence, provenance.rating_model
+    yield from (fit_sentence(fit), provenance.direction.said, *check_sentences(result.tables["predictive_checks"]))
+    if not fit.direction.against_data:
+        yield from (*residual_sentences(provenance.findings), *result.said_of_moduli())
+    if result.load_cv.any() or result.shared_load_cv:
+        yield result.said_of_loads()
+    yield from (model.rating_note, model.rating_errors_note)
+    yield (
         f"no receptor fires in any condition: {percent(silence.prior_silent_everywhere, 1)} of prior draws, "
         f"{percent(silence.posterior_silent_everywhere, 1)} of posterior draws; in an average condition: "
         f"{percent(silence.prior_silent_conditions)} and {percent(silence.posterior_silent_conditions)}"
     )
     if silence.contact_beyond_half_radius:
-        click.echo(
+        yield (
             f"contact radius above R/2, where Hertz's geometry is questionable: "
             f"{percent(silence.contact_beyond_half_radius)} of draws and conditions; above R, where it is "
             f"meaningless: {percent(silence.contact_beyond_radius)}"
         )
-    if found.held_eps:
-        click.echo(found.held_eps)
-    click.echo(
+    yield provenance.held_eps
+    yield (
         f"numerical error of the response: at most {number(errors.numerical_error, 2)} of its peak over the draws; "
         f"accuracy: {NOT_ASKED if model.accuracy is None else model.accuracy}"
     )
-    click.echo(
+    yield (
         f"error of the firing rates: at most {number(errors.firing_error, 2)} of the peak, if every receptor had the "
-        "largest interpolation error; effect on the posterior:"
+        f"largest interpolation error; effect on the posterior:\n{errors.exactness}"
     )
-    click.echo(errors.exactness)

@@ -71,47 +71,47 @@ class Charts:
 
     # contents
 
-    def draw(self, load: int, found: Picture) -> None:
+    def draw(self, load: int, shown: Picture) -> None:
         """Show a picture, under a load."""
         rated = self.subject.rated
-        curves = {"rate": found.rate} if found.rating is None else {"rate": found.rate, "rating": found.rating}
-        here = {"rate": found.chosen["total_rate_hz"], "rating": found.chosen.get("typical_rating")}
-        self._put("curve", x=found.modulus, **{name: values[load] for name, values in curves.items()})
-        self._put("turn", x=found.turn[[load]][np.isfinite(found.turn[[load]])])
-        self._put("touched", x=[found.chosen["e_fab_kpa"]], **{name: [here[name]] for name in curves})
+        curves = {"rate": shown.rate} if shown.rating is None else {"rate": shown.rate, "rating": shown.rating}
+        here = {"rate": shown.chosen["total_rate_hz"], "rating": shown.chosen.get("typical_rating")}
+        self._put("curve", x=shown.modulus, **{name: values[load] for name, values in curves.items()})
+        self._put("turn", x=shown.turn[[load]][np.isfinite(shown.turn[[load]])])
+        self._put("touched", x=[shown.chosen["e_fab_kpa"]], **{name: [here[name]] for name in curves})
         others = {name: list(np.delete(values, load, axis=0)) for name, values in curves.items()}
-        self.sources["others"].data = {"xs": [found.modulus] * (len(found.rate) - 1), **others}
+        self.sources["others"].data = {"xs": [shown.modulus] * (len(shown.rate) - 1), **others}
         if rated is not None:
-            self._put("data", **{key: rated.shown[load].fabrics[key] for key in COLUMNS["data"]})
+            self._put("data", **{key: rated.charts[load].fabrics[key] for key in COLUMNS["data"]})
         for name, values in curves.items():
             chart, columns = self.figures[name], [np.ravel(values)]
             chart.title = title(self.subject.loads[load])
             if rated is not None:
-                self._put(f"{name}/band", **getattr(rated.shown[load], name))
-                self._put(f"{name}/turn", **rated.shown[load].turn)
-                columns += [np.asarray(getattr(one, name)[key], float) for one in rated.shown for key in BANDS]
+                self._put(f"{name}/band", **getattr(rated.charts[load], name))
+                self._put(f"{name}/turn", **rated.charts[load].turn)
+                columns += [np.asarray(getattr(one, name)[key], float) for one in rated.charts for key in BANDS]
                 if name == "rating":
-                    columns += [np.asarray(one.fabrics[key], float) for one in rated.shown for key in ("low", "high")]
+                    columns += [np.asarray(one.fabrics[key], float) for one in rated.charts for key in ("low", "high")]
             logarithmic = name == "rating" and rated is not None and rated.scale.axis == "log"
             chart.y_range.update(**axis_ends(np.concatenate(columns), logarithmic, from_zero=name == "rate"))
-        self._draw_receptors(found)
+        self._draw_receptors(shown)
 
     def _put(self, name: str, **columns: Any) -> None:
         """Replace the columns of a source, which are numbers."""
         self.sources[name].data = {key: np.asarray(value, float) for key, value in columns.items()}
 
-    def _draw_receptors(self, found: Picture) -> None:
+    def _draw_receptors(self, shown: Picture) -> None:
         chart, x, y = self.figures["firing"], *(self.subject.receptors.T * 1e3)
-        seen = found.distance[found.stress > SEEN * found.stress.max()]
-        self._put("firing", x=found.distance, rate=found.firing)
-        chart.x_range.update(start=0.0, end=step_above(float(seen.max(initial=found.distance[1]))))
-        chart.y_range.update(**axis_ends(found.firing, from_zero=True))
-        fires = found.receptors > 1e-9  # receptors that do not fire stay open circles
+        seen = shown.distance[shown.stress > SEEN * shown.stress.max()]
+        self._put("firing", x=shown.distance, rate=shown.firing)
+        chart.x_range.update(start=0.0, end=step_above(float(seen.max(initial=shown.distance[1]))))
+        chart.y_range.update(**axis_ends(shown.firing, from_zero=True))
+        fires = shown.receptors > 1e-9  # receptors that do not fire stay open circles
         self._put("receptors", x=x, y=y)
-        self._put("firing receptors", x=x[fires], y=y[fires], rate=found.receptors[fires])
-        self.colours.high = step_above(float(found.firing.max()))
+        self._put("firing receptors", x=x[fires], y=y[fires], rate=shown.receptors[fires])
+        self.colours.high = step_above(float(shown.firing.max()))
         centre = np.asarray(self.subject.finger.contact_centre)[:, None] * 1e3
-        outline = centre + found.chosen["contact_radius_mm"] * np.array([np.cos(ROUND), np.sin(ROUND)])
+        outline = centre + shown.chosen["contact_radius_mm"] * np.array([np.cos(ROUND), np.sin(ROUND)])
         self._put("contact", x=outline[0], y=outline[1])
 
     # the charts

@@ -127,13 +127,16 @@ class Page:
         self._waiting = False
         state, rated = self.state, self.subject.rated
         try:
-            found = picture(self.subject, state)
+            drawn = picture(self.subject, state)
         except SoftnessError as error:
             self.said.text = f"<p>{escape(f'This cannot be drawn: {error}')}</p>"
             return
-        self.charts.draw(state.load, found)
-        words = [*found.told, *([] if rated is None else [f"Posterior of the run: {rated.shown[state.load].told}"])]
-        self.said.text = _in_words(words, found)
+        self.charts.draw(state.load, drawn)
+        words = [
+            *drawn.sentences,
+            *([] if rated is None else [f"Posterior of the run: {rated.charts[state.load].sentence}"]),
+        ]
+        self.said.text = _in_words(words, drawn)
 
     def _layout(self) -> Any:
         about = "the medians of the priors" if self.subject.rated is None else self.subject.rated.source
@@ -164,23 +167,23 @@ def _slider(span: Span) -> Slider:
 
 def _legend(run: bool) -> str:
     """Return a text that explains the lines of the charts."""
-    said = "Black: these parameters under the chosen load; grey: under the others; diamond: the touched fabric; dashed "
-    said += "green: the turning point."
+    text = "Black: these parameters under the chosen load; grey: under the others; diamond: the touched fabric; dashed "
+    text += "green: the turning point."
     if run:
-        said += " Blue: 50 % and 95 % credible bands of the run; orange: mean ratings and their spread between raters."
-    return f"<p>{said}</p>"
+        text += " Blue: 50 % and 95 % credible bands of the run; orange: mean ratings and their spread between raters."
+    return f"<p>{text}</p>"
 
 
-def _in_words(words: list[str], found: Picture) -> str:
+def _in_words(words: list[str], touch: Picture) -> str:
     """Return sentences, the quantities of a touch as a table, and the command that reproduces them."""
     told = "".join(f"<p>{escape(one)}</p>" for one in words)
     rows = "".join(
-        f"<tr><td style='padding-right: 2em'>{escape(name)}</td><td>{_shown_number(found.chosen, quantity)}</td></tr>"
+        f"<tr><td style='padding-right: 2em'>{escape(name)}</td><td>{_shown_number(touch.chosen, quantity)}</td></tr>"
         for quantity, name in QUANTITIES.items()
-        if quantity in found.chosen
+        if quantity in touch.chosen
     )
-    repeat = f"<p><b>{REPEAT}</b></p><pre style='{WRAPPED}'>{escape(found.command)}</pre>"
-    return f"{told}<b>{escape(found.fabric)}</b><table>{rows}</table>{repeat}"
+    repeat = f"<p><b>{REPEAT}</b></p><pre style='{WRAPPED}'>{escape(touch.command)}</pre>"
+    return f"{told}<b>{escape(touch.fabric)}</b><table>{rows}</table>{repeat}"
 
 
 def _shown_number(values: Mapping[str, float], name: str) -> str:

@@ -51,7 +51,7 @@ class Picture(NamedTuple):
     """Firing rate of a receptor there [Hz]."""
     receptors: Array
     """Firing rate of each receptor of the pad [Hz]."""
-    told: tuple[str, ...]
+    sentences: tuple[str, ...]
     """Sentences about the response and about limits of validity."""
     command: str
     """The lines that repeat the quantities of the touch."""
@@ -69,7 +69,7 @@ def picture(subject: Subject, state: State) -> Picture:
     one = TouchParameters(*(np.atleast_1d(value) for value in touch_parameters(values)))
     curves, touch = response_curves(subject.curves, one), subject.touch(state)
     fabrics = subject.fabrics.effective_modulus
-    found = find_inflection(curves, ACCURACY, (float(fabrics.min()), float(fabrics.max())), subject.least_drop)
+    turning = find_inflection(curves, ACCURACY, (float(fabrics.min()), float(fabrics.max())), subject.least_drop)
     name = "a fabric without a name" if state.fabric is None else subject.fabrics.names[state.fabric]
     moduli = np.append(fabrics, state.modulus_kpa * KPA)[None]
     response = touch.respond(one, moduli)
@@ -89,25 +89,25 @@ def picture(subject: Subject, state: State) -> Picture:
         curves.modulus / KPA,
         curves.total_rate[0],
         rating,
-        found.modulus[0] / KPA,
+        turning.modulus[0] / KPA,
         f"{name}, {chosen['e_fab_kpa']:.4g} kPa",
         chosen,
         distance * 1e3,
         profiles.stress[0, 0] / KPA,
         profiles.rate[0, 0],
         np.interp(away, distance, profiles.rate[0, 0]),
-        (_response_in_words(subject, state, found), *_reach(subject, values, chosen)),
+        (_response_in_words(subject, state, turning), *_reach(subject, values, chosen)),
         repeating(subject, state),
     )
 
 
-def _response_in_words(subject: Subject, state: State, found: Inflection) -> str:
+def _response_in_words(subject: Subject, state: State, turning: Inflection) -> str:
     load = title(subject.loads[state.load])
-    match CurveShape(int(found.outcome[0, state.load])):
+    match CurveShape(int(turning.outcome[0, state.load])):
         case CurveShape.SILENT:
             return f"{load}: no receptor fires at any modulus."
         case CurveShape.INTERIOR:
-            return f"{load}: the response turns over at E_fab = {found.modulus[0, state.load] / KPA:.4g} kPa."
+            return f"{load}: the response turns over at E_fab = {turning.modulus[0, state.load] / KPA:.4g} kPa."
     return (
         f"{load}: the response has no turning point: its maximum does not exceed both ends of the range of moduli by "
         f"{percent(subject.least_drop)}."
@@ -116,24 +116,24 @@ def _response_in_words(subject: Subject, state: State, found: Inflection) -> str
 
 def _reach(subject: Subject, values: Mapping[str, float], chosen: Mapping[str, float]) -> list[str]:
     """Return notes: no receptor fires, Hertz's geometry is questionable, or the modulus is outside the rated range."""
-    said = []
+    notes = []
     if not chosen["total_rate_hz"]:
-        said.append(
+        notes.append(
             "No receptor fires under this fabric: the model cannot distinguish it from other fabrics without firing."
         )
     tip = values.get("radius", subject.finger.radius * 1e3)
     extent = chosen["contact_radius_mm"] / tip
     if extent > HERTZ_LIMIT:
         word, limit = ("meaningless", "R") if extent >= 1.0 else ("questionable", "R/2")
-        said.append(
+        notes.append(
             f"Out of range: the contact radius of {chosen['contact_radius_mm']:.3g} mm exceeds {limit}, with R "
             f"= {tip:.3g} mm, where Hertz's geometry is {word}."
         )
     if subject.rated is not None:
         low, high = subject.rated.span
         if not low * (1 - 1e-6) <= chosen["e_fab_kpa"] <= high * (1 + 1e-6):
-            said.append(f"This modulus is outside the rated range, {number(low)} to {number(high)} kPa.")
-    return said
+            notes.append(f"This modulus is outside the rated range, {number(low)} to {number(high)} kPa.")
+    return notes
 
 
 def repeating(subject: Subject, state: State) -> str:

@@ -42,7 +42,7 @@ def listening(port: int) -> socket:
         raise InputError(f"--port {port}: {reason}; expected a free port, or 0 for any that is free") from None
 
 
-def serve(subject: Subject, opened: socket, told: Callable[[str], None]) -> None:
+def serve(subject: Subject, opened: socket, report: Callable[[str], None]) -> None:
     """Serve the page of a subject until the process is interrupted.
 
     Parameters
@@ -51,11 +51,11 @@ def serve(subject: Subject, opened: socket, told: Callable[[str], None]) -> None
         The model to explore.
     opened
         Socket from `listening`.
-    told
+    report
         Callback that receives the page's address once the server runs.
     """
     server = page_server(subject, opened)
-    told(address_of(server))
+    report(address_of(server))
     server.io_loop.start()
 
 

@@ -21,7 +21,7 @@ from softness_bayes.model.scenes import firing_of
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.declared import KPA, Parameter
 from softness_bayes.parameters.laws import LogNormal, LogUniform
-from softness_bayes.report.charts import shown
+from softness_bayes.report.charts import chart_data
 from softness_bayes.results.fitted import Fitted
 from softness_bayes.results.result import Result
 from softness_bayes.touch.contact import Finger, FingerBox, Indentation, Load
@@ -103,12 +103,12 @@ class Rated:
     def __init__(self, result: Result) -> None:
         fitted = Fitted(result, ANSWER_DRAWS)
         # of many loads: those of groups of them, and the index of the middle load of each group
-        self.shown, self.load = shown(result)["e_fab"], result.load_groups.at.tolist()
+        self.charts, self.load = chart_data(result)["e_fab"], result.load_groups.at.tolist()
         self.source, self.scale, self.posterior = result.source, result.scale, fitted.posterior
         self.medians = {name: float(np.median(values)) for name, values in fitted.named.items()}
         self.scene = fitted.posterior.scene
-        own = self.posterior.space.modulus(self._theta(self.medians))
-        self.moduli = result.fabrics.effective_modulus if own is None else own
+        moduli = self.posterior.space.modulus(self._theta(self.medians))
+        self.moduli = result.fabrics.effective_modulus if moduli is None else moduli
         self.span = float(self.moduli.min()) / KPA, float(self.moduli.max()) / KPA
 
     def _theta(self, values: Mapping[str, float]) -> Array:
@@ -126,7 +126,7 @@ class Rated:
         values
             Every parameter by name, in natural units.
         rate
-            Responses [spikes/s], shape (loads, k), one row for each load of `shown`.
+            Responses [spikes/s], shape (loads, k), one row for each load of `charts`.
         fabric
             Index of the rated fabric in the last column, or None. If the model has fabric deviations, that of this
             fabric is added in the last column.
@@ -140,14 +140,14 @@ class Rated:
         one = posterior.rating_parameters(theta[:1])  # the drive is the same for every draw
         drive = observed.drive_at(rate.reshape(1, -1) / self.scene.n_receptors, rated[:1], one)
         drive = np.broadcast_to(drive.reshape(1, *rate.shape), (size, *rate.shape))
-        own = None if fabric is None else deviations_of_fabrics(observed.single.named_effects(effects))
-        if own is not None:
-            drive = np.concatenate([drive[..., :-1], drive[..., -1:] + own[:, None, fabric, None]], axis=-1)
-        found = [
+        deviations = None if fabric is None else deviations_of_fabrics(observed.single.named_effects(effects))
+        if deviations is not None:
+            drive = np.concatenate([drive[..., :-1], drive[..., -1:] + deviations[:, None, fabric, None]], axis=-1)
+        ratings = [
             observed.typical(rated, parameters, effects, drive[:, k], np.flatnonzero(self.scene.load == load))
             for k, load in enumerate(self.load)
         ]
-        return np.asarray(np.median(np.stack(found, axis=1), axis=0))
+        return np.asarray(np.median(np.stack(ratings, axis=1), axis=0))
 
 
 @dataclass(frozen=True)

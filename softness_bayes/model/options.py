@@ -9,6 +9,7 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Self
 
 from softness_bayes.defaults import ACCURACY, ERRORS, NOISE, PRIOR_SET
+from softness_bayes.files.json_text import parse_json
 from softness_bayes.kinds import require_kind
 from softness_bayes.likelihood.directions import FREE, RATING_DIRECTIONS, RISES, RatingDirection, direction_named
 from softness_bayes.likelihood.scales import MAGNITUDE, OWN_SCALES, RATING_SCALES, Scale, name_of_scale, scale_named
@@ -286,7 +287,7 @@ class Resolution(Kind):
         """Return the resolution of its fields as JSON."""
         from softness_bayes.touch.scene import Discretisation
 
-        return Discretisation(**json.loads(text))
+        return Discretisation(**parse_json(text))
 
     def write(self, value: Discretisation) -> str:
         """Return the fields as JSON."""

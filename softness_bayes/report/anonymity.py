@@ -46,11 +46,13 @@ def renamed(result: Result, names: Mapping[str, str]) -> Result:
             if what in table.index.names:
                 tables[label] = table = table.rename(index=dict(names), level=what)
             if what in table:
-                told = [names.get(str(name), name) for name in table[what]]
-                tables[label] = table = table.assign(**{what: told})
+                column = [names.get(str(name), name) for name in table[what]]
+                tables[label] = table = table.assign(**{what: column})
     return replace(result, tree=tree, tables=tables)
 
 
 def _renamed(group: xr.Dataset, names: Mapping[str, str]) -> xr.Dataset:
-    told = {what: [names.get(str(name), str(name)) for name in group[what].values] for what in PEOPLE if what in group}
-    return group.assign_coords({what: (what, values) for what, values in told.items()})
+    renamed_axes = {
+        what: [names.get(str(name), str(name)) for name in group[what].values] for what in PEOPLE if what in group
+    }
+    return group.assign_coords({what: (what, values) for what, values in renamed_axes.items()})

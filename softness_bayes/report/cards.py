@@ -239,8 +239,8 @@ def plate_card(plate: PlateData) -> Card:
 
 def _without_ratings(question: str) -> Card:
     """Return the card of a question that a run without ratings does not answer."""
-    said = "Only compression data were fitted: the run has no receptors, responses or ratings."
-    return Card(question, "Does not apply", Standing.NEUTRAL, [said])
+    reason = "Only compression data were fitted: the run has no receptors, responses or ratings."
+    return Card(question, "Does not apply", Standing.NEUTRAL, [reason])
 
 
 def exactness_of(result: Result) -> Exactness:

@@ -56,7 +56,7 @@ AXES = (Axis("e_fab", "Fabric modulus E_fab [kPa]", "kPa"), Axis("ratio", "E_fab
 """The horizontal axes: E_fab, and its ratio to the modulus of the compressed skin."""
 
 
-class Shown(NamedTuple):
+class ChartData(NamedTuple):
     """Contents of a chart for one load and axis; every list is a column."""
 
     title: str
@@ -70,11 +70,11 @@ class Shown(NamedTuple):
     """Columns x, name, mean rating (NaN without ratings) and its spread between participants; `foot` is 0."""
     turn: dict[str, list[float]]
     """Columns left, middle and right: 90 % interval of the turning point; empty if no draw has a turning point."""
-    told: str
+    sentence: str
     """Description of the turning point in words."""
 
 
-def shown(result: Result) -> dict[str, list[Shown]]:
+def chart_data(result: Result) -> dict[str, list[ChartData]]:
     """Return the contents for each load, by the name of the axis.
 
     Parameters
@@ -87,7 +87,7 @@ def shown(result: Result) -> dict[str, list[Shown]]:
     fabric = result.group("constant_data")["effective_modulus_kpa"].values
     names = [str(name) for name in result.group("constant_data")["fabric"].values]
     modulus, ratings = curves.modulus * 1e-3, observed_of(result)
-    found: dict[str, list[Shown]] = {axis.name: [] for axis in AXES}
+    contents: dict[str, list[ChartData]] = {axis.name: [] for axis in AXES}
     for k, load in enumerate(groups.called):
         row, here = table.loc[str(load)], ratings.load == k
         observed = {name: _plain(getattr(ratings, name)[here]) for name in ("mean", "low", "high")}
@@ -99,18 +99,18 @@ def shown(result: Result) -> dict[str, list[Shown]]:
         }
         for axis in AXES:
             x, rate, rating, place = layouts[axis.name]
-            found[axis.name].append(
-                Shown(
+            contents[axis.name].append(
+                ChartData(
                     title(load),
                     (float(x[0]), float(x[-1])),
                     _band(x, rate),
                     _band(x, rating),
                     {"x": _plain(place), "fabric": names, "foot": [0.0] * len(names), **observed},
                     turns[axis.name],
-                    _told(title(load), row, axis),
+                    _turn_sentence(title(load), row, axis),
                 )
             )
-    return found
+    return contents
 
 
 def _band(x: Array, draws: Array) -> dict[str, list[float]]:
@@ -124,7 +124,7 @@ def _turn(row: Any, name: str) -> dict[str, list[float]]:
     return {key: [value] if np.isfinite(value) else [] for key, value in zip(keys, _rounded(limits), strict=True)}
 
 
-def _told(load: str, row: Any, axis: Axis) -> str:
+def _turn_sentence(load: str, row: Any, axis: Axis) -> str:
     likely = f"the response turns over with probability {chance(row['p_interior'])}"
     likely += f" (prior: {chance(row['prior_p_interior'])})" if np.isfinite(row["prior_p_interior"]) else ""
     name = "e_fab_kpa" if axis.name == "e_fab" else "ratio"
@@ -142,8 +142,8 @@ def _rounded(values: Any) -> Array:
 
 def _plain(values: Any) -> list[float]:
     """Return rounded numbers as a list of Python floats."""
-    found: list[float] = _rounded(values).tolist()
-    return found
+    numbers: list[float] = _rounded(values).tolist()
+    return numbers
 
 
 class Charts(NamedTuple):
@@ -157,7 +157,7 @@ class Charts(NamedTuple):
     """Chart name -> element in which the chart is drawn."""
 
 
-def charts(first: Shown, every: list[Shown], scale: Scale) -> Charts:
+def charts(first: ChartData, every: list[ChartData], scale: Scale) -> Charts:
     """Return the charts of response and rating in their initial state.
 
     Parameters
@@ -198,7 +198,7 @@ def _numbered(script: str, places: dict[str, str]) -> tuple[str, dict[str, str]]
     return document + drawing + numbered(items), {name: numbered(place) for name, place in places.items()}
 
 
-def _reach(every: list[Shown], what: str) -> tuple[float, float]:
+def _reach(every: list[ChartData], what: str) -> tuple[float, float]:
     """Return the common range of all bands and, for ratings, of the data."""
     values = [getattr(one, what)[name] for one in every for name in ("low95", "high95")]
     if what == "rating":
@@ -207,7 +207,9 @@ def _reach(every: list[Shown], what: str) -> tuple[float, float]:
     return low, high if high > low else low + 1.0
 
 
-def _chart(name: str, first: Shown, label: str, ends: tuple[float, float], axis: Literal["log", "linear"]) -> figure:
+def _chart(
+    name: str, first: ChartData, label: str, ends: tuple[float, float], axis: Literal["log", "linear"]
+) -> figure:
     """Return a chart of one quantity; the names of its Bokeh models begin with this quantity, as in ``rate/band``."""
     # by name, because Bokeh's type hints lack the attributes of axes and tools
     options: dict[str, Any] = {
@@ -260,7 +262,7 @@ def plain_ticks(chart: figure) -> None:
     chart.yaxis.formatter = BasicTickFormatter(use_scientific=False)
 
 
-def _fabrics(chart: figure, first: Shown, foot: bool) -> None:
+def _fabrics(chart: figure, first: ChartData, foot: bool) -> None:
     """Mark the fabrics along the bottom of a chart, or at their ratings with the spread between participants."""
     source = ColumnDataSource(dict(first.fabrics), name=f"{chart.name}/fabrics")
     if foot:

@@ -29,7 +29,7 @@ from softness_bayes.plotting.style import METADATA, USUAL
 from softness_bayes.readable import chance, counted, number, sentence
 from softness_bayes.report import tables
 from softness_bayes.report.cards import cards
-from softness_bayes.report.charts import AXES, TURN_TINT, Shown, charts, shown
+from softness_bayes.report.charts import AXES, TURN_TINT, ChartData, chart_data, charts
 from softness_bayes.report.conclusion import conclude, facts_of
 from softness_bayes.report.repeat import repetition
 from softness_bayes.results.result import Result
@@ -74,7 +74,7 @@ def write_report(
     own_figures: Sequence[str] = (),
     title: str = "",
     author: str = "",
-    told: Callable[[str, int], None] = lambda name, of: None,
+    progress: Callable[[str, int], None] = lambda name, of: None,
 ) -> Path:
     """Write the report of a run in one atomic step, replacing an earlier report.
 
@@ -88,7 +88,7 @@ def write_report(
         Importable names of custom figures to include.
     title, author
         Heading of the page, by default "Report of a run", and its author.
-    told
+    progress
         Called with the name of each figure before it is drawn, and with the number of all figures.
 
     Returns
@@ -105,7 +105,7 @@ def write_report(
     if path.is_dir():
         raise InputError(f"{path}: is a directory, expected a file for the report")
     require_outputs(path.parent, [path.name], REPORT)
-    write_outputs(path.parent, {path.name: report_page(result, own_figures, title, author, told)}, REPORT)
+    write_outputs(path.parent, {path.name: report_page(result, own_figures, title, author, progress)}, REPORT)
     return path
 
 
@@ -114,7 +114,7 @@ def report_page(
     own_figures: Sequence[str] = (),
     title: str = "",
     author: str = "",
-    told: Callable[[str, int], None] = lambda name, of: None,
+    progress: Callable[[str, int], None] = lambda name, of: None,
 ) -> str:
     """Return the report of a run as one self-contained HTML document; arguments as in `write_report`."""
     require_figures(own_figures)
@@ -128,7 +128,7 @@ def report_page(
     )
     environment.filters["opening"] = lambda said: f"{said[:1].upper()}{said[1:]}"
     result = _with_tables(result)
-    pictures = {name: picture(result, name) for name in announced((*figures_of(result), *own_figures), told)}
+    pictures = {name: picture(result, name) for name in announced((*figures_of(result), *own_figures), progress)}
     later = [name for name in pictures if name not in (*SWITCHED, *CHECKING, *SAMPLING)]
     return environment.get_template("report.html").render(
         generator=GENERATOR,
@@ -161,14 +161,14 @@ def report_page(
 
 def _with_tables(result: Result) -> Result:
     """Return a result whose missing tables are recomputed from its draws."""
-    made = dict(result.tables)
-    if "directions" not in made:
-        made["directions"] = direction_table(result.tree)
-    if result.has_ratings and "predictive_checks" not in made:
-        made["predictive_checks"] = check_table(result.tree)
-    if result.has_ratings and FABRIC_RATINGS not in made:
-        made[FABRIC_RATINGS] = fabric_rating_table(result.tree)
-    return replace(result, tables=made)
+    tables_of_result = dict(result.tables)
+    if "directions" not in tables_of_result:
+        tables_of_result["directions"] = direction_table(result.tree)
+    if result.has_ratings and "predictive_checks" not in tables_of_result:
+        tables_of_result["predictive_checks"] = check_table(result.tree)
+    if result.has_ratings and FABRIC_RATINGS not in tables_of_result:
+        tables_of_result[FABRIC_RATINGS] = fabric_rating_table(result.tree)
+    return replace(result, tables=tables_of_result)
 
 
 def subject(result: Result) -> str:
@@ -207,7 +207,7 @@ def _as_link(text: str) -> str:
 
 def _switched(result: Result) -> dict[str, Any]:
     """Return the interactive charts, the options of their switches, and the data of all options."""
-    every = shown(result)
+    every = chart_data(result)
     flat = [one for loads in every.values() for one in loads]
     drawn = charts(every[AXES[0].name][0], flat, result.scale)
     return {
@@ -217,7 +217,7 @@ def _switched(result: Result) -> dict[str, Any]:
         "turn_tint": TURN_TINT,
         "axes": AXES,
         "loads": [one.title for one in every[AXES[0].name]],
-        "told": every[AXES[0].name][0].told,
+        "sentence": every[AXES[0].name][0].sentence,
         "payload": {
             "labels": {axis.name: axis.label for axis in AXES},
             "shown": {name: [_json(one) for one in loads] for name, loads in every.items()},
@@ -225,7 +225,7 @@ def _switched(result: Result) -> dict[str, Any]:
     }
 
 
-def _json(one: Shown) -> dict[str, Any]:
+def _json(one: ChartData) -> dict[str, Any]:
     """Return the contents of a chart in a form suitable for JSON, with None for NaN and infinity."""
 
     def plain(value: Any) -> Any:
@@ -235,8 +235,8 @@ def _json(one: Shown) -> dict[str, Any]:
             return [plain(inner) for inner in value]
         return None if isinstance(value, float) and not np.isfinite(value) else value
 
-    found: dict[str, Any] = plain(one._asdict())
-    return found
+    contents: dict[str, Any] = plain(one._asdict())
+    return contents
 
 
 def unbroken(value: Any) -> Any:

@@ -44,11 +44,11 @@ def repetition(result: Result) -> Repetition:
     result
         A finished run, begun at the command line or in Python.
     """
-    found, (model, run) = result.attributes, Request.of(result)
+    attributes, (model, run) = result.attributes, Request.of(result)
     begun, *continued = _split(run.command)
     data, notes = _data(result, begun)
-    if not found["converged"] and math.isfinite(run.max_seconds):
-        run = replace(run, max_steps=int(found["steps"]))
+    if not attributes["converged"] and math.isfinite(run.max_seconds):
+        run = replace(run, max_steps=int(attributes["steps"]))
         notes.append(f"The run ended at its time limit; --max-steps {run.max_steps} ends it at the same step.")
     left_out = {"processes", "max_seconds"}
     if result.has_ratings and model.kept_accuracy is None:
@@ -81,12 +81,12 @@ def _more_steps(words: list[str]) -> str:
 
 def _pairs(words: list[str]) -> list[tuple[str, str]]:
     """Return every option of a command with the word that follows it or is tied to it."""
-    found = []
+    pairs = []
     for word, after in zip_longest(words, words[1:], fillvalue=""):
         flag, tied, value = word.partition("=")
         if word.startswith("--"):
-            found.append((flag, value) if tied else (word, after))
-    return found
+            pairs.append((flag, value) if tied else (word, after))
+    return pairs
 
 
 def _data(result: Result, begun: list[str]) -> tuple[list[str], list[str]]:

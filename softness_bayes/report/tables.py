@@ -193,12 +193,12 @@ def of_checks(result: Result) -> PageTable:
 
 def of_provenance(result: Result) -> list[PageTable]:
     """Return the provenance of the run: data, model, sampling, numerical errors, versions."""
-    found, options = result.provenance, Request.of(result).model
-    ending = found.ending
+    provenance, options = result.provenance, Request.of(result).model
+    ending = provenance.ending
     held = result.group("constant_data")
     model = [("Readings", options.readings.label), *((place, name) for place, name in options.readings.names.items())]
     if result.has_ratings:
-        model += [("Ratings", options.scale.name), ("Direction", found.direction.direction.name)]
+        model += [("Ratings", options.scale.name), ("Direction", provenance.direction.direction.name)]
         model += [
             ("Noise on the membranes", number(options.noise)),
             ("Resolution", str(options.discretisation)),
@@ -206,20 +206,24 @@ def of_provenance(result: Result) -> list[PageTable]:
     model += [("Set of priors", options.prior_set)]
     model += [(f"{name} held at", _value(held, name)) for name in EVERY_PARAMETER if name in held]
     sampling = [
-        ("Seed", str(found.asked.seed)),
+        ("Seed", str(provenance.asked.seed)),
         ("Steps of each ensemble", str(ending.steps)),
         ("of these burn-in", str(ending.burn_in)),
         ("Points evaluated", str(ending.evaluations)),
         ("of these, could not be computed", str(ending.failures)),
         ("Sampling took", f"{ending.sampling_seconds:.0f} s"),
     ]
-    versions = [*found.versions.items()]
+    versions = [*provenance.versions.items()]
     parts: Iterable[tuple[str, str, list[tuple[str, str]]]] = (
         ("data", "Data", _data(result)),
         ("model", "Model", model),
         ("sampling", "Sampling", sampling),
-        *((("errors", "Numerical errors", _errors(found.errors, found.silence)),) if result.has_ratings else ()),
-        ("versions", "Versions", [*versions, ("schema of posterior.nc", str(found.asked.schema_version))]),
+        *(
+            (("errors", "Numerical errors", _errors(provenance.errors, provenance.silence)),)
+            if result.has_ratings
+            else ()
+        ),
+        ("versions", "Versions", [*versions, ("schema of posterior.nc", str(provenance.asked.schema_version))]),
     )
     return [PageTable(name, caption, [], rows) for name, caption, rows in parts]
 

@@ -253,11 +253,7 @@ class DataFiles(Options):
             return read_experiment(self.data, how.pop("fabrics"), compression_path=how.pop("compression"), **how)
         if self.compression is None:
             raise InputError("no data: give ratings with --data, a plate's forces with --compression, or both")
-        if refused_without_ratings(self):
-            raise InputError(
-                "--fabrics, --indentation-mm, --force-n, --round-load, --drop-zeros and --wide need ratings: "
-                "give --data, or omit them"
-            )
+        require_no_ratings_needed(self)
         return Compression.read(self.compression, columns=self.columns, decimal=self.decimal)
 
     def answers(self) -> Ratings | None:
@@ -289,11 +285,20 @@ class DataFiles(Options):
         return {name: path for name, path in paths.items() if path is not None}
 
 
-def refused_without_ratings(*given: Options) -> list[str]:
-    """Return the flags of options that differ from their defaults although only a model of ratings has them."""
-    return [
+def require_no_ratings_needed(*given: Options) -> None:
+    """Raise an error for options that only a model of ratings has, if they differ from their defaults.
+
+    Raises
+    ------
+    InputError
+        Naming their flags.
+    """
+    flags = [
         one.flag
         for options in given
         for name, one in options.declared.items()
         if one.needs_ratings and getattr(options, name) != one.default
     ]
+    if flags:
+        needs, them = ("needs", "it") if len(flags) == 1 else ("need", "them")
+        raise InputError(f"{' and '.join(flags)} {needs} ratings: give --data, or omit {them}")

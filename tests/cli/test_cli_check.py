@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -12,7 +13,7 @@ from softness_bayes.cli import FORMER, VERBS, main, short_help
 from softness_bayes.cli.options import flag, force, out, seed, set_values, touches
 from softness_bayes.errors import InputError, SoftnessError
 from softness_bayes.model.options import ModelOptions
-from support.command_line import call
+from support.command_line import HELD, call, run
 from support.paths import ROOT
 
 RATINGS = "participant,fabric,indentation_mm,rating\nP1,a,1,5\nP2,b,1,7\nP1,b,2,NA\nP2,a,1,8\n"
@@ -146,7 +147,7 @@ def test_options_hand_over_values():
         (set_values, ["--set", "b=high"], "b: expected a finite number, got 'high'"),
         (FIX, ["--fix", "b=nan"], "b: expected a finite number, got 'nan'"),
         (FIX, ["--fix", "b=1", "--fix", "b=2"], "'b' is given twice"),
-        (seed, ["--seed", "-1"], "-1 is not in the range x>=0"),
+        (seed, ["--seed", "-1"], "expected a whole number from 0, got '-1'"),
         (PRIOR, ["--prior", "b=cauchy(1)"], "b: "),
     ],
 )
@@ -173,3 +174,62 @@ def test_fabrics_and_loads(tmp_path):
     assert [str(load) for load in loads] == ["1 mm", "2 mm", "1 N"]
     with pytest.raises(InputError, match="--indentation-mm or --force-n"):
         invoke(touches(), "--fabrics", str(path))["touches"].read()
+
+
+# data that hardly say anything
+
+HEADER = "participant,fabric,indentation_mm,rating,effective_modulus_kpa\n"
+MODULI = {"a": 60, "b": 300, "c": 2000}
+CHANNELS = [part for name in ("c_Na", "c_K", "c_L", "c_A") for part in ("--fix", f"{name}={HELD[name]}")]
+
+
+def crossed(people, ratings):
+    """Ratings of the three fabrics by some people, over and over."""
+    cells = [(person, fabric) for person in people for fabric in MODULI]
+    return HEADER + "".join(
+        f"{person},{fabric},2,{ratings[k % len(ratings)]},{MODULI[fabric]}\n"
+        for k, (person, fabric) in enumerate(cells)
+    )
+
+
+TABLES = {
+    "one row": HEADER + "P1,a,2,20,100\n",
+    "one participant": crossed(["P1"], ["20", "30", "25"]),
+    "one fabric": HEADER + "P1,a,2,20,100\nP2,a,2,10,100\nP1,a,2,25,100\n",
+    "identical": crossed(["P1", "P2"], ["20"]),
+    "extreme": crossed(["P1", "P2"], ["1e-300", "1e300"]),
+    "silent": HEADER + "P1,a,0.01,20,0.001\nP1,b,0.01,30,0.002\nP2,a,0.01,35,0.001\n",
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "statement"),
+    [
+        ("one row", "one condition: the response does not vary"),
+        ("one row", "one participant: the spread of rating scales between participants (tau)"),
+        ("one participant", "one participant: the spread of rating scales between participants (tau)"),
+        ("one fabric", "one condition: the response does not vary"),
+        ("identical", "all ratings are equal"),
+        ("extreme", "from 1e-300 to 1e+300"),
+        ("silent", "E_fab 0.001 to 0.002 kPa"),
+    ],
+)
+def test_check_says_what_the_data_cannot_tell(tmp_path, name, statement):
+    (tmp_path / "ratings.csv").write_text(TABLES[name])
+    done = call("check", "--data", tmp_path / "ratings.csv")
+    assert done.returncode == 0, done.stderr
+    assert statement in done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["one row", "one participant", "one fabric"])
+def test_a_run_on_them_ends_with_a_verdict(tmp_path, name):
+    """Warnings are errors in the process that runs; no number of the report is none."""
+    (tmp_path / "ratings.csv").write_text(TABLES[name])
+    brief = ("--max-steps", 20, "--processes", 1, *CHANNELS)
+    done = run("sample", "--data", tmp_path / "ratings.csv", "--out", tmp_path / "out", *brief, timeout=900)
+    assert done.returncode == 3, done.stderr
+    assert "Traceback" not in done.stderr
+    assert "Warning" not in done.stderr
+    assert not re.search(r"\bnan\b", done.stdout), done.stdout
+    assert (tmp_path / "out" / "figures" / "rating.png").stat().st_size > 0

@@ -2,8 +2,6 @@
 
 import json
 import os
-import re
-import shlex
 import shutil
 import subprocess
 import sys
@@ -230,21 +228,6 @@ def test_a_full_disk_says_how_to_go_on(copied, monkeypatch):
     assert read_status(copied).steps
     with Checkpoint.open(copied) as checkpoint:
         assert checkpoint.status is not None
-
-
-def test_the_advice_repeats_the_new_path_of_a_moved_table(copied, killed, monkeypatch):
-    (copied.parent / "ratings.csv").unlink()
-    there = shutil.copy(killed / "ratings.csv", copied.parent / "moved there.csv")
-    fill_disk(monkeypatch, 4)
-    done = call("resume", copied, "--data", there, "--processes", "1")
-    monkeypatch.undo()
-    assert done.returncode == 2
-    said = re.search("'(softness-bayes resume .*)' continues it", done.stderr)[1]
-    words = shlex.split(said)
-    assert words == ["softness-bayes", "resume", str(copied), "--data", str(there)]
-    again = call(*words[1:], "--max-time", "0s", "--processes", "1")
-    assert again.returncode == 3, again.stderr
-    assert f"'{said}' continues the run" in again.stderr
 
 
 def test_too_many_failures_end_a_run_with_4_and_its_state_safe(tmp_path, monkeypatch):

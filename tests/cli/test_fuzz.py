@@ -204,7 +204,7 @@ def stubbed(monkeypatch):
         (accuracy, "choose"),
         (claims, "evaluate_claims"),
         (calibrate, "calibrate"),
-        (bench, "_measure"),
+        (bench, "_speed_and_error"),
         (sample_verb, "run"),
         (subject, "of_priors"),
         (subject, "of_run"),

@@ -16,9 +16,9 @@ from softness_bayes.results.run_options import RunOptions
 from softness_bayes.runs.drawing import FIRST_FIGURES
 from softness_bayes.sampler.sampling import FIRST_LOOK
 from support.command_line import FIXED, call, few_ratings, refused
-from support.report_runs import quickly
+from support.report_runs import LOOK, quickly
 
-ASKED = [*FIXED, "--seed", "3", "--accuracy", "0.01", "--max-steps", "360", "--processes", "1"]
+ASKED = [*FIXED, "--seed", "3", "--accuracy", "0.01", "--max-steps", "80", "--processes", "1"]
 
 
 @pytest.fixture(scope="module")
@@ -39,12 +39,12 @@ def result(looked):
 def test_it_ends_well_and_says_what_it_is(looked, result):
     directory, done = looked
     assert done.returncode == 0, done.stderr
-    assert "A first look (quick), no result. Not converged after 300 steps" in done.stdout
+    assert f"A first look (quick), no result. Not converged after {LOOK} steps" in done.stdout
     assert "Trust it?  Not yet: this is a first look" in done.stdout
     assert "Not checked: a first look (--quick) does not compare the fast model with the exact one." in done.stdout
     assert "Next:      'softness-bayes resume out' continues to the full run" in done.stdout
     assert (result.attributes["quick"], result.attributes["converged"]) == (1, 0)
-    assert result.provenance.ending.steps == FIRST_LOOK == 300
+    assert result.provenance.ending.steps == LOOK < FIRST_LOOK == 300
     assert np.isnan(result.group("sample_stats")["exact_difference"].values).all()
     assert read_status(directory / "out").quick
     assert "a first look (--quick)" in call("status", directory / "out").stdout
@@ -85,7 +85,7 @@ def test_resume_goes_on_to_the_very_result_of_a_full_run(looked):
         again = call("resume", "out", "--no-figures", cwd=directory)
     assert again.returncode == whole.returncode, again.stderr
     one, other = (Result.load(directory / name) for name in ("out", "whole"))
-    assert one.provenance.ending.steps == other.provenance.ending.steps > FIRST_LOOK
+    assert one.provenance.ending.steps == other.provenance.ending.steps == 80
     for group in other.tree.children:
         assert one.tree[group].identical(other.tree[group]), group
     for name in ("summary.csv", "directions.csv", "predictive_checks.csv"):

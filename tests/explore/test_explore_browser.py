@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from softness_bayes.explore.picture import picture
-from softness_bayes.report.charts import shown
+from softness_bayes.report.charts import chart_data
 from support.browser import browser, find_browser
 from support.report_runs import EVIL
 
@@ -58,7 +58,7 @@ def test_it_shows_the_run_in_silence(window, of_ratings, result):
     found, load = picture(of_ratings, of_ratings.start), of_ratings.start.load
     np.testing.assert_allclose(column(window, "curve", "rate"), found.rate[load])
     np.testing.assert_allclose(column(window, "curve", "rating"), found.rating[load])
-    expected = shown(result)["e_fab"][load]
+    expected = chart_data(result)["e_fab"][load]
     for name in ("rate", "rating"):
         for key in ("low95", "high50"):
             np.testing.assert_allclose(column(window, f"{name}/band", key), getattr(expected, name)[key])
@@ -85,7 +85,7 @@ def test_a_moved_slider_moves_the_curve(window, of_ratings):
     found = picture(of_ratings, replace(state, values={**state.values, "b": b}))
     wait_for(window, f"--set b={b:g}")
     np.testing.assert_allclose(column(window, "curve", "rate"), found.rate[state.load])
-    assert found.told[0] in window.script(f"{MODEL.format('said')}.text")
+    assert found.sentences[0] in window.script(f"{MODEL.format('said')}.text")
     assert command(window) == found.command
     # the number beside the slider is the one that is computed with
     title = f"Bokeh.index.find_one_by_id({MODEL.format('b')}.id).el.shadowRoot.querySelector('.bk-slider-value')"

@@ -20,11 +20,10 @@ from softness_bayes.model.prediction import OtherTouches
 from softness_bayes.model.scenes import firing_of, touch_parameters, usual_values
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.parameters.laws import HalfNormal, LogNormal, Normal, Uniform
-from softness_bayes.report.charts import shown
+from softness_bayes.report.charts import chart_data
 from softness_bayes.results.fitted import Fitted
 from softness_bayes.results.result import Result
 from softness_bayes.touch.contact import Indentation
-from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import MENDED, NAMED_READINGS
 from support.command_line import call
 from support.report_runs import quickly
@@ -76,14 +75,6 @@ def test_spans_hold_the_central_98_percent_and_the_start():
 # the model
 
 
-def test_it_begins_at_the_medians(of_medians):
-    usual = usual_values(MENDED)
-    assert of_medians.values(of_medians.start).keys() == usual.keys()
-    for name, value in of_medians.values(of_medians.start).items():
-        assert value == pytest.approx(usual[name], rel=1e-4)
-    assert [span.name for span in of_medians.spans] == [*TouchParameters._fields[:-2]]
-
-
 def test_the_curve_is_that_of_the_forward_model(of_medians):
     state = replace(moved(of_medians, b=60.0, sigma_0=7.0), load=1)
     found = picture(of_medians, state)
@@ -94,7 +85,7 @@ def test_the_curve_is_that_of_the_forward_model(of_medians):
     # at the turning point the curve is highest
     top = found.modulus[found.rate[1].argmax()]
     assert found.turn[1] == pytest.approx(top, rel=0.06)
-    assert f"turns over at E_fab = {found.turn[1]:.4g} kPa" in found.told[0]
+    assert f"turns over at E_fab = {found.turn[1]:.4g} kPa" in found.sentences[0]
     # the diamond is on the curve, but for the fabric's own Poisson ratio
     on_curve = np.interp(np.log(120.0), np.log(found.modulus), found.rate[1])
     assert found.chosen["total_rate_hz"] == pytest.approx(on_curve, rel=0.02)
@@ -119,17 +110,17 @@ def test_a_modulus_of_its_own_is_where_the_curve_is(of_medians):
 def test_silence_and_reach_are_said_in_words(of_medians):
     silent = picture(of_medians, replace(moved(of_medians, sigma_0=22.0), load=0, fabric=0))
     assert silent.chosen["total_rate_hz"] == 0
-    assert any("No receptor fires under this fabric" in one for one in silent.told)
-    assert "no receptor fires at any modulus" in silent.told[0] or "turn" in silent.told[0]
+    assert any("No receptor fires under this fabric" in one for one in silent.sentences)
+    assert "no receptor fires at any modulus" in silent.sentences[0] or "turn" in silent.sentences[0]
     dead = of_priors(of_medians.fabrics, (Indentation(2e-3),), ModelOptions(fix={"alpha": 5.0}))
     found = picture(dead, dead.start)
-    assert found.told[0] == "Indentation 2 mm: no receptor fires at any modulus."
+    assert found.sentences[0] == "Indentation 2 mm: no receptor fires at any modulus."
     assert not (found.receptors > 0).any()
     assert np.isnan(found.turn).all()
     deep = picture(of_medians, moved(of_medians))
-    assert any("questionable" in one or "meaningless" in one for one in deep.told)
+    assert any("questionable" in one or "meaningless" in one for one in deep.sentences)
     fine = picture(of_medians, replace(moved(of_medians), load=0, fabric=2))
-    assert len(fine.told) == 1  # no word of reach where there is none
+    assert len(fine.sentences) == 1  # no word of reach where there is none
 
 
 # the command
@@ -184,7 +175,7 @@ def test_a_run_brings_its_own(of_ratings, result):
     for span in of_ratings.spans:
         draws = result.values(400)[span.name]
         assert span.start == pytest.approx(np.median(draws), rel=1e-4)
-    assert of_ratings.rated.shown == shown(result)["e_fab"]
+    assert of_ratings.rated.charts == chart_data(result)["e_fab"]
     found = picture(of_ratings, of_ratings.start)
     assert_allclose(found.modulus, result.curves().modulus / 1e3, rtol=1e-6)
 
@@ -206,21 +197,11 @@ def test_the_typical_rating_is_that_of_the_fit(of_ratings, result):
     assert found.chosen["typical_rating"] == pytest.approx(on_curve, rel=1e-2)
 
 
-def test_z_scores_have_a_rating_without_an_exponent(report_run):
-    result = report_run("z-scores")
-    subject = of_run(result)
-    assert [span.name for span in subject.spans] == ["b", "alpha", "sigma_0"]
-    rating = picture(subject, subject.start).rating
-    stored = np.median(result.group("predictions")["typical_rating"].values[0], axis=0)
-    assert_allclose(rating[:, -1], stored[:, -1], atol=0.5)
-    assert rating.min() < 0 < rating.max()
-
-
 def test_what_is_beyond_the_rated_moduli_is_said(of_ratings):
     assert "outside the rated range" in " ".join(
-        picture(of_ratings, replace(of_ratings.start, fabric=None, modulus_kpa=3000.0)).told
+        picture(of_ratings, replace(of_ratings.start, fabric=None, modulus_kpa=3000.0)).sentences
     )
-    assert "outside the rated range" not in " ".join(picture(of_ratings, replace(of_ratings.start, fabric=0)).told)
+    assert "outside the rated range" not in " ".join(picture(of_ratings, replace(of_ratings.start, fabric=0)).sentences)
 
 
 def test_a_run_without_ratings_is_refused(report_run):

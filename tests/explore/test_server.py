@@ -124,13 +124,6 @@ def test_what_the_model_refuses_is_said_and_the_charts_stay(page, monkeypatch):
     assert page.charts.sources["curve"].data is before
 
 
-def test_the_contact_is_outlined_on_the_pad(page, of_medians):
-    x, y = (np.array(page.charts.sources["contact"].data[key]) for key in "xy")
-    across, up = np.array(of_medians.finger.contact_centre) * 1e3
-    radius = picture(of_medians, page.state).chosen["contact_radius_mm"]
-    np.testing.assert_allclose(np.hypot(x - across, y - up), radius)
-
-
 def test_ends_of_axes_hold_the_values():
     assert [step_above(value) for value in (0.0, 73.0, 79.0, 81.0, 1.2e-3)] == pytest.approx([1, 80, 80, 100, 1.5e-3])
     values = np.array([1.0, 100.0, np.nan])

@@ -28,7 +28,7 @@ from softness_bayes.readable import chance, number
 from softness_bayes.report import page
 from softness_bayes.report.anonymity import anonymous, renamed
 from softness_bayes.report.cards import Standing, cards, exactness_of
-from softness_bayes.report.charts import shown
+from softness_bayes.report.charts import chart_data
 from softness_bayes.report.page import alternative_text, report_page, write_report
 from softness_bayes.report.repeat import repetition
 from softness_bayes.report.tables import MOST_FABRICS
@@ -215,7 +215,7 @@ def test_every_finding_follows_the_numbers(made):
 
 def test_curves_are_quantiles_of_the_draws_on_both_axes(made):
     result = made("ratings")
-    curves, found = result.curves(), shown(result)
+    curves, found = result.curves(), chart_data(result)
     for k in range(2):
         one = found["e_fab"][k]
         assert_allclose(one.rate["x"], curves.modulus / 1e3, rtol=1e-4)

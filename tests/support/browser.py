@@ -16,8 +16,6 @@ from typing import Any
 import websocket
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
-RESOLVED = "MAP * ~NOTFOUND , EXCLUDE 127.0.0.1"
-"""Names that are found: none, but for this machine's own address."""
 PATIENCE = 60.0
 """Time [s] after which a browser that does not answer has failed."""
 
@@ -96,10 +94,6 @@ class Page:
         mobile = width < 600
         self("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=mobile)
         self.script("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
-
-    def picture(self, whole: bool = True) -> bytes:
-        """Return a screenshot as PNG, of the whole page or of the window."""
-        return base64.b64decode(self("Page.captureScreenshot", captureBeyondViewport=whole)["data"])
 
     def printed(self) -> bytes:
         """Return the page as PDF."""

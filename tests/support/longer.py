@@ -11,40 +11,12 @@ from pathlib import Path
 import pytest
 
 LIST = Path(__file__).with_suffix(".txt")
-_TESTS = LIST.parents[1]
 
 
-def file_of(item: pytest.Item) -> str:
-    """Return the file of a test, below `tests`."""
-    return item.path.relative_to(_TESTS).as_posix()
-
-
-def name_of(item: pytest.Item) -> str:
-    """Return the name of a test in the list: its file below `tests`, and its own name."""
-    return f"{file_of(item)}::{item.name}"
-
-
-def without_parameters(name: str) -> str:
-    """Return the name of a test without those of its parameters."""
-    return name.partition("[")[0]
-
-
-def mark_longer(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Mark the listed tests as slow.
-
-    Raises
-    ------
-    pytest.UsageError
-        If a file was collected as a whole and a listed test of it does not exist.
-    """
+def mark_longer(items: list[pytest.Item]) -> None:
+    """Mark the listed tests as slow: each line is a file below `tests`, and the name of a test."""
     listed = set(LIST.read_text(encoding="utf-8").splitlines())
-    found = {name_of(item): item for item in items}
-    for name, item in found.items():
-        if listed & {name, without_parameters(name)}:
+    for item in items:
+        name = f"{item.path.relative_to(LIST.parents[1]).as_posix()}::{item.name}"
+        if listed & {name, name.partition("[")[0]}:
             item.add_marker(pytest.mark.slow)
-    if any("::" in argument for argument in config.args):
-        return
-    there, files = {without_parameters(name) for name in found}, {name.partition("::")[0] for name in found}
-    gone = [one for one in listed if one.partition("::")[0] in files and without_parameters(one) not in there]
-    if gone:
-        raise pytest.UsageError(f"{LIST.name}: no test {', '.join(sorted(gone))}")

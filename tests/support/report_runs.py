@@ -27,6 +27,7 @@ from softness_bayes.touch.neuron.rate_curve import CurveError, RateCurve
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation
 
+LOOK = 60
 EVIL = "<script>alert('felt')</script>"
 PERSON = '"><img src=x onerror=alert(1)>'
 CLOTH = Fabrics((EVIL, "lawn", "drill & twill", "gauze"), effective_modulus=np.array([8e4, 2e4, 4e5, 2e5]))
@@ -43,6 +44,8 @@ OPTIONS = {
 def quickly() -> Iterator[None]:
     """Run two ensembles after a short pilot walk; a curve and a train chosen by hand stand for the membrane's.
 
+    A first look ends after `LOOK` steps.
+
     Of the prior and of the touches that are stored as examples there are few draws: what a run makes of them, and not
     how it is sampled, is most of the work of a short one.
     """
@@ -53,6 +56,7 @@ def quickly() -> Iterator[None]:
         patch.setattr(
             "softness_bayes.sampler.sampling.Settings", functools.partial(Settings, pilot=(8,), optima=1, ensembles=2)
         )
+        patch.setattr("softness_bayes.sampler.sampling.FIRST_LOOK", LOOK)
         patch.setattr(fixed_channels, "known_curve", lambda *_: curve)
         patch.setattr(fixed_channels, "averaged_curve", lambda *_: curve)
         patch.setattr(predictions, "spike_times", lambda *_: np.array([12.0, 30.0, 48.0]))

@@ -30,7 +30,7 @@
       model(`${name}/turn`).data = now.turn;
       model(`${name}/fabrics`).data = numbers(now.fabrics);
     }
-    document.getElementById("told").textContent = now.told;
+    document.getElementById("turn").textContent = now.sentence;
   }
 
   controls.addEventListener("change", show);
