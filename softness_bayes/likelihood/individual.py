@@ -8,9 +8,9 @@ their densities is integrated over mu by the trapezoidal rule.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar, Self
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,20 +18,46 @@ from scipy.special import ndtr
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import Effects, Parameters
-from softness_bayes.likelihood.design import Design, Stated
-from softness_bayes.likelihood.individual_effects import IndividualEffects, own_drive
+from softness_bayes.likelihood.design import Design, IndexArray, Stated
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
-from softness_bayes.likelihood.mu_nodes import RaterLaw, about_mu, at_nodes, draw_index, log_prior, log_sum
-from softness_bayes.likelihood.pieces import in_pieces
+from softness_bayes.likelihood.pieces import BLOCK, in_pieces, log_sum
 from softness_bayes.likelihood.plate import PressedRaters
-from softness_bayes.likelihood.rater_sums import RaterSums
 from softness_bayes.likelihood.ratings import OF_FORCES, SKIN
 from softness_bayes.touch.finger_grid import EFFECT_OF, SPREAD_OF, FingerGrid, SkinLaws
 
 FloatArray = NDArray[np.float64]
 
 _LOG_TWO_PI = math.log(2.0 * math.pi)
-_LEAST_VARIANCE = 1e-100
+_LEAST_VARIANCE = 1e-20
+
+MU_REACH, MU_STEP = 6.5, 1.0
+"""Half-width of the nodes of mu about its mean, in standard deviations of mu, and their largest spacing, in standard
+deviations of mu given the fingers."""
+FEW_RATERS = 20.0
+"""Additional half-width, to be divided by the number of raters: with few raters, the density of mu may not be normal,
+and may shift if a row or a rater is left out."""
+MOST_MU_STEPS = 64
+"""Largest number of nodes of mu on either side of its mean."""
+
+
+class IndividualEffects(NamedTuple):
+    """Values of the common mean and of the raters' effects."""
+
+    mu: FloatArray
+    """Shape (...)."""
+    participant: FloatArray
+    """Deviations of log ratings, shape (..., participants)."""
+    finger: IndexArray
+    """Each rater's finger, an index into `FingerGrid.z`, shape (..., participants)."""
+    deviation: FloatArray
+    """The finger's deviations from the typical one, shape (..., participants, quantities), as `FingerGrid.names`."""
+
+    def drive(self, drive: FloatArray, design: Design) -> FloatArray:
+        """Return the drive of each row's rater in the row's condition, shape (..., rows), from that of all fingers."""
+        column = (1 + self.finger[..., design.participant]) * design.n_conditions + design.condition
+        shape = np.broadcast_shapes(drive.shape[:-1], column.shape[:-1])
+        drive, column = (np.broadcast_to(v, (*shape, v.shape[-1])) for v in (drive, column))
+        return np.take_along_axis(drive, column, axis=-1)
 
 
 @dataclass(frozen=True)
@@ -107,7 +133,7 @@ class IndividualModel(RatingModel):
     ) -> FloatArray:
         """One rating for every row of a design, shape (..., rows), given the effects and the `drive` of all fingers."""
         log_rating = effects.mu[..., None] + effects.participant[..., design.participant]
-        log_rating = log_rating + own_drive(drive, design, effects.finger)
+        log_rating = log_rating + effects.drive(drive, design)
         return self.scatter(rng, log_rating, parameters)
 
     def named_effects(self, effects: Effects) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
@@ -160,9 +186,16 @@ class IndividualRatings(LogRatings):
             among = pressed.rater >= 0
             self._block[pressed.rater[among]] = 1 + np.flatnonzero(among)
         self._centred = self._log - math.log(self.model.centre)
-        self._own = RaterSums.of(design, self._centred)
-        self._shares = self._own.shares
-        self._alike = pressed is None and bool((self._own.cells == self._own.cells[:1]).all())
+        every = design.cells.sum(axis=1)
+        self._present = np.flatnonzero(every)
+        """Participants with ratings: the axis "raters" of arrays below."""
+        self._of_row = np.searchsorted(self._present, design.participant)
+        self._count, self._cells = every[self._present], design.cells[self._present]
+        self._means = np.bincount(self._of_row, self._centred) / self._count
+        self._apart = self._centred - self._means[self._of_row]
+        self._squares = np.bincount(self._of_row, self._apart**2)
+        self._sums = np.zeros_like(self._cells)  # of these deviations in each condition
+        np.add.at(self._sums, (self._of_row, design.condition), self._apart)
 
     @property
     def n_blocks(self) -> int:
@@ -200,49 +233,42 @@ class IndividualRatings(LogRatings):
         return type(self)(self.values[~rows], self.design.without(rows), self.model, self._over, self.pressed)
 
     def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Log density of all ratings together, shape (...); arguments as for `LogRatings.log_likelihood`."""
-        law = self._raters_given(mean_rate, parameters)
-        found = log_sum(self._at_mu(law), axis=-1) + law.constant.sum(axis=-1)
-        return np.asarray(found - self._log.sum())
+        """Return the log density of all ratings together, shape (...)."""
+
+        def whole(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
+            levels = self._levels(self._raters_given(mean_rate, parameters))
+            return log_sum(levels.joint, axis=-1)[..., None]
+
+        width = 2 * math.ceil(MU_REACH / MU_STEP) * self.model.grid.size * self._count.size
+        return in_pieces(whole, width, mean_rate, parameters, BLOCK)[..., 0] - self._log.sum()
 
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Log density of each participant's ratings given those of all others, shape (draws, participants)."""
+        """Return the log density of each participant's ratings given all others', shape (..., participants)."""
 
         def alone(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-            law = self._raters_given(mean_rate, parameters)
-            found = np.zeros((*law.centre.shape, self.design.n_participants))
-            everyone = log_sum(self._at_mu(law), axis=-1)
-            for k, rater in enumerate(self._own.participant):
-                # nodes placed for the other raters: without this rater, mu may lie elsewhere
-                term, gap, variance, constant = (np.delete(part, k, axis=-1) for part in law[:4])
-                rest = self._placed(RaterLaw(term, gap, variance, constant, law.centre, law.step, alike=law.alike))
-                others = log_sum(self._at_mu(rest), axis=-1)
-                found[..., rater] = everyone + law.constant[..., k] - others
+            levels = self._levels(self._raters_given(mean_rate, parameters), without_one=True)
+            rest = log_sum(levels.joint[..., None] - levels.of_raters, axis=-2) if self._count.size > 1 else 0.0
+            found = np.zeros((*levels.joint.shape[:-1], self.design.n_participants))
+            found[..., self._present] = log_sum(levels.joint, axis=-1)[..., None] - rest
             return found - np.bincount(self.design.participant, self._log, self.design.n_participants)
 
-        return in_pieces(alone, 3 * self._own.rows.size * self.model.grid.size, mean_rate, parameters)
+        return in_pieces(alone, 40 * self._count.size * self.model.grid.size, mean_rate, parameters)
 
     def log_likelihood_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Log density of each rating given all the others, shape (..., rows)."""
+        """Return the log density of each rating given all the others, shape (..., rows)."""
 
         def alone(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-            total, density = [], []
-            for weight, score, sd in self._left_out(mean_rate, parameters):
-                total.append(log_sum(weight, axis=-2))
-                density.append(log_sum(weight - 0.5 * score**2, axis=-2) - np.log(sd))
-            ratio = log_sum(np.array(density), axis=0) - log_sum(np.array(total), axis=0)
-            return ratio - 0.5 * _LOG_TWO_PI - self._log
+            weight, score, sd = self._left_out(mean_rate, parameters)
+            return log_sum(weight - 0.5 * score**2, axis=-2) - np.log(sd) - 0.5 * _LOG_TWO_PI - self._log
 
         return in_pieces(alone, self._loo_width, mean_rate, parameters)
 
     def below_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Probability of a smaller rating than the observed one given all the others, shape (..., rows)."""
+        """Return the probability of a smaller rating than the observed one given all others, shape (..., rows)."""
 
         def below(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-            parts = [(weight, ndtr(score)) for weight, score, _ in self._left_out(mean_rate, parameters)]
-            largest = np.max([weight.max(axis=-2) for weight, _ in parts], axis=0)[..., None, :]
-            total = sum(np.exp(weight - largest).sum(axis=-2) for weight, _ in parts)
-            return np.asarray(sum((np.exp(weight - largest) * share).sum(axis=-2) for weight, share in parts) / total)
+            weight, score, _ = self._left_out(mean_rate, parameters)
+            return np.asarray((np.exp(weight) * ndtr(score)).sum(axis=-2))
 
         return in_pieces(below, self._loo_width, mean_rate, parameters)
 
@@ -251,33 +277,34 @@ class IndividualRatings(LogRatings):
         return super().predictor(mean_rate[..., : self.design.n_conditions], parameters)
 
     def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
-        """Draws of mu, raters' fingers and scales given the ratings, one for each point of the batch.
+        """Return draws of mu, raters' fingers and scales given the ratings, one for each point of the batch.
 
         Fingers are drawn given a node of mu, then mu and the scales exactly given the fingers.
         """
         law = self._raters_given(mean_rate, parameters)
-        shape, people = law.centre.shape, self.design.n_participants
-        node = draw_index(rng, np.moveaxis(self._at_mu(law), -1, 0))
-        mu = law.centre + (node - law.steps) * law.step
-        term = law.log_term - 0.5 * (law.gap - mu[..., None, None]) ** 2 / law.variance[..., None, :]
-        own = draw_index(rng, np.moveaxis(term, -2, 0))
+        levels = self._levels(law)
+        shape, people = levels.mu.shape[:-1], self.design.n_participants
+        node = (levels.joint + rng.gumbel(size=levels.joint.shape)).argmax(axis=-1)
+        mu = np.take_along_axis(levels.mu, node[..., None], axis=-1)[..., None]
+        term = law.log_term - 0.5 * (law.gap - mu) ** 2 / law.variance[..., None, :]
+        own = (term + rng.gumbel(size=term.shape)).argmax(axis=-2)
         finger = rng.choice(self.model.grid.size, size=(*shape, people), p=np.exp(self.model.grid.log_weight))
-        finger[..., self._own.participant] = own
+        finger[..., self._present] = own
         gap = np.take_along_axis(law.gap, own[..., None, :], axis=-2)[..., 0, :]
         precision = (1.0 / law.variance).sum(axis=-1) + self.model.spread**-2
         mu = (gap / law.variance).sum(axis=-1) / precision + rng.standard_normal(shape) / np.sqrt(precision)
         tau, noise = (np.asarray(v, float)[..., None] ** 2 for v in (parameters.tau, parameters.varsigma))
         participant = np.sqrt(tau) * rng.standard_normal((*shape, people))
         expected = tau * (gap - mu[..., None]) / law.variance
-        width = np.sqrt(tau * noise / self._own.rows / law.variance)
-        participant[..., self._own.participant] = expected + width * rng.standard_normal(expected.shape)
+        width = np.sqrt(tau * noise / self._count / law.variance)
+        participant[..., self._present] = expected + width * rng.standard_normal(expected.shape)
         deviation = self._deviation_of(finger, parameters)
         finger = finger + self._block * self.model.grid.size
         return IndividualEffects(mu + math.log(self.model.centre), participant, finger, deviation)
 
     def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return the residual of each log rating given the effects, shape (..., rows)."""
-        own = own_drive(self.drive(mean_rate, parameters), self.design, effects.finger)
+        own = effects.drive(self.drive(mean_rate, parameters), self.design)
         expected = effects.mu[..., None] + own + effects.participant[..., self.design.participant]
         return self.model.error.normal_scores(self._log - expected, parameters)
 
@@ -327,65 +354,101 @@ class IndividualRatings(LogRatings):
 
     def _raters_given(self, mean_rate: FloatArray, parameters: Parameters) -> RaterLaw:
         drive = self._drives(mean_rate, parameters)
-        row = np.maximum(np.asarray(parameters.varsigma, float) ** 2, _LEAST_VARIANCE)[..., None]
-        tau = np.asarray(parameters.tau, float)[..., None] ** 2
-        who = self._own.participant
-        some = slice(1) if self._alike else slice(None)  # one rater stands for all
-        mean = self._of_raters(drive, self._shares[some], who[some])
-        sums = self._of_raters(drive, self._own.sums, who)
-        own = self._of_raters(drive * drive, self._own.cells[some], who[some])
-        squares = self._own.squares - 2.0 * sums + own - self._own.rows * mean**2
-        log_term = self.model.grid.log_weight[:, None] - 0.5 * squares / row[..., None, :]
-        variance = row / self._own.rows + tau
-        determinant = (self._own.rows - 1.0) * np.log(row) + np.log(row + self._own.rows * tau)
-        constant = -0.5 * (self._own.rows * _LOG_TWO_PI + determinant)
-        shape = drive.shape[:-3]
-        variance, constant = (np.broadcast_to(v, (*shape, self._own.rows.size)) for v in (variance, constant))
-        gap, nothing = self._own.means - mean, np.zeros(shape)
-        return self._placed(RaterLaw(log_term, gap, variance, constant, nothing, nothing, alike=self._alike))
+        row, tau = _variances(parameters)
+        count, who = self._count, self._present
+        mean = self._of_raters(drive, self._cells / count[:, None], who)
+        own = self._of_raters(drive * drive, self._cells, who) - count * mean**2
+        squares = self._squares - 2.0 * self._of_raters(drive, self._sums, who) + own
+        constant = count * _LOG_TWO_PI + (count - 1.0) * np.log(row) + np.log(row + count * tau)
+        log_term = self.model.grid.log_weight[:, None] - 0.5 * (squares / row[..., None, :] + constant[..., None, :])
+        variance = np.broadcast_to(row / count + tau, (*drive.shape[:-3], count.size))
+        return RaterLaw(log_term, self._means - mean, variance)
 
-    def _placed(self, law: RaterLaw) -> RaterLaw:
-        """Return the law with the nodes of mu placed."""
-        return about_mu(law, self.model.spread, self._own.rows.size)
+    def _levels(self, law: RaterLaw, without_one: bool = False) -> _Levels:
+        """Return the raters' densities at nodes of mu, placed as if each of them were normal in mu.
 
-    def _at_mu(self, law: RaterLaw) -> FloatArray:
-        """Return the log of the joint density of mu and all ratings, times the node spacing, at the nodes of mu."""
-        return log_prior(law, self.model.spread) + at_nodes(law).sum(axis=-1)
-
-    def _left_out(
-        self, mean_rate: FloatArray, parameters: Parameters
-    ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
-        """Yield the predictive law of each row given all others, at one node of mu after another.
-
-        Each item holds the log weight of each finger and the row's score under it, (..., fingers, rows), and the unit
-        of the scores, (..., rows).
+        If `without_one`, the nodes also reach where mu lies without any one of the raters.
         """
-        at, condition = self._own.of_row, self.design.condition
+        variance, spread = law.variance, self.model.spread
+        share = np.exp(law.log_term - law.log_term.max(axis=-2, keepdims=True))
+        share /= share.sum(axis=-2, keepdims=True)
+        mean = (share * law.gap).sum(axis=-2)
+        wider = variance + (share * (law.gap - mean[..., None, :]) ** 2).sum(axis=-2)
+        precision = spread**-2 + (1.0 / wider).sum(axis=-1)
+        narrow = spread**-2 + (1.0 / variance).sum(axis=-1)
+        centre = ((mean / wider).sum(axis=-1) / precision)[..., None]
+        reach = MU_REACH + FEW_RATERS / self._count.size
+        if without_one:
+            rest = precision[..., None] - 1.0 / wider
+            reach += float((np.abs(mean - centre) / wider / rest * np.sqrt(precision)[..., None]).max())
+        steps = min(math.ceil(float(np.sqrt(narrow / precision).max()) * reach / MU_STEP), MOST_MU_STEPS)
+        step = (reach / steps * precision**-0.5)[..., None]
+        offset = np.arange(-steps, steps + 1) * step
+        mu = centre + offset
+        log_prior = -0.5 * (mu / spread) ** 2 - math.log(spread) - 0.5 * _LOG_TWO_PI + np.log(step)
+        # the exponent of a finger is quadratic in mu, and its square is common to all fingers
+        slope = (law.gap - centre[..., None]) / variance[..., None, :]
+        at_centre = law.log_term - 0.5 * slope**2 * variance[..., None, :]
+        lines = np.stack([at_centre, slope], axis=-3)  # as functions of the offset, (..., 2, fingers, raters)
+        nodes = np.stack([np.ones_like(offset), offset], axis=-1)
+        fingers = nodes @ lines.reshape(*lines.shape[:-2], -1)
+        fingers = fingers.reshape(*offset.shape, *slope.shape[-2:])
+        of_raters = log_sum(fingers, axis=-2) - 0.5 * offset[..., None] ** 2 / variance[..., None, :]
+        return _Levels(mu, of_raters, log_prior + of_raters.sum(axis=-1))
+
+    def _left_out(self, mean_rate: FloatArray, parameters: Parameters) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the predictive law of each row given all others, a mixture of normal laws over mu and fingers.
+
+        Log weights that add up to 1 and the row's scores under each law, (..., laws, rows), and the unit of the scores,
+        (..., rows).
+        """
+        at, condition = self._of_row, self.design.condition
         block = self._block[self.design.participant]
         law = self._raters_given(mean_rate, parameters)
+        levels = self._levels(law)
         drive = np.moveaxis(self._drives(mean_rate, parameters), -2, 0)[..., block, condition]
         drive = np.moveaxis(drive, 0, -2)  # of each row's rater, (..., fingers, rows)
-        row = np.maximum(np.asarray(parameters.varsigma, float) ** 2, _LEAST_VARIANCE)[..., None]
-        tau = np.asarray(parameters.tau, float)[..., None] ** 2
-        log_raters = at_nodes(law)
-        joint = log_prior(law, self.model.spread) + log_raters.sum(axis=-1)
-        rest = joint[..., None] - log_raters[..., at]  # of the other raters, (..., nodes, rows)
-        rows = self._own.rows[at]
+        row, tau = _variances(parameters)
+        rest = levels.joint[..., None] - levels.of_raters[..., at]  # of the other raters, (..., nodes, rows)
+        rows = self._count[at]
         left = np.maximum(rows - 1.0, 1.0)
         # the rater's law without this row, finger by finger: (..., fingers, rows)
-        within = self._own.deviation - drive + (self._own.means[at] - law.gap[..., at])
+        within = self._apart - drive + (self._means[at] - law.gap[..., at])
         gap = law.gap[..., at] - within / left
         term = law.log_term[..., at] + 0.5 * within**2 * (rows / left) / row[..., None, :]
         alone = rows == 1
-        variance = row / left + tau
         gap = np.where(alone, 0.0, gap)
         term = np.where(alone, self.model.grid.log_weight[:, None], term)
-        precision = np.where(alone, 0.0, 1.0 / variance)
+        precision = np.where(alone, 0.0, 1.0 / (row / left + tau))
         # the row given finger, mu and the rater's other rows
-        shrunk = (tau * precision)[..., None, :]
-        sd = np.sqrt(row + tau * (1.0 - tau * precision))[..., None, :]
-        base = self._centred - drive - shrunk * gap
-        for q in range(2 * law.steps + 1):
-            mu = (law.centre + (q - law.steps) * law.step)[..., None, None]
-            weight = rest[..., q, None, :] + term - 0.5 * (gap - mu) ** 2 * precision[..., None, :]
-            yield weight, (base - mu * (1.0 - shrunk)) / sd, sd[..., 0, :]
+        shrunk = tau * precision
+        sd = np.sqrt(row + tau * (1.0 - shrunk))
+        mu = levels.mu[..., None, None]
+        apart = (gap[..., None, :, :] - mu) ** 2 * precision[..., None, None, :]
+        weight = rest[..., None, :] + (term[..., None, :, :] - 0.5 * apart)
+        base = self._centred - drive - shrunk[..., None, :] * gap
+        score = (base[..., None, :, :] - mu * (1.0 - shrunk[..., None, None, :])) / sd[..., None, None, :]
+        weight, score = (part.reshape(*part.shape[:-3], -1, part.shape[-1]) for part in (weight, score))
+        return weight - log_sum(weight, axis=-2)[..., None, :], score, sd
+
+
+class RaterLaw(NamedTuple):
+    """Densities of raters with ratings given mu: sums over fingers of exponentials of quadratic functions of mu."""
+
+    log_term: FloatArray  # of each finger, without mu, (..., fingers, raters)
+    gap: FloatArray  # mean log rating minus the finger's mean drive and the prior mean of mu, same shape
+    variance: FloatArray  # of that gap, (..., raters)
+
+
+class _Levels(NamedTuple):
+    """Log densities at nodes of mu less its prior mean."""
+
+    mu: FloatArray  # (..., nodes)
+    of_raters: FloatArray  # of each rater's ratings given mu, (..., nodes, raters)
+    joint: FloatArray  # of mu and all ratings, times the node spacing, (..., nodes)
+
+
+def _variances(parameters: Parameters) -> tuple[FloatArray, FloatArray]:
+    """Return the variances of a log rating's error and of raters' scales, each (..., 1)."""
+    row, tau = (np.asarray(value, float)[..., None] ** 2 for value in (parameters.varsigma, parameters.tau))
+    return np.maximum(row, _LEAST_VARIANCE), tau

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.likelihood.cholesky import cholesky, forward
 from softness_bayes.likelihood.laplace import Laplace, laplace
-from softness_bayes.likelihood.mu_nodes import log_sum
-from softness_bayes.likelihood.pieces import blocks
+from softness_bayes.likelihood.pieces import log_sum, pieces
 from softness_bayes.likelihood.quadrature import Marginal, heavy_tailed, log_heavy_tailed
 from softness_bayes.likelihood.rater_effects import Given, Table
 
@@ -75,7 +74,7 @@ class Integrals:
         middle
             A number inside of each row's interval, shape (rows,) or (draws, rows).
         """
-        every = blocks(len(given.drive), self.table.rater.size, CACHED)
+        every = pieces(len(given.drive), self.table.rater.size, CACHED)
         return np.concatenate([self._law(given.part(one), _of(middle, one)).log_density for one in every])
 
     def log_density(self, given: Given, middle: FloatArray) -> FloatArray:
@@ -152,7 +151,7 @@ class Integrals:
 
     def _marginals(self, given: Given, middle: FloatArray, start: FloatArray | None) -> Iterator[Marginal]:
         """Yield the marginal density of each draw; their numbers of nodes differ."""
-        for block in blocks(len(given.drive), self.table.rater.size, CACHED):
+        for block in pieces(len(given.drive), self.table.rater.size, CACHED):
             part, own = given.part(block), _of(middle, block)
             law = self._law(part, own, None if start is None else start[block])
             for k in range(len(part.drive)):

@@ -22,16 +22,13 @@ memory of larger arrays is released and allocated anew at each operation, which 
 operation itself."""
 
 
-def blocks(draws: int, width: int, room: int = BLOCK) -> list[slice]:
-    """Return slices of the draws of about equal size, as few as fit into ``room`` with ``width`` numbers for each."""
-    size = max(1, room // max(width, 1))
+def pieces(draws: int, width: int, room: int | None = None) -> list[slice]:
+    """Return slices of the draws of about equal size, as few as fit into ``room`` with ``width`` numbers for each.
+
+    The default of ``room`` is `ROOM`.
+    """
+    size = max(1, (room or ROOM) // max(width, 1))
     size = -(-draws // -(-draws // size)) if draws else size
-    return [slice(first, min(first + size, draws)) for first in range(0, draws, size)]
-
-
-def pieces(draws: int, width: int) -> list[slice]:
-    """Return slices of the draws such that ``width`` numbers per draw fit into `ROOM` for each slice."""
-    size = max(1, ROOM // max(width, 1))
     return [slice(first, min(first + size, draws)) for first in range(0, draws, size)]
 
 
@@ -49,7 +46,11 @@ def over_draws(value: Any, shape: tuple[int, ...]) -> Array:
 
 
 def in_pieces(
-    work: Callable[[Array, Parameters], Array], width: int, mean_rate: Array, parameters: Parameters
+    work: Callable[[Array, Parameters], Array],
+    width: int,
+    mean_rate: Array,
+    parameters: Parameters,
+    room: int | None = None,
 ) -> Array:
     """Return ``work(mean_rate, parameters)``, of shape (..., columns), computed in chunks.
 
@@ -63,10 +64,12 @@ def in_pieces(
         Shape (..., conditions).
     parameters
         Numbers and arrays of the batch shape (...).
+    room
+        As for `pieces`.
     """
     shape = parameters.batch_shape(mean_rate.shape[:-1])
     draws = int(np.prod(shape))
-    parts = pieces(draws, width)
+    parts = pieces(draws, width, room)
     if len(parts) <= 1:
         return work(mean_rate, parameters)
     rate = np.broadcast_to(mean_rate, (*shape, mean_rate.shape[-1])).reshape(draws, -1)
@@ -77,3 +80,13 @@ def in_pieces(
     for piece in parts[1:]:
         found[piece] = work(rate[piece], flat.part(piece))
     return found.reshape((*shape, -1))
+
+
+def log_sum(values: Array, axis: int) -> Array:
+    """Return the log of the sum of exponentials along an axis; SciPy's takes several times as long."""
+    largest = values.max(axis=axis, keepdims=True)
+    largest = np.where(np.isfinite(largest), largest, 0.0)
+    with np.errstate(divide="ignore"):
+        terms = values - largest
+        found = np.log(np.exp(terms, out=terms).sum(axis=axis))
+    return np.asarray(found + np.squeeze(largest, axis=axis))

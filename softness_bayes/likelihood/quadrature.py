@@ -25,8 +25,7 @@ from scipy.stats import qmc
 from softness_bayes.likelihood import student
 from softness_bayes.likelihood.cholesky import backward, cholesky, forward
 from softness_bayes.likelihood.laplace import Laplace
-from softness_bayes.likelihood.mu_nodes import log_sum
-from softness_bayes.likelihood.pieces import blocks
+from softness_bayes.likelihood.pieces import log_sum, pieces
 from softness_bayes.likelihood.rater_effects import Given, Table
 from softness_bayes.likelihood.row_laws import below, row_terms
 
@@ -193,7 +192,7 @@ class Marginal:
     @property
     def _some_levels(self) -> list[slice]:
         """Nodes of the level in groups whose arrays of points do not become too large."""
-        return blocks(self.mu.shape[-1], self.points.scale.size, _ROOM)
+        return pieces(self.mu.shape[-1], self.points.scale.size, _ROOM)
 
     def _law_of_scale(self, nodes: slice) -> FloatArray:
         """Return log N(a_p; mu, tau²) of all points at nodes of the level, (draws, raters, nodes, points)."""

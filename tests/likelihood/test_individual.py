@@ -9,7 +9,6 @@ from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import FALLS
 from softness_bayes.likelihood.individual import IndividualModel
 from softness_bayes.likelihood.magnitude import RatingModel
-from softness_bayes.likelihood.mu_nodes import RaterLaw, about_mu, at_nodes
 from softness_bayes.touch.finger_grid import FingerGrid
 from support.points import rated
 
@@ -67,23 +66,6 @@ def test_ratings_almost_without_noise_have_a_density(rng, varsigma):
     assert_allclose(found, closed.log_likelihood(rates[:2, :CONDITIONS], p), rtol=1e-9)
     one = p.part(0)
     assert_allclose(likelihood.log_likelihood(rates[0], one), found[0], rtol=1e-12)
-
-
-@pytest.mark.parametrize("noise", [0.1, 0.3, 2.0])
-def test_raters_who_are_alike_are_computed_as_one_by_one(rng, noise):
-    """Where a finger shifts the gaps of all raters alike, sums over fingers are matrix products; others, wrongly so."""
-    batch, fingers, raters = 3, 9, 5
-    gap = rng.normal(0.0, 0.5, (batch, 1, raters)) + rng.normal(0.0, 0.5, (batch, fingers, 1))
-    term = rng.normal(0.0, 3.0, (batch, fingers, raters))
-    nothing, variance = np.zeros(batch), np.full((batch, raters), noise**2)
-    law = about_mu(RaterLaw(term, gap, variance, variance, nothing, nothing), 3.0, raters)
-    alike = about_mu(RaterLaw(term, gap, variance, variance, nothing, nothing, alike=True), 3.0, raters)
-    assert_allclose(alike.centre, law.centre, rtol=1e-9)
-    assert_allclose(alike.step, law.step, rtol=1e-9)
-    expected = at_nodes(law)
-    assert_allclose(at_nodes(law._replace(alike=True)), expected, rtol=1e-10, atol=1e-8)
-    other = law._replace(gap=gap + rng.normal(0.0, 0.1, gap.shape))
-    assert np.abs(at_nodes(other._replace(alike=True)) - at_nodes(other)).max() > 1e-3
 
 
 def test_the_sum_over_fingers_is_checked_by_a_finer_one(rng):
