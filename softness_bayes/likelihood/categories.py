@@ -157,16 +157,6 @@ class CategoryRatings(IntervalRatings):
         lapse = np.full(category.size, -np.log(self.model.categories))
         return Rows(ends[..., category - 1], ends[..., category], lapse)
 
-    def _certainty(self, width: FloatArray) -> FloatArray:
-        category = self.values[self._order]
-        return np.where((category == 1.0) | (category == self.model.categories), 0.0, 0.8)
-
-    def _middle_of(self, rows: Rows, spread: FloatArray) -> FloatArray:
-        low, high = (np.where(np.isfinite(end), end, np.nan) for end in (rows.low, rows.high))
-        middle = 0.5 * (low + high)
-        middle = np.where(np.isnan(low), high - spread, middle)
-        return np.where(np.isnan(high), low + spread, middle)
-
 
 def _category(latent: FloatArray, threshold: FloatArray) -> FloatArray:
     """Return the category of latent values (..., k) for thresholds (..., categories - 1)."""

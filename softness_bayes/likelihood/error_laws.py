@@ -1,5 +1,7 @@
 """Laws of the errors of single observations about their expectation: normal, Student's t, normal with lapses, Gumbel.
 
+Lapses are observations that do not depend on the touch; their own distribution is uniform over some range.
+
 A law is a frozen value. Its methods take errors in units of their spread, shape (..., rows), and the model's
 parameters of batch shape (...).
 """
@@ -11,14 +13,16 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import log_ndtr, ndtri_exp
+from scipy.special import ndtri_exp
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood import student
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.scales import Scale
 
 FloatArray = NDArray[np.float64]
 
@@ -40,7 +44,7 @@ class ErrorLaw(ABC):
     needs
         Names of the law's own parameters.
     lapses
-        True if a share `lapse` of the observations does not depend on the touch (`lapses`).
+        True if a share `lapse` of the observations does not depend on the touch (`Lapses`).
     concave
         True if the log density is concave and there are no lapses: log probabilities of rows then have one maximum.
     slow_functions
@@ -66,10 +70,6 @@ class ErrorLaw(ABC):
         """
 
     @abstractmethod
-    def log_below(self, errors: FloatArray, parameters: Any) -> FloatArray:
-        """Return the log probability of smaller errors."""
-
-    @abstractmethod
     def log_density(self, errors: FloatArray, parameters: Any) -> FloatArray:
         """Return the log density of errors."""
 
@@ -89,10 +89,6 @@ class NormalLaw(ErrorLaw):
     def normal_scores(self, errors: FloatArray, parameters: Any) -> FloatArray:
         """Return the errors."""
         return errors
-
-    def log_below(self, errors: FloatArray, parameters: Any) -> FloatArray:
-        """Return log Phi."""
-        return np.asarray(log_ndtr(errors))
 
     def log_density(self, errors: FloatArray, parameters: Any) -> FloatArray:
         """Return -errors² / 2 - log(2 pi) / 2."""
@@ -116,10 +112,6 @@ class StudentLaw(ErrorLaw):
         """Return q with Phi(q) = F_nu(error)."""
         return student.normal_score(errors, _nu(parameters))
 
-    def log_below(self, errors: FloatArray, parameters: Any) -> FloatArray:
-        """Return the log of Student's distribution function."""
-        return student.log_below(errors, _nu(parameters))
-
     def log_density(self, errors: FloatArray, parameters: Any) -> FloatArray:
         """Return the log of Student's density."""
         return student.log_density(errors, _nu(parameters))
@@ -142,11 +134,7 @@ class GumbelLaw(ErrorLaw):
 
     def normal_scores(self, errors: FloatArray, parameters: Any) -> FloatArray:
         """Return q with Phi(q) = exp(-exp(-z))."""
-        return np.asarray(ndtri_exp(self.log_below(errors, parameters)))
-
-    def log_below(self, errors: FloatArray, parameters: Any) -> FloatArray:
-        """Return -exp(-z)."""
-        return np.asarray(-np.exp(-_gumbel(errors)))
+        return np.asarray(ndtri_exp(-np.exp(-_gumbel(errors))))
 
     def log_density(self, errors: FloatArray, parameters: Any) -> FloatArray:
         """Return log(sd) - z - exp(-z)."""
@@ -196,3 +184,97 @@ def error_law_named(name: str) -> ErrorLaw:
         if law.name == name:
             return law
     raise InputError(f"errors: {name!r} is not known, expected {' or '.join(ERROR_LAWS)}")
+
+
+BEYOND = 2.0
+"""Factor by which lapses may lie beyond the smallest and the largest number of their rater.
+
+If lapses ended there, these two numbers, which define the range, would themselves look like lapses.
+"""
+
+
+class Lapses(Protocol):
+    """Distribution of the lapses of every row."""
+
+    def log_probability(self, low: FloatArray, high: FloatArray, scale: Scale) -> FloatArray:
+        """Return the log probability of an interval as a lapse, shape (rows,); of an exact number, the log density.
+
+        Parameters
+        ----------
+        low, high
+            Ends of each row's interval, as in the file, shape (rows,); equal for an exact number, whose density is
+            that on the additive scale.
+        scale
+            Scale of the ratings.
+        """
+
+    def draw(self, rng: np.random.Generator, shape: tuple[int, ...], scale: Scale) -> FloatArray:
+        """Return a lapse for every row, as in the file, of shape (..., rows)."""
+
+    def take(self, rows: NDArray[np.bool_]) -> Self:
+        """Return the distribution for a selection of the rows."""
+
+
+class RaterRange(NamedTuple):
+    """Lapses that are uniform on the additive scale, over a range of their rater's; fields are (..., rows)."""
+
+    least: FloatArray
+    """Smallest lapse on the additive scale."""
+    most: FloatArray
+    """Largest lapse on the additive scale."""
+
+    @classmethod
+    def of(cls, low: FloatArray, high: FloatArray, design: Design, scale: Scale) -> Self:
+        """Return ranges that extend those of the raters' numbers by the factor `BEYOND` at each end.
+
+        Parameters
+        ----------
+        low, high
+            Ends of each row's interval, as in the file, shape (..., rows). An interval from 0 counts with its upper
+            end.
+        design
+            The rater of every row.
+        scale
+            Scale of the ratings.
+        """
+        order = np.argsort(design.participant, kind="stable")
+        _, first, rater = np.unique(design.participant[order], return_index=True, return_inverse=True)
+        back = rater[np.argsort(order)]
+        positive = np.where(low > 0.0, low, high)
+        least = np.minimum.reduceat(positive[..., order], first, axis=-1)[..., back]
+        most = np.maximum.reduceat(high[..., order], first, axis=-1)[..., back]
+        return cls(scale.additive(least) - np.log(BEYOND), scale.additive(most) + np.log(BEYOND))
+
+    def log_probability(self, low: FloatArray, high: FloatArray, scale: Scale) -> FloatArray:
+        """Implement `Lapses.log_probability`."""
+        with np.errstate(divide="ignore"):
+            inside = np.minimum(scale.additive(high), self.most) - np.maximum(scale.additive(low), self.least)
+            return np.asarray(np.log(np.where(low == high, 1.0, np.maximum(inside, 0.0)) / (self.most - self.least)))
+
+    def draw(self, rng: np.random.Generator, shape: tuple[int, ...], scale: Scale) -> FloatArray:
+        """Implement `Lapses.draw`."""
+        return scale.natural(self.least + rng.random(shape) * (self.most - self.least))
+
+    def take(self, rows: NDArray[np.bool_]) -> Self:
+        """Implement `Lapses.take`."""
+        return type(self)(self.least[rows], self.most[rows])
+
+
+class WholeScale(NamedTuple):
+    """Lapses that are uniform from 0 to the upper end of a bounded scale, as on a slider."""
+
+    end: float
+    """Upper end of the scale."""
+
+    def log_probability(self, low: FloatArray, high: FloatArray, scale: Scale) -> FloatArray:
+        """Implement `Lapses.log_probability`."""
+        with np.errstate(divide="ignore"):
+            return np.where(low == high, scale.log_slope(low), np.log(high - low)) - np.log(self.end)
+
+    def draw(self, rng: np.random.Generator, shape: tuple[int, ...], scale: Scale) -> FloatArray:
+        """Implement `Lapses.draw`."""
+        return self.end * rng.random(shape)
+
+    def take(self, rows: NDArray[np.bool_]) -> Self:
+        """Implement `Lapses.take`."""
+        return self

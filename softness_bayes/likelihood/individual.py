@@ -30,7 +30,7 @@ FloatArray = NDArray[np.float64]
 _LOG_TWO_PI = math.log(2.0 * math.pi)
 _LEAST_VARIANCE = 1e-20
 
-MU_REACH, MU_STEP = 6.5, 1.0
+MU_REACH, MU_STEP = 7.0, 0.9
 """Half-width of the nodes of mu about its mean, in standard deviations of mu, and their largest spacing, in standard
 deviations of mu given the fingers."""
 FEW_RATERS = 20.0

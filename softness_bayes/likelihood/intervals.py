@@ -4,7 +4,7 @@ The latent log rating is that of `magnitude`; a rating has the probability of th
 are normal, Student's t, or normal with lapses. Raters may differ in exponents and noise: with standard normal u_p and
 w_p, gamma_p = gamma exp(tau_gamma u_p) and varsigma_p = varsigma exp(tau_varsigma w_p), where gamma and varsigma are
 those of the typical (median) rater. A rater's exponent multiplies the drive and fabrics' deviations: both belong to
-what is felt, which the rater's numbers exaggerate or compress. `integrals` integrates over all effects.
+what is felt, which the rater's numbers exaggerate or compress. `quadrature` integrates over all effects.
 """
 
 from __future__ import annotations
@@ -21,11 +21,10 @@ from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.effects import RATER_EFFECTS, RATER_SPREADS, Effects, RaterEffects
-from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
-from softness_bayes.likelihood.integrals import Integrals
-from softness_bayes.likelihood.lapses import Lapses, RaterRange, WholeScale
+from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw, Lapses, RaterRange, WholeScale
 from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.pieces import in_pieces, over_draws
+from softness_bayes.likelihood.quadrature import Integrals
 from softness_bayes.likelihood.rater_effects import Given, NormalTable, Table
 from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.row_laws import Rows, scores_at
@@ -185,7 +184,7 @@ class IntervalRatings(RatingsLikelihood):
     """Ratings under an `IntervalModel`, with the level and all effects of raters and fabrics integrated out.
 
     A rating that represents an interval contributes a probability; an exact rating contributes a density [1/unit].
-    Densities are those of the reference (`integrals`), but for the likelihood that the sampler uses.
+    Densities are those of the reference (`quadrature`), but for the likelihood that the sampler uses.
 
     Parameters
     ----------
@@ -239,16 +238,12 @@ class IntervalRatings(RatingsLikelihood):
         with np.errstate(divide="ignore"):
             lapse = self._lapses.log_probability(low, high, scale)
             self._rows = Rows(scale.additive(low), scale.additive(high), lapse).take(order)
-        width = self._rows.high - self._rows.low
-        self._middle = scale.additive(self.values)[order]
-        self._middle[width < 1.0] = 0.5 * (self._rows.low + self._rows.high)[width < 1.0]
-        level = model.level
-        how = model.law, rater, design.fabric[self._condition], design.n_fabrics, level.mean, level.sd
+        latent, level = scale.additive(self.values)[order], model.level
+        trust = np.ones(order.size) if model.law == NORMAL else _trust(latent, rater, self._condition)
+        how = model.law, rater, design.fabric[self._condition], design.n_fabrics, level.mean, level.sd, trust
         by_sums = model.law == NORMAL and self._exact.all()
-        self._table = NormalTable(*how, values=self._middle) if by_sums else Table(*how)
-        weight = np.ones(order.size) if model.law == NORMAL else _robust_weights(self._middle, rater, self._condition)
-        weight = weight * self._certainty(width)
-        self._integrals = Integrals(self._table, weight, finer)
+        self._table = NormalTable(*how, values=latent) if by_sums else Table(*how)
+        self._integrals = Integrals(self._table, finer)
         self._slope = np.where(self._exact, scale.log_slope(self.values), 0.0)
         self._log = float(self._slope.sum())
 
@@ -260,10 +255,6 @@ class IntervalRatings(RatingsLikelihood):
         if wrong.any():
             raise InputError(f"ratings: {wrong.sum()} of {wrong.size} are not {scale.suitable} numbers")
         return stated or Stated(self.values, zero, zero, zero + end, end)
-
-    def _certainty(self, width: FloatArray) -> FloatArray:
-        """Return the weight of each row's middle where a search starts; 0 if an end is infinite."""
-        return np.where(np.isfinite(width), 1.0 / (1.0 + np.where(np.isfinite(width), width, 0.0) ** 2), 0.0)
 
     def _other(self, **changes: Any) -> Self:
         """Return the likelihood with some arguments changed."""
@@ -311,8 +302,8 @@ class IntervalRatings(RatingsLikelihood):
         density = self._integrals.laplace if self._how == LAPLACE else self._integrals.log_density
 
         def whole(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-            given, middle, shape = self._given(mean_rate, parameters)
-            return density(given, middle).reshape(*shape, 1) - self._log
+            given, shape = self._given(mean_rate, parameters)
+            return density(given).reshape(*shape, 1) - self._log
 
         return in_pieces(whole, self.design.n_rows, mean_rate, parameters)[..., 0]
 
@@ -320,8 +311,8 @@ class IntervalRatings(RatingsLikelihood):
         """Return the log density of each rating given all the others, shape (..., rows)."""
 
         def alone(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-            given, middle, shape = self._given(mean_rate, parameters)
-            density = self._integrals.of_rows(given, middle)[0]
+            given, shape = self._given(mean_rate, parameters)
+            density = self._integrals.of_rows(given)[0]
             return (density[:, self._back] - self._slope).reshape(*shape, -1)
 
         return in_pieces(alone, self.design.n_rows, mean_rate, parameters)
@@ -333,8 +324,8 @@ class IntervalRatings(RatingsLikelihood):
         """
 
         def smaller(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-            given, middle, shape = self._given(mean_rate, parameters)
-            return self._integrals.of_rows(given, middle)[1][:, self._back].reshape(*shape, -1)
+            given, shape = self._given(mean_rate, parameters)
+            return self._integrals.of_rows(given)[1][:, self._back].reshape(*shape, -1)
 
         return in_pieces(smaller, self.design.n_rows, mean_rate, parameters)
 
@@ -342,8 +333,8 @@ class IntervalRatings(RatingsLikelihood):
         """Return the log density of all ratings of each participant given all others', shape (..., participants)."""
 
         def whole(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-            given, middle, shape = self._given(mean_rate, parameters)
-            density = self._integrals.of_raters(given, middle)
+            given, shape = self._given(mean_rate, parameters)
+            density = self._integrals.of_raters(given)
             found = np.zeros((len(density), self.design.n_participants))
             found[:, self._raters] = density
             found -= np.bincount(self.design.participant, self._slope, self.design.n_participants)
@@ -357,8 +348,8 @@ class IntervalRatings(RatingsLikelihood):
         design, raters = self.design, self._raters.size
 
         def drawn(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-            given, middle, shape = self._given(mean_rate, parameters)
-            drawn = self._integrals.draw(rng, given, middle)
+            given, shape = self._given(mean_rate, parameters)
+            drawn = self._integrals.draw(rng, given)
             own = np.zeros((*drawn.own.shape[:2], 3))
             present = [True, given.tau_gamma is not None, given.tau_varsigma is not None]
             own[..., present] = drawn.own
@@ -403,8 +394,8 @@ class IntervalRatings(RatingsLikelihood):
     def _shares(self) -> FloatArray:
         return np.random.default_rng(_SEED).uniform(size=self.design.n_rows)
 
-    def _given(self, mean_rate: FloatArray, parameters: Parameters) -> tuple[Given, FloatArray, tuple[int, ...]]:
-        """Return everything but the effects for a flat batch, a number inside of each interval, and the batch shape."""
+    def _given(self, mean_rate: FloatArray, parameters: Parameters) -> tuple[Given, tuple[int, ...]]:
+        """Return everything but the effects for a flat batch, and the batch shape."""
         drive = self.drive(mean_rate, parameters)
         shape = parameters.batch_shape(drive.shape[:-1])
         drive = np.broadcast_to(drive, (*shape, drive.shape[-1])).reshape(-1, drive.shape[-1])
@@ -426,15 +417,11 @@ class IntervalRatings(RatingsLikelihood):
         )  # fmt: skip
         if isinstance(self._table, NormalTable):
             given = self._table.with_moments(given)
-        return given, self._middle_of(flat, spread), shape
+        return given, shape
 
     def _rows_at(self, parameters: Parameters) -> Rows:
         """Return every row's interval, sorted by rater; in this class independent of the parameters."""
         return self._rows
-
-    def _middle_of(self, rows: Rows, spread: FloatArray) -> FloatArray:
-        """Return a number inside of each interval, (rows,) or (draws, rows)."""
-        return self._middle
 
 
 def _flat(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
@@ -442,7 +429,7 @@ def _flat(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
     return np.broadcast_to(values, (*shape, values.shape[-1])).reshape(-1, values.shape[-1])
 
 
-def _robust_weights(values: FloatArray, rater: IndexArray, condition: IndexArray) -> FloatArray:
+def _trust(values: FloatArray, rater: IndexArray, condition: IndexArray) -> FloatArray:
     """Return weights of rows that fall with their distance from the medians of their raters and conditions."""
     left = values.copy()
     for _ in range(2):

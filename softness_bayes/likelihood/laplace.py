@@ -17,12 +17,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.likelihood.cholesky import backward, cholesky, forward
+from softness_bayes.likelihood.pieces import backward, cholesky, forward
 from softness_bayes.likelihood.rater_effects import Given, Sums, Table
 
 FloatArray = NDArray[np.float64]
 
-SETTLED = 0.05
+SETTLED = 0.15
 """Newton's method ends once no effect moves by more than this, in its standard deviations given the others."""
 MOST_STEPS = 40
 """Most evaluations of the rows in one search: far from the data the mode need not be found."""
@@ -64,8 +64,9 @@ class Quadratic(NamedTuple):
     """G, shape (draws, shared, shared)."""
 
 
-def laplace(table: Table, given: Given, start: FloatArray) -> Laplace:
+def laplace(table: Table, given: Given, start: FloatArray | None = None) -> Laplace:
     """Return the mode of all effects, by Newton's method from a start (draws, effects), and the normal law about it."""
+    start = table.start(given) if start is None else start
     # a step that is far too long overflows; it is then no rise
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         point, value, sums = _search(table, given, start)

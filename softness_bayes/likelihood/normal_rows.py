@@ -17,10 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array
 
-from softness_bayes.likelihood.cholesky import backward, cholesky, forward
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.effects import Effects
-from softness_bayes.likelihood.pieces import part_of, pieces
+from softness_bayes.likelihood.pieces import backward, cholesky, forward, part_of, pieces
 
 FloatArray = NDArray[np.float64]
 

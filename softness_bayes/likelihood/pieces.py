@@ -1,4 +1,4 @@
-"""Computations over many draws in chunks, so that memory does not grow with draws times ratings."""
+"""Arithmetic over many draws: in chunks, so that memory stays bounded; sums of exponentials; triangular factors."""
 
 from __future__ import annotations
 
@@ -90,3 +90,36 @@ def log_sum(values: Array, axis: int) -> Array:
         terms = values - largest
         found = np.log(np.exp(terms, out=terms).sum(axis=axis))
     return np.asarray(found + np.squeeze(largest, axis=axis))
+
+
+def cholesky(matrix: Array, least: float) -> Array:
+    """Return lower factors of symmetric matrices (..., k, k), with pivots of at least `least`.
+
+    NumPy's and SciPy's take many small matrices one by one.
+    """
+    root = np.zeros_like(matrix)
+    for j in range(matrix.shape[-1]):
+        row = root[..., j, :j]
+        pivot = np.sqrt(np.maximum(matrix[..., j, j] - (row**2).sum(axis=-1), least))
+        root[..., j, j] = pivot
+        below = matrix[..., j + 1 :, j] - (root[..., j + 1 :, :j] * row[..., None, :]).sum(axis=-1)
+        root[..., j + 1 :, j] = below / pivot[..., None]
+    return root
+
+
+def forward(root: Array, right: Array) -> Array:
+    """Return X with root X = right, for lower factors (..., k, k) and right sides (..., k, columns)."""
+    x = np.empty(np.broadcast_shapes(root.shape[:-1], right.shape[:-1]) + right.shape[-1:])
+    for j in range(root.shape[-1]):
+        left = (root[..., j, :j, None] * x[..., :j, :]).sum(axis=-2)
+        x[..., j, :] = (right[..., j, :] - left) / root[..., j, j, None]
+    return x
+
+
+def backward(root: Array, right: Array) -> Array:
+    """Return X with root' X = right, for lower factors (..., k, k) and right sides (..., k, columns)."""
+    x = np.empty(np.broadcast_shapes(root.shape[:-1], right.shape[:-1]) + right.shape[-1:])
+    for j in reversed(range(root.shape[-1])):
+        left = (root[..., j + 1 :, j, None] * x[..., j + 1 :, :]).sum(axis=-2)
+        x[..., j, :] = (right[..., j, :] - left) / root[..., j, j, None]
+    return x

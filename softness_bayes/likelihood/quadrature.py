@@ -9,11 +9,14 @@ levels share them: with the law of the scale, N(a_p; mu, tau²), they give the r
 by the trapezoid rule over evenly spaced mu. Points of a_p alone are evenly spaced, too; points of several effects are
 importance draws (fixed Sobol numbers, heavy tails) about the rater's mode, with weights over their density.
 
-What is said of a row or a rater given all others follows from the same points without its own factor.
+Fabrics' deviations connect all raters. The reference takes importance draws of them about Laplace's mode, and sums over
+the level and raters' effects at each. What is said of a row or a rater given all others follows from the same points
+without its own factor.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from functools import cache, cached_property
 from typing import NamedTuple
 
@@ -23,9 +26,8 @@ from scipy.special import stdtrit
 from scipy.stats import qmc
 
 from softness_bayes.likelihood import student
-from softness_bayes.likelihood.cholesky import backward, cholesky, forward
-from softness_bayes.likelihood.laplace import Laplace
-from softness_bayes.likelihood.pieces import log_sum, pieces
+from softness_bayes.likelihood.laplace import Laplace, laplace
+from softness_bayes.likelihood.pieces import BLOCK, backward, cholesky, forward, log_sum, pieces
 from softness_bayes.likelihood.rater_effects import Given, Table
 from softness_bayes.likelihood.row_laws import below, row_terms
 
@@ -42,6 +44,10 @@ OWN_DRAWS, BROAD = 512, 4
 the effects given the other raters: there may be other modes. Both are powers of 2."""
 FREEDOM, INFLATION = 6.0, 1.1
 """Degrees of freedom of importance draws about a mode, and their scale [standard deviations without one row]."""
+FABRIC_DRAWS = 64
+"""Importance draws of fabrics' deviations."""
+FABRIC_FREEDOM, FABRIC_INFLATION = 30.0, 1.05
+"""Their degrees of freedom and scale [standard deviations without one rater]."""
 FINER = 8
 """Points between nodes where effects are drawn, by cubic interpolation of the log density."""
 
@@ -70,13 +76,11 @@ class Marginal:
         The rows, and everything but the effects.
     law
         Laplace's approximation, which tells where points and nodes are needed.
-    middle
-        A number inside of each interval, shape (rows,) or (draws, rows).
     finer
         Factor of the numbers of points and nodes.
     """
 
-    def __init__(self, table: Table, given: Given, law: Laplace, middle: FloatArray, finer: int = 1) -> None:
+    def __init__(self, table: Table, given: Given, law: Laplace, finer: int = 1) -> None:
         self.table, self.given, self._finer = table, given, finer
         self._mode = table.effects(given, law.mode)
         self._mu_mode = table.mu(self._mode.level)
@@ -94,7 +98,7 @@ class Marginal:
         """Variance of the level given all raters but one, at most, shape (draws, raters)."""
         self._width = np.sqrt(self._tau**2 + self._without)
         """Standard deviation of a_p given all raters but p, at most, shape (draws, raters)."""
-        ends = self._ends(slope, information, of_rater, middle, c)
+        ends = self._ends(slope, information, of_rater, c)
         self.points = self._evenly_spaced(*ends) if len(given.effects) == 1 else self._drawn_points(law)
         moved = np.abs(np.add.reduceat(slope, table.first, axis=-1)) * self._without
         half = (REACH * np.sqrt(self._without) + moved).max(axis=-1)
@@ -110,7 +114,7 @@ class Marginal:
         self._log_step = np.log(2.0 * half / (number - 1))[:, None]
 
     def _ends(
-        self, slope: FloatArray, information: FloatArray, of_rater: FloatArray, middle: FloatArray, c: FloatArray
+        self, slope: FloatArray, information: FloatArray, of_rater: FloatArray, c: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Return the range of each rater's a_p outside of which it has no density, whichever row is left out."""
         first, mid = self.table.first, self._mu_mode[:, None]
@@ -120,7 +124,7 @@ class Marginal:
         shift = np.maximum.reduceat(np.abs(slope), first, axis=-1) * width**2
         low, high = centre - REACH * width - shift, centre + REACH * width + shift
         if not self.table.law.concave:  # any row may be an outlier or a lapse, or all but one
-            own, reach = middle - c, REACH * np.minimum(self._sharpest**-0.5, self._width)
+            own, reach = self.given.middles[0] - c, REACH * np.minimum(self._sharpest**-0.5, self._width)
             low = np.minimum(low, mid - REACH * self._width)
             high = np.maximum(high, mid + REACH * self._width)
             low = np.minimum(low, np.minimum.reduceat(own, first, axis=-1) - reach)
@@ -157,29 +161,14 @@ class Marginal:
         broad[..., 0] = self._width
         aim = np.zeros_like(centre)
         aim[..., 0] = self._mu_mode[:, None]
-        many = OWN_DRAWS * self._finer
-        few = many // BROAD
-        number = many + few
-        x = heavy_tailed(many, size)
         # a row fewer leaves a wider law
-        wider = INFLATION * np.sqrt(1.0 + 1.0 / np.maximum(self.table.count - 1.0, 1.0))[:, None]
-        near = centre[..., None, :] + wider[..., None] * np.einsum("dpij,nj->dpni", factor, x)
-        far = aim[..., None, :] + broad[..., None, :] * heavy_tailed(few, size)
-        values = np.concatenate([near, far], axis=-2)
+        wider = INFLATION * np.sqrt(1.0 + 1.0 / np.maximum(self.table.count - 1.0, 1.0))
+        number = OWN_DRAWS * self._finer
+        values, density = importance_draws(centre, factor, wider, number, FREEDOM, (aim, broad))
+        prior = -0.5 * (values[..., 1:] ** 2).sum(axis=-1) - (size - 1) * _LOG_ROOT_TWO_PI
         with np.errstate(over="ignore"):
-            gap = np.swapaxes(values - centre[..., None, :], -1, -2)
-            of_near = log_heavy_tailed(np.swapaxes(forward(factor, gap), -1, -2) / wider[..., None])
-            of_near -= np.log(wider * np.einsum("dpii->dpi", factor)).sum(axis=-1)[..., None]
-            of_far = log_heavy_tailed((values - aim[..., None, :]) / broad[..., None, :])
-            of_far -= np.log(broad).sum(axis=-1)[..., None]
-            density = np.logaddexp(np.log(many / number) + of_near, np.log(few / number) + of_far)
-            prior = -0.5 * (values[..., 1:] ** 2).sum(axis=-1) - (size - 1) * _LOG_ROOT_TWO_PI
             rows = self.table.of_raters(given, values[..., 0], values[..., 1:])
-            # relative to the mean weight of the normal law at the same points, whose density is known to be 1
-            normal = -0.5 * (forward(factor, gap) ** 2).sum(axis=-2) - size * _LOG_ROOT_TWO_PI
-            normal -= np.log(np.einsum("dpii->dpi", factor)).sum(axis=-1)[..., None]
-        known = log_sum(normal - density, axis=-1)[..., None]
-        weight = np.nan_to_num(prior + rows, nan=-np.inf) - density - known
+        weight = np.nan_to_num(prior + rows, nan=-np.inf) - density
         return Points(values[..., 0], values[..., 1:], weight)
 
     @cached_property
@@ -292,8 +281,51 @@ def _draw_near(rng: np.random.Generator, nodes: FloatArray, log_density: FloatAr
     return np.take_along_axis(nodes, chosen, axis=-1)[..., 0] + step * (rng.random(step.shape) - 0.5)
 
 
+def importance_draws(
+    centre: FloatArray,
+    factor: FloatArray,
+    wider: FloatArray,
+    number: int,
+    freedom: float,
+    far: tuple[FloatArray, FloatArray] | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """Return fixed heavy-tailed draws about a mode, (..., draws, effects), and the log of their density and number.
+
+    The density is relative to the mean weight of the normal law at the same points, whose integral is known to be 1.
+
+    Parameters
+    ----------
+    centre, factor
+        Mode, (..., effects), and lower factor of the covariance, (..., effects, effects).
+    wider
+        Scale of the draws in that of the normal law, shape (...).
+    number
+        Number of draws, a power of 2.
+    freedom
+        Degrees of freedom of the draws.
+    far
+        Centre and scales, each (..., effects), of 1 / `BROAD` as many further draws: there may be other modes.
+    """
+    size = centre.shape[-1]
+    x = heavy_tailed(number, size, freedom)
+    values = centre[..., None, :] + wider[..., None, None] * (x @ np.swapaxes(factor, -1, -2))
+    if far is not None:
+        outer = heavy_tailed(number // BROAD, size, freedom)
+        values = np.concatenate([values, far[0][..., None, :] + far[1][..., None, :] * outer], axis=-2)
+    with np.errstate(over="ignore"):
+        u = np.swapaxes(forward(factor, np.swapaxes(values - centre[..., None, :], -1, -2)), -1, -2)
+        volume = np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)[..., None]
+        density = log_heavy_tailed(u / wider[..., None, None], freedom) - size * np.log(wider)[..., None] - volume
+        if far is not None:
+            outer = log_heavy_tailed((values - far[0][..., None, :]) / far[1][..., None, :], freedom)
+            outer -= np.log(far[1]).sum(axis=-1)[..., None]
+            density = np.logaddexp(np.log(BROAD) + density, outer) - np.log(BROAD + 1.0)
+        normal = -0.5 * (u**2).sum(axis=-1) - size * _LOG_ROOT_TWO_PI - volume
+    return values, density + log_sum(normal - density, axis=-1)[..., None]
+
+
 @cache
-def heavy_tailed(number: int, dimension: int, freedom: float = FREEDOM) -> FloatArray:
+def heavy_tailed(number: int, dimension: int, freedom: float) -> FloatArray:
     """Return fixed draws of independent Student's t from Sobol numbers, shape (number, dimension)."""
     uniform = np.clip(qmc.Sobol(dimension, seed=1).random(number), 1e-12, 1.0 - 1e-12)
     found = np.asarray(stdtrit(freedom, uniform))
@@ -301,6 +333,134 @@ def heavy_tailed(number: int, dimension: int, freedom: float = FREEDOM) -> Float
     return found
 
 
-def log_heavy_tailed(x: FloatArray, freedom: float = FREEDOM) -> FloatArray:
+def log_heavy_tailed(x: FloatArray, freedom: float) -> FloatArray:
     """Return the log density of `heavy_tailed` at x (..., dimension)."""
     return np.asarray(student.log_density(x, np.array(freedom)).sum(axis=-1))
+
+
+class Drawn(NamedTuple):
+    """Draws of all effects given the rows."""
+
+    mu: FloatArray
+    """Shape (draws,)."""
+    own: FloatArray
+    """Raters' effects in units of their spreads, shape (draws, raters, effects)."""
+    fabric: FloatArray
+    """Fabrics' h, shape (draws, fabrics)."""
+
+
+class _Parts(NamedTuple):
+    """Marginal densities at importance draws of fabrics' deviations, for one draw of everything else."""
+
+    log_weight: FloatArray  # of each importance draw, their sum being the density of all rows, (importance draws,)
+    h: FloatArray  # (importance draws, fabrics)
+    marginals: list[Marginal]
+
+
+class Integrals:
+    """Integrals over all effects, for one table.
+
+    Parameters
+    ----------
+    table
+        The rows.
+    finer
+        Factor of the numbers of points of the reference.
+    """
+
+    def __init__(self, table: Table, finer: int = 1) -> None:
+        self.table, self._finer = table, finer
+
+    def laplace(self, given: Given) -> FloatArray:
+        """Return the log density of all rows by Laplace's method, shape (draws,), given everything but the effects."""
+        every = pieces(len(given.drive), self.table.rater.size, BLOCK)
+        return np.concatenate([laplace(self.table, given.part(one)).log_density for one in every])
+
+    def log_density(self, given: Given) -> FloatArray:
+        """Return the log density of all rows by the reference, shape (draws,)."""
+        return self._each(
+            given,
+            lambda marginal: marginal.log_density,
+            lambda parts: log_sum(parts.log_weight[None], axis=1),
+        )
+
+    def of_rows(self, given: Given) -> tuple[FloatArray, FloatArray]:
+        """Return the log density of each row given all others and the probability below it, each (draws, rows)."""
+
+        def averaged(parts: _Parts) -> FloatArray:
+            density, smaller = np.concatenate([np.stack(m.of_rows()) for m in parts.marginals], axis=1)
+            log_odds = parts.log_weight[:, None] - log_sum(parts.log_weight, axis=0) - density
+            alone = -log_sum(log_odds, axis=0)
+            return np.stack([alone, (np.exp(log_odds + alone) * smaller).sum(axis=0)])[:, None]
+
+        found = self._each(given, lambda marginal: np.stack(marginal.of_rows()), averaged, axis=1)
+        return found[0], found[1]
+
+    def of_raters(self, given: Given) -> FloatArray:
+        """Return the log density of each rater's rows given all others', shape (draws, raters)."""
+
+        def averaged(parts: _Parts) -> FloatArray:
+            density = np.concatenate([marginal.of_raters for marginal in parts.marginals])
+            log_odds = parts.log_weight[:, None] - log_sum(parts.log_weight, axis=0) - density
+            return np.asarray(-log_sum(log_odds, axis=0))[None]
+
+        return self._each(given, lambda marginal: marginal.of_raters, averaged)
+
+    def draw(self, rng: np.random.Generator, given: Given) -> Drawn:
+        """Return draws of all effects given the rows, one for each draw of everything else."""
+
+        def packed(marginal: Marginal) -> FloatArray:
+            mu, own = marginal.draw(rng)
+            return np.concatenate([mu[:, None], own.reshape(len(mu), -1)], axis=1)
+
+        def chosen(parts: _Parts) -> FloatArray:
+            k = int((parts.log_weight + rng.gumbel(size=parts.log_weight.shape)).argmax())
+            every = np.concatenate([packed(marginal) for marginal in parts.marginals])
+            return np.concatenate([every[k], parts.h[k]])[None]
+
+        found = self._each(given, packed, chosen)
+        size = self.table.n_raters, len(given.effects)
+        last = 1 + size[0] * size[1]
+        fabric = found[:, last:] if given.omega is not None else np.zeros((len(found), self.table.n_fabrics))
+        return Drawn(found[:, 0], found[:, 1:last].reshape(-1, *size), fabric)
+
+    def _each(
+        self,
+        given: Given,
+        known: Callable[[Marginal], FloatArray],
+        averaged: Callable[[_Parts], FloatArray],
+        axis: int = 0,
+    ) -> FloatArray:
+        """Return a quantity of every draw: from its marginal density, or averaged over fabrics' deviations."""
+        if given.omega is None:
+            found = [known(marginal) for marginal in self._marginals(given)]
+        else:
+            found = [averaged(self._over_fabrics(given.part(slice(k, k + 1)))) for k in range(len(given.drive))]
+        return np.concatenate(found, axis=axis)
+
+    def _marginals(self, given: Given, start: FloatArray | None = None) -> Iterator[Marginal]:
+        """Yield the marginal density of each draw; their numbers of nodes differ."""
+        for block in pieces(len(given.drive), self.table.rater.size, BLOCK):
+            part = given.part(block)
+            law = laplace(self.table, part, None if start is None else start[block])
+            for k in range(len(part.drive)):
+                one = slice(k, k + 1)
+                yield Marginal(self.table, part.part(one), law.part(one), self._finer)
+
+    def _over_fabrics(self, given: Given) -> _Parts:
+        """Return importance draws of fabrics' deviations for one draw of everything else."""
+        law = laplace(self.table, given)
+        fabrics = self.table.n_fabrics
+        inverse = forward(law.shared_root, np.eye(1 + fabrics)[None])[0]
+        root = cholesky((inverse.T @ inverse)[1:, 1:], 1e-12)
+        last = law.mode.shape[1] - fabrics
+        # a rater fewer leaves a wider law
+        wider = np.asarray(FABRIC_INFLATION * (1.0 + 1.0 / max(self.table.n_raters - 1, 1)) ** 0.5)
+        number = FABRIC_DRAWS * self._finer
+        h, density = importance_draws(law.mode[0, last:], root, wider, number, FABRIC_FREEDOM)
+        prior = -0.5 * (h**2 + np.log(2.0 * np.pi)).sum(axis=-1)
+        many = np.zeros(number, np.intp)
+        inner = given.part(many).with_fabrics(h, self.table.fabric)
+        marginals = list(self._marginals(inner, law.mode[many, :last]))
+        rows = np.concatenate([marginal.log_density for marginal in marginals])
+        return _Parts(rows + prior - density, h, marginals)

@@ -66,6 +66,17 @@ class Given:
         """Spreads of the effects that each rater has, in the order of `Effects.own`."""
         return tuple(spread for spread in (self.tau, self.tau_gamma, self.tau_varsigma) if spread is not None)
 
+    @property
+    def middles(self) -> tuple[FloatArray, FloatArray]:
+        """Middle and width of each interval, (rows,) or (draws, rows); an infinite end is two spreads off the other."""
+        low, high = self.rows.low, self.rows.high
+        if not np.isfinite(high - low).all():
+            low, high = (
+                np.where(np.isfinite(low), low, high - 2.0 * self.spread),
+                np.where(np.isfinite(high), high, low + 2.0 * self.spread),
+            )
+        return 0.5 * (low + high), high - low
+
     def part(self, draws: Any) -> Self:
         """Return some of the draws."""
         some = {f.name: getattr(self, f.name) for f in fields(self)}
@@ -113,11 +124,21 @@ class Table:
         Number of fabrics.
     centre, spread
         Prior mean and standard deviation of the level mu.
+    trust
+        Weight of each row where the search for the mode starts, shape (rows,): less than 1 for an outlier.
     """
 
     def __init__(
-        self, law: ErrorLaw, rater: IndexArray, fabric: IndexArray, n_fabrics: int, centre: float, spread: float
+        self,
+        law: ErrorLaw,
+        rater: IndexArray,
+        fabric: IndexArray,
+        n_fabrics: int,
+        centre: float,
+        spread: float,
+        trust: FloatArray,
     ) -> None:
+        self.trust = trust
         self.law, self.rater, self.fabric, self.n_fabrics = law, rater, fabric, n_fabrics
         self.centre, self.spread = centre, spread
         self.first = np.flatnonzero(np.diff(rater, prepend=-1))
@@ -227,22 +248,16 @@ class Table:
 
         return by_cell
 
-    def start(self, given: Given, middle: FloatArray, weight: FloatArray) -> FloatArray:
-        """Return effects near the mode, (draws, effects): those of weighted normal rows, only scales and level not 0.
+    def start(self, given: Given) -> FloatArray:
+        """Return effects near the mode, (draws, effects): those of normal rows, only scales and level not 0.
 
-        Parameters
-        ----------
-        given
-            Everything but the effects.
-        middle
-            A number inside of each interval, shape (rows,) or (draws, rows).
-        weight
-            Weight of each row, shape (rows,).
+        An interval counts as its middle, with the variance that rounding to it adds.
         """
         shape = len(given.drive), self.n_raters
-        precision = np.add.reduceat(weight, self.first) / given.spread**2
-        pull = np.add.reduceat(weight * (middle - given.drive), self.first, axis=-1) / given.spread**2
-        mean = pull / np.maximum(precision, 1e-300) - self.centre
+        middle, width = given.middles
+        weight = self.trust / (given.spread**2 + width**2 / 12.0)
+        precision = np.add.reduceat(weight, self.first, axis=-1)
+        mean = np.add.reduceat(weight * (middle - given.drive), self.first, axis=-1) / precision - self.centre
         kept = precision / (1.0 + given.tau**2 * precision)
         level = self.spread * (kept * mean).sum(axis=-1) / (1.0 + self.spread**2 * kept.sum(axis=-1))
         own = np.zeros((*shape, len(given.effects)))

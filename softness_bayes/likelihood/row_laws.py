@@ -10,6 +10,7 @@ ten times as long as f: there, P of a narrow interval is a sum of f at Gauss-Lob
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -26,6 +27,8 @@ POINTS, WIDEST = 6, 0.5
 """Number of Lobatto points of narrow intervals, and their largest half-width [spreads]: errors are below 1e-5."""
 NARROWEST = 1e-4
 """Half-width below which a difference of distribution functions would lose digits, whatever the law."""
+LEAST = 1e-6
+"""Probability of an interval below which it is computed from logarithms."""
 FAR = 6.0
 """Normal score of both ends beyond which probabilities are computed from logarithms."""
 OPEN = 1e40
@@ -102,7 +105,7 @@ def row_terms(
 
 def below(law: ErrorLaw, rows: Rows, expected: FloatArray, spread: FloatArray, parameters: Any) -> FloatArray:
     """Return the probability below each exact number, or below each interval plus half its own; without lapses."""
-    ends = [_clipped((end - expected) / spread) for end in (rows.low, rows.high)]
+    ends = [(_finite(end) - expected) / spread for end in (rows.low, rows.high)]
     low, high = (ndtr(law.normal_scores(end, parameters)) for end in ends)
     return np.asarray(0.5 * (low + high))
 
@@ -114,7 +117,7 @@ def scores_at(
 
     With uniform random shares, the scores of intervals are also standard normal under the model.
     """
-    ends = [_clipped((end - expected) / spread) for end in (rows.low, rows.high)]
+    ends = [(_finite(end) - expected) / spread for end in (rows.low, rows.high)]
     low, high = (law.normal_scores(end, parameters) for end in ends)
     flip, near, far = _towards_zero(low, high)
     part = np.where(flip, 1.0 - share, share)
@@ -131,20 +134,33 @@ def _by_kind(
     half = 0.5 * (rows.high - rows.low)
     exact = half == 0.0
     narrow = (half <= spread * (WIDEST if law.slow_functions else NARROWEST)) & ~exact
-    if not (narrow.any() or exact.any()):
-        return _with_lapses(law, rows, _by_functions(law, rows, expected, spread, parameters, orders), parameters)
     kinds = [(_of_numbers, exact), (_by_points, narrow), (_by_functions, ~(narrow | exact))]
     kinds.sort(key=lambda kind: -int(kind[1].sum()))
     # the method of most rows takes all, without copies; the others overwrite theirs
     with np.errstate(all="ignore"):
         parts = kinds[0][0](law, rows, expected, spread, parameters, orders)
-    for method, chosen in kinds[1:]:
-        if chosen.any():
-            some = np.nonzero(np.broadcast_to(chosen, parts[0].shape))
-            found = method(law, *_elements(some, rows, expected, spread, parameters), orders)
-            for whole, part in zip(parts, found, strict=True):
-                whole[some] = part[:, 0]
+        for method, chosen in kinds[1:]:
+            _overwrite(parts, chosen, method, law, rows, expected, spread, parameters, orders)
     return _with_lapses(law, rows, parts, parameters)
+
+
+def _overwrite(
+    parts: list[FloatArray],
+    chosen: NDArray[np.bool_],
+    method: Callable[..., list[FloatArray]],
+    law: ErrorLaw,
+    rows: Rows,
+    expected: FloatArray,
+    spread: FloatArray,
+    parameters: Any,
+    orders: int,
+) -> None:
+    """Replace results for chosen rows by those of another method."""
+    if chosen.any():
+        some = np.nonzero(np.broadcast_to(chosen, parts[0].shape))
+        found = method(law, *_elements(some, rows, expected, spread, parameters), orders)
+        for whole, part in zip(parts, found, strict=True):
+            whole[some] = part[:, 0]
 
 
 def _elements(
@@ -206,9 +222,24 @@ def _by_functions(
 ) -> list[FloatArray]:
     """Return log probabilities of intervals and their derivatives, from distribution functions."""
     inverse = 1.0 / spread
-    ends = [_clipped((end - expected) * inverse) for end in (rows.low, rows.high)]
-    low, high = (law.normal_scores(end, parameters) for end in ends)
-    value = _log_between(low, high)
+    low, high = ((_finite(end) - expected) * inverse for end in (rows.low, rows.high))
+    whole = ndtr(law.normal_scores(high, parameters))
+    whole -= ndtr(law.normal_scores(low, parameters))
+    parts = [np.log(whole)]
+    if orders:
+        ends = [(end, np.exp(law.log_density(end, parameters)) / whole) for end in (low, high)]
+        parts += _derivatives(law, ends, inverse, parameters, orders)
+    _overwrite(parts, whole < LEAST, _by_logarithms, law, rows, expected, spread, parameters, orders)
+    return parts
+
+
+def _by_logarithms(
+    law: ErrorLaw, rows: Rows, expected: FloatArray, spread: FloatArray, parameters: Any, orders: int
+) -> list[FloatArray]:
+    """Return what `_by_functions` does, for probabilities so small that digits would be lost."""
+    inverse = 1.0 / spread
+    low, high = ends = [(_finite(end) - expected) * inverse for end in (rows.low, rows.high)]
+    value = _log_between(*(law.normal_scores(end, parameters) for end in ends))
     lost = np.isneginf(value) & np.isfinite(rows.high - rows.low)
     if lost.any():  # so far out that scores of both ends are equal; the density is not below that of the farther end
         least = np.minimum(*(law.log_density(end, parameters) for end in ends))
@@ -218,10 +249,9 @@ def _by_functions(
     # far out a ratio is the slope of the log density (Mills), and the difference of logarithms is rounding
     near = value > FARTHEST
     ratios = [np.exp(np.where(near, law.log_density(end, parameters) - value, -np.inf)) for end in ends]
-    if not near.all():
-        nearest = np.where(low > 0.0, 0, 1)
-        for k, end in enumerate(ends):
-            ratios[k] = np.where(~near & (nearest == k), np.abs(law.slopes(end, parameters)[0]), ratios[k])
+    nearest = np.where(low + high > 0.0, 0, 1)
+    for k, end in enumerate(ends):
+        ratios[k] = np.where(~near & (nearest == k), np.abs(law.slopes(end, parameters)[0]), ratios[k])
     return [value, *_derivatives(law, list(zip(ends, ratios, strict=True)), inverse, parameters, orders)]
 
 
@@ -277,9 +307,9 @@ def lobatto(points: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
     return tuple(at.tolist()), tuple(weights.tolist())
 
 
-def _clipped(errors: FloatArray) -> FloatArray:
-    """Return errors with infinite ends at `OPEN`."""
-    return np.clip(errors, -OPEN, OPEN)
+def _finite(ends: FloatArray) -> FloatArray:
+    """Return ends of intervals with infinite ones at `OPEN`."""
+    return np.clip(ends, -OPEN, OPEN)
 
 
 def _towards_zero(low: FloatArray, high: FloatArray) -> tuple[NDArray[np.bool_], FloatArray, FloatArray]:

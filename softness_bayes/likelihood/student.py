@@ -12,7 +12,7 @@ from functools import cache
 import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import betaln, log_ndtr, ndtri_exp, stdtr
+from scipy.special import betaln, ndtri_exp, stdtr
 
 FloatArray = NDArray[np.float64]
 
@@ -24,7 +24,6 @@ REACH = 10.0
 
 _HALF_WAY = 4.0  # value of z at the midpoint of the series' variable
 _ORDERS = 40, 20  # numbers of terms in 1/nu and in z
-_FEW = 500  # errors for which SciPy's distribution function is faster than the series
 _LARGE = 100.0  # degrees of freedom beyond which the constant of the density comes from Stirling's series
 
 _LOG_ROOT_TWO_PI = 0.5 * np.log(2.0 * np.pi)
@@ -78,37 +77,6 @@ def normal_score(u: FloatArray, nu: FloatArray) -> FloatArray:
     correction += 1.0
     correction *= z
     return np.copysign(correction, u)
-
-
-def log_below(u: FloatArray, nu: FloatArray) -> FloatArray:
-    """Return the log probability below `u`, of whose shape `nu` is but for its last axis, of length 1."""
-    if u.size <= _FEW:
-        with np.errstate(divide="ignore"):
-            found = np.log(stdtr(nu, u))
-        if np.isfinite(found).all():
-            return np.asarray(found)
-    return np.asarray(log_ndtr(normal_score(u, nu)))
-
-
-def expected_curvature(nu: FloatArray) -> FloatArray:
-    """Return minus the expected second derivative of the log density (Fisher's information), shape of `nu`."""
-    return np.asarray((nu + 1.0) / (nu + 3.0))
-
-
-def expected_fourth(nu: FloatArray) -> FloatArray:
-    """Return the expected fourth derivative of the log density, shape of `nu`, derived as `sixth_over_fourth`."""
-    t = 1.0 / np.asarray(nu, float)
-    return 6.0 * t * (1.0 + t) * (1.0 + 2.0 * t) / ((1.0 + 5.0 * t) * (1.0 + 7.0 * t))
-
-
-def sixth_over_fourth(nu: FloatArray) -> FloatArray:
-    """Return the ratio of the expected sixth derivative of the log density to the expected fourth, shape of `nu`.
-
-    The derivatives of log(1 + u²/nu) are polynomials of p = 1/(1 + u²/nu), by way of the complex logarithm. Under the
-    law itself, p has a beta distribution with parameters nu/2 and 1/2, whose moments are products of ratios.
-    """
-    t = 1.0 / np.asarray(nu, float)
-    return -20.0 * t * (1.0 + 4.0 * t) * (1.0 + 5.0 * t) / ((1.0 + 9.0 * t) * (1.0 + 11.0 * t))
 
 
 @cache

@@ -13,7 +13,6 @@ from softness_bayes.data import Compression, Experiment, Ratings
 from softness_bayes.data.faults import listing
 from softness_bayes.errors import InputError
 from softness_bayes.kinds import require_kind
-from softness_bayes.likelihood.custom import try_likelihood
 from softness_bayes.likelihood.design import Design, LoadErrors
 from softness_bayes.likelihood.directions import FREE, RISES, RatingDirection
 from softness_bayes.likelihood.individual import IndividualModel
@@ -21,6 +20,7 @@ from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.models import (
     model_of_different_raters,
     rating_model,
+    try_likelihood,
     under_load_errors,
 )
 from softness_bayes.likelihood.plate import CompressionForces, PressedRaters

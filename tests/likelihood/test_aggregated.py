@@ -11,9 +11,8 @@ from softness_bayes.likelihood.aggregated import AggregatedModel
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import FALLS
-from softness_bayes.likelihood.log_bessel import LARGE, log_bessel
 from softness_bayes.likelihood.magnitude import RatingModel
-from softness_bayes.likelihood.spreads import RaterSpreads, SpreadModel
+from softness_bayes.likelihood.spreads import LARGE_ORDER, RaterSpreads, SpreadModel, log_bessel
 
 N, FABRICS, CELLS = 7, np.array([0, 0, 1, 1, 2]), 5
 ONE_PANEL = Design(np.arange(CELLS), np.zeros(CELLS, int), FABRICS, 1)
@@ -86,7 +85,7 @@ def test_simulated_raters_have_the_law(raters, rng):
         assert min(kstest(column, "uniform").pvalue for column in np.array(apart).T) < 1e-2
 
 
-@pytest.mark.parametrize("order", [-0.5, 0.0, 3.5, LARGE, LARGE + 0.5, 60.0])
+@pytest.mark.parametrize("order", [-0.5, 0.0, 3.5, LARGE_ORDER, LARGE_ORDER + 0.5, 60.0])
 def test_bessel_functions_are_those_of_scipy(order):
     z = np.geomspace(max(order, 0.1) / 3.0, 1e6, 60)
     assert_allclose(log_bessel(order, z), np.log(ive(order, z)) + z - order * np.log(z), rtol=1e-9, atol=1e-8)

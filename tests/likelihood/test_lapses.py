@@ -8,9 +8,8 @@ from numpy.testing import assert_allclose
 from scipy.stats import kstest
 
 from softness_bayes.likelihood.design import Design, Stated
-from softness_bayes.likelihood.error_laws import LAPSES
+from softness_bayes.likelihood.error_laws import BEYOND, LAPSES, RaterRange, WholeScale
 from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings
-from softness_bayes.likelihood.lapses import BEYOND, RaterRange, WholeScale
 from softness_bayes.likelihood.scales import MAGNITUDE, SLIDER
 from support.points import rated
 

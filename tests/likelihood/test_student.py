@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import norm, t
 
-from softness_bayes.likelihood.student import LEAST, log_below, log_density, normal_score, sixth_over_fourth
+from softness_bayes.likelihood.student import LEAST, log_density, normal_score
 
 ERRORS = np.concatenate([np.linspace(-9.0, 9.0, 181), [-40.0, 33.0, 1e3]])
 
@@ -34,33 +34,3 @@ def test_scores_are_odd_and_rise():
         score = normal_score(u, np.array(nu))
         assert_allclose(score, -score[::-1], rtol=1e-12, atol=1e-12)
         assert (np.diff(score) > 0).all()
-
-
-@pytest.mark.parametrize("nu", [LEAST, 2.0, 5.0, 30.0, 1e4])
-def test_expected_sixth_derivative_over_the_fourth(nu):
-    """Against Taylor series of log(1 + x²/nu) about points, averaged over the law by substituting x = sqrt(nu) tan."""
-    angle = (np.arange(4000) + 0.5) / 4000 * np.pi - 0.5 * np.pi
-    weight = np.cos(angle) ** (nu - 1.0)
-    weight /= weight.sum()
-    x = np.tan(angle)
-    # 1 + (x + d)² over 1 + x² is a quadratic of d, whose logarithm is the sum of the powers of its inverse roots
-    roots = np.array([x + 1j, x - 1j]) / (1.0 + x * x)
-    sums = {n: (roots**n).sum(axis=0).real for n in (4, 6)}
-    fourth, sixth = (-np.prod(np.arange(1.0, n)) * weight @ sums[n] * (-1.0) ** n for n in (4, 6))
-    assert_allclose(sixth_over_fourth(np.array(nu)), sixth / fourth / nu, rtol=1e-6)
-    assert sixth_over_fourth(np.array(nu)) < 0.0
-
-
-def test_the_normal_law_has_no_sixth_derivative():
-    assert_allclose(sixth_over_fourth(np.array([1e9, np.inf])), 0.0, atol=1e-7)
-
-
-@pytest.mark.parametrize("nu", [LEAST, 2.0, 12.0, 99.0, 1e4, 1e12])
-def test_log_probability_below_is_that_of_scipy(nu):
-    """Of few errors by SciPy's distribution function, unless it underflows, and of many by normal scores."""
-    near = ERRORS[np.abs(ERRORS) < 8.0]
-    expected = np.log(t.cdf(near, nu))
-    few, many = (log_below(np.tile(near, count), np.array([nu]))[: near.size] for count in (1, 9))
-    assert_allclose(few, expected, rtol=1e-9, atol=1e-14)
-    assert_allclose(many, expected, rtol=3e-5, atol=1e-6)
-    assert np.isfinite(log_below(np.array([-1e40, -300.0, 0.0]), np.array([nu]))).all()
