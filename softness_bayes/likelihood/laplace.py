@@ -22,7 +22,7 @@ from softness_bayes.likelihood.rater_effects import Given, Sums, Table
 
 FloatArray = NDArray[np.float64]
 
-SETTLED = 0.15
+SETTLED = 0.05
 """Newton's method ends once no effect moves by more than this, in its standard deviations given the others."""
 MOST_STEPS = 40
 """Most evaluations of the rows in one search: far from the data the mode need not be found."""

@@ -33,7 +33,7 @@ from softness_bayes.likelihood.row_laws import below, row_terms
 
 FloatArray = NDArray[np.float64]
 
-SPACING = 0.6
+SPACING = 1.0
 """Spacing of nodes, in standard deviations of the narrowest density that they may have to resolve."""
 REACH = 7.0
 """Distance of the outermost nodes from the mode, in standard deviations of the widest density."""
@@ -94,7 +94,10 @@ class Marginal:
         self._tau = np.maximum(given.tau, _LEAST_TAU * finest)
         of_rater = np.add.reduceat(information, table.first, axis=-1)
         of_level = 1.0 / (self._tau**2 + 1.0 / np.maximum(of_rater, 1e-300))
-        self._without = 1.0 / (table.spread**-2 + of_level.sum(axis=-1, keepdims=True) - of_level)
+        others = of_level.sum(axis=-1, keepdims=True) - of_level
+        if not table.law.concave:  # half of the other raters, and some more, may be far off
+            others = 0.5 * others * max(1.0 - 2.0 / max(table.n_raters - 1, 1), 0.0)
+        self._without = 1.0 / (table.spread**-2 + others)
         """Variance of the level given all raters but one, at most, shape (draws, raters)."""
         self._width = np.sqrt(self._tau**2 + self._without)
         """Standard deviation of a_p given all raters but p, at most, shape (draws, raters)."""
@@ -102,9 +105,6 @@ class Marginal:
         self.points = self._evenly_spaced(*ends) if len(given.effects) == 1 else self._drawn_points(law)
         moved = np.abs(np.add.reduceat(slope, table.first, axis=-1)) * self._without
         half = (REACH * np.sqrt(self._without) + moved).max(axis=-1)
-        if not table.law.concave:  # half of the other raters, and some more, may be far off
-            most = 0.5 * of_level.sum(axis=-1) * max(1.0 - 3.0 / table.n_raters, 0.0)
-            half = np.maximum(half, REACH * (table.spread**-2 + most) ** -0.5)
         # the sharpest density of the level and a rater's scale together
         sharp = self._sharpest / (1.0 + self._tau**2 * self._sharpest)
         narrow = (table.spread**-2 + sharp.sum(axis=-1) + self._tau[:, 0] ** -2) ** -0.5

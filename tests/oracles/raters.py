@@ -196,6 +196,8 @@ class Posterior:
         for i in every:
             rest = self.of_rater(self.rater[i], [j for j in every if j != i])
             loo.append(whole - float(special.logsumexp(others[self.rater[i]] + rest)))
+        if len(others) == 1:  # the prior of the level alone is wider than the grid
+            return whole, loo, [whole]
         return whole, loo, [whole - float(special.logsumexp(one)) for one in others.values()]
 
     def moments(self):
