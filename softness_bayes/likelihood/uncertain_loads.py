@@ -18,16 +18,16 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
-from scipy.special import logsumexp, ndtri, ndtri_exp
+from scipy.special import log_ndtr, logsumexp, ndtri, ndtri_exp
 from scipy.stats import qmc
 
 from softness_bayes.likelihood.contract import Effects, Likelihood, Parameters
 from softness_bayes.likelihood.design import Design, IndexArray, LoadErrors
 from softness_bayes.likelihood.error_laws import NormalLaw
-from softness_bayes.likelihood.integrals import Integrals
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.normal_rows import EffectLaw, LeaveOneOut, NormalRows
 from softness_bayes.likelihood.pieces import over_draws
+from softness_bayes.likelihood.quadrature import Integrals
 from softness_bayes.likelihood.rater_effects import Given, Table
 from softness_bayes.likelihood.row_laws import Rows
 
@@ -289,8 +289,8 @@ class OverLoads(UncertainLoads):
             stated[:, of_row], Rows(log, log, none), spread, column(parameters.tau), Parameters(shift=shift),
             omega=omega if (omega > 0.0).any() else None,
         )  # fmt: skip
-        table = Table(_LOADED, rater, fabric, self.design.n_fabrics, level.mean, level.sd)
-        return Integrals(table, np.ones(order.size)).log_density(given, log).reshape(shape)
+        table = Table(_LOADED, rater, fabric, self.design.n_fabrics, level.mean, level.sd, np.ones(order.size))
+        return Integrals(table).log_density(given).reshape(shape)
 
     def _over_shared(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of log ratings by a weighted sum over low-discrepancy vectors z.
@@ -332,11 +332,7 @@ class _LoadedLaw(NormalLaw):
 
     def normal_scores(self, errors: FloatArray, parameters: Any) -> FloatArray:
         """Return q with Phi(q) the mean of Phi(error - shift)."""
-        return np.asarray(ndtri_exp(self.log_below(errors, parameters)))
-
-    def log_below(self, errors: FloatArray, parameters: Any) -> FloatArray:
-        """Return the log of the mean of Phi(error - shift)."""
-        return self._mean(super().log_below(errors[..., None] - parameters.shift, parameters))
+        return np.asarray(ndtri_exp(self._mean(log_ndtr(errors[..., None] - parameters.shift))))
 
     def log_density(self, errors: FloatArray, parameters: Any) -> FloatArray:
         """Return the log of the mean density of error - shift."""
