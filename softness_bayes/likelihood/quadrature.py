@@ -33,7 +33,7 @@ from softness_bayes.likelihood.row_laws import below, row_terms
 
 FloatArray = NDArray[np.float64]
 
-SPACING = 1.0
+SPACING = 0.8
 """Spacing of nodes, in standard deviations of the narrowest density that they may have to resolve."""
 REACH = 7.0
 """Distance of the outermost nodes from the mode, in standard deviations of the widest density."""
