@@ -138,6 +138,8 @@ class RatingData:
     missing_ratings: int = 0
     rating_column: str = "rating"
     """Title of the column of ratings in the file."""
+    simulated: bool = False
+    """True if `simulate` made the ratings, or if they are those of the example."""
 
 
 @dataclass(frozen=True)

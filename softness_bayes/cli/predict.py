@@ -22,7 +22,7 @@ from softness_bayes.cli.options import (
     trust_code,
     typed,
 )
-from softness_bayes.cli.running import rated_run
+from softness_bayes.cli.running import rated_run, warn_of_cautions
 from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.errors import InputError
 from softness_bayes.model.options import ModelOptions
@@ -129,6 +129,7 @@ def _of_run(
     from softness_bayes.touch.parameters import TouchParameters
 
     with rated_run(directory) as result:
+        warn_of_cautions(result, fabrics)
         fitted = Fitted(result, ANSWER_DRAWS, values)
         if lacking := [n for n in TouchParameters._fields if n not in fitted.named and n not in SHAPE_PARAMETERS]:
             raise KeyError(lacking[0])  # `rated_run` names the file

@@ -18,14 +18,16 @@ from softness_bayes.cli.options import (
     touches,
     trust_code,
 )
-from softness_bayes.cli.running import rated_run
+from softness_bayes.cli.running import rated_run, warn_of_cautions
 from softness_bayes.defaults import ANSWER_DRAWS
+from softness_bayes.files.run_files import FABRIC_RATINGS
 from softness_bayes.readable import chance, number, percent, some_of
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from softness_bayes.results.ranking import Ranking
+    from softness_bayes.results.result import Result
 
 RANK, FORMATS = "rank", ("png", "pdf")
 ORDER, PLACES, PAIRS, AGREEMENT, FIGURE = "ranking.csv", "places.csv", "pairs.csv", "agreement.csv", "ranking"
@@ -71,6 +73,7 @@ def command(directory: Path, touches: Touches, against: Path | None, seed: int, 
         name: csv_of(result.labelled(table), index=False) for name, table in tables.items()
     }
     write_outputs(target, contents | files_of(ranking.figure(), FIGURE, FORMATS), RANK)
+    click.echo(f"{ranking.sentence}\n")
     _show(ranking)
     if observed is not None:
         agreement = tables[AGREEMENT]
@@ -87,11 +90,25 @@ def command(directory: Path, touches: Touches, against: Path | None, seed: int, 
 
 def _show(ranking: Ranking, most: int = 20) -> None:
     """Print the order of the fabrics under each load, without the middle of tables with most rows, and the ties."""
-    columns = ["order", "fabric", "e_fab_kpa", "typical_rating", "place_low", "place", "place_high", "tie", "p_silent"]
+    columns = [
+        "order",
+        "fabric",
+        "e_fab_kpa",
+        "people",
+        "people_low",
+        "people_high",
+        "typical_rating",
+        "place_low",
+        "place",
+        "place_high",
+        "tie",
+        "p_silent",
+    ]
     for one, (load, rows) in zip(ranking.loads, ranking.table.groupby("load", sort=False), strict=True):
-        click.echo(f"{load}, the softest first (the highest predicted rating):")
+        first = "the softest first (the highest predicted rating)" if ranking.word == "softest" else "the highest first"
+        click.echo(f"{load}, {first}; people: their own mean, typical_rating: what the chain predicts")
         parts = [rows] if len(rows) <= most else [rows.head(most // 2), rows.tail(most // 2)]
-        lines = [part[columns].to_string(index=False, float_format="{:.4g}".format) for part in parts]
+        lines = [part[columns].to_string(index=False, float_format="{:.4g}".format, na_rep="–") for part in parts]
         click.echo("\n...\n".join(lines))
         tied, silent = int((one.tie > 0).sum()), int((one.p_silent >= 0.5).sum())
         if tied:
@@ -148,6 +165,7 @@ def target(
     """
     from softness_bayes.data import loads_of
     from softness_bayes.data.columns import TENSILE_MODULUS, THICKNESS
+    from softness_bayes.results.people import rejected
     from softness_bayes.results.target import Cloth
 
     file.require()
@@ -157,11 +175,27 @@ def target(
     cloth.require()
     loads = loads_of(indentation_mm, force_n)
     with rated_run(directory) as result:
+        warn_of_cautions(result, None)
         table = result.target(rating, loads or None, *cloth, draws=ANSWER_DRAWS, seed=seed).table
     table = result.labelled(table)
     file.write(table)
     for load, rows in table.groupby("load", sort=False):
-        click.echo(f"{load}: {_reach(rows)}", err=True)
+        click.echo(f"{load}: {_reach(rows)}{_nearest(result, str(load), rating)}", err=True)
+    if rejected(result):
+        click.echo(
+            "the chain does not follow the ratings of this run: trust people's own means, not its moduli", err=True
+        )
+
+
+def _nearest(result: Result, load: str, rating: float) -> str:
+    """Return in words the rated fabrics whose mean by people's own answers is nearest to a rating, from either side."""
+    table = result.tables[FABRIC_RATINGS].reset_index()
+    if "people" not in table or load not in set(table["load"]):
+        return ""
+    own = table[table["load"] == load].sort_values("people")
+    around = [*own[own["people"] <= rating].tail(1).iterrows(), *own[own["people"] > rating].head(1).iterrows()]
+    each = [f"{row['fabric']} {_interval(row, 'people')}" for _, row in around]
+    return f"; people themselves rated {' and '.join(each)}"
 
 
 def _reach(rows: pd.DataFrame) -> str:

@@ -19,6 +19,7 @@ from softness_bayes.files.command_line import portable
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
+    from softness_bayes.data import Fabrics
     from softness_bayes.results.result import Result
     from softness_bayes.sampler.diagnostics import Verdict
 
@@ -81,6 +82,14 @@ def rated_run(directory: Path) -> Iterator[Result]:
         if not result.has_ratings:
             raise InputError(f"{directory}: a run without ratings cannot predict ratings")
         yield result
+
+
+def warn_of_cautions(result: Result, fabrics: Fabrics | None) -> None:
+    """Warn before predictions of a run are carried to other cloth than was rated (`results.people.cautions`)."""
+    from softness_bayes.results.people import cautions
+
+    for said in cautions(result, fabrics):
+        click.echo(f"CAUTION: {said}", err=True)
 
 
 def warn_of_unconverged(result: Result) -> None:

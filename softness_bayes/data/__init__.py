@@ -6,7 +6,10 @@ import csv
 import io
 import os
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import cache, partial
+from hashlib import sha256
+from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
@@ -56,8 +59,8 @@ __all__ = [
     "write_ratings",
 ]
 
-SIMULATE = "simulate"
-"""The command under which tables written here are listed."""
+SIMULATE, TRUTH = "simulate", "truth.json"
+"""The command under which tables written here are listed, and the file of the truth that it writes beside them."""
 
 FABRICS_BESIDE = "fabrics.csv"
 """Name of a fabric table beside the ratings that is used by default."""
@@ -164,6 +167,8 @@ def read_experiment(
     unrated = [name for name in fabrics.names if name not in rated]
     if unrated:
         notes.append(f"fabrics without a rating, left out: {listing(unrated)}")
+    if isinstance(ratings_path, (str, Path)) and _is_simulated(Path(ratings_path), ratings.digest):
+        ratings = replace(ratings, simulated=True)
     notes += [] if compression is None else compression.notes
     return Experiment(
         ratings,
@@ -217,6 +222,12 @@ def _unmeasured(table: Table) -> Fabrics | None:
     """Return the fabrics of a table with names only and placeholder moduli; None if it has no fabrics."""
     names = tuple(dict.fromkeys(table.cells.get("fabric", ())))
     return Fabrics(names, effective_modulus=np.ones(len(names)), source=table.place) if names else None
+
+
+def _is_simulated(path: Path, digest: str) -> bool:
+    """Return whether ratings are those of the example, or have the truth beside them that `simulate` writes."""
+    example = files("softness_bayes") / "example" / "ratings.csv"
+    return path.with_name(TRUTH).is_file() or digest == sha256(example.read_bytes()).hexdigest()
 
 
 def _separate_fabrics(

@@ -182,6 +182,8 @@ class Ratings:
     """Index (n,) of the list in which each rating is a place; None if the table has no such column."""
     covariates: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Covariates by name, with one text per participant, as written; not used in any model."""
+    simulated: bool = False
+    """True if `simulate` made the ratings, or if they are those of the example."""
     cells: AggregatedCells | None = None
     """Numbers of raters and standard deviations, if ratings are geometric means of cells; a panel is then a
     participant."""

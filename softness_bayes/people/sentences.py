@@ -102,13 +102,15 @@ def ruler_sentence(table: pd.DataFrame, scale: Scale) -> str:
             "people's answers do not tell the fabrics apart: means of their own predict no better than one for all, so "
             "there is nothing that the chain could keep or lose"
         )
-    size = f"{number(misfit, 2)} units of the ratings"
-    if scale.axis == "log":
-        size = f"a factor of {number(math.exp(misfit))}"
+    units = f"{number(misfit, 2)} units of the ratings"
+    size = f"a factor of {number(math.exp(misfit))}" if scale.axis == "log" else units
+    kept = "all of it"
+    if low < 1.0:
+        ends = (percent(min(max(end, 0.0), 1.0)) for end in (share, low, high))
+        kept = "{} (90 % interval {} to {})".format(*ends)
     return (
-        "of what people's own means predict beyond 'all fabrics alike', the chain keeps "
-        f"{percent(max(share, 0.0))} (90 % interval {percent(max(low, 0.0))} to {percent(min(high, 1.0))}); people's "
-        f"means scatter about the chain's by {size} (sd)"
+        f"of what people's own means predict beyond 'all fabrics alike', the chain keeps {kept}; people's means "
+        f"scatter about the chain's by {size} (sd)"
     )
 
 

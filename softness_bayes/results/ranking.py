@@ -13,10 +13,13 @@ from softness_bayes.checking.fabric_order import Pairs, Places, agreement, pairs
 from softness_bayes.data import Fabrics
 from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.likelihood.scales import Scale
+from softness_bayes.people.free_means import word_of
+from softness_bayes.people.verdicts import Verdicts, decided_sentence, verdicts
 from softness_bayes.plotting.style import USUAL, Style
 from softness_bayes.ranges import RANKED
 from softness_bayes.results.fitted import Fitted
-from softness_bayes.results.rating_table import limits, reasons
+from softness_bayes.results.people import beside, cautions, conditions_of, p_higher_among, people_of, rejected
+from softness_bayes.results.rating_table import NOTICED, limits, reasons
 from softness_bayes.results.stored import Stored
 from softness_bayes.touch.contact import Load
 
@@ -45,6 +48,9 @@ class Ranked(NamedTuple):
     p_silent: Array
     """Share of the draws in which no receptor fires, shape (fabrics,)."""
     remarks: NDArray[np.str_]
+    people: Mapping[str, Array]
+    """People's own mean rating of each fabric and its 90 % limits, by column; NaN for fabrics that were not rated."""
+    verdicts: Verdicts
 
     @property
     def p_softer(self) -> Array:
@@ -66,12 +72,24 @@ class Ranking:
         The scale of the ratings.
     loads
         Their order under each load.
+    word
+        What the highest rating means: softest, hardest, or highest rated.
+    cautions
+        Reasons for not carrying the predictions of the run to these fabrics.
     """
 
     fabrics: tuple[str, ...]
     modulus: Array
     scale: Scale
     loads: tuple[Ranked, ...]
+    word: str = "highest rated"
+    cautions: tuple[str, ...] = ()
+
+    @property
+    def sentence(self) -> str:
+        """Sentence on how many pairs are decided, and why not the others; cautions come first."""
+        first = f"CAUTION: {'; '.join(self.cautions)}. " if self.cautions else ""
+        return first + decided_sentence([one.verdicts for one in self.loads])
 
     @property
     def table(self) -> pd.DataFrame:
@@ -95,6 +113,7 @@ class Ranking:
             "place_low": place["_low"][k],
             "place": one.places.place.mean(axis=0)[k],
             "place_high": place["_high"][k],
+            **{name: values[k] for name, values in one.people.items()},
             "p_softer_than_next": np.append(one.p_softer, np.nan),
             "tie": [str(number) if number else "" for number in one.tie[k]],
             "p_silent": one.p_silent[k],
@@ -133,6 +152,8 @@ class Ranking:
                 "p_softer": one.pairs.softer[first, second],
                 "p_tie": one.pairs.tie[first, second],
                 "p_harder": one.pairs.softer[second, first],
+                "verdict": one.verdicts.words(first, second, self.word),
+                "because": one.verdicts.reasons(first, second),
             }
             parts.append(pd.DataFrame(found))
         return pd.concat(parts, ignore_index=True)
@@ -196,13 +217,20 @@ def rank(
     scene, modulus = fitted.scene(fabrics, loads), fitted.modulus(rng, fabrics)
     found = fitted.touches(fabrics, scene).ratings(rng, fitted.theta, 0, modulus)
     why = reasons(fitted, scene, found.rate, modulus)
-    ranked = []
+    unreached = why.p_silent >= NOTICED, why.p_beyond_radius >= NOTICED, why.beyond_moduli != "", why.beyond_loads != ""
+    people, ranked = people_of(result), []
     for k, load in enumerate(loads):
         here = np.flatnonzero(scene.load == k)
         rating = found.typical[:, here]
         put, two = places(rating), pairs(rating)
         order = np.argsort(put.place.mean(axis=0), kind="stable")
         tie = ties(two.tie, order)
-        ranked.append(Ranked(load, order, put, two, tie, rating, why.p_silent[here], why.remarks[here]))
+        at = np.full(len(fabrics), -1) if people is None else conditions_of(result, people, fabrics, load)
+        barred = [one[here] for one in unreached]
+        found_verdicts = verdicts(p_higher_among(people, at), two.softer, barred, rejected(result))
+        means = beside(result, people, fabrics, load)
+        shown = why.p_silent[here], why.remarks[here], means, found_verdicts
+        ranked.append(Ranked(load, order, put, two, tie, rating, *shown))
     middle = scene.fabric_modulus if modulus is None else np.median(modulus, axis=0)
-    return Ranking(fabrics.names, middle, result.scale, tuple(ranked))
+    word = word_of(result.provenance.rating_data.rating_column, result.scale)
+    return Ranking(fabrics.names, middle, result.scale, tuple(ranked), word, tuple(cautions(result, fabrics)))

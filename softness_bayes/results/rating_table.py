@@ -20,6 +20,7 @@ from softness_bayes.parameters.declared import KPA
 from softness_bayes.ranges import PANEL
 from softness_bayes.readable import number, percent
 from softness_bayes.results.fitted import Fitted
+from softness_bayes.results.people import beside, people_of
 from softness_bayes.touch.contact import Force, Indentation, Load
 from softness_bayes.touch.scene import Scene
 
@@ -88,7 +89,7 @@ def predicted(
     DataFrame
         A row per condition, all fabrics under the first load before the second: the columns of `prediction_table`;
         typical_rating, new_rater_rating and mean_rating, each with the limits of its 50 % and 90 % intervals beside
-        it; raters; the fields of `Reasons`.
+        it; raters; people_low, people and people_high, people's own mean of what they rated; the fields of `Reasons`.
     list of Scene
         The scenes of the parts in which the fabrics were predicted.
 
@@ -101,7 +102,7 @@ def predicted(
 
     panel = fitted.posterior.observation.raters if raters is None else raters
     PANEL.require("raters", panel)
-    tables, scenes = [], []
+    tables, scenes, people = [], [], people_of(fitted.result)
     for some in parts_of(fabrics, len(loads), len(fitted.theta)):
         scene, rng = fitted.scene(some, loads) if compiled is None else compiled(some), np.random.default_rng(seed)
         modulus = fitted.modulus(rng, some)
@@ -111,6 +112,8 @@ def predicted(
         for name, drawn in (("typical_rating", found.typical), ("new_rater_rating", new), ("mean_rating", found.mean)):
             columns |= {f"{name}{end}": limit for end, limit in limits(drawn, found.alike).items()}
         columns["raters"] = np.full(scene.n_conditions, panel)
+        own = [beside(fitted.result, people, some, load) for load in loads]
+        columns |= {name: np.concatenate([one[name] for one in own]) for name in own[0]}
         rated = pd.DataFrame(columns | reasons(fitted, scene, found.rate, modulus)._asdict())
         tables.append(pd.concat([prediction_table(some, scene, fitted.touch, modulus=modulus), rated], axis=1))
         scenes.append(scene)

@@ -314,7 +314,13 @@ def requested(model: ExperimentModel | SkinModel, run: RunOptions) -> dict[str, 
             model.interpretation.errors_note,
             model.interpretation.note,
         ),
-        RatingData(ratings.digest, model.experiment.fabrics.digest, ratings.n_missing, ratings.rating_column),
+        RatingData(
+            ratings.digest,
+            model.experiment.fabrics.digest,
+            ratings.n_missing,
+            ratings.rating_column,
+            ratings.simulated,
+        ),
     )
 
 

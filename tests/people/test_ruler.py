@@ -80,6 +80,7 @@ def test_people_s_order_is_said_first_and_whole(falling):
     kept = ruler_sentence(table, MAGNITUDE)
     assert "keeps 57 % (90 % interval 46 % to 67 %)" in kept
     assert "a factor of 1.35" in kept
+    assert "the chain keeps all of it;" in ruler_sentence(table + 0.6, MAGNITUDE)
     lines = conclude(Facts(True, 100, people=(*said, kept))).lines
     assert lines[0] == f"People:    {said[0]}"
     assert lines[3].startswith("Trust it?")

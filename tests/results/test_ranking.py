@@ -1,5 +1,7 @@
 """Rankings of a finished run: tables, the figure by its artists, the command line and the observed order."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -8,6 +10,7 @@ from numpy.testing import assert_allclose
 from softness_bayes.data import Fabrics
 from softness_bayes.data.lists import read_order
 from softness_bayes.errors import InputError
+from softness_bayes.results.people import cautions
 from support.command_line import call, refused
 from support.report_runs import CLOTH, LOADS, quickly
 
@@ -193,3 +196,32 @@ def test_bad_input_is_refused(report_run, saved, tmp_path):
         refused(call("rank", saved, *out, "--against", tmp_path / "none.csv"), "none.csv")
         refused(call("rank", saved, *out, "--against", tmp_path / "two.csv"), "2 fabrics with observed ranks")
     assert not (tmp_path / "new").exists()
+
+
+def test_rated_fabrics_stand_beside_people_s_means_and_others_under_a_verdict(result):
+    with quickly():
+        own, other = result.rank(draws=100), result.rank(NEW, LOADS, draws=100)
+    means = result.tables["fabric_ratings"]["people"]
+    table = own.table.set_index(["load", "fabric"])
+    assert_allclose(table["people"], means[table.index], rtol=1e-6)
+    assert own.cautions == ()
+    assert set(own.pair_table["because"]) <= {"people's own ratings", "neither order is 95 % sure"}
+    assert other.table["people"].isna().all()
+    decided = other.pair_table[other.pair_table["verdict"] != "cannot decide"]
+    assert set(decided["because"]) <= {"the chain"}
+    assert not {*"ab"} & {*decided["fabric"], *decided["other"]}  # silent
+    assert " of 30 pairs of fabrics are decided" in other.sentence
+    assert other.sentence.split(" of 30")[0].split()[-1] == str(len(decided))
+
+
+def test_simulated_ratings_and_a_rising_scale_are_not_carried_to_cloth_in_silence(result):
+    simulated = replace(result, tree=result.tree.copy())
+    simulated.tree.attrs["simulated"] = True
+    assert any("simulated" in said for said in cautions(simulated, NEW))
+    assert not any("simulated" in said for said in cautions(result, NEW))
+    assert cautions(simulated, result.fabrics) == []  # the same fabrics, whatever made the ratings
+    table = result.tables["fabric_ratings"].copy()
+    for sign, warned in ((1.0, True), (-1.0, False)):
+        table["rated"] = 10.0 + sign * table["e_fab_kpa"].rank()
+        turned = replace(result, tables={**dict(result.tables.items()), "fabric_ratings": table})
+        assert any("stiffer fabrics were rated higher" in said for said in cautions(turned, NEW)) == warned

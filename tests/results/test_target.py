@@ -167,6 +167,7 @@ def test_the_command_line_finds_targets(result, wished, tmp_path):
     assert printed["load"].unique().tolist() == [str(load) for load in LOADS]
     assert "thickness_mm" in printed
     assert "is reachable with probability" in done.stderr
+    assert "; people themselves rated " in done.stderr
     assert "thickness " in done.stderr
     assert filed.returncode == 0, filed.stderr
     assert "the ratings of the typical rater range from" in filed.stderr
