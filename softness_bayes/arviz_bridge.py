@@ -11,14 +11,12 @@ import io
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
-from softness_bayes.files.whole import write_whole
 
 if TYPE_CHECKING:
     import xarray
@@ -198,11 +196,6 @@ def netcdf(tree: xarray.DataTree, ending: Callable[[memoryview], bytes] | None =
         content.seek(0, io.SEEK_END)
         content.write(last)
     return content.getvalue()
-
-
-def write_netcdf(tree: xarray.DataTree, path: str | os.PathLike[str]) -> None:
-    """Write a result to a NetCDF file, replacing an existing file atomically."""
-    write_whole(Path(path), netcdf(tree))
 
 
 def read_netcdf(path: str | os.PathLike[str]) -> xarray.DataTree:

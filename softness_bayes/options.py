@@ -24,8 +24,7 @@ from types import MappingProxyType
 from typing import Any, ClassVar, Self, TypeVar
 
 from softness_bayes.errors import InputError
-from softness_bayes.kinds import refuse, require_kind
-from softness_bayes.ranges import Count, Range
+from softness_bayes.ranges import Count, Range, refuse, require_kind
 
 Described = TypeVar("Described", bound="Options")
 

@@ -17,7 +17,7 @@ from support.paths import ROOT
 
 LAYERS = (
     {"errors"},
-    {"defaults", "files", "kinds", "ranges", "readable"},
+    {"defaults", "files", "ranges", "readable"},
     {"arviz_bridge", "options", "supplied", "touch.neuron"},
     {"touch", "sampler"},
     {"data", "parameters"},

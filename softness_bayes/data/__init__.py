@@ -37,7 +37,7 @@ from softness_bayes.data.tables import MISSING, Marks, Table, check_renames, rea
 from softness_bayes.data.workbooks import TableSource, has_sheet
 from softness_bayes.files.outputs import write_outputs
 from softness_bayes.files.spreadsheet import escaped
-from softness_bayes.kinds import require_mapping
+from softness_bayes.ranges import require_mapping
 
 Read = TypeVar("Read")
 

@@ -27,8 +27,7 @@ from softness_bayes.data.headers import FABRICS
 from softness_bayes.data.tables import FloatArray, Marks, Table, check_renames, read_only, read_table
 from softness_bayes.data.workbooks import TableSource
 from softness_bayes.errors import InputError, quoted
-from softness_bayes.kinds import numbers, refuse
-from softness_bayes.ranges import RELATIVE_ERRORS, Range
+from softness_bayes.ranges import RELATIVE_ERRORS, Range, numbers, refuse
 from softness_bayes.touch.contact import PLATE_LENGTH, PRINTED_RIGIDITY, FabricModulus
 
 

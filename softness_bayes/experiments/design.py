@@ -14,9 +14,8 @@ from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.errors import InputError
 from softness_bayes.experiments.choice import Costs, Panel, Plan, choose
 from softness_bayes.experiments.outlook import DRAWS, Outlook, Touches, outlook_of_prior, outlook_of_run
-from softness_bayes.kinds import require_kind
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.ranges import PANEL
+from softness_bayes.ranges import PANEL, require_kind
 from softness_bayes.touch.contact import Force, Indentation, Load, held, require_loads
 
 Array = NDArray[np.float64]

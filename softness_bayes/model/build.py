@@ -12,7 +12,6 @@ from softness_bayes.checking.layout import Layout, merge
 from softness_bayes.data import Compression, Experiment, Ratings
 from softness_bayes.data.faults import listing
 from softness_bayes.errors import InputError
-from softness_bayes.kinds import require_kind
 from softness_bayes.likelihood.design import Design, LoadErrors
 from softness_bayes.likelihood.directions import FREE, RISES, RatingDirection
 from softness_bayes.likelihood.individual import IndividualModel
@@ -46,6 +45,7 @@ from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.coordinates import Bent, Coordinate, Scaled
 from softness_bayes.parameters.declared import ERROR_PARAMETERS, PARAMETERS, SHAPE_PARAMETERS
 from softness_bayes.parameters.space import FabricModuli, ParameterSpace
+from softness_bayes.ranges import require_kind
 from softness_bayes.touch.accuracy import PRESETS, ChosenResolution, choose
 from softness_bayes.touch.load_groups import groups_of
 from softness_bayes.touch.scene import Discretisation, Scene

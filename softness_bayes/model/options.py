@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, Self
 
 from softness_bayes.defaults import ACCURACY, ERRORS, NOISE, PRIOR_SET
 from softness_bayes.files.json_text import parse_json
-from softness_bayes.kinds import require_kind
 from softness_bayes.likelihood.directions import FREE, RATING_DIRECTIONS, RISES, RatingDirection, direction_named
 from softness_bayes.likelihood.scales import MAGNITUDE, OWN_SCALES, RATING_SCALES, Scale, name_of_scale, scale_named
 from softness_bayes.likelihood.scales import require_name as require_scale
@@ -34,6 +33,7 @@ from softness_bayes.ranges import (
     RELATIVE_ERRORS,
     RESOLUTIONS,
     SHARED_LOAD_ERRORS,
+    require_kind,
 )
 from softness_bayes.supplied import installed
 

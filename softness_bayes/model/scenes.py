@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 from softness_bayes.data import LOAD_COLUMNS, Fabrics
 from softness_bayes.data.fabrics import log_sd
 from softness_bayes.errors import InputError
-from softness_bayes.kinds import require_kind, require_mapping
 from softness_bayes.likelihood.design import LoadErrors
 from softness_bayes.model.fingers import box_of_values
 from softness_bayes.parameters.choice import parameter_space
@@ -26,7 +25,7 @@ from softness_bayes.parameters.declared import (
 )
 from softness_bayes.parameters.laws import LEAST_WIDTH, LogNormal, LogUniform, Prior
 from softness_bayes.parameters.space import FabricModuli, ParameterSpace
-from softness_bayes.ranges import RELATIVE_ERRORS
+from softness_bayes.ranges import RELATIVE_ERRORS, require_kind, require_mapping
 from softness_bayes.touch.accuracy import DRAWS, Draws
 from softness_bayes.touch.contact import FabricModulus, Finger, FingerBox, Load
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels

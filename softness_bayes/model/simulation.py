@@ -14,7 +14,6 @@ from softness_bayes.data import Compression, Fabrics, Ratings
 from softness_bayes.data.fabrics import log_sd
 from softness_bayes.data.forms import PANEL, AggregatedCells
 from softness_bayes.errors import InputError
-from softness_bayes.kinds import require_kind, require_mapping
 from softness_bayes.likelihood.contract import NO_RESPONSE, Model, Parameters
 from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.directions import RISES, RatingDirection
@@ -43,6 +42,8 @@ from softness_bayes.ranges import (
     RESOLUTIONS,
     SIMULATED_RATINGS,
     SLOPES,
+    require_kind,
+    require_mapping,
 )
 from softness_bayes.touch.contact import Finger, Load, require_loads
 from softness_bayes.touch.parameters import TouchParameters

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from softness_bayes.errors import InputError
-from softness_bayes.kinds import require_mapping
 from softness_bayes.parameters.declared import (
     ANSWER_PARAMETERS,
     ERROR_PARAMETERS,
@@ -24,6 +23,7 @@ from softness_bayes.parameters.declared import (
 from softness_bayes.parameters.laws import Prior, Signed, magnitude
 from softness_bayes.parameters.priors import as_priors
 from softness_bayes.parameters.space import ParameterSpace
+from softness_bayes.ranges import require_mapping
 from softness_bayes.touch.contact import STRAIN, SkinDisplacement
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, Channels, Membrane
 from softness_bayes.touch.neuron.surface import DESIGNS, FiringSurface

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
-from softness_bayes.kinds import require_kind
 from softness_bayes.model.options import ModelOptions
+from softness_bayes.ranges import require_kind
 from softness_bayes.results.run_options import RunOptions
 
 if TYPE_CHECKING:

@@ -19,8 +19,8 @@ from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import write_outputs
 from softness_bayes.files.run_files import ANSWERS, FINGERS, MODULI, MODULUS_ERRORS, POSTERIOR, RUN, SUMMARY
 from softness_bayes.files.spreadsheet import csv_of
-from softness_bayes.kinds import numbers, require_kind, require_mapping
 from softness_bayes.provenance import is_first_look
+from softness_bayes.ranges import numbers, require_kind, require_mapping
 from softness_bayes.results.result_file import SUMMARY_TABLE, content_of, read
 from softness_bayes.results.stored import Stored
 from softness_bayes.touch.contact import Load, require_loads

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, Self
 
 from softness_bayes.defaults import MAX_STEPS, SEED
 from softness_bayes.errors import InputError, quoted
-from softness_bayes.kinds import require_kind
 from softness_bayes.options import (
     ByName,
     Duration,
@@ -24,7 +23,7 @@ from softness_bayes.options import (
     described,
     option,
 )
-from softness_bayes.ranges import LOAD_STEPS, PROCESSES, SEEDS, STEPS, Count
+from softness_bayes.ranges import LOAD_STEPS, PROCESSES, SEEDS, STEPS, Count, require_kind
 
 if TYPE_CHECKING:
     from softness_bayes.data import Compression, Experiment, Ratings

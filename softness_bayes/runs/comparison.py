@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.checking.exactness import largest_pareto_k
 from softness_bayes.errors import InputError
-from softness_bayes.kinds import require_kind, require_mapping
+from softness_bayes.ranges import require_kind, require_mapping
 from softness_bayes.results.constants import RATING_HIGH, RATING_LOW
 from softness_bayes.results.fitted import differences, experiment_of
 from softness_bayes.results.result import Result

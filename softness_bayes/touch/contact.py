@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError, NumericalError
-from softness_bayes.kinds import numbers, refuse, require_kind
-from softness_bayes.ranges import Range
+from softness_bayes.ranges import Range, numbers, refuse, require_kind
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any
 
 from softness_bayes.errors import InputError, quoted
-from softness_bayes.kinds import require_mapping
+from softness_bayes.ranges import require_mapping
 from softness_bayes.supplied import FORM, installed, is_supplied, reference, require_reference, supplied
 from softness_bayes.touch.contact import (
     DISPLACEMENT,

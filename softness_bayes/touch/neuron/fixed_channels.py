@@ -16,8 +16,7 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError, NumericalError
-from softness_bayes.kinds import require_kind, require_members
-from softness_bayes.ranges import NOISES
+from softness_bayes.ranges import NOISES, require_kind, require_members
 from softness_bayes.touch.neuron.firing import exact_curve, key, known_curve
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane
 from softness_bayes.touch.neuron.rate_curve import LARGEST_CURRENT, CurveError, RateCurve
