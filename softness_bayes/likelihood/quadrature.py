@@ -95,6 +95,8 @@ class Marginal:
         of_rater = np.add.reduceat(information, table.first, axis=-1)
         of_level = 1.0 / (self._tau**2 + 1.0 / np.maximum(of_rater, 1e-300))
         others = of_level.sum(axis=-1, keepdims=True) - of_level
+        self._broad = np.sqrt(self._tau**2 + 1.0 / (table.spread**-2 + others))
+        """Standard deviation of a_p given all raters but p, if none is an outlier, shape (draws, raters)."""
         if not table.law.concave:  # half of the other raters, and some more, may be far off
             others = 0.5 * others * max(1.0 - 2.0 / max(table.n_raters - 1, 1), 0.0)
         self._without = 1.0 / (table.spread**-2 + others)
@@ -158,7 +160,7 @@ class Marginal:
         centre = own.copy()
         centre[..., 0] = self._mu_mode[:, None] + given.tau * own[..., 0]
         broad = np.ones_like(centre)
-        broad[..., 0] = self._width
+        broad[..., 0] = self._broad
         aim = np.zeros_like(centre)
         aim[..., 0] = self._mu_mode[:, None]
         # a row fewer leaves a wider law
