@@ -25,7 +25,7 @@ from scipy.sparse import csr_array
 from scipy.special import chdtrc, chdtri, polygamma
 
 from softness_bayes import arviz_bridge
-from softness_bayes.likelihood.contract import Effects, Likelihood, Parameters
+from softness_bayes.likelihood.contract import Effects, Likelihood, Parameters, RowsLeftOut
 from softness_bayes.likelihood.pieces import part_of, pieces
 from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.provenance import Finding
@@ -357,7 +357,7 @@ class LooPit(NamedTuple):
     """Pareto k of the importance weights; above 0.7 they are unreliable."""
 
 
-def loo_pit(observation: Likelihood, mean_rate: Array, parameters: Parameters, alone: Array | None = None) -> LooPit:
+def loo_pit(left_out: RowsLeftOut, discrete: NDArray[np.bool_]) -> LooPit:
     """Return the probability integral transform of each rating in its leave-one-out predictive distribution.
 
     With the effects of participants and fabrics integrated out, p(y_i | y_-i, theta) is known in closed
@@ -368,19 +368,15 @@ def loo_pit(observation: Likelihood, mean_rate: Array, parameters: Parameters, a
 
     Parameters
     ----------
-    observation
-        The ratings.
-    mean_rate, parameters
-        Draws, batch shape (draws,).
-    alone
-        Log density of each rating given all the others, if it is known.
+    left_out
+        Predictive laws of the ratings at draws of the parameters, arrays of shape (draws, ratings).
+    discrete
+        True for ratings whose density is a probability, shape (ratings,).
     """
-    if alone is None:
-        alone = observation.log_likelihood_loo(mean_rate, parameters)
-    below = observation.below_loo(mean_rate, parameters)
-    if (rows := observation.discrete).any():
-        share = np.random.default_rng(0).uniform(-0.5, 0.5, int(rows.sum()))
-        below[:, rows] += share * np.exp(alone[:, rows])
+    alone, below = left_out
+    if discrete.any():
+        below, share = below.copy(), np.random.default_rng(0).uniform(-0.5, 0.5, int(discrete.sum()))
+        below[:, discrete] += share * np.exp(alone[:, discrete])
     value, pareto_k = np.empty(alone.shape[1]), np.empty(alone.shape[1])
     for k in pieces(alone.shape[1], len(alone)):
         log_weights, pareto_k[k] = arviz_bridge.psis(-alone[:, k].T)

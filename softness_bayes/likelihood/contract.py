@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, Protocol, Self
+from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -89,6 +89,15 @@ class Model(Protocol):
         """
 
 
+class RowsLeftOut(NamedTuple):
+    """Predictive law of each row given all the others, at its observation, each (..., rows)."""
+
+    log_density: FloatArray
+    """Log density, as `Likelihood.log_likelihood_loo`."""
+    below: FloatArray
+    """Probability of a smaller observation, as `Likelihood.below_loo`."""
+
+
 class Likelihood(ABC):
     """Observations of one table under a model, with all effects of participants and fabrics integrated out.
 
@@ -148,6 +157,10 @@ class Likelihood(ABC):
         answer.
         """
         return self.log_likelihood_loo(mean_rate, parameters)
+
+    def left_out(self, mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
+        """Return `log_likelihood_loo` and `below_loo`, which some likelihoods compute together."""
+        return RowsLeftOut(self.log_likelihood_loo(mean_rate, parameters), self.below_loo(mean_rate, parameters))
 
     def for_sampling(self) -> Self:
         """Return the likelihood in the form in which it is sampled; far from the data it may be less accurate.

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.contract import Parameters
+from softness_bayes.likelihood.contract import Parameters, RowsLeftOut
 from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.effects import RATER_EFFECTS, RATER_SPREADS, Effects, RaterEffects
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw, Lapses, RaterRange, WholeScale
@@ -307,27 +307,28 @@ class IntervalRatings(RatingsLikelihood):
 
         return in_pieces(whole, self.design.n_rows, mean_rate, parameters)[..., 0]
 
-    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return the log density of each rating given all the others, shape (..., rows)."""
+    def left_out(self, mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
+        """Return the log density of each rating given all the others, and the probability below it.
+
+        Half the probability of an equal rating counts as below. Lapses are left out of that.
+        """
 
         def alone(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
             given, shape = self._given(mean_rate, parameters)
-            density = self._integrals.of_rows(given)[0]
-            return (density[:, self._back] - self._slope).reshape(*shape, -1)
+            density, below = self._integrals.of_rows(given)
+            found = np.concatenate([density[:, self._back] - self._slope, below[:, self._back]], axis=-1)
+            return found.reshape(*shape, -1)
 
-        return in_pieces(alone, self.design.n_rows, mean_rate, parameters)
+        both = in_pieces(alone, self.design.n_rows, mean_rate, parameters)
+        return RowsLeftOut(*np.split(both, 2, axis=-1))
+
+    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
+        """Return the log density of each rating given all the others, shape (..., rows)."""
+        return self.left_out(mean_rate, parameters).log_density
 
     def below_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return the probability of a rating below each observed one, given all the others, shape (..., rows).
-
-        Half the probability of an equal one is added. Lapses are left out.
-        """
-
-        def smaller(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-            given, shape = self._given(mean_rate, parameters)
-            return self._integrals.of_rows(given)[1][:, self._back].reshape(*shape, -1)
-
-        return in_pieces(smaller, self.design.n_rows, mean_rate, parameters)
+        """Return the probability of a rating below each observed one given all the others, shape (..., rows)."""
+        return self.left_out(mean_rate, parameters).below
 
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of all ratings of each participant given all others', shape (..., participants)."""

@@ -39,7 +39,7 @@ REACH = 7.0
 """Distance of the outermost nodes from the mode, in standard deviations of the widest density."""
 MOST_NODES = 3000
 """Most nodes of a rater's scale or of the level."""
-OWN_DRAWS, BROAD = 512, 4
+OWN_DRAWS, BROAD = 1024, 4
 """Importance draws of a rater's effects about the mode, if there are several, and their ratio to draws from the law of
 the effects given the other raters: there may be other modes. Both are powers of 2."""
 FREEDOM, INFLATION = 6.0, 1.1

@@ -254,9 +254,9 @@ def _groups(draws: RatedDraws, drawn: Replicates, error: float, grid: Scene) -> 
     """Return all groups except those of the posterior."""
     Stage.LEFT_OUT.log()
     few = draws.subset(draws.replicates)
-    alone = draws.ratings.log_likelihood_loo(few.mean_rate, few.parameters)
-    pit = loo_pit(draws.ratings, few.mean_rate, few.parameters, alone)
-    predicted = predictive_groups(draws, drawn, alone)
+    left_out = draws.ratings.left_out(few.mean_rate, few.parameters)
+    pit = loo_pit(left_out, draws.ratings.discrete)
+    predicted = predictive_groups(draws, drawn, left_out.log_density)
     Stage.PREDICTIONS.log()
     groups: Groups = {
         **prior_groups(draws, drawn),

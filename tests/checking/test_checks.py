@@ -467,7 +467,7 @@ def test_loo_pit_is_uniform_under_the_model_only(rng):
     def pit(**made):
         observation = LogRatings(ratings(rng, who, **made), who, MODEL)
         draws = type(PLAIN)(*(np.full(100, value) for value in PLAIN))
-        return loo_pit(observation, np.broadcast_to(RATE, (100, 12)), draws)
+        return loo_pit(observation.left_out(np.broadcast_to(RATE, (100, 12)), draws), observation.discrete)
 
     # ratings left out in turn balance each other: the test for independent values errs towards silence
     right = [uniformity_p_value(pit().value, points) for _ in range(30)]

@@ -116,7 +116,7 @@ def test_a_little_room_gives_the_same_numbers(rng, monkeypatch, omega):
             observed.log_likelihood_participants(rate, points),
             *layout.fit(replicates),
             *(one.p_value for one in (check_exponents(held), *check_fabrics(held, ["any"] * design.n_conditions))),
-            *loo_pit(observed, rate, points),
+            *loo_pit(observed.left_out(rate, points), observed.discrete),
         ]
 
     whole = everything()

@@ -149,7 +149,7 @@ def test_places_of_discrete_ratings_are_uniform(model):
     observed = model.observe(model.draw_ratings(rng, design, drive, one, effects)[0], design)
     assert observed.discrete.all()
     assert np.unique(observed.values).size > 3
-    found = loo_pit(observed, rate, points).value
+    found = loo_pit(observed.left_out(rate, points), observed.discrete).value
     assert uniformity_p_value(found, np.linspace(0.05, 0.95, 19)) > 1e-3
     # without the drawn share places heap up
     middle = observed.below_loo(rate[:1], one)[0]
