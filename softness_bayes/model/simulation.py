@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import PchipInterpolator
 
 from softness_bayes.data import Compression, Fabrics, Ratings
 from softness_bayes.data.fabrics import log_sd
@@ -219,23 +218,15 @@ def _held_rates(
     rng
         Random generator of the loads, log-normal about the stated ones.
     scene, values, design
-        All conditions at their stated loads, the parameters, and the condition of each rating. The response is
-        interpolated between 17 loads.
+        All conditions at their stated loads, the parameters, and the condition of each rating.
     load_cv
         Relative standard error of the loads.
     """
-    log_factor = float(log_sd(np.array(load_cv))) * rng.standard_normal(design.n_rows)
-    reach = np.abs(log_factor).max()
-    nodes = np.linspace(-reach, reach, 17)
-    loads = tuple(scaled(load, float(np.exp(step))) for load in scene.loads for step in nodes)
-    size = nodes.size
-    fabric, load = np.repeat(scene.fabric, size), scene.load[:, None] * size + np.arange(size)
-    rates = scene.under(loads, fabric, load.ravel()).total_rate(touch_parameters(values)).reshape(-1, size)
-    found = np.empty(design.n_rows)
-    for k, of_load in enumerate(rates):
-        rows = design.condition == k
-        found[rows] = PchipInterpolator(nodes, of_load)(log_factor[rows])
-    return found
+    factor = np.exp(float(log_sd(np.array(load_cv))) * rng.standard_normal(design.n_rows))
+    stated = [scene.loads[k] for k in scene.load[design.condition]]
+    loads = tuple(scaled(load, one) for load, one in zip(stated, factor.tolist(), strict=True))
+    touched = scene.under(loads, scene.fabric[design.condition], np.arange(design.n_rows))
+    return touched.total_rate(touch_parameters(values))
 
 
 def _require_ranges(

@@ -10,23 +10,14 @@ u = beta (sigma - sigma_0) and u = u_rheobase + t² the integrand is smooth in t
 the substitution removes the square root at the onset of the rate, and M has no singularity at the
 peak of the stress. A few nodes therefore suffice for each condition. M is evaluated through the
 tabulated field. The range is cut only where the responding patch crosses an edge or corner of the pad.
-
-The gain dnu/du is determined by the parameter vector, while M differs between conditions and costs most. In u the
-number M is so smooth that a polynomial through a few nodes replaces it; the gain needs more nodes:
-
-    ∫ M gain du  ≈  sum_j M(u_j) ∫ L_j gain du,    L_j the Lagrange polynomials of the nodes u_j
-
-The integrals of L_j gain use Gauss's rule in t = sqrt(u), in which the gain has no singularity. With the nodes u_j the
-rule is Gauss's for a typical gain.
 """
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.polynomial import chebyshev, legendre
+from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from softness_bayes.touch.neuron.polynomials import clenshaw, horner
@@ -64,13 +55,6 @@ class Profile(NamedTuple):
         """Return rho² [m²] where the stress is y^(1/root) of its peak, of the shape of `y`: (..., *batch)."""
         return (horner if self.powers else clenshaw)(self.shape, 2.0 * y - 1.0) * (1.0 / y - 1.0)
 
-
-GAINS = 2
-"""Nodes of the rate's gain for each node of the count."""
-
-RISE = 0.75
-"""Power of 1 - exp(-u) to which a typical rate is proportional: firing rates grow faster than the root of the current
-above the rheobase, whose power is 0.5."""
 
 WIDE = 0.02
 """Share of the peak stress below which the edge of a patch makes it wide: the pole of M at stress 0 is then close."""
@@ -139,15 +123,11 @@ class Population:
 
     def __init__(self, root: float, count: ReceptorCount, nodes: int, saturation: float) -> None:
         self.root, self.count, self.saturation = root, count, saturation
-        gains = GAINS * nodes
-        self._to_peak, self._to_saturation = to_peak(nodes, gains), to_saturation(nodes, gains, saturation)
-        x, weight = gain_nodes(gains)
-        # the gain at the top gives the one beyond saturation
-        self._gain_part = np.append(x, 1.0)[:, None] ** 2
+        x, weight = legendre.leggauss(nodes)
         # in Gauss's rule the ends have weight 0; they are kept for the count of responding receptors and for the term
         # beyond saturation
-        self.gauss_part = np.concatenate([[0.0], x, [1.0]])
-        self.gauss_weight = np.concatenate([[0.0], weight, [0.0]])
+        self.gauss_part = np.concatenate([[0.0], 0.5 * (x + 1.0), [1.0]])
+        self.gauss_weight = np.concatenate([[0.0], 0.5 * weight, [0.0]])
 
     def sums(self, fields: Fields, drive: Drive, intervals: bool = False) -> ReceptorSums:
         """Integrate over the receptors for a batch of parameter vectors and all conditions.
@@ -178,58 +158,23 @@ class Population:
         Arrays over nodes have the node axis first, so that NumPy's inner loops run over the conditions, which far
         outnumber the nodes.
         """
-        stress = onset.stress.take(vector)
-        root, gain = self._steps(onset, vector, stress, reach)
-        extent = profile.squared_distance(self._y(profile, root))
-        within = self.count(np.minimum(extent, self.count.kinks[0] ** 2))
-        sums = ReceptorSums(np.einsum("kn,kn->n", gain, within), within[0], np.zeros_like(reach))
-        if intervals:
-            top = np.sqrt(np.minimum(reach, self.saturation))
-            t = top * self.gauss_part[:, None]
-            weight = 2.0 * t * top * self.gauss_weight[:, None]
-            found = self._inner(profile, onset.take(vector), reach, t, weight, within[0], True)
-            sums = sums._replace(interval=found.interval)
-        wide = np.flatnonzero((extent[0] > self.count.kinks[0] ** 2) | (stress < WIDE * profile.peak))
+        # conditions whose peak is beyond saturation have the gains of their vector, the others their own
+        vectors, near = onset.stress.size, np.flatnonzero(reach <= self.saturation)
+        column = vector.copy()
+        column[near] = np.arange(vectors, vectors + near.size)
+        top = np.sqrt(np.concatenate([np.full(vectors, self.saturation), reach.take(near)]))
+        t = top * self.gauss_part[:, None]
+        gains = onset.take(np.concatenate([np.arange(vectors), vector.take(near)])).gain(t[1:] ** 2)
+        gains[:-1] *= 2.0 * t[1:-1] * top * self.gauss_weight[1:-1, None]
+        own = onset.take(vector)
+        nodes = t.take(column, axis=1), gains.take(column, axis=1)
+        sums, farthest = self._inner(profile, own, reach, *nodes, intervals)
+        wide = np.flatnonzero((farthest > self.count.kinks[0] ** 2) | (own.stress < WIDE * profile.peak))
         if wide.size:
-            beyond = self._wide(profile.take(wide), onset.take(vector[wide]), reach[wide], intervals)
+            beyond = self._wide(profile.take(wide), own.take(wide), reach[wide], intervals)
             for whole, part in zip(sums, beyond, strict=True):
                 whole[wide] = part
         return sums
-
-    def _steps(self, onset: _Onset, vector: Index, stress: Array, reach: Array) -> tuple[Array, Array]:
-        """Return nodes of conditions from the onset, at some stress, to the peak, or to saturation and beyond.
-
-        They are the stress to the power `root`, and the part of a receptor's rate due to each [Hz], both of shape
-        (nodes, n). The total rate is the sum of these parts times the number of receptors with at least that stress.
-
-        Conditions whose peak is beyond saturation have the same nodes if they share a parameter vector. Beyond
-        saturation the gain falls like exp(-u), up to terms of exp(-2 u): its integral is added to the last node, which
-        moves to the mean position of both parts, so that the error is of second order.
-        """
-        limit, vectors = self.saturation, onset.stress.size
-        near = np.flatnonzero(reach <= limit)
-        # nodes are made for each vector, then for each condition whose peak is below saturation
-        column = vector.copy()
-        column[near] = np.arange(vectors, vectors + near.size)
-        of = onset.take(np.concatenate([np.arange(vectors), vector.take(near)]))
-        extent = np.concatenate([np.full(vectors, limit), reach.take(near)])
-        gains, (height, gain) = of.gain(extent * self._gain_part), np.empty((2, self._to_peak.nodes.size, extent.size))
-        for rule, part in (self._to_saturation, slice(vectors)), (self._to_peak, slice(vectors, None)):
-            np.multiply(rule.nodes[:, None], extent[part], out=height[:, part])
-            np.matmul(rule.weights, gains[:-1, part], out=gain[:, part])
-        gain *= extent
-        gain[0] += of.rate_0
-        root, gain = self._root(of.stress + height / of.beta).take(column, axis=1), gain.take(column, axis=1)
-        # the gain beyond saturation up to infinity, none where the peak is below it, and its part beyond the peak
-        tail = np.zeros(extent.size)
-        tail[:vectors] = gains[-1, :vectors] * (1.0 + onset.odds * np.exp(-limit))
-        tail, beyond = tail.take(column), np.maximum(reach - limit, 0.0)
-        lost = tail * np.exp(-beyond)
-        tail -= lost
-        gain[-1] += tail
-        moved = np.minimum(np.maximum((tail - lost * beyond) / gain[-1], 0.0), 1.0)
-        root[-1] = self._root(stress + (height[-1].take(column) + moved) / onset.beta.take(vector))
-        return root, gain
 
     def _root(self, stress: Array) -> Array:
         """Return stresses to the power `root`; the ratio to its value at the peak is y."""
@@ -245,27 +190,38 @@ class Population:
         onset: _Onset,
         reach: Array,
         t: Array,
-        weight: Array,
-        responding: Array,
+        gains: Array,
         intervals: bool,
-    ) -> ReceptorSums:
+        responding: Array | None = None,
+    ) -> tuple[ReceptorSums, Array]:
         """Integrate from the first node to the peak, for a patch inside the first kink of the receptor count.
 
-        Nodes t and their weights in u have the shape (nodes, n), with the two ends, which have weight 0.
+        Nodes t have the shape (nodes, n), with the two ends. Gains are those at all nodes but the first, multiplied by
+        the weights in u except the last one, whose weight is 0. Beyond saturation the gain falls like exp(-u): the
+        receptors there are counted at its mean position, so that the error is of second order. The sums are returned
+        with the squared extent of the patch at the first node.
         """
-        extent = profile.squared_distance(self._y(profile, self._root(onset.stress_at(t))))
+        beyond = np.maximum(reach - self.saturation, 0.0)
+        left = np.exp(-beyond)
+        mean = np.where(beyond > 0.0, 1.0 - beyond * left / np.maximum(1.0 - left, LEAST), 0.0)
+        counted = t.copy()
+        counted[-1] = np.sqrt(t[-1] ** 2 + mean)
+        extent = profile.squared_distance(self._y(profile, self._root(onset.stress_at(counted))))
         within = self.count(np.minimum(extent, self.count.kinks[0] ** 2))
-        gain = weight * onset.gain(t * t)
-        saturated, rest = reach > self.saturation, np.zeros_like(reach)
-        rest[saturated] = self.count.anywhere(extent[-1][saturated])
-        at_top, at_peak = onset.rate(np.stack([t[-1], np.sqrt(reach)]))
-        rate = (gain * within).sum(axis=0) + rest * (at_peak - at_top)
+        responding = within[0] if responding is None else responding
+        rest = np.where(beyond > 0.0, within[-1], 0.0)
+        if (extent[-1] > self.count.kinks[0] ** 2).any():
+            rest = np.where(beyond > 0.0, self.count.anywhere(extent[-1]), 0.0)
+        # the integral of the gain from saturation to the peak, up to terms of exp(-2 u)
+        tail = gains[-1] * (1.0 + onset.odds * np.exp(-self.saturation)) * (1.0 - left)
+        rate = np.einsum("kn,kn->n", gains[:-1], within[1:-1]) + rest * tail + onset.rate_0 * responding
         interval = np.zeros_like(rate)
         if intervals:
+            at_top, at_peak = onset.rate(np.stack([t[-1], np.sqrt(reach)]))
             with np.errstate(divide="ignore", invalid="ignore"):
-                interval = (gain[1:-1] * (responding - within[1:-1]) / onset.rate(t[1:-1]) ** 2).sum(axis=0)
+                interval = (gains[:-1] * (responding - within[1:-1]) / onset.rate(t[1:-1]) ** 2).sum(axis=0)
                 interval += (responding - rest) / at_top + rest / at_peak
-        return ReceptorSums(rate, responding, interval)
+        return ReceptorSums(rate, responding, interval), extent[0]
 
     def _wide(self, profile: Profile, onset: _Onset, reach: Array, intervals: bool) -> ReceptorSums:
         """Integrate piecewise for a patch that may extend past the first kink of the receptor count."""
@@ -275,10 +231,13 @@ class Population:
         # the integral ends at saturation if that comes first
         top = np.sqrt(np.minimum(reach, self.saturation))
         bottom = np.minimum(t_kinks[0], top)
-        inner = self._inner(profile, onset, reach, *self._stretched(onset, bottom, top), responding, intervals)
+        t, weight = self._stretched(onset, bottom, top)
+        gains = onset.gain(t[1:] ** 2)
+        gains[:-1] *= weight[1:-1]
+        inner, _ = self._inner(profile, onset, reach, t, gains, intervals, responding)
         # from the outermost kink inwards; below its t every receptor of the pad fires
         whole = onset.rate(np.minimum(t_kinks[-1], bottom)) - onset.rate_0
-        rate = inner.rate + onset.rate_0 * responding + self.count.total * whole
+        rate = inner.rate + self.count.total * whole
         interval = inner.interval
         for k in range(1, len(kinks)):
             outer, near = np.minimum(t_kinks[k], bottom), np.minimum(t_kinks[k - 1], bottom)
@@ -405,63 +364,3 @@ class _Onset(NamedTuple):
         for k in range(len(level) - 2, -1, -1):
             level[k] -= level[k + 1]
         return self.rate_0 + s * horner(level, self.scale * s - 1.0)
-
-
-class Rule(NamedTuple):
-    """One rule, over a range of u scaled to [0, 1]."""
-
-    nodes: Array
-    """Nodes at which M is evaluated, shape (nodes,); the first is 0."""
-    weights: Array
-    """Weights of M at each node are these times the gains in u at the squared `gain_nodes`, shape (nodes, gains)."""
-
-
-@lru_cache(maxsize=64)
-def gain_nodes(gains: int) -> tuple[Array, Array]:
-    """Return nodes and weights of Gauss's rule in t, scaled to [0, 1]; they are not to be written to."""
-    x, weight = legendre.leggauss(gains)
-    node, weight = 0.5 * (x + 1.0), 0.5 * weight
-    node.flags.writeable = weight.flags.writeable = False
-    return node, weight
-
-
-def to_peak(nodes: int, gains: int) -> Rule:
-    """Return the rule from the onset to the peak, where M falls to 0 in proportion to the remaining u.
-
-    M divided by the remaining u is interpolated, and the gain is taken as even.
-    """
-    t, weight = gain_nodes(gains)
-    fine, of_fine = gain_nodes(200)
-    at = np.append(0.0, _zeros(nodes - 1, fine**2, of_fine * fine**2 * (1.0 - fine**2)))
-    left = (1.0 - t**2) / (1.0 - at[:, None])
-    return Rule(at, _lagrange(at, t**2) * left * (2.0 * t * weight))
-
-
-def to_saturation(nodes: int, gains: int, extent: float) -> Rule:
-    """Return the rule over u from 0 to `extent`, the last node; a typical rate is (1 - exp(-u)) to the power `RISE`."""
-    t, weight = gain_nodes(gains)
-    fine, of_fine = gain_nodes(200)
-    lost = -np.expm1(-extent * fine**2)
-    typical = of_fine * fine * (1.0 - lost) * lost ** (RISE - 1.0)
-    inside = _zeros(nodes - 2, fine**2, typical * fine**2 * (1.0 - fine**2))
-    at = np.concatenate([[0.0], inside, [1.0]])
-    return Rule(at, _lagrange(at, t**2) * (2.0 * t * weight))
-
-
-def _zeros(degree: int, points: Array, weight: Array) -> Array:
-    """Return the zeros of the orthogonal polynomial of some degree for a discrete measure on [0, 1], increasing.
-
-    They are the eigenvalues of multiplication by the argument, among the polynomials of lower degree.
-    """
-    if not degree:
-        return np.empty(0)
-    basis, _ = np.linalg.qr(np.sqrt(weight)[:, None] * chebyshev.chebvander(2.0 * points - 1.0, degree - 1))
-    return np.linalg.eigvalsh(basis.T @ (points[:, None] * basis))
-
-
-def _lagrange(nodes: Array, at: Array) -> Array:
-    """Return the values of every node's Lagrange polynomial, shape (nodes, points)."""
-    own = np.eye(nodes.size, dtype=bool)
-    apart = np.where(own, 1.0, nodes[:, None] - nodes)
-    shares = np.where(own[..., None], 1.0, (at - nodes[:, None]) / apart[..., None])
-    return np.asarray(shares.prod(axis=1))

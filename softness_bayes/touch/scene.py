@@ -48,9 +48,9 @@ LEAST_ROWS = 16
 class Discretisation:
     """Resolution of a scene; the defaults have errors of about 1e-5 of the peak response."""
 
-    nodes: int = 10
+    nodes: int = 12
     """Nodes of the population integral for each condition."""
-    saturation: float = 11.0
+    saturation: float = 7.0
     """Extent of the integral along the sigmoid, in units of its exponent beyond the rheobase."""
     field_tolerance: float = 3e-6
     """Error allowed in the stress fields; they are tabulated to a tenth of it, and then truncated."""

@@ -278,9 +278,8 @@ class SkinSeries:
             series = np.einsum("ij,kl,jlc->ikc", to_series, to_series, exact.reshape(nodes, nodes, -1), optimize=True)
             for degree in degrees:
                 self._terms = TotalDegree(2, degree)
-                # in powers, which take less time; what that loses is in the error
-                self._coefficients = self._terms.in_powers_of(series[*self._terms.exponents])
-                self.error = float(np.abs(self._terms.monomials(grid) @ self._coefficients - exact).max())
+                self._coefficients = series[*self._terms.exponents]
+                self.error = float(np.abs(self._terms.basis(grid) @ self._coefficients - exact).max())
                 if self.error <= enough:
                     return
             if self.error > FAR * enough:
@@ -299,7 +298,7 @@ class SkinSeries:
         outside = np.logical_not((np.abs(x) <= 1.0 + _AT_THE_EDGE).all(axis=0))  # NaN is outside
         if outside.any():
             x = np.minimum(np.maximum(x, -1.0), 1.0)
-        return self._terms.monomials(x) @ self._coefficients, outside
+        return self._terms.basis(x) @ self._coefficients, outside
 
 
 class Mechanics:

@@ -10,7 +10,6 @@ from softness_bayes.likelihood.directions import FALLS
 from softness_bayes.model import simulation as study
 from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
 from softness_bayes.model.simulation import simulate_ratings
-from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.readings import MENDED
 
@@ -45,18 +44,6 @@ def grid(simulation, participants):
 
 
 # parameters
-
-
-def test_usual_values_are_medians_and_what_is_given():
-    usual = usual_values(MENDED)
-    assert list(usual) == list(PARAMETERS)
-    expected = {"b": 100, "m": 2, "alpha": 20.3, "beta": 0.6, "sigma_0": 9, "gamma": 1, "omega": 0, "eps": 0.1}
-    assert {name: usual[name] for name in expected} == pytest.approx(expected)
-    assert usual["tau"] == pytest.approx(0.67449, abs=1e-5)  # of |N(0, 1)|
-    assert usual["varsigma"] == pytest.approx(0.337245, abs=1e-6)
-    assert [usual[name] for name in ("c_Na", "c_K", "c_L", "c_A")] == [1.05, 1.16, 1.0, 1.5]
-    given = usual_values(MENDED, given={"b": 80, "omega": 0.2, "c_K": 1.2, "tau": 0})
-    assert given == usual | {"b": 80.0, "omega": 0.2, "c_K": 1.2, "tau": 0.0}
 
 
 @pytest.mark.parametrize("given", [{"bee": 1.0}, {"b": 0.0}, {"b": -1.0}, {"m": np.nan}])

@@ -94,17 +94,6 @@ def test_more_ratings_tell_more(model):
         assert np.median(more.bits - now.bits) > 0
 
 
-def test_moduli_of_further_fabrics_are_known(rng):
-    names = tuple(f"F{k}" for k in range(6))
-    table = experiment()
-    table = table._replace(fabrics=Fabrics(names, effective_modulus=MODULI, effective_modulus_cv=np.full(6, 0.3)))
-    model = built(CHAIN, data=table, errors=NORMAL, resolution=0.0)
-    found = foresee(model, others(model)[4])
-    ratio = dict(zip(found.names, found.ratio.T, strict=True))
-    assert {name for name in ratio if name.startswith("fabric_modulus")} == {f"fabric_modulus[{n}]" for n in names}
-    assert np.median(ratio["fabric_modulus[F2]"]) < 0.9
-
-
 def test_forces_of_a_plate_tell_of_the_skin(model, rng):
     values = usual_values(model.options.readings, n_fingers=8)
     plate = simulate_compression(rng, values).compression

@@ -174,37 +174,6 @@ def test_deviations_of_fabrics_are_averaged_over():
     assert abs(stated - summed) > 0.2
 
 
-def test_omitted_errors_of_loads_end_up_in_varsigma():
-    """One laboratory of loads with errors, all but varsigma known: its posterior on a grid."""
-    steep = Fabrics(("a", "b", "c", "d"), effective_modulus=np.array([60.0, 120.0, 250.0, 500.0]) * 1e3)
-    experiment = made(steep, participants=30, loads=(Indentation(2e-3),), load_cv=0.1, given={"varsigma": 0.1})
-    options = ModelOptions(fix=held("varsigma"), discretisation=FINE)
-    grid = np.linspace(0.02, 0.6, 400)
-
-    def interval(experiment):
-        density = build(experiment, options).posterior.log_likelihood(grid[:, None])
-        share = np.cumsum(np.exp(density - density.max()))
-        return grid[np.searchsorted(share / share[-1], [0.005, 0.995])]
-
-    low, high = interval(experiment)
-    assert low < 0.1 < high
-    assert interval(with_cv(experiment, None))[0] > 0.1
-
-
-@pytest.mark.parametrize("loads", [LOADS[:1], pytest.param(LOADS, marks=pytest.mark.slow)], ids=["a depth", "both"])
-def test_the_exact_likelihood_has_the_same_errors(loads):
-    """Small errors are nearly normal in the rating; of large ones, the check says how far they are not."""
-    experiment = made(loads=loads)
-    options = ModelOptions(fix=held("b", "gamma"), discretisation=COARSE, load_cv=0.2)
-    posterior = build(experiment, options).posterior
-    theta = posterior.space.draw_prior(np.random.default_rng(2), 4)
-    assert 0.05 < np.abs(exact_log_likelihood(posterior, theta) - posterior.log_likelihood(theta)).max() < 1.0
-    small = build(experiment, replace(options, load_cv=0.02)).posterior
-    assert_allclose(exact_log_likelihood(small, theta), small.log_likelihood(theta), atol=0.02)
-    bare = replace(posterior, terms=build(experiment, replace(options, load_cv=None)).posterior.terms, other_loads=None)
-    assert np.abs(exact_log_likelihood(bare, theta) - posterior.log_likelihood(theta)).max() > 0.05
-
-
 # simulated ones
 
 

@@ -14,7 +14,7 @@ from softness_bayes.likelihood.scales import MAGNITUDE
 from softness_bayes.model import scenes
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.model.prediction import NEW_RATERS, OtherTouches
+from softness_bayes.model.prediction import OtherTouches
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.touch.contact import Indentation
@@ -113,18 +113,6 @@ def test_typical_ratings_follow_the_response_about_the_centre_of_the_rated_rows(
     se = np.sqrt(TRUTH["tau"] ** 2 / RATERS + TRUTH["varsigma"] ** 2 / len(rows.rating))
     assert abs(level.mean() - np.log(rows.rating).mean()) < 5 * se / np.sqrt(DRAWS)
     assert_allclose(level.std(), se, rtol=0.2)
-
-
-def test_the_mean_of_raters_is_geometric_and_as_uncertain_as_their_number_says(rng):
-    _, _, experiment = laboratory(rng)
-    other, theta = touches(experiment)
-    single = TRUTH["tau"] ** 2 + TRUTH["varsigma"] ** 2
-    for raters in (1, 25):
-        found = other.ratings(rng, theta, raters)
-        assert found.new.shape == (DRAWS, NEW_RATERS, 24)
-        beyond = np.log(found.mean) - np.log(found.typical)
-        assert_allclose(beyond.std(), np.sqrt(single / raters), rtol=0.05)
-    assert_allclose(found.new[:, 0] > 0, True)
 
 
 def test_deviations_of_known_fabrics_are_those_of_the_data_and_of_others_are_drawn(rng):

@@ -183,14 +183,6 @@ def test_prior_draws_and_density_by_parameter():
         assert stats.kstest(theta[:, k], parameter.prior.cumulative).pvalue > 1e-3
 
 
-def test_far_coordinates_have_no_prior_and_give_no_warning():
-    for space in (EVERYTHING, SPACES["sigma_0 along the threshold"]):
-        for far in (-1e4, -750.0, -709.5, 750.0, 1e4):
-            z = np.full((1, space.dimension), far)
-            total = space.log_prior(space.natural(z)).sum(-1) + space.log_jacobian(z)
-            assert total == -np.inf
-
-
 def test_values_by_name_in_natural_units_and_si():
     space = parameter_space(fix={"m": 2.5})
     theta = np.stack([space.median, 2 * space.median])

@@ -4,16 +4,14 @@ import numpy as np
 import pytest
 
 from softness_bayes.errors import InputError
-from softness_bayes.model.scenes import firing_of, prior_draws, touch_parameters, usual_values
+from softness_bayes.model.scenes import firing_of, prior_draws
 from softness_bayes.parameters.choice import parameter_space
-from softness_bayes.touch.accuracy import PRESETS, FiringSample, choose, errors, given_draws, measured
+from softness_bayes.touch.accuracy import PRESETS, FiringSample, choose, errors, measured
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.neuron.firing import exact_curves
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels
 from softness_bayes.touch.neuron.rate import firing_rate
 from softness_bayes.touch.neuron.surface import FiringSurface
-from softness_bayes.touch.parameters import TouchParameters
-from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation, Scene
 
 HELD = PAPER_CHANNELS._asdict()
@@ -107,14 +105,3 @@ def test_the_surface_is_judged_by_exact_curves(monkeypatch):
     wrong = FiringSample(channels, made.curve.take(np.roll(np.arange(4), 1)))
     monkeypatch.setattr(FiringSample, "load", lambda membrane: wrong)
     assert measured(scene, draws).firing.largest > 1e-2
-
-
-def test_where_a_bound_on_every_rate_is_too_much_two_curves_are_compared(scenes):
-    """A curve may be poor where it is hardly asked: what counts is what it does to the response."""
-    values = usual_values(MENDED)
-    draws = given_draws(values, touch_parameters(values))
-    assert isinstance(draws.parameters, TouchParameters)
-    scene = scenes(Discretisation())
-    bound = scene.firing.curve.error.relative
-    assert measured(scene, draws, 10.0 * bound).firing.peak == bound
-    assert measured(scene, draws, bound).firing.peak < bound

@@ -113,17 +113,6 @@ def test_conditions_in_any_order_and_number(scene, rng, paper):
             np.testing.assert_allclose(one, two, rtol=1e-13)
 
 
-def test_a_part_of_a_scene_shares_its_fields(scene, rng, paper):
-    parameters = draws(rng, 6, paper)
-    full = scene.respond(parameters)
-    for chosen in (rng.permutation(15), np.array([7]), np.array([14, 0, 6])):
-        assert_same(scene.take(chosen).respond(parameters), part(full, chosen))
-    with pytest.raises(InputError, match="condition"):
-        scene.take([])
-    with pytest.raises(InputError, match="condition"):
-        scene.take([15])
-
-
 def test_a_scene_touched_elsewhere_on_the_pad(smooth_firing, rng, paper):
     parameters = draws(rng, 6, paper)
     fabrics, loads, firing = FABRICS[:4], LOADS[:2], smooth_firing()
@@ -132,16 +121,6 @@ def test_a_scene_touched_elsewhere_on_the_pad(smooth_firing, rng, paper):
         anew = Scene(fabrics, 0.3, loads, firing, finger=Finger(contact_centre=(x, 10e-3)))
         found, wanted = (s.total_rate(parameters) for s in (distal.take(np.arange(8), (x, 10e-3)), anew))
         np.testing.assert_allclose(found, wanted, rtol=1e-12)
-
-
-def test_all_silent(scene, paper):
-    for quiet in (paper(alpha=17.99), paper(sigma_0=1e9), paper(b=1e-3, m=0.0)):
-        found = scene.respond(quiet)
-        assert (found.total_rate == 0).all()
-        assert (found.responding == 0).all()
-        assert np.isnan(found.mean_rate).all()
-        assert np.isnan(found.mean_interval).all()
-        assert (found.peak_stress > 0).all()
 
 
 def test_fourteen_decades_of_fabric(smooth_firing, paper):
@@ -179,16 +158,6 @@ def test_extreme_parameters_stay_finite(scene, rng):
     assert ((found.total_rate > 0) == fires).all()
     assert np.isfinite(found.mean_interval[fires]).all()
     assert (found.mean_interval * found.mean_rate)[found.responding > 1e-6].min() > 1 - 1e-3
-
-
-def test_refined_scene_measures_the_error(scene, rng, paper):
-    parameters = draws(rng, 10, paper)
-    finer = scene.refined()
-    assert finer.discretisation.nodes > scene.discretisation.nodes
-    for k in range(3):
-        exact = reference_response(scene, take(parameters, k), scene.firing.curve)
-        found = finer.total_rate(take(parameters, k))
-        np.testing.assert_allclose(found, exact.total_rate, atol=1e-6 * max(exact.total_rate.max(), 1))
 
 
 def test_error_contains_what_no_refinement_shows(smooth_firing, paper, monkeypatch):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,15 +22,6 @@ def chebyshev_values(x: Array, order: int) -> Array:
     for k in range(2, order):
         np.multiply(twice, basis[k - 1], out=basis[k])
         basis[k] -= basis[k - 2]
-    return basis
-
-
-def monomials(x: Array, order: int) -> Array:
-    """Return x^k, k < order, along a new first axis."""
-    basis = np.empty((order, *x.shape))
-    basis[0] = 1.0
-    for k in range(1, order):
-        np.multiply(x, basis[k - 1], out=basis[k])
     return basis
 
 
@@ -49,16 +40,11 @@ def clenshaw(coefficients: Array, x: Array) -> Array:
 
 def in_powers_of(coefficients: Array) -> Array:
     """Return coefficients of powers from those of T_k, along the last axis."""
-    return coefficients @ _to_powers(coefficients.shape[-1])
-
-
-@lru_cache(maxsize=256)
-def _to_powers(order: int) -> Array:
-    """Return the coefficients of the powers in T_k, k < order, one row for each."""
-    matrix = np.eye(order)
+    order = coefficients.shape[-1]
+    matrix = np.eye(order)  # row k: coefficients of the powers in T_k
     for k in range(2, order):
         matrix[k] = np.append(0.0, 2.0 * matrix[k - 1, :-1]) - matrix[k - 2]
-    return matrix
+    return coefficients @ matrix
 
 
 def horner(coefficients: Array, x: Array) -> Array:
@@ -99,21 +85,9 @@ class TotalDegree:
 
     def basis(self, x: Array) -> Array:
         """Return the values of all products at points of shape (variables, n), shape (n, terms)."""
-        return self._products(chebyshev_values(x, self.degree + 1)).T
-
-    def monomials(self, x: Array) -> Array:
-        """Return the values of the same products of powers."""
-        return self._products(monomials(x, self.degree + 1)).T
-
-    def _products(self, values: Array) -> Array:
-        """Return all products, shape (terms, n), of polynomials of each variable, shape (degree + 1, variables, n)."""
+        values = chebyshev_values(x, self.degree + 1)
         product = values[:, 0]
         for k, (place, exponent) in enumerate(self._steps, 1):
             product = product.take(place, axis=0)
             product *= values[:, k].take(exponent, axis=0)
-        return product
-
-    def in_powers_of(self, coefficients: Array) -> Array:
-        """Return coefficients, shape (terms, n), of the products of powers."""
-        of_each = _to_powers(self.degree + 1)
-        return np.asarray(np.prod([of_each[e][:, e] for e in self.exponents], axis=0).T @ coefficients)
+        return product.T

@@ -243,15 +243,10 @@ class FiringSurface:
     def _terms(self) -> TotalDegree:
         return TotalDegree(len(self.design.axes), self.degree)
 
-    @cached_property
-    def _of_powers(self) -> FloatArray:
-        """The table's polynomials in powers, shape (2 + nodes, terms): at these degrees no digit is lost by that."""
-        return np.ascontiguousarray(self._terms.in_powers_of(self.table).T)
-
     def _values(self, place: FloatArray) -> FloatArray:
         """Return the values of the table's polynomials at places of shape (axes, n), shape (n, 2 + nodes)."""
         # in this order the values of a polynomial are next to each other in memory
-        return (self._of_powers @ self._terms.monomials(place).T).T
+        return (self.table.T @ self._terms.basis(place).T).T
 
     @cached_property
     def _border_terms(self) -> TotalDegree:

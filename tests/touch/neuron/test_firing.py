@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.neuron import firing as module
-from softness_bayes.touch.neuron.firing import TRIED, exact_curve
+from softness_bayes.touch.neuron.firing import exact_curve
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 from softness_bayes.touch.neuron.membrane import (
     HODGKIN_HUXLEY,
@@ -80,23 +79,6 @@ def test_a_curve_that_never_rises(curve: RateCurve) -> None:
     assert (low.rate(np.array([10.0, 17.0])) == 0.0).all()
 
 
-def test_curves_are_batched(curve: RateCurve) -> None:
-    first = curve
-    second = replace(curve, rheobase=curve.rheobase + 0.7, coefficients=1.1 * curve.coefficients[::-1])
-    both = RateCurve(
-        np.array([first.rheobase, second.rheobase]),
-        np.zeros(2),
-        np.array([first.coefficients, second.coefficients]),
-        40.0,
-        first.error,
-    )
-    current = np.linspace(15.0, 40.0, 11)
-    rates = both.rate(np.array([current, current]))
-    np.testing.assert_allclose(rates, [first.rate(current), second.rate(current)], rtol=1e-14)
-    np.testing.assert_array_equal(both.take(1).rate(current), rates[1])
-    np.testing.assert_array_equal(both.take(np.array([1, 0])).rate(np.array([current, current])), rates[::-1])
-
-
 def test_curves_refuse_what_they_do_not_cover(curve: RateCurve) -> None:
     with pytest.raises(InputError, match="beyond the 40"):
         curve.rate(np.array([20.0, 40.1]))
@@ -106,30 +88,6 @@ def test_curves_refuse_what_they_do_not_cover(curve: RateCurve) -> None:
         exact_curve(PAPER_CHANNELS._replace(c_K=np.array([1.0, 1.1])))
     with pytest.raises(InputError, match="finite largest current"):
         exact_curve(max_current=math.inf)
-
-
-ONE_AT_A_TIME = [
-    PAPER_CHANNELS._replace(**{name: value})
-    for name, values in {
-        "c_Na": (0.8, 1.0, 1.5),
-        "c_K": (0.8, 1.0, 1.5),
-        "c_L": (0.5, 2.0),
-        "c_A": (0.5, 0.8, 1.0, 2.0),
-    }.items()
-    for value in values
-] + [Channels(1.0, 1.0, 1.0, 1.0)]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("channels", ONE_AT_A_TIME)
-def test_multipliers_that_are_said_to_give_a_curve_do(channels: Channels) -> None:
-    for value, (low, high) in zip(channels, TRIED, strict=True):
-        assert low <= value <= high
-    curve = exact_curve(channels)  # within its steps
-    assert 0.0 < curve.rheobase < 40.0
-    assert curve.error.relative < 5e-3
-    far = np.array([curve.rheobase + 3.0, 39.0])
-    np.testing.assert_allclose(curve.rate(far), firing_rate(far, channels, tolerance=5e-8), rtol=1e-3)
 
 
 def test_a_search_ends_when_its_steps_are_spent() -> None:

@@ -27,7 +27,7 @@ from softness_bayes.touch.neuron.membrane import (
     steady_terms,
 )
 from softness_bayes.touch.neuron.rate import Onset, firing_rate, onset, rheobase
-from support.onsets import CORNER, EXACT_ENOUGH, HODGKIN_HUXLEY_OWN
+from support.onsets import EXACT_ENOUGH, HODGKIN_HUXLEY_OWN
 from support.paths import REFERENCE
 
 every_membrane = pytest.mark.parametrize("membrane", MEMBRANES.values(), ids=MEMBRANES.keys())
@@ -312,23 +312,8 @@ def test_rheobase_at_a_fold() -> None:
     assert several[1, 0] > begin.rheobase
 
 
-def test_rheobase_above_a_fold_that_is_not_followed_by_firing(corner_onset: Onset) -> None:
-    begin = corner_onset
-    assert begin.rheobase == pytest.approx(16.98716, abs=2e-5)
-    assert begin.rheobase > fold(_one(CORNER), CONNOR_STEVENS).current[0] + 0.4
-    assert 8.0 < begin.rate < 9.0
-    around = firing_rate(begin.rheobase + np.array([-1e-5, 1e-5]), CORNER)
-    assert around[0] == 0.0
-    assert around[1] > 8.0
-
-
 def test_rheobase_at_a_fold_of_orbits(born_onset: Onset) -> None:
     _require_birth(born_onset, HODGKIN_HUXLEY, HODGKIN_HUXLEY_OWN, 6.2603, 50.33)
-
-
-@pytest.mark.slow
-def test_rheobase_at_a_fold_of_orbits_of_the_printed_membrane() -> None:
-    _require_birth(onset(PAPER_CHANNELS, PRINTED), PRINTED, PAPER_CHANNELS, 49.8710, 42.41)
 
 
 def _require_birth(begin: Onset, membrane: Membrane, channels: Channels, current: float, rate: float) -> None:

@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from softness_bayes.errors import InputError
 from softness_bayes.touch.neuron import spikes
 from softness_bayes.touch.neuron.cells import Cells, rest
-from softness_bayes.touch.neuron.limit_cycle import SPIKE_VOLTAGE
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels
 from softness_bayes.touch.neuron.rate import firing_rate
 from softness_bayes.touch.neuron.spikes import firing_statistics, spike_times
@@ -107,25 +105,3 @@ def test_statistics_under_little_noise_are_those_of_the_exact_rate() -> None:
     assert np.isnan(found.interval[0, 0])
     assert 1000.0 / found.interval[1, 0] == pytest.approx(float(firing_rate(30.0)), rel=1e-3)
     assert found.variation[1, 0] < 0.05
-
-
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        ({"noise": 1.0}, "random generator"),
-        ({"noise": -1.0}, "noise: -1"),
-        ({"duration": 0.0}, "duration: 0"),
-        ({"tolerance": 0.0}, "tolerance: 0"),
-        ({"current": lambda t: np.nan}, "the current is nan at 0 ms"),
-        ({"channels": PAPER_CHANNELS._replace(c_K=[1.0, 1.1])}, "one value of each"),
-    ],
-)
-def test_bad_input_is_refused(wrong: dict, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        spike_times(**{"current": 20.0, "duration": 10.0, **wrong})
-
-
-def test_noise_about_a_blocked_membrane_is_no_train() -> None:
-    assert SPIKE_VOLTAGE > spikes.REARM_VOLTAGE
-    found = firing_statistics(230.0, 1.0, np.random.default_rng(1), duration=100.0, runs=2, step=0.02)
-    assert float(found.rate) == 0.0
