@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from scipy.special import fdtrc, fdtri
 
 from softness_bayes.checking.check_table import posterior_quantities
-from softness_bayes.checking.layout import ROUNDING, Additive, Layout, groups_in, layout_of, values_in
+from softness_bayes.checking.layout import groups_in, layout_of, values_in
 from softness_bayes.checking.quantities import QUANTITIES, Columns
+from softness_bayes.likelihood.layout import ROUNDING, Additive, Layout
 from softness_bayes.provenance import DirectionTaken, Provenance
 
 if TYPE_CHECKING:

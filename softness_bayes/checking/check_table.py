@@ -18,7 +18,7 @@ from softness_bayes.checking.checks import (
     LOADS,
     NOISE,
 )
-from softness_bayes.checking.layout import Additive, Layout, groups_in, layout_of, values_in
+from softness_bayes.checking.layout import groups_in, layout_of, values_in
 from softness_bayes.checking.quantities import (
     DROP,
     PLACE,
@@ -31,6 +31,7 @@ from softness_bayes.checking.quantities import (
 )
 from softness_bayes.checking.turning_check import DOUBTFUL, FALL, check_plateau, fall_p_value
 from softness_bayes.checking.uniformity import uniformity_p_value
+from softness_bayes.likelihood.layout import Additive, Layout
 from softness_bayes.provenance import Provenance
 
 if TYPE_CHECKING:

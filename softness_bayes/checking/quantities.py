@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.checking.layout import ROUNDING, Additive, Layout
+from softness_bayes.likelihood.layout import ROUNDING, Additive, Layout
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]

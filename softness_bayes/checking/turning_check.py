@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from softness_bayes.checking.layout import Additive, Layout
 from softness_bayes.checking.quantities import DROP, PLACE, TURNS_OVER, above, find_turn
+from softness_bayes.likelihood.layout import Additive, Layout
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from softness_bayes.checking.layout import Layout, merge
 from softness_bayes.data import Compression, Experiment, Ratings
 from softness_bayes.data.faults import listing
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design, LoadErrors
 from softness_bayes.likelihood.directions import FREE, RISES, RatingDirection
 from softness_bayes.likelihood.individual import IndividualModel
+from softness_bayes.likelihood.layout import Layout, merge
 from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.models import (
     model_of_different_raters,

@@ -12,10 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, stdtr
 
-from softness_bayes.checking.layout import Layout
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import FALLS, FREE, RISES, RatingDirection
+from softness_bayes.likelihood.layout import Layout
 from softness_bayes.readable import counted, percent
+
+FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.intp]
+
 
 WAY = {1: "rise", -1: "fall"}
 """Verbs for the sign of a correlation of ratings with stiffness."""
@@ -346,10 +350,6 @@ def _numbers(found: Correlation) -> str:
     if math.isnan(found.low):
         return f"{found.value:+.2f}"
     return f"{found.value:+.2f} (90 % interval {found.low:+.2f} to {found.high:+.2f} over participants)"
-
-
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.intp]
 
 
 def _by_load(layout: Layout) -> list[IndexArray]:

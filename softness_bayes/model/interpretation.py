@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.checking.layout import Layout, merge
 from softness_bayes.data import Ratings
 from softness_bayes.data.forms import AggregatedCells
 from softness_bayes.data.oddities import steps_of_raters
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.error_laws import GUMBEL, LAPSES, NORMAL, STUDENT, ErrorLaw
+from softness_bayes.likelihood.layout import Layout, merge
 from softness_bayes.likelihood.models import rating_model
 from softness_bayes.likelihood.places import MOST_TIED, shares
 from softness_bayes.likelihood.scales import (

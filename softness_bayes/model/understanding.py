@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checking.inflection import curve_scene, response_curves
-from softness_bayes.checking.layout import Layout, merge
 from softness_bayes.data import LOAD_COLUMNS, Compression, Experiment, Ratings
 from softness_bayes.data.oddities import oddities
 from softness_bayes.data.ratings import with_few_loads
+from softness_bayes.likelihood.layout import Layout, merge
 from softness_bayes.likelihood.scales import CATEGORIES, PAIRS, RANKS
 from softness_bayes.model.build import COARSE, ExperimentModel, build, design_of, moduli_of, people_note
 from softness_bayes.model.design_information import Expected, as_it_is, foresee, others

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from softness_bayes.checking.check_table import NEW_PARTICIPANTS
 from softness_bayes.checking.checks import ExponentCheck
-from softness_bayes.checking.layout import Layout, merge
 from softness_bayes.checking.turning_check import EXCESS, PLATEAU, TurnQuantities, plateau, plateau_quantities
 from softness_bayes.data.columns import FORCE, INDENTATION
 from softness_bayes.data.compression import Compression
 from softness_bayes.likelihood.contract import NO_RESPONSE, Parameters
+from softness_bayes.likelihood.layout import Layout, merge
 from softness_bayes.likelihood.pieces import part_of, pieces
 from softness_bayes.likelihood.plate import CompressionForces, FingerEffects
 from softness_bayes.model.posterior import Density

@@ -10,10 +10,10 @@ from scipy.stats import f
 
 from softness_bayes.checking.agreement import TYPICAL, HighestRated, explain, fabric_rating_table, fit_of, highest_rated
 from softness_bayes.checking.check_table import check_table
-from softness_bayes.checking.layout import Layout
 from softness_bayes.checking.sentences import fit_faults, fit_sentence
 from softness_bayes.cli.summary import print_result
 from softness_bayes.likelihood.directions import FALLS, RISES
+from softness_bayes.likelihood.layout import Layout
 from softness_bayes.report import page
 from softness_bayes.report.cards import Standing, cards
 from softness_bayes.results.fitted import options_of

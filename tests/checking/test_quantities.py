@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from softness_bayes.checking.layout import Additive, Layout
 from softness_bayes.checking.quantities import (
     QUANTITIES,
     Columns,
@@ -15,6 +14,7 @@ from softness_bayes.checking.quantities import (
     joint_limits,
 )
 from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.layout import Additive, Layout
 from softness_bayes.likelihood.scales import STANDARDISED
 from support.made_ratings import (
     FABRICS,

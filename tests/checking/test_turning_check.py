@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from softness_bayes.checking.layout import Additive
 from softness_bayes.checking.quantities import find_turn
 from softness_bayes.checking.turning_check import (
     DOUBTFUL,
@@ -18,6 +17,7 @@ from softness_bayes.checking.turning_check import (
     plateau_quantities,
     power,
 )
+from softness_bayes.likelihood.layout import Additive
 from support.made_ratings import COUNT, LAY, LOAD, MODULUS, SHALLOW, STEEP, ratings, tables
 
 

@@ -8,10 +8,10 @@ from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 
 from softness_bayes.checking.checks import Residuals, check_exponents, check_fabrics, loo_pit
-from softness_bayes.checking.layout import Layout
 from softness_bayes.likelihood import pieces as room
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.layout import Layout
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.pieces import pieces
 from softness_bayes.likelihood.z_scores import StandardisedRatings

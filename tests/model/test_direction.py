@@ -7,11 +7,11 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import page_trend_test, spearmanr
 
-from softness_bayes.checking.layout import Layout
 from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.likelihood.error_laws import NORMAL
+from softness_bayes.likelihood.layout import Layout
 from softness_bayes.model.build import build, choose_direction
 from softness_bayes.model.direction import LEVEL, condition_means, find_trend, odd_raters
 from softness_bayes.model.options import ModelOptions

@@ -68,8 +68,10 @@ def quickly() -> Iterator[None]:
         patch.setattr(exact, "EXACT_DRAWS", 50)
         patch.setattr(exact, "FIRST_DRAWS", 25)  # fewer have no tail for ArviZ
         scenes.curve_of_held.cache_clear()  # no curve of the membrane itself, nor this one for whoever comes after
-        yield
-        scenes.curve_of_held.cache_clear()
+        try:
+            yield
+        finally:
+            scenes.curve_of_held.cache_clear()
 
 
 def experiment(standardised: bool = False, participants: int = 5) -> Experiment:
