@@ -147,8 +147,19 @@ class Likelihood(ABC):
         """
 
     @abstractmethod
+    def left_out(self, mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
+        """Return the law of each observation given all the others, at the observation.
+
+        For discrete observations, half the probability of an equal one counts as below.
+        """
+
     def log_likelihood_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of each observation given all the others, shape (..., rows)."""
+        return self.left_out(mean_rate, parameters).log_density
+
+    def below_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
+        """Return the probability of a smaller observation than each one, given all the others, shape (..., rows)."""
+        return self.left_out(mean_rate, parameters).below
 
     def log_likelihood_answers(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of each answer given all the others, shape (..., answers).
@@ -158,23 +169,12 @@ class Likelihood(ABC):
         """
         return self.log_likelihood_loo(mean_rate, parameters)
 
-    def left_out(self, mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
-        """Return `log_likelihood_loo` and `below_loo`, which some likelihoods compute together."""
-        return RowsLeftOut(self.log_likelihood_loo(mean_rate, parameters), self.below_loo(mean_rate, parameters))
-
     def for_sampling(self) -> Self:
         """Return the likelihood in the form in which it is sampled; far from the data it may be less accurate.
 
         Proposals that far away are rejected by either.
         """
         return self
-
-    @abstractmethod
-    def below_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return the probability of a smaller observation than each one, given all the others, shape (..., rows).
-
-        For discrete observations, half the probability of an equal one is added.
-        """
 
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of each participant's observations given all others', (..., participants)."""

@@ -17,10 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.contract import Effects, Parameters
+from softness_bayes.likelihood.contract import Effects, Parameters, RowsLeftOut
 from softness_bayes.likelihood.design import Design, IndexArray, Stated
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
-from softness_bayes.likelihood.pieces import BLOCK, in_pieces, log_sum
+from softness_bayes.likelihood.pieces import BLOCK, in_pieces, left_out_in_pieces, log_sum
 from softness_bayes.likelihood.plate import PressedRaters
 from softness_bayes.likelihood.ratings import OF_FORCES, SKIN
 from softness_bayes.touch.finger_grid import EFFECT_OF, SPREAD_OF, FingerGrid, SkinLaws
@@ -254,23 +254,15 @@ class IndividualRatings(LogRatings):
 
         return in_pieces(alone, 40 * self._count.size * self.model.grid.size, mean_rate, parameters)
 
-    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return the log density of each rating given all the others, shape (..., rows)."""
+    def left_out(self, mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
+        """Return the law of each rating given all the others at its observation, arrays of shape (..., rows)."""
 
-        def alone(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
+        def alone(mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
             weight, score, sd = self._left_out(mean_rate, parameters)
-            return log_sum(weight - 0.5 * score**2, axis=-2) - np.log(sd) - 0.5 * _LOG_TWO_PI - self._log
+            density = log_sum(weight - 0.5 * score**2, axis=-2) - np.log(sd) - 0.5 * _LOG_TWO_PI - self._log
+            return RowsLeftOut(density, (np.exp(weight) * ndtr(score)).sum(axis=-2))
 
-        return in_pieces(alone, self._loo_width, mean_rate, parameters)
-
-    def below_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return the probability of a smaller rating than the observed one given all others, shape (..., rows)."""
-
-        def below(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-            weight, score, _ = self._left_out(mean_rate, parameters)
-            return np.asarray((np.exp(weight) * ndtr(score)).sum(axis=-2))
-
-        return in_pieces(below, self._loo_width, mean_rate, parameters)
+        return left_out_in_pieces(alone, self._loo_width, mean_rate, parameters)
 
     def predictor(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return log(N/N_ref + eps) of the typical finger, shape (..., conditions)."""

@@ -23,7 +23,7 @@ from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.effects import RATER_EFFECTS, RATER_SPREADS, Effects, RaterEffects
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw, Lapses, RaterRange, WholeScale
 from softness_bayes.likelihood.magnitude import RatingModel
-from softness_bayes.likelihood.pieces import in_pieces, over_draws
+from softness_bayes.likelihood.pieces import in_pieces, left_out_in_pieces, over_draws
 from softness_bayes.likelihood.quadrature import Integrals
 from softness_bayes.likelihood.rater_effects import Given, NormalTable, Table
 from softness_bayes.likelihood.ratings import RatingsLikelihood
@@ -308,27 +308,17 @@ class IntervalRatings(RatingsLikelihood):
         return in_pieces(whole, self.design.n_rows, mean_rate, parameters)[..., 0]
 
     def left_out(self, mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
-        """Return the log density of each rating given all the others, and the probability below it.
+        """Return the law of each rating given all the others at its observation, arrays of shape (..., rows).
 
         Half the probability of an equal rating counts as below. Lapses are left out of that.
         """
 
-        def alone(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
+        def alone(mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
             given, shape = self._given(mean_rate, parameters)
-            density, below = self._integrals.of_rows(given)
-            found = np.concatenate([density[:, self._back] - self._slope, below[:, self._back]], axis=-1)
-            return found.reshape(*shape, -1)
+            density, below = (part[:, self._back].reshape(*shape, -1) for part in self._integrals.of_rows(given))
+            return RowsLeftOut(density - self._slope, below)
 
-        both = in_pieces(alone, self.design.n_rows, mean_rate, parameters)
-        return RowsLeftOut(*np.split(both, 2, axis=-1))
-
-    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return the log density of each rating given all the others, shape (..., rows)."""
-        return self.left_out(mean_rate, parameters).log_density
-
-    def below_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return the probability of a rating below each observed one given all the others, shape (..., rows)."""
-        return self.left_out(mean_rate, parameters).below
+        return left_out_in_pieces(alone, self.design.n_rows, mean_rate, parameters)
 
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of all ratings of each participant given all others', shape (..., participants)."""

@@ -13,13 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.contract import Parameters
+from softness_bayes.likelihood.contract import Parameters, RowsLeftOut
 from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.directions import RISES, RatingDirection
 from softness_bayes.likelihood.effects import Effects
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.normal_rows import EffectLaw, LeaveOneOut, NormalRows
-from softness_bayes.likelihood.pieces import in_pieces
+from softness_bayes.likelihood.pieces import left_out_in_pieces
 from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.scales import MAGNITUDE, Scale
 from softness_bayes.parameters.laws import Normal, Prior
@@ -242,23 +242,15 @@ class LogRatings(RatingsLikelihood):
         """Return the normal law of each log rating given all the others, arrays of shape (..., rows)."""
         return self._rows.leave_one_out(self._law(mean_rate, parameters))
 
-    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return the log density of each rating given all the others, shape (..., rows)."""
+    def left_out(self, mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
+        """Return the law of each rating given all the others at its observation, arrays of shape (..., rows)."""
 
-        def alone(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
+        def alone(mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
             mean, sd = self.leave_one_out(mean_rate, parameters)
-            return -0.5 * ((self._log - mean) / sd) ** 2 - np.log(sd) - _LOG_ROOT_TWO_PI - self._log
+            score = (self._log - mean) / sd
+            return RowsLeftOut(-0.5 * score**2 - np.log(sd) - _LOG_ROOT_TWO_PI - self._log, ndtr(score))
 
-        return in_pieces(alone, self._rows.width, mean_rate, parameters)
-
-    def below_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return the probability of a smaller rating than the observed one given all others, shape (..., rows)."""
-
-        def below(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-            mean, sd = self.leave_one_out(mean_rate, parameters)
-            return np.asarray(ndtr((self._log - mean) / sd))
-
-        return in_pieces(below, self._rows.width, mean_rate, parameters)
+        return left_out_in_pieces(alone, self._rows.width, mean_rate, parameters)
 
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of each participant's ratings given all others', shape (..., participants)."""

@@ -7,7 +7,7 @@ has a closed form, also for a partial order, in which the order of tied touches 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar, NamedTuple, Self
@@ -17,12 +17,12 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, ndtri
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.contract import Effects, Parameters
+from softness_bayes.likelihood.contract import Effects, Parameters, RowsLeftOut
 from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.error_laws import GUMBEL, GUMBEL_SD, ErrorLaw
 from softness_bayes.likelihood.information import Comparisons, order_information
 from softness_bayes.likelihood.magnitude import RatingModel
-from softness_bayes.likelihood.pieces import in_pieces
+from softness_bayes.likelihood.pieces import in_pieces, left_out_in_pieces
 from softness_bayes.likelihood.places import RankedLists, shares
 from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.scales import RANKS, Scale
@@ -221,27 +221,24 @@ class OrderRatings(RatingsLikelihood):
         """Log probability of all orders together, shape (...); arguments as `LogRatings.log_likelihood`."""
         return self._by_list(mean_rate, parameters).sum(axis=-1)
 
-    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Log probability of each touch's place given the order of all others of its list, shape (..., rows)."""
+    def left_out(self, mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
+        """Return the law of each touch's place given the order of all others of its list, arrays of shape (..., rows).
 
-        def alone(worth: FloatArray, some: Parameters) -> FloatArray:
-            whole = self._log_factors(self._places, worth, some).sum(axis=-1)
-            rest = [self._log_factors(others, worth, some).sum(axis=-1) for others in self._each_left_out]
-            return whole[..., None] - np.stack(rest, axis=-1)
-
-        return self._by_row(alone, mean_rate, parameters)
-
-    def below_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Probability of a lower place than that of each touch given the order of all others, shape (..., rows).
-
-        Half the probability of the observed place is added.
+        Half the probability of the observed place counts as below it.
         """
 
-        def smaller(worth: FloatArray, some: Parameters) -> FloatArray:
-            both = [self._log_chances(others, worth, k, some) for k, others in enumerate(self._each_left_out)]
-            return np.stack([0.5 * (np.exp(above) + np.exp(lower)) for above, lower in both], axis=-1)
+        def alone(mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
+            worth, slots = self._worth(mean_rate, parameters), range(self._places.width)
+            whole = self._log_factors(self._places, worth, parameters).sum(axis=-1)
+            density, below = [], []
+            for k in slots:
+                others = self._places.among(np.array(slots) != k)
+                density.append(whole - self._log_factors(others, worth, parameters).sum(axis=-1))
+                above, lower = self._log_chances(others, worth, k, parameters)
+                below.append(0.5 * (np.exp(above) + np.exp(lower)))
+            return RowsLeftOut(*(self._places.by_row(np.stack(part, axis=-1)) for part in (density, below)))
 
-        return self._by_row(smaller, mean_rate, parameters)
+        return left_out_in_pieces(alone, self._width, mean_rate, parameters)
 
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Log probability of each participant's orders, shape (draws, participants); participants are independent."""
@@ -316,15 +313,15 @@ class OrderRatings(RatingsLikelihood):
         scores are independent and normal under the model.
         """
 
-        def place(worth: FloatArray, some: Parameters) -> FloatArray:
-            found = []
+        def place(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
+            worth, found = self._worth(mean_rate, parameters), []
             for k in range(self._places.width):
                 earlier = self._places.among(self._turn < self._turn[:, [k]])
-                above, lower = (np.exp(part) for part in self._log_chances(earlier, worth, k, some))
+                above, lower = (np.exp(part) for part in self._log_chances(earlier, worth, k, parameters))
                 found.append(lower + self._shares[self._places.row[:, k]] * (above - lower))
-            return np.stack(found, axis=-1)
+            return self._places.by_row(np.stack(found, axis=-1))
 
-        share = np.clip(self._by_row(place, mean_rate, parameters), 1e-300, 1.0 - 1e-16)
+        share = np.clip(in_pieces(place, self._width, mean_rate, parameters), 1e-300, 1.0 - 1e-16)
         return np.asarray(self.model.error_sd(parameters)[..., None] * ndtri(share))
 
     def _by_list(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
@@ -341,16 +338,6 @@ class OrderRatings(RatingsLikelihood):
         """Return log probabilities of places for the touches of one slot, as `RankedLists.log_chances`."""
         return places.log_chances(worth, slot)
 
-    def _by_row(
-        self, work: Callable[[FloatArray, Parameters], FloatArray], mean_rate: FloatArray, parameters: Parameters
-    ) -> FloatArray:
-        """Return ``work(worth, parameters)``, of shape (..., lists, slots), by row, shape (..., rows)."""
-
-        def rows(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-            return self._places.by_row(work(self._worth(mean_rate, parameters), parameters))
-
-        return in_pieces(rows, self._width, mean_rate, parameters)
-
     def _latent(self, rng: np.random.Generator, drive: FloatArray, parameters: Parameters) -> FloatArray:
         """Return simulated latent values whose order is the answer, shape (..., rows)."""
         return self.model.draw_latent(rng, self.design, drive, parameters)
@@ -359,11 +346,6 @@ class OrderRatings(RatingsLikelihood):
     def _member(self) -> FloatArray:
         """1 if a list belongs to a participant, else 0, shape (lists, participants)."""
         return (self._owner[:, None] == np.arange(self.design.n_participants)).astype(float)
-
-    @cached_property
-    def _each_left_out(self) -> list[RankedLists]:
-        slots = np.arange(self._places.width)
-        return [self._places.among(slots != k) for k in slots]
 
     @property
     def _width(self) -> int:

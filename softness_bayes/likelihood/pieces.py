@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.likelihood.contract import Parameters
+from softness_bayes.likelihood.contract import Parameters, RowsLeftOut
 
 Array = NDArray[np.float64]
 
@@ -80,6 +80,14 @@ def in_pieces(
     for piece in parts[1:]:
         found[piece] = work(rate[piece], flat.part(piece))
     return found.reshape((*shape, -1))
+
+
+def left_out_in_pieces(
+    work: Callable[[Array, Parameters], RowsLeftOut], width: int, mean_rate: Array, parameters: Parameters
+) -> RowsLeftOut:
+    """Return ``work(mean_rate, parameters)`` computed in chunks; arguments as for `in_pieces`."""
+    both = in_pieces(lambda *some: np.concatenate(work(*some), axis=-1), width, mean_rate, parameters)
+    return RowsLeftOut(*np.split(both, 2, axis=-1))
 
 
 def log_sum(values: Array, axis: int) -> Array:

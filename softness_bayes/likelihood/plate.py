@@ -16,10 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.contract import NO_RESPONSE, Likelihood, Parameters
+from softness_bayes.likelihood.contract import NO_RESPONSE, Likelihood, Parameters, RowsLeftOut
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
-from softness_bayes.likelihood.pieces import in_pieces
+from softness_bayes.likelihood.pieces import left_out_in_pieces
 from softness_bayes.likelihood.scales import PLATE_FORCE, Scale
 from softness_bayes.parameters.laws import Prior
 from softness_bayes.touch.contact import STRAIN, Finger, SkinDisplacement, plate_line
@@ -174,23 +174,15 @@ class CompressionForces(Likelihood):
         quadratic = law.residual[..., 1] ** 2 / law.second + law.apart**2 / law.first_given
         return -0.5 * (noise + determinant + quadratic) - np.bincount(self.finger, self._log, self.n_fingers)
 
-    def log_likelihood_loo(self, mean_rate: Array, parameters: Parameters) -> Array:
-        """Return the log density of each force given all the others, shape (..., rows)."""
+    def left_out(self, mean_rate: Array, parameters: Parameters) -> RowsLeftOut:
+        """Return the law of each force given all the others at its observation, arrays of shape (..., rows)."""
 
-        def density(rate: Array, some: Parameters) -> Array:
+        def alone(rate: Array, some: Parameters) -> RowsLeftOut:
             mean, sd = self._without_one(rate, some)
-            return -0.5 * (((self._log - mean) / sd) ** 2 + _LOG_TWO_PI) - np.log(sd) - self._log
+            score = (self._log - mean) / sd
+            return RowsLeftOut(-0.5 * (score**2 + _LOG_TWO_PI) - np.log(sd) - self._log, ndtr(score))
 
-        return in_pieces(density, _WIDTH * self.values.size, mean_rate, parameters)
-
-    def below_loo(self, mean_rate: Array, parameters: Parameters) -> Array:
-        """Return the probability of a smaller force than the observed one given all the others, shape (..., rows)."""
-
-        def below(rate: Array, some: Parameters) -> Array:
-            mean, sd = self._without_one(rate, some)
-            return np.asarray(ndtr((self._log - mean) / sd))
-
-        return in_pieces(below, _WIDTH * self.values.size, mean_rate, parameters)
+        return left_out_in_pieces(alone, _WIDTH * self.values.size, mean_rate, parameters)
 
     def drive(self, mean_rate: Array, parameters: Parameters) -> Array:
         """Return the log force [ln N] of every row on the typical finger, shape (..., rows)."""

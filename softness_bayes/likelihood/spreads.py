@@ -19,10 +19,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import chndtr, gammaln, ive, logsumexp, ndtri
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.contract import Likelihood, Parameters
+from softness_bayes.likelihood.contract import Likelihood, Parameters, RowsLeftOut
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
-from softness_bayes.likelihood.pieces import in_pieces
+from softness_bayes.likelihood.pieces import in_pieces, left_out_in_pieces
 from softness_bayes.likelihood.scales import LOG_SD, Scale
 from softness_bayes.parameters.laws import Prior
 
@@ -156,30 +156,21 @@ class RaterSpreads(Likelihood):
         """Return the log density of each panel's standard deviations, (..., panels); panels are independent."""
         return in_pieces(self._by_panel, self._width, mean_rate, parameters)
 
-    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return the log density of each standard deviation given all the others, shape (..., rows)."""
+    def left_out(self, mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
+        """Return the law of each standard deviation given all the others at its observation, shape (..., rows) each."""
 
-        def density(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-            whole = self._by_panel(mean_rate, parameters)
-            rest = [self._by_panel(mean_rate, parameters, k)[..., panel] for k, panel in self._panels]
-            return whole[..., self.design.participant] - np.stack(rest, axis=-1)
-
-        return in_pieces(density, self._width, mean_rate, parameters)
-
-    def below_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return the probability of a smaller standard deviation than each one given all others, shape (..., rows)."""
-
-        def below(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-            found = []
-            for k, panel in self._panels:
+        def alone(mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
+            whole, variance = self._by_panel(mean_rate, parameters), _variance(parameters)[..., None]
+            density, below = [], []
+            for k, panel in enumerate(self.design.participant.tolist()):
                 scatter, rest = (part[..., panel, :] for part in self._nodes(mean_rate, parameters, k))
-                weight = np.exp(rest - logsumexp(rest, axis=-1, keepdims=True))
-                variance = _variance(parameters)[..., None]
+                total = logsumexp(rest, axis=-1, keepdims=True)
                 smaller = chndtr(self._squares[k] / variance, self.model.freedom, scatter / variance)
-                found.append((weight * smaller).sum(axis=-1))
-            return np.clip(np.stack(found, axis=-1), 0.0, 1.0)
+                density.append(whole[..., panel] - total[..., 0])
+                below.append((np.exp(rest - total) * smaller).sum(axis=-1))
+            return RowsLeftOut(np.stack(density, axis=-1), np.clip(np.stack(below, axis=-1), 0.0, 1.0))
 
-        return in_pieces(below, self._width, mean_rate, parameters)
+        return left_out_in_pieces(alone, self._width, mean_rate, parameters)
 
     def drive(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return 0 for each condition: standard deviations do not depend on the response."""
@@ -247,11 +238,6 @@ class RaterSpreads(Likelihood):
         noncentrality = effects.scatter[..., self.design.participant] / variance
         below = chndtr(self._squares / variance, self.model.freedom, noncentrality)
         return np.asarray(ndtri(np.clip(below, 1e-300, 1.0 - 1e-16)))
-
-    @property
-    def _panels(self) -> list[tuple[int, int]]:
-        """Pairs of row index and panel index, one for each row."""
-        return list(enumerate(self.design.participant.tolist()))
 
     def _by_panel(self, mean_rate: FloatArray, parameters: Parameters, left_out: int | None = None) -> FloatArray:
         """Return the log density of each panel's rows, optionally without one row, shape (..., panels)."""

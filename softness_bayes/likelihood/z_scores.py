@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_ndtr, ndtr, owens_t
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.contract import Parameters
+from softness_bayes.likelihood.contract import Parameters, RowsLeftOut
 from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.directions import RISES, RatingDirection
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.normal_rows import given_the_others, summing
-from softness_bayes.likelihood.pieces import in_pieces
+from softness_bayes.likelihood.pieces import in_pieces, left_out_in_pieces
 from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.scales import STANDARDISED, Scale
 from softness_bayes.parameters.laws import HalfNormal, Normal, Prior
@@ -186,32 +186,22 @@ class StandardisedRatings(RatingsLikelihood):
         quadratic = squares / variance + (fit.line**2).sum(axis=-1)
         return -0.5 * (n * _LOG_TWO_PI + log_determinant + quadratic) + math.log(2.0) + log_ndtr(fit.deviate)
 
-    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return the log density of each rating given all the others, shape (..., rows).
+    def left_out(self, mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
+        """Return the law of each rating given all the others at its observation, arrays of shape (..., rows).
 
-        It is the normal density for c1 of either sign, times Phi(t) / Phi(t without the rating).
+        Given the others, rating and c1 are jointly normal, truncated to positive c1: the density is the normal one for
+        c1 of either sign, times Phi(t) / Phi(t without the rating).
         """
 
-        def density(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
+        def alone(mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
             fit = self._fit(mean_rate, parameters)
-            alone = self._without_one(fit)
-            normal = -0.5 * alone.deviate**2 - np.log(alone.sd) - 0.5 * _LOG_TWO_PI
-            return normal + log_ndtr(fit.deviate)[..., None] - log_ndtr(alone.without)
+            one = self._without_one(fit)
+            normal, positive = -0.5 * one.deviate**2 - np.log(one.sd) - 0.5 * _LOG_TWO_PI, log_ndtr(one.without)
+            joint = bivariate_below(one.deviate, one.without, -one.correlation)
+            density = normal + log_ndtr(fit.deviate)[..., None] - positive
+            return RowsLeftOut(density, np.clip(joint * np.exp(-positive), 0.0, 1.0))
 
-        return in_pieces(density, self.design.n_rows, mean_rate, parameters)
-
-    def below_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return the probability of a smaller rating than the observed one given all the others, shape (..., rows).
-
-        Given the others, rating and c1 are jointly normal, truncated to positive c1.
-        """
-
-        def below(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-            alone = self._without_one(self._fit(mean_rate, parameters))
-            joint = bivariate_below(alone.deviate, alone.without, -alone.correlation)
-            return np.clip(joint * np.exp(-log_ndtr(alone.without)), 0.0, 1.0)
-
-        return in_pieces(below, self.design.n_rows, mean_rate, parameters)
+        return left_out_in_pieces(alone, self.design.n_rows, mean_rate, parameters)
 
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of each participant's ratings given all others', shape (..., participants).
