@@ -40,6 +40,7 @@ WORKS: Mapping[str, tuple[str, ...]] = {
     "predict": ("--posterior", RUN, "--fabrics", FABRICS, "--force-n", "1"),
     "rank": (RUN, "--force-n", "1"),
     "target": (RUN, "--rating", "20", "--force-n", "1"),
+    "design": ("--given", RUN),
     "explore": (RUN,),
     "new": (NEW,),
     "list": ("readings",),

@@ -210,6 +210,7 @@ ALL_VERBS = {
     "predict": ["--posterior", "run", *CLOTH],
     "rank": ["run", "--out", "ranked"],
     "target": ["run", "--rating", "9"],
+    "design": ["--given", "run", "--out", "planned"],
     "explore": ["run"],
     "claims": ["--out", "claims"],
     "bench": ["--out", "bench"],

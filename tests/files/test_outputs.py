@@ -59,6 +59,7 @@ WRITERS = {
     "predict": (TOUCH, True, ["table.csv"]),
     "rank": (["RUN"], False, ["ranking.csv", "places.csv", "pairs.csv", "ranking.png", "ranking.pdf"]),
     "target": (["RUN", "--rating", "20"], True, ["table.csv"]),
+    "design": (["--given", "RUN"], False, ["design.csv", "gain.csv", "design.json", "design.png", "design.pdf"]),
     "claims": (["--draws", "0"], False, ["claims.csv", "claims.md", "claims_loads.csv"]),
     "compare": (["one", "two"], False, ["compare.csv"]),
     "bench": (
