@@ -11,7 +11,7 @@ import click
 
 from softness_bayes.cli.design import cost_lines, design_lines
 from softness_bayes.cli.options import collected, data_files, force, path
-from softness_bayes.cli.people import read_or_answer, show_people
+from softness_bayes.cli.people import read_or_answer, show_pairs, show_people
 from softness_bayes.defaults import MOST_SHOWN
 from softness_bayes.errors import InputError
 from softness_bayes.model.options import ModelOptions
@@ -42,9 +42,21 @@ CHECK = "check"
 )
 @click.option("--json", "as_json", is_flag=True, help="Print all of it as JSON instead of text.")
 @path("--figure", "FILE", "Draw data and fabrics beside the response that the prior predicts (.png, .pdf or .svg).")
+@click.option(
+    "--guess",
+    metavar="RATE",
+    help="For pairs with a reference: the rate of guessing, such as 1/3, if the task fixes it; by default an estimate.",
+)
 @force
 def command(
-    files: DataFiles, model: ModelOptions, design: bool, cost: bool, as_json: bool, figure: Path | None, force: bool
+    files: DataFiles,
+    model: ModelOptions,
+    design: bool,
+    cost: bool,
+    as_json: bool,
+    figure: Path | None,
+    guess: str | None,
+    force: bool,
 ) -> None:
     """Validate data files and show how they are read, how precise the design is and what a run costs.
 
@@ -93,6 +105,7 @@ def command(
     else:
         if people is not None:
             show_people(people)
+            show_pairs(experiment.ratings, [one["e_fab_kpa"] for one in known["fabrics"]], guess)
             click.echo()
         lines = [f"warning: {reached}\n"] if reached else []
         lines += [*_of_tables(known, experiment, model), *(f"note: {note}" for note in notes)]
@@ -155,7 +168,9 @@ def _of_tables(known: dict[str, Any], experiment: Experiment, model: ModelOption
     least, greatest, conditions = ratings["least"], ratings["greatest"], known["conditions"]
     moduli = [one["e_fab_kpa"] for one in fabrics]
     lines = {
-        "ratings": f"{ratings['count']}, from {least:g} to {greatest:g}; {ratings['missing']} missing",
+        "ratings": f"{ratings['count'] // 2} comparisons of two fabrics; {ratings['missing']} missing"
+        if experiment.ratings.paired
+        else f"{ratings['count']}, from {least:g} to {greatest:g}; {ratings['missing']} missing",
         "participants": f"{_span(experiment.ratings.participants)}, "
         f"{_extent([one['ratings'] for one in known['participants']])} ratings each",
         "fabrics": f"{_span(experiment.ratings.fabrics)}, E_fab {min(moduli):.4g} to {max(moduli):.4g} kPa",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
 import click
@@ -9,7 +11,7 @@ import click
 from softness_bayes.errors import InputError
 
 if TYPE_CHECKING:
-    from softness_bayes.data import Compression, Experiment
+    from softness_bayes.data import Compression, Experiment, Ratings
     from softness_bayes.model.options import ModelOptions
     from softness_bayes.people.free_means import FreeMeans
     from softness_bayes.results.run_options import DataFiles
@@ -39,6 +41,30 @@ def read_or_answer(files: DataFiles, model: ModelOptions) -> Experiment | Compre
         for line in needed_sentences(ratings.fabrics, bool(ratings.loads)):
             click.echo(line)
         return None
+
+
+def show_pairs(ratings: Ratings, modulus: Sequence[float], guess: str | None) -> None:
+    """Print thresholds of pairs with a reference, for E_fab [kPa] and a known guess rate if given, and cautions.
+
+    Raises
+    ------
+    InputError
+        If the guess rate is no number from 0 to below 1, or the table has no pairs.
+    """
+    import numpy as np
+
+    from softness_bayes.people.psychometric import comparison_cautions, psychometric_table, threshold_sentences
+
+    try:
+        rate = None if guess is None else float(Fraction(guess))
+    except (ValueError, ZeroDivisionError):
+        rate = -1.0
+    if rate is not None and not (0.0 <= rate < 1.0 and ratings.paired):
+        raise InputError(f"--guess {guess}: expected a rate from 0 to below 1, such as 1/3, for a table of pairs")
+    if ratings.paired:
+        found = psychometric_table(ratings, np.array(modulus, float), guess=rate)
+        for line in (*threshold_sentences(found), *(f"caution: {said}" for said in comparison_cautions(ratings))):
+            click.echo(line)
 
 
 def show_people(found: FreeMeans) -> None:

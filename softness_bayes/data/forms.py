@@ -28,6 +28,7 @@ from softness_bayes.data.sheets import SheetNumber
 from softness_bayes.data.tables import MISSING, Table, unused_note
 from softness_bayes.errors import quoted
 from softness_bayes.files.spreadsheet import unescaped
+from softness_bayes.readable import counted
 
 _OTHER = {"0": "1", "1": "0", "0.5": "0.5", "1.0": "0", "0.0": "1", "": ""}
 """Answer for the second fabric of a pair, by the answer for the first."""
@@ -51,12 +52,14 @@ def unpaired(table: Table) -> Table:
                 "expected 1 if the first fabric of the pair was softer, 0 if the second was, or 0.5 if neither, got "
                 f"{quoted(table.cells[RATING.name][i])}",
             )
-        if table.cells["fabric"][i] == table.cells[SECOND_FABRIC][i]:
-            table.fault(
-                i, SECOND_FABRIC, f"expected two different fabrics, got {quoted(table.cells['fabric'][i])} twice"
-            )
     table.labels(SECOND_FABRIC)
+    same = [one == other for one, other in zip(table.cells["fabric"], table.cells[SECOND_FABRIC], strict=True)]
+    if all(same):
+        table.faults.add_general("every pair is of one fabric with itself, expected two different fabrics")
     table.check()
+    caught = _catch_note([text for text, alike in zip(answers, same, strict=True) if alike and text])
+    kept = np.flatnonzero(~np.array(same))
+    table, answers = table.take(kept), [answers[i] for i in kept]
     both = table.take(np.repeat(np.arange(len(table)), 2))
     second = {"fabric": table.cells[SECOND_FABRIC], RATING.name: [_OTHER[text] for text in answers]}
     first = {"fabric": table.cells["fabric"], RATING.name: answers}
@@ -65,7 +68,24 @@ def unpaired(table: Table) -> Table:
     del cells[SECOND_FABRIC]
     titles = {**both.titles, "list": table.titles[SECOND_FABRIC]}
     note = f"rows are pairs: 1 means that {table.titles['fabric']} was softer than {table.titles[SECOND_FABRIC]}"
-    return replace(both, cells=cells, titles=titles, notes=(*both.notes, note))
+    return replace(both, cells=cells, titles=titles, notes=(*both.notes, note, *caught))
+
+
+def _catch_note(answers: Sequence[str]) -> list[str]:
+    """Return a note on pairs of a fabric with itself: how often they were answered at all, and with the first one."""
+    from scipy.special import betaincinv
+
+    if not answers:
+        return []
+    told = [text for text in answers if float(text) != 0.5]
+    rates = []
+    for count, total in ((sum(float(text) == 1.0 for text in told), len(told)), (len(told), len(answers))):
+        low, high = betaincinv(count + 0.5, total - count + 0.5, (0.05, 0.95))  # Jeffreys' interval
+        rates.append(f"{count} of {total} (90 % interval {100 * low:.0f} to {100 * high:.0f} %)")
+    return [
+        f"{counted(len(answers), 'catch trial')} (a fabric with itself), which the model does not use: one was called "
+        f"softer in {rates[1]}, the rate of false alarms; the first one in {rates[0]}, beyond 50 % a bias towards it"
+    ]
 
 
 FloatArray = NDArray[np.float64]

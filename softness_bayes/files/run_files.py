@@ -32,10 +32,24 @@ RATERS = "raters"
 FABRIC_RATINGS = "fabric_ratings"
 """The table of rated and predicted softness of every fabric under every load."""
 
+THRESHOLDS = "thresholds"
+"""The table of thresholds and Weber fractions of pairs with a reference, if there are any."""
+
 RULER = "ruler"
 """The table of how much of people's own means the chain keeps."""
 
-TABLES = ("directions", "predictive_checks", FABRIC_RATINGS, RULER, MODULI, MODULUS_ERRORS, FINGERS, ANSWERS, RATERS)
+TABLES = (
+    "directions",
+    "predictive_checks",
+    FABRIC_RATINGS,
+    RULER,
+    THRESHOLDS,
+    MODULI,
+    MODULUS_ERRORS,
+    FINGERS,
+    ANSWERS,
+    RATERS,
+)
 """Further tables of a result by the name of their file."""
 
 FILES = (POSTERIOR, SUMMARY, NONFINITE, *(f"{name}.csv" for name in TABLES))

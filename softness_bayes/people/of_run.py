@@ -13,6 +13,7 @@ from softness_bayes.likelihood.scales import PAIRS, RANKS, SLIDER
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.people.answers import left_out_of_draws, told_pairs
 from softness_bayes.people.free_means import FreeMeans, free_means
+from softness_bayes.people.psychometric import psychometric_table
 from softness_bayes.people.ruler import NORMAL_90, Ruler, ruler
 
 if TYPE_CHECKING:
@@ -51,6 +52,21 @@ def people_tables(ratings: Ratings, options: ModelOptions, tree: xr.DataTree) ->
     table = pd.DataFrame.from_dict(rows, orient="index", columns=["value", "low", "high"])
     means = found.table().set_index(["load", "fabric"])[["people", "people_low", "people_high", "p_highest"]]
     return means, table.rename_axis("quantity")
+
+
+def threshold_table(ratings: Ratings, tree: xr.DataTree) -> pd.DataFrame:
+    """Return psychometric quantities of each reference (`psychometric_table`), of people's answers and of the chain's.
+
+    Those of the chain are of the same pairs with the probabilities that it predicts; the column `answers` tells which.
+    """
+    import pandas as pd
+
+    modulus = values_in(tree, "constant_data", "effective_modulus_kpa").astype(float)
+    density = values_in(tree, "log_likelihood_loo", "rating")[0][:, told_pairs(ratings)[:, 0]]
+    chance = np.exp(density.astype(float)).mean(axis=0)
+    parts = {"people": None, "chain": chance}
+    found = [psychometric_table(ratings, modulus, won).assign(answers=name) for name, won in parts.items()]
+    return pd.concat(found, ignore_index=True)
 
 
 def _ruler_of(found: FreeMeans, ratings: Ratings, options: ModelOptions, tree: xr.DataTree) -> Ruler:

@@ -16,12 +16,13 @@ from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.checkpoints.identity import identity, require_density
 from softness_bayes.data import Compression, Experiment
 from softness_bayes.files.command_line import storable
-from softness_bayes.files.run_files import FABRIC_RATINGS, RULER
+from softness_bayes.files.run_files import FABRIC_RATINGS, RULER, THRESHOLDS
 from softness_bayes.likelihood.directions import direction_named
+from softness_bayes.likelihood.scales import PAIRS
 from softness_bayes.model.build import ExperimentModel, SkinModel, build, build_skin
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Density, Posterior
-from softness_bayes.people.of_run import people_tables
+from softness_bayes.people.of_run import people_tables, threshold_table
 from softness_bayes.provenance import (
     PRIOR,
     READING,
@@ -184,6 +185,10 @@ def sample_model(
             if model.options.scale.model is None:
                 people, tables[RULER] = people_tables(model.experiment.ratings, model.options, found.tree)
                 tables[FABRIC_RATINGS] = tables[FABRIC_RATINGS].join(people)
+            if model.options.scale is PAIRS and len(
+                thresholds := threshold_table(model.experiment.ratings, found.tree)
+            ):
+                tables[THRESHOLDS] = thresholds.set_index(["load", "reference", "answers"])
             return Result(found.tree, found.summary.join(information_table(found.tree)), tables)
     # importance weights fail: the walk is repeated without the approximation
     interpretation = model.interpretation._replace(errors_note=f"{model.interpretation.errors_note}{BY_REFERENCE}")

@@ -73,3 +73,26 @@ def test_the_real_hardness_table_goes_through_with_names_alone(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "the hardest is Garden deck tile" in done.stdout
     assert "softest" not in done.stdout
+
+
+def test_pairs_with_a_reference_have_thresholds_and_catch_trials(tmp_path):
+    """Catch trials are kept as information, pairs are counted once, and a guess rate may be known."""
+    fabrics = {f"F{k}": 40.0 * 1.25**k for k in range(9)}
+    rows = [f"{name},F4,{int((k + t) % 9 > k)}\n" for k, name in enumerate(fabrics) for t in range(9) if k != 4]
+    rows += ["F4,F4,1\n"] * 9 + ["F4,F4,0\n"]
+    (tmp_path / "ratings.csv").write_text("fabric,fabric_2,rating\n" + "".join(rows))
+    cloth = "".join(f"{name},{value}\n" for name, value in fabrics.items())
+    (tmp_path / "fabrics.csv").write_text("fabric,effective_modulus_kpa\n" + cloth)
+    data = ("check", "--data", "ratings.csv", "--ratings", "pairs", "--force-n", "1")
+    done = call(*data, "--guess", "1/3", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "against F4 at 1 N (72 pairs): judged equal at E_fab" in done.stdout
+    assert "guess rate 0.333 (0.333 to 0.333)" in done.stdout
+    assert "10 catch trials (a fabric with itself)" in done.stdout
+    assert "the first one in 9 of 10 (90 % interval 67 to 98 %)" in done.stdout
+    assert "72 comparisons of two fabrics" in done.stdout
+    refused = call(*data, "--guess", "often", cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "--guess often: expected a rate" in refused.stderr
+    (tmp_path / "ratings.csv").write_text("fabric,fabric_2,rating\nF4,F4,1\n")
+    assert "expected two different fabrics" in call(*data, cwd=tmp_path).stderr

@@ -119,11 +119,16 @@ def test_rows_of_pairs_become_two_rows():
     assert any("1 means that fabric was softer than fabric_2" in note for note in ratings.notes)
 
 
+def test_a_fabric_with_itself_is_a_catch_trial():
+    ratings = read(TABLE.replace("a,b,2", "a,a,2", 1))
+    assert ratings.lists.tolist() == [0, 0, 1, 1]
+    assert any("1 catch trial (a fabric with itself)" in note for note in ratings.notes)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
         ("2,1\n", "2,7\n", "expected 1 if the first fabric of the pair was softer, .* got '7'"),
-        ("a,b,2", "a,a,2", "expected two different fabrics, got 'a' twice"),
         ("c,b,2", "c,z,2", "'z' is not a fabric"),
         ("c,b,2", "c,,2", "fabric_2"),
         ("rating\n", "rating,list\n", "each row is already a pair, so a list has no meaning"),
