@@ -7,7 +7,6 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -338,49 +337,6 @@ def test_no_flipped_bit_of_a_checkpoint_is_taken_for_the_run(tmp_path, states, p
     assert harmless < 20 if pattern == "manifest.json" else harmless == 0
     path.write_bytes(whole)
     same(load(tmp_path), states[5])
-
-
-def exchanged(directory, one, other):
-    (directory / one).rename(directory / "aside")
-    (directory / other).rename(directory / one)
-    (directory / "aside").rename(directory / other)
-
-
-@pytest.mark.usefixtures("eager")
-def test_pieces_and_states_are_those_of_the_run_and_in_its_order(tmp_path, states):
-    run, home = tmp_path / "run", tmp_path / "run" / "checkpoint"
-    kept = [s for s in states if s.phase < 3]
-    keep(run, kept)
-    pieces = sorted(path.name for path in home.glob("piece-*"))
-    assert len({(home / name).stat().st_size for name in pieces[1:3]}) == 1  # of equal shape
-    exchanged(home, *pieces[1:3])
-    with pytest.raises(InputError, match=f"{pieces[1]}: damaged, or changed since"):
-        load(run)
-    exchanged(home, *pieces[1:3])
-    manifest, state = home / "manifest.json", max(home.glob("state-*"))
-    text = manifest.read_text()
-    for change in (
-        text.replace(pieces[1], "aside").replace(pieces[2], pieces[1]).replace("aside", pieces[2]),
-        text.replace('"steps": ', '"steps": 1'),
-        text.replace('"format": 3', '"format": 3, "more": 1'),
-    ):
-        assert change != text
-        manifest.write_text(change)
-        for read in (load, read_status):
-            with pytest.raises(InputError, match=r"manifest\.json: damaged, or changed since it was written"):
-                read(run)
-    manifest.write_text(text)
-    same(load(run), kept[-1])
-    # the state and a piece of the same run with another seed
-    keep(tmp_path / "other", [*islice(walk(posterior_of_the_fake(), settings(STEPS), SEED + 1), len(kept))])
-    others = tmp_path / "other" / "checkpoint"
-    for mine, pattern in ((state, "state-*"), (home / pieces[0], "piece-*")):
-        whole = mine.read_bytes()
-        mine.write_bytes(max(others.glob(pattern)).read_bytes())
-        with pytest.raises(InputError, match=f"{mine.name}: damaged, or changed since"):
-            load(run)
-        mine.write_bytes(whole)
-    same(load(run), kept[-1])
 
 
 def test_a_run_that_keeps_nothing_leaves_nothing(tmp_path):

@@ -22,7 +22,6 @@ from softness_bayes.files.listing import LISTING, Listing
 from softness_bayes.files.outputs import require_outputs, survey, write_outputs
 from softness_bayes.files.run_files import FILES
 from softness_bayes.files.whole import write_whole
-from softness_bayes.results.result import Result
 from softness_bayes.results.run_options import DataFiles
 from support.command_line import TOUCH, call, refused
 from support.full_disk import fill_disk
@@ -337,30 +336,6 @@ def test_the_list_names_verbs_and_digests_and_no_place(tmp_path):
 
 
 # no places
-
-
-def test_results_and_reports_hold_no_absolute_path(finished, tmp_path):
-    """The run was asked for with absolute paths throughout."""
-    out = tmp_path / "deeper" / "down" / "run"
-    shutil.copytree(finished, out)
-    assert call("report", out).returncode == 0
-    assert call("plot", out, "--figures", "prior").returncode == 0
-    places = [str(place).encode() for place in (DATA, finished, tmp_path, Path.home(), Path.cwd())]
-    held = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
-    assert {path.suffix for path in held} == {".nc", ".csv", ".html", ".png", ".pdf", ".json", ".npz", ""}
-    manifest = out / "checkpoint" / "manifest.json"
-    told = [(path, place) for path, content in held.items() for place in places if place in content]
-    assert {path for path, _ in told} <= {manifest, manifest.with_name("manifest-copy.json")}
-    # the checkpoint must find the data: from its own place on
-    assert not os.path.isabs(json.loads(manifest.read_bytes())["request"]["files"]["compression"])
-    named = portable(str(FORCES), Path.cwd())
-    typed = f"softness-bayes sample --compression {named} --max-steps 20 --no-figures --processes 1 --out run"
-    found = Result.load(out).attributes
-    assert found["command"] == json.loads(found["options"])["command"] == typed
-    # moved alone, a run says what it misses; with the file named it goes on
-    refused(call("resume", out, "--more-steps", "1"), "no such file", "--compression")
-    done = call("resume", out, "--more-steps", "1", "--compression", FORCES, "--processes", "1")
-    assert done.returncode == 3, done.stderr
 
 
 def test_paths_are_kept_from_the_run_on(tmp_path):

@@ -12,9 +12,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.results.fitted import experiment_of, options_of
 from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
-from softness_bayes.results.result_file import SCHEMA, TABLES
-from support.command_line import call, refused
-from support.paths import DATA
+from softness_bayes.results.result_file import SCHEMA
 from support.small_result import small_result
 
 
@@ -203,20 +201,6 @@ def test_what_a_result_lacks_is_named(small):
     assert found.attributes.get("noise", 0.0) == 0.0
 
 
-def test_json_nested_deeply_is_refused(small, tmp_path):
-    """Every JSON text of a result: of its options and its tables."""
-    deep = "[" * 20_000 + "]" * 20_000
-    found, path = Result.load(small), tmp_path / "posterior.nc"
-    found.tree.attrs["options"] = deep
-    with pytest.raises(InputError, match=r"attribute 'options' cannot be '.*nested too deeply"):
-        Request.of(found)
-    tree = arviz_bridge.read_netcdf(small / "posterior.nc")
-    tree[TABLES].dataset = tree[TABLES].to_dataset().assign(summary=deep)
-    path.write_bytes(arviz_bridge.netcdf(tree))
-    with pytest.raises(InputError, match="'summary' of group 'tables'"):
-        Result.load(path, verify=False)
-
-
 def test_options_that_lack_something_are_refused(runs):
     found = Result.load(runs / "ratings")
     options = json.loads(found.attributes["options"])
@@ -227,23 +211,3 @@ def test_options_that_lack_something_are_refused(runs):
     for read in (options_of, Request.of):
         with pytest.raises(InputError, match="'discretisation'"):
             read(found)
-
-
-def test_no_verb_ends_in_a_traceback(runs, tmp_path, few_pictures):
-    whole, other = tmp_path / "whole", tmp_path / "run"
-    for directory in (whole, other):
-        shutil.copytree(runs / "ratings", directory)
-    touched = ["--fabrics", DATA / "fabrics.csv", "--indentation-mm", 2]
-    verbs = [
-        ["report", other],
-        ["plot", other, "--figures", "trace"],
-        ["compare", whole, other, "--out", tmp_path],
-        ["predict", "--posterior", other, *touched],
-    ]
-    rewritten(other, lambda tree: tree["posterior"].__delitem__("b"))
-    for verb in verbs:
-        refused(call(*verb), str(other / "posterior.nc"), "changed since it was written")
-    accepted = tmp_path / "accepted"  # is not complete for that
-    Result.load(other, verify=False).save(accepted)
-    for verb in (["report", accepted], ["predict", "--posterior", accepted, *touched]):
-        refused(call(*verb), str(accepted / "posterior.nc"))

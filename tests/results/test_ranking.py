@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 
@@ -12,7 +11,7 @@ from softness_bayes.data.lists import read_order
 from softness_bayes.errors import InputError
 from softness_bayes.results.people import cautions
 from support.command_line import call, refused
-from support.report_runs import CLOTH, LOADS, quickly
+from support.report_runs import LOADS, quickly
 
 NEW = Fabrics(tuple("abcdef"), effective_modulus=np.array([10.0, 20.0, 2e5, 3e5, 2e5, 4e4]))
 
@@ -161,26 +160,6 @@ def test_observed_orders_are_read(tmp_path):
         path.write_text(text)
         with pytest.raises(InputError, match=message):
             read_order(path)
-
-
-def test_the_command_line_ranks(result, saved, tmp_path):
-    seen = tmp_path / "seen.csv"
-    names = pd.DataFrame({"fabric": [*result.fabrics.names, "another"], "rating": [1.0, 2.0, 3.0, 4.0, 5.0]})
-    names.to_csv(seen, index=False)
-    with quickly():
-        done = call("rank", saved, "--against", seen)
-        again = call("rank", saved, "--against", seen)
-    assert done.returncode == 0, done.stderr
-    assert "2 mm, the softest first (the highest predicted rating):" in done.stdout
-    assert "1.5 N, the softest first (" in done.stdout
-    assert "spearman" in done.stdout
-    assert f"note: {seen}: 1 of 5 fabrics was not ranked" in done.stderr
-    made = {"ranking.csv", "places.csv", "pairs.csv", "agreement.csv", "ranking.png", "ranking.pdf"}
-    assert {path.name for path in (saved / "ranking").iterdir()} == {".softness-bayes.json", *made}
-    refused(again, "ranking.csv", "--force")
-    table = pd.read_csv(saved / "ranking" / "ranking.csv")
-    assert table["load"].unique().tolist() == ["2 mm", "1.5 N"]
-    assert {*table["fabric"]} == {*CLOTH.names}
 
 
 def test_bad_input_is_refused(report_run, saved, tmp_path):

@@ -1,6 +1,5 @@
 """Ratings that a finished run predicts, as a table: their columns, and the reasons that it gives for them."""
 
-import io
 from dataclasses import replace
 
 import numpy as np
@@ -10,12 +9,10 @@ from numpy.testing import assert_allclose
 
 from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.scales import MAGNITUDE
 from softness_bayes.results import rating_table
 from softness_bayes.results.fitted import Fitted, rated_among
 from softness_bayes.results.rating_table import parts_of
 from softness_bayes.touch.contact import Force, Indentation
-from support.command_line import call, refused
 from support.report_runs import CLOTH, LOADS, quickly
 
 NAMES = ("typical_rating", "new_rater_rating", "mean_rating")
@@ -176,27 +173,6 @@ def test_z_scores(report_run):
 def test_forces_alone_say_nothing_of_ratings(report_run):
     with pytest.raises(InputError, match="compression data only"):
         report_run("skin").predict()
-
-
-def test_the_command_line_predicts_ratings(result, table, tmp_path):
-    result.save(tmp_path / "run")
-    rows = zip(CLOTH.names, CLOTH.effective_modulus / 1e3, strict=True)
-    cells = [f'"{name}",{modulus}' for name, modulus in rows]
-    (tmp_path / "cloth.csv").write_text("\n".join(["fabric,effective_modulus_kpa", *cells]))
-    typed = ["predict", "--fabrics", tmp_path / "cloth.csv", "--indentation-mm", 2, "--force-n", 1.5]
-    with quickly():
-        done = call(*typed, "--posterior", tmp_path / "run", "--raters", 12)
-        refused(call(*typed, "--posterior", tmp_path / "run", "--raters", 0), "--raters")
-        refused(call(*typed, "--raters", 12), "only a finished run predicts ratings")
-    assert done.returncode == 0, done.stderr
-    printed = pd.read_csv(io.StringIO(done.stdout), keep_default_na=False)
-    assert [*printed] == [*table, "preliminary"]  # the run has not converged
-    assert (printed["raters"] == 12).all()
-    order = [CLOTH.names.index(name) for name in result.fabrics.names]
-    assert max(len(cell) for cell in done.stdout.splitlines()[1].split(",")[-51:-9]) <= 11  # not 17 digits
-    ours = printed["typical_rating"].to_numpy().reshape(2, -1)[:, order].ravel()
-    assert_allclose(ours, table["typical_rating"], rtol=0.2)
-    assert result.scale is MAGNITUDE
 
 
 def test_a_run_that_lacks_its_options_is_refused(result):

@@ -158,15 +158,6 @@ def test_the_law_of_ranks(rng):
     assert np.abs(found - 0.01).max() > 0.01
 
 
-def test_more_replicates_see_smaller_faults():
-    few, more = (Calibration(("x",), np.zeros((size, 1), int)) for size in (20, 120))
-    assert few.least_width.value > 1.5 > more.least_width.value
-    assert few.least_shift.value > more.least_shift.value
-    assert (few.enough, more.enough) == (False, True)
-    assert 20 < few.needed <= 120
-    assert not math.isfinite(Calibration(("x",), np.zeros((1, 1), int)).least_width.value)
-
-
 def test_coverage_counts_ranks():
     rows = Calibration(("x",), np.repeat(np.arange(DRAWS + 1), 2)[:, None]).coverage()
     assert [(row["mass"], row["expected"]) for row in rows] == [(0.5, 0.5), (0.8, 0.8), (0.9, 0.9), (0.95, 0.96)]

@@ -3,10 +3,8 @@
 import dataclasses
 import functools
 import itertools
-from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 from scipy.special import logsumexp
@@ -29,7 +27,6 @@ from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression, simulate_ratings
 from softness_bayes.parameters.laws import HalfNormal
 from softness_bayes.results.fitted import differences, experiment_of, options_of
-from softness_bayes.results.result import Result
 from softness_bayes.runs.comparison import clustered_error, compare, stacking_weights
 from softness_bayes.runs.left_out import LEAVE, leave_by_weights
 from softness_bayes.runs.run import sample, sample_skin
@@ -38,7 +35,6 @@ from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import MENDED
 from support import report_runs
-from support.command_line import call, refused
 from support.points import rated
 from support.report_runs import COARSE
 
@@ -360,33 +356,3 @@ def test_models_of_the_same_events_are_compared_and_all_other_pairs_are_refused(
 
 
 # the command line
-
-
-def test_compare_from_the_command_line(results, tmp_path):
-    for label, result in results.items():
-        result.save(tmp_path / label)
-    directories = [str(tmp_path / label) for label in results]
-
-    done = call("compare", *directories, "--leave", "participant", "--out", tmp_path)
-    assert done.returncode == 0, done.stderr
-    table = pd.read_csv(tmp_path / "compare.csv", index_col="result")
-    assert table["rank"].tolist() == [1, 2, 3]
-    assert table.index[2] == Path(directories[2]).name  # results hold no absolute paths
-    assert {"elpd", "se", "elpd_diff", "se_diff", "pareto_k_max", "pareto_k_high"} <= {*table}
-    assert "direction=falls-with-firing" in done.stdout
-    assert "the run itself has not converged" in done.stdout
-    assert "the data do not distinguish" in done.stdout
-    before = (tmp_path / "compare.csv").read_bytes()
-    for arguments, message in (
-        ([*directories, "--out", str(tmp_path)], "--force"),
-        ([directories[0], directories[0]], "given twice"),
-        ([directories[0]], "expected at least two"),
-        ([directories[0], str(tmp_path / "nowhere")], "nowhere"),
-        ([*directories, "--leave", "finger"], "--leave"),
-        ([], "RESULT_DIR"),
-    ):
-        done = call("compare", *arguments)
-        refused(done, message)
-        assert done.stdout == ""
-    assert (tmp_path / "compare.csv").read_bytes() == before
-    assert isinstance(Result.load(directories[0]), Result)

@@ -142,11 +142,6 @@ def test_both_faces_draw_the_same(pairs):
     assert command == python
 
 
-def test_the_direction_is_looked_for_once_in_a_run(pairs):
-    found, looked = pairs
-    assert looked == len(found)
-
-
 def test_an_unknown_option_is_refused():
     with pytest.raises(TypeError, match=r"no option 'max_step'; expected one of fix, priors, .*max_steps"):
         Request().with_options(max_step=3)

@@ -6,7 +6,6 @@ from importlib.metadata import EntryPoint
 
 import pytest
 
-from softness_bayes import supplied
 from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.errors import InputError
 from softness_bayes.model.options import ModelOptions
@@ -20,7 +19,7 @@ from softness_bayes.touch.contact import DISPLACEMENT
 from softness_bayes.touch.readings import Readings, alternative
 from softness_bayes.touch.stress import HERTZ
 from support import own_values
-from support.command_line import FIXED, QUICK, call, few_ratings, refused
+from support.command_line import call, few_ratings, refused
 from support.own_values import LEAKY, MILD, Gamma
 from support.report_runs import OPTIONS, experiment, quickly
 
@@ -182,46 +181,3 @@ def test_entry_points_of_installed_packages_have_short_names(monkeypatch):
     assert "mild" in call("list", "readings", "pressure").stdout
     assert "skin" in call("list", "figures").stdout
     assert "gamma" in call("list", "priors").stdout
-
-
-@pytest.fixture
-def own_package(tmp_path, monkeypatch):
-    """An installed package with a membrane: a module and what an installer writes beside it."""
-    home = tmp_path / "site"
-    (home / "leaks.dist-info").mkdir(parents=True)
-    (home / "leaks.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: leaks\nVersion: 1\n")
-    (home / "leaks.dist-info" / "entry_points.txt").write_text("[softness_bayes.membrane]\nleaky = leaks:LEAKY\n")
-    (home / "leaks.py").write_text(
-        "from dataclasses import replace\n"
-        "from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS\n"
-        "LEAKY = replace(CONNOR_STEVENS, name='leaky', g_l=0.32)\n"
-    )
-    monkeypatch.syspath_prepend(home)
-    supplied.installed.cache_clear()
-    yield home
-    sys.modules.pop("leaks", None)
-    supplied.installed.cache_clear()
-
-
-def test_a_membrane_of_an_installed_package_passes_through_every_verb(own_package, tmp_path, few_pictures):
-    few_ratings(tmp_path)
-    (tmp_path / "fabrics.csv").write_text("fabric,effective_modulus_kpa\nfelt,300\n")
-    touch = ["--fabrics", "fabrics.csv", "--force-n", "1"]
-    assert "leaks:LEAKY" in call("list", "readings", "membrane").stdout
-    with quickly():
-        for out, given in (("own", ["--reading", "membrane=leaky"]), ("plain", [])):
-            done = call("sample", "--data", "ratings.csv", "--out", out, *given, *FIXED, *QUICK, cwd=tmp_path)
-            assert done.returncode == 3, done.stderr
-        done = call("resume", "own", "--more-steps", "2", "--processes", "1", "--no-figures", cwd=tmp_path)
-        assert done.returncode == 3, done.stderr
-        for words in (["compare", "own", "plain"], ["predict", "--posterior", "own", *touch], ["report", "own"]):
-            done = call(*words, cwd=tmp_path)
-            assert done.returncode == 0, done.stderr
-            said = (tmp_path / "own" / "report.html").read_text() if words[0] == "report" else done.stdout
-            assert "membrane=leaks:LEAKY" in said, words
-        # the membrane itself, without the curve that stands for all of them here
-        read = Result.load(tmp_path / "own").readings.membrane
-        assert (read.name, read.g_l) == ("leaky", 0.32)
-        sys.path.remove(str(own_package))
-        sys.modules.pop("leaks")
-        refused(call("predict", "--posterior", "own", *touch, cwd=tmp_path), "there is no module 'leaks'")

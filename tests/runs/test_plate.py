@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import kstest, multivariate_normal
 
 from softness_bayes.checking.sentences import plate_sentence
-from softness_bayes.data import Compression, Experiment, Fabrics, read_experiment, write_compression
+from softness_bayes.data import Compression, Experiment, Fabrics
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import NO_RESPONSE
 from softness_bayes.model.build import build, build_skin
@@ -19,7 +19,7 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression, simulate_ratings
 from softness_bayes.parameters.laws import LogNormal
-from softness_bayes.plotting import FIGURES, USUAL, figures_of
+from softness_bayes.plotting import figures_of
 from softness_bayes.results.result import Result
 from softness_bayes.results.run_options import RunOptions
 from softness_bayes.runs.run import WIDE, sample, sample_skin
@@ -96,25 +96,6 @@ def test_only_rows_of_a_flat_plate_count(table):
 def test_rows_that_cannot_be_used_are_named(table, text, message):
     with pytest.raises(InputError, match=message):
         Compression.read(table(text))
-
-
-def test_a_table_reads_back_to_the_same_values(tmp_path):
-    made = simulate_compression(np.random.default_rng(1), usual_values(MENDED, n_fingers=12), fingers=12).compression
-    write_compression(tmp_path / "again.csv", made)
-    again = Compression.read(tmp_path / "again.csv")
-    for name in ("participant", "indentation", "force", "rows"):
-        assert_array_equal(getattr(again, name), getattr(made, name))
-    assert again.participants == made.participants
-
-
-def test_columns_may_be_renamed_in_either_file(table, tmp_path):
-    path = table("subject,indentation_mm,force_n\nA,1,0.2\n")
-    data = DATA / "ratings.csv"
-    both = read_experiment(data, columns={"participant": "subject"}, compression_path=path)
-    assert both.compression.participants == ("A",)
-    assert len(both.ratings.participants) == 30
-    with pytest.raises(InputError, match="there is no column 'name'"):
-        read_experiment(data, columns={"participant": "name"}, compression_path=path)
 
 
 # simulated fingers
@@ -236,23 +217,6 @@ def test_human_fingerpads(shared, displacement, b, m):
     assert found.attributes["force_p_value"] > 0.05
     typical = found.group("predictions").isel(chain=0)["typical_force_n"].interp(plate_indentation_mm=1.0)
     assert float(typical.median()) == pytest.approx(0.16, rel=0.2)
-
-
-def test_the_figure_shows_the_typical_finger_and_the_others(result, shipped):
-    figure = FIGURES["compression"](result, USUAL)
-    figure.draw_without_rendering()
-
-    def artist(gid):
-        (found,) = figure.findobj(lambda each: each.get_gid() == gid)
-        return found
-
-    stored = result.group("predictions").isel(chain=0)
-    median = artist("median/plate")
-    assert_allclose(median.get_xdata(), stored["plate_indentation_mm"])
-    assert_allclose(median.get_ydata(), np.median(stored["typical_force_n"], axis=0))
-    own = shipped.participant == 3
-    assert_allclose(artist("finger/3").get_ydata(), shipped.force[own])
-    assert_allclose(artist("finger/3").get_xdata(), shipped.indentation[own] * 1e3)
 
 
 # beside ratings

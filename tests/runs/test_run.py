@@ -13,10 +13,8 @@ from scipy.stats import halfnorm, kstest, lognorm, multivariate_normal, norm
 
 from softness_bayes import arviz_bridge
 from softness_bayes.checking.inflection import curve_scene
-from softness_bayes.checkpoints.vacancy import require_vacant
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.errors import InputError
-from softness_bayes.files.outputs import write_outputs
 from softness_bayes.likelihood.directions import FALLS, direction_named
 from softness_bayes.likelihood.error_laws import NORMAL, STUDENT
 from softness_bayes.model.build import build
@@ -34,10 +32,8 @@ from softness_bayes.runs.run import sample
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch import scene
 from softness_bayes.touch.contact import Finger, Force, Indentation
-from softness_bayes.touch.neuron import firing, fixed_channels
-from softness_bayes.touch.neuron.rate import Onset
+from softness_bayes.touch.neuron import fixed_channels
 from softness_bayes.touch.neuron.rate_curve import CurveError, RateCurve
-from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.readings import CLASSICAL, MENDED
 from softness_bayes.touch.scene import Discretisation
 from support.report_runs import COARSE
@@ -463,44 +459,6 @@ def test_values_name_every_parameter(result):
     assert {*zip(values["b"].tolist(), values["mu"].tolist(), strict=True)} <= pairs
 
 
-def test_a_directory_that_holds_something_is_refused(tmp_path):
-    fresh = tmp_path / "a" / "b"
-    require_vacant(fresh, replace=False)
-    assert not fresh.exists()
-    fresh.mkdir(parents=True)
-    require_vacant(fresh, replace=False)  # empty still
-    (fresh / "notes.txt").write_text("mine")
-    with pytest.raises(InputError, match=r"is not empty; choose another --out, or --force"):
-        require_vacant(fresh, replace=False)
-    with pytest.raises(
-        InputError, match=r"replaces only an earlier run, but .*notes\.txt was not written by this command"
-    ):
-        require_vacant(fresh, replace=True)
-    for below in (fresh / "notes.txt", fresh / "notes.txt" / "deeper"):
-        with pytest.raises(InputError, match=r"notes\.txt: is a file"):
-            require_vacant(below, replace=True)
-    (fresh / "posterior.nc").touch()  # nor is every file of that name one of ours
-    (fresh / "notes.txt").unlink()
-    with pytest.raises(InputError, match=r"posterior\.nc was not written by this command"):
-        require_vacant(fresh, replace=True)
-    (fresh / "posterior.nc").unlink()
-    write_outputs(fresh, {"posterior.nc": b"result"}, "sample")
-    require_vacant(fresh, replace=True)
-    with pytest.raises(InputError, match=r"posterior\.nc is an input of this command"):
-        require_vacant(fresh, replace=True, inputs=[fresh / "posterior.nc"])
-    (fresh / "posterior.nc").write_bytes(b"edited")
-    with pytest.raises(InputError, match=r"posterior\.nc was changed since it was written"):
-        require_vacant(fresh, replace=True)
-    # what a run leaves that was killed before it had anything to keep
-    (tmp_path / "checkpoint").mkdir(parents=True)
-    (tmp_path / "checkpoint" / "lock").touch()
-    (fresh / "posterior.nc").unlink()
-    (fresh / ".softness-bayes.json").unlink()
-    fresh.rmdir()
-    fresh.parent.rmdir()
-    require_vacant(tmp_path, replace=False)
-
-
 # what decides the draws
 
 
@@ -546,45 +504,6 @@ def test_ratings_that_have_no_logarithm_are_refused(experiment):
     negative = dataclasses.replace(experiment.ratings, rating=experiment.ratings.rating - 10)
     with pytest.raises(InputError, match="magnitude estimate of 0 or above"):
         sample(experiment._replace(ratings=negative), ModelOptions(discretisation=Discretisation()), RunOptions())
-
-
-def test_channel_multipliers_are_sampled_on_the_firing_surface(experiment):
-    free = build(experiment, ModelOptions(fix={"tau": 0.5}, discretisation=Discretisation())).posterior
-    assert free.names[5:9] == ("c_Na", "c_K", "c_L", "c_A")
-    theta = np.tile(free.space.median, (2, 1))
-    theta[1, 6] *= 1.05
-    value = free.log_likelihood(theta)
-    held = build(experiment, ModelOptions(fix={**HELD, "tau": 0.5}, discretisation=Discretisation())).posterior
-    assert value[0] == pytest.approx(float(held.log_likelihood(held.space.median)), abs=1e-4)
-    assert abs(value[1] - value[0]) > 1e-2
-    exact = dataclasses.replace(free, scene=free.scene.exact())
-    assert_allclose(exact.log_likelihood(theta), value, atol=1e-3)
-
-
-def test_the_multipliers_of_hodgkin_and_huxley_are_sampled_but_for_the_current_it_lacks(experiment, monkeypatch):
-    def known(channels, membrane, expected):
-        """The surface's own onset, which is compared with the exact one elsewhere: the search takes ten seconds."""
-        begin = FiringSurface.load(membrane).curve(channels)
-        assert_allclose(begin.rheobase, expected)
-        none = np.full_like(begin.rheobase, np.nan)
-        return Onset(begin.rheobase, begin.onset_rate, none, np.ones(none.shape, bool))
-
-    monkeypatch.setattr(firing, "onset", known)
-    hodgkin_huxley = MENDED.override({"membrane": "hodgkin-huxley"})
-    options = ModelOptions(readings=hodgkin_huxley, fix={"tau": 0.5}, discretisation=scene.Discretisation())
-    free = build(experiment, options).posterior
-    assert free.names[5:8] == ("c_Na", "c_K", "c_L")
-    assert "c_A" in free.space.held
-    theta = np.tile(free.space.median, (2, 1))
-    theta[1, 6] *= 1.03
-    value = free.log_likelihood(theta)
-    assert abs(value[1] - value[0]) > 1e-2
-    exact = dataclasses.replace(free, scene=free.scene.exact())
-    assert_allclose(exact.log_likelihood(theta), value, atol=1e-3)
-    with pytest.raises(InputError, match="membrane printed, which is silent up to 38"):
-        build(
-            experiment, ModelOptions(readings=MENDED.override({"membrane": "printed"}), discretisation=Discretisation())
-        )
 
 
 def test_multipliers_beyond_the_surface_and_noise_with_free_ones_are_refused(experiment):

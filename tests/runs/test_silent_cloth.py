@@ -3,21 +3,15 @@
 import numpy as np
 import pytest
 
-from softness_bayes.checking.agreement import fit_of
-from softness_bayes.checking.sentences import silence_note
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_ratings
-from softness_bayes.readable import percent
-from softness_bayes.report.cards import cards
-from softness_bayes.runs.run import sample
 from softness_bayes.sampler.starts import find_optimum
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation
-from support.report_runs import OPTIONS, quickly
 
 REAL = np.array([1e3, 4e3, 1.2e4, 4e4, 1.1e5])
 """E_fab [Pa] between the 5 and 95 % quantiles of real cloth."""
@@ -59,23 +53,3 @@ def test_walkers_find_a_place_to_start(name):
     start = posterior(z)
     assert np.isfinite(start).all()
     assert find_optimum(posterior, np.random.default_rng(2)).log_density > start.max()
-
-
-@pytest.mark.parametrize("silent", [True, False], ids=["cloth pressed lightly", "cloth that makes receptors fire"])
-def test_a_run_says_how_silent_its_posterior_is(silent, report_run):
-    if silent:
-        with quickly():
-            result = sample(experiment(*CLOTH["real cloth, pressed lightly"]), **OPTIONS | {"max_steps": 20})
-    else:
-        result = report_run("ratings")
-    fit = fit_of(result.tree)
-    share = result.attributes["posterior_silent_conditions"]
-    note = silence_note(fit)
-    assert bool(note) is silent is (share > 0.5)
-    said = [
-        detail for finding in cards(result) for detail in finding.details if "posterior draws and conditions" in detail
-    ]
-    assert len(said) == silent
-    if silent:
-        assert note.startswith(f"no receptor fires in {percent(share)} of posterior draws")
-        assert "only the prior" in note

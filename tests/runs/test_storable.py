@@ -24,7 +24,6 @@ from softness_bayes.results.result import Result
 from softness_bayes.runs import run
 from softness_bayes.runs.run import requested, sample, sample_skin
 from softness_bayes.touch.readings import MENDED
-from support.command_line import call
 from support.paths import DATA
 from support.report_runs import OPTIONS, experiment, quickly
 
@@ -125,22 +124,6 @@ def test_a_table_whose_name_is_not_utf8_is_read(tmp_path):
     done = command("check", "--data", FOREIGN, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert b"1059" in done.stdout
-
-
-@pytest.mark.slow
-def test_names_of_files_need_not_be_utf8(tmp_path):
-    (tmp_path / FOREIGN).write_bytes((DATA / "compression.csv").read_bytes())
-    out = os.fsdecode(b"r\xe9sults")
-    begun = ["--seed", LARGE, "--max-steps", 8, "--processes", 1, "--no-figures"]
-    done = command("sample", "--compression", FOREIGN, "--out", out, *begun, cwd=tmp_path)
-    assert done.returncode == 3, done.stderr
-    assert b"written to r\xe9sults" in done.stdout
-    done = call("report", out, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    page = (tmp_path / out / "report.html").read_text()
-    assert r"caf\xe9" in page
-    assert str(LARGE) in page
-    assert command("status", out, cwd=tmp_path).returncode == 0
 
 
 def test_a_name_with_nul_is_refused_at_the_command_line(tmp_path):

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import gc
 import os
 import shutil
 import time
-import weakref
 
 import numpy as np
 import pandas as pd
@@ -153,23 +151,6 @@ def test_tables_that_have_not_converged_are_not_pooled(tmp_path):
     assert found.populations == {}
     assert "nothing is pooled" in found.report()
     assert {path.name for path in found.save()} == {"tables.csv", "study.md"}
-
-
-def test_one_result_is_in_memory_at_a_time(done, monkeypatch):
-    """While they are pooled: the draws of thousands of tables would not fit."""
-    loaded, alive = Result.load, []
-
-    def counted(directory):
-        gc.collect()
-        assert sum(one() is not None for one in alive) <= 1  # the one before, until its name is bound again
-        found = loaded(directory)
-        alive.append(weakref.ref(found))
-        return found
-
-    monkeypatch.setattr(Result, "load", counted)
-    again = study(TABLES, done.directory, OPTIONS, **LIMITED)
-    assert len(alive) == len(TABLES)
-    assert again.population.equals(done.population)
 
 
 def test_what_cannot_be_pooled(done, tmp_path):

@@ -11,8 +11,6 @@ from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError
 from softness_bayes.model.build import build
 from softness_bayes.parameters.laws import LogNormal
-from softness_bayes.plotting.figures import FIGURES
-from softness_bayes.plotting.style import USUAL
 from softness_bayes.report.page import report_page
 from softness_bayes.results.fitted import Fitted, experiment_of, options_of
 from softness_bayes.results.result import Result
@@ -101,29 +99,6 @@ def test_predictions_of_its_fabrics_are_at_their_posterior_moduli(result):
     assert rows.loc[CLOTH.names[1], "e_fab_kpa_low"] == pytest.approx(20.0)
     assert rows.loc[CLOTH.names[2], "e_fab_kpa_low"] < rows.loc[CLOTH.names[2], "e_fab_kpa_high"]
     assert_allclose(rows.loc[CLOTH.names[2], "e_fab_kpa"], np.median(result.values(40)[NAMES[2]]), rtol=1e-9)
-
-
-@pytest.mark.parametrize("name", ["rating", "rating_ratio"])
-def test_figures_have_its_fabrics_at_their_posterior_moduli(result, name):
-    """Points at posterior medians, with 90 % limits where a modulus is not known and none where it is."""
-    figure = FIGURES[name].draw(result, USUAL)
-    panel, load = figure.axes[0], str(result.loads[0])
-    artists = {one.get_gid(): one for one in (*panel.lines, *panel.collections)}
-    places = artists[f"ratings/{load}"].get_xdata()
-    limits = {float(bar[0, 1]): np.sort(bar[:, 0]) for bar in artists[f"limits/{load}"].get_segments()}
-    assert len(places) == 4
-    assert len(limits) == 3
-    if name == "rating":
-        moduli = result.group("posterior")["fabric_modulus"].values.reshape(-1, 3)
-        assert_allclose(places[[0, 2, 3]], np.median(moduli, axis=0))
-        assert places[1] == pytest.approx(20.0)
-        assert_allclose(
-            np.sort([*limits.values()], axis=0), np.sort(np.quantile(moduli, [0.05, 0.95], axis=0).T, axis=0)
-        )
-    for mean, (low, high) in limits.items():
-        (k,) = np.flatnonzero(artists[f"ratings/{load}"].get_ydata() == mean)
-        assert low < places[k] < high
-        assert k != 1
 
 
 def test_only_the_unknown_fabric_stays_out_of_the_trend(result):

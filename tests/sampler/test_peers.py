@@ -4,16 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_t
 
-from softness_bayes.data import Experiment
-from softness_bayes.model.build import build
-from softness_bayes.model.options import ModelOptions
-from softness_bayes.model.scenes import usual_values
-from softness_bayes.model.simulation import simulate_ratings
-from softness_bayes.runs.calibration_scene import CalibrationScene
 from softness_bayes.sampler.adaptation import TriangularMap
 from softness_bayes.sampler.sampling import Settings, sample_until
-from softness_bayes.touch.readings import MENDED
-from softness_bayes.touch.scene import Discretisation
 from support.fake_scene import fake_posterior
 
 
@@ -91,34 +83,3 @@ def test_importance_sampling_agrees_on_the_rating_model(rng):
     assert effective > 1000
     assert apart(exact, again).max() < 0.06
     assert apart(moved, exact).min() > 0.1
-
-
-@pytest.fixture(scope="module")
-def default():
-    """The posterior of all eight parameters under the default priors, for ratings of a small scene."""
-    scene, rng = CalibrationScene(), np.random.default_rng(20261121)
-    values = usual_values(MENDED, given={"alpha": 21.5})
-    made = simulate_ratings(rng, scene.fabrics, scene.loads, values, participants=scene.participants)
-    posterior = build(
-        Experiment(made.ratings, scene.fabrics, ()), ModelOptions(discretisation=Discretisation(8, 9.0, 1e-5))
-    ).posterior
-    return posterior, ensembles(posterior, 4)
-
-
-@pytest.mark.slow
-def test_importance_sampling_agrees_on_the_whole_chain(rng, default):
-    posterior, ours = default
-    exact, effective = weighted(posterior, ours, rng, 60_000)
-    assert effective > 15_000
-    assert apart(ours, exact).max() < 0.04, dict(zip(posterior.names, apart(ours, exact).round(3), strict=True))
-
-
-@pytest.mark.slow
-def test_nested_sampling_agrees_on_the_whole_chain(rng, default):
-    """Within its own error: random walks of eight dimensions leave it a few times that of the ensembles."""
-    posterior, ours = default
-    theirs = nested(posterior, rng, 500, "rwalk")
-    found = dict(zip(posterior.names, apart(ours, theirs).round(3), strict=True))
-    assert max(found.values()) < 0.13, found
-    # what such errors leave visible: half a standard deviation moves a normal distribution by 0.2, less than they allow
-    assert apart(ours + 0.75 * ours.std(axis=0), theirs).min() > 0.13

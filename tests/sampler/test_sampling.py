@@ -2,9 +2,6 @@
 
 import itertools
 import os
-import subprocess
-import sys
-import textwrap
 from dataclasses import replace
 
 import numpy as np
@@ -349,23 +346,6 @@ def test_an_error_in_a_worker_arrives(processes):
 def test_a_worker_that_dies_is_reported():
     with Workers("the resident", 2) as workers, pytest.raises(SoftnessError, match="a worker process died"):
         workers.map(_fail, [("die",)])
-
-
-def test_a_script_without_a_main_guard_is_told_so(tmp_path):
-    script = tmp_path / "script.py"
-    script.write_text(
-        textwrap.dedent("""
-            from softness_bayes.errors import SoftnessError
-            from softness_bayes.sampler.workers import Workers
-            try:
-                with Workers(3, 2) as workers:
-                    workers.map(max, [(1,)])
-            except SoftnessError as error:
-                print("said:", error)
-        """)
-    )
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=60, check=False)
-    assert "under 'if __name__ == \"__main__\":'" in done.stdout
 
 
 def test_a_target_is_sampled_in_its_form_for_sampling():
