@@ -18,8 +18,7 @@ from softness_bayes.cli import VERBS, main
 from softness_bayes.errors import InputError
 from softness_bayes.files import whole
 from softness_bayes.files.command_line import portable
-from softness_bayes.files.listing import LISTING, Listing
-from softness_bayes.files.outputs import require_outputs, survey, write_outputs
+from softness_bayes.files.outputs import LISTING, Listing, require_outputs, survey, write_outputs
 from softness_bayes.files.run_files import FILES
 from softness_bayes.files.whole import write_whole
 from softness_bayes.results.run_options import DataFiles
