@@ -41,12 +41,16 @@ class LeftOut(NamedTuple):
     """Number of refits that did not converge."""
 
 
+Predict = Callable[[Result, Settings, Callable[[str], None], Executor | None], LeftOut]
+"""Predicts each unit of a result; takes settings of refits, a function called after each, and their executor."""
+
+
 @dataclass(frozen=True)
 class Leave:
     """A kind of unit to leave out, and the function that predicts each such unit."""
 
     name: str
-    predict: Callable[[Result, Settings, Callable[[str], None], Executor | None], LeftOut]
+    predict: Predict
 
 
 def leave_by_weights(log_density: Array) -> LeftOut:
@@ -61,24 +65,21 @@ def leave_by_weights(log_density: Array) -> LeftOut:
     return LeftOut(logsumexp(weights + log_density.T, axis=1), shape, len(log_density))
 
 
-def _stored(group: str, name: str) -> Callable[[Result, Settings, Callable[[str], None], Executor | None], LeftOut]:
-    def predict(
-        result: Result, settings: Settings, progress: Callable[[str], None], executor: Executor | None = None
-    ) -> LeftOut:
-        values = result.group(group)[name].values
-        return leave_by_weights(values.reshape(-1, values.shape[-1]))
-
-    return predict
-
-
-def _by_rating(
-    result: Result, settings: Settings, progress: Callable[[str], None], executor: Executor | None = None
-) -> LeftOut:
+def _by_rating(result: Result, *_: Any) -> LeftOut:
     """Leave out each rating; lists and pairs, whose rows depend on one another, are left out as a whole."""
     if not result.scale.answer:
-        return _stored("log_likelihood_loo", "rating")(result, settings, progress, executor)
+        return _stored(result, "log_likelihood_loo", "rating")
     posterior = build(experiment_of(result), options_of(result)).posterior
     return leave_by_weights(posterior.observation.log_likelihood_answers(*_at_draws(posterior, result)))
+
+
+def _by_participant(result: Result, *_: Any) -> LeftOut:
+    return _stored(result, "log_likelihood_participant", "ratings_of_participant")
+
+
+def _stored(result: Result, group: str, name: str) -> LeftOut:
+    values = result.group(group)[name].values
+    return leave_by_weights(values.reshape(-1, values.shape[-1]))
 
 
 def _at_draws(posterior: Posterior, result: Result) -> tuple[Array, Any]:
@@ -88,42 +89,54 @@ def _at_draws(posterior: Posterior, result: Result) -> tuple[Array, Any]:
     return posterior.response(theta), posterior.rating_parameters(theta)
 
 
-def _refit(
-    result: Result, settings: Settings, progress: Callable[[str], None], executor: Executor | None = None
-) -> LeftOut:
+def _by_fabric(result: Result, *how: Any) -> LeftOut:
     """Refit the model without each fabric, because a fabric changes the posterior too much for importance weights."""
-    experiment = experiment_of(result)
-    posterior, fabric = build(experiment, options_of(result)).posterior, experiment.ratings.fabric
-    if (fabric == fabric[0]).all():
-        raise InputError("compare: there is only one fabric, so no data remain to predict it from")
-    seed, names = int(result.attributes["seed"]), experiment.ratings.fabrics
-    without = [Without(k, name, fabric == k, (seed, 1 << 21, k)) for k, name in enumerate(names)]
-    found = _each_anew(posterior, without, settings, progress, executor)
-    density = np.array([found[k].log_density for k in range(len(names))])
-    unfinished = sum(not one.converged for one in found.values())
-    return LeftOut(density, np.full(len(names), np.nan), 0, unfinished)
+    ratings = experiment_of(result).ratings
+    return _by_group(result, "fabric", ratings.fabric, ratings.fabrics, 1 << 21, False, *how)
 
 
-def _by_condition(
-    result: Result, settings: Settings, progress: Callable[[str], None], executor: Executor | None = None
-) -> LeftOut:
+def _by_condition(result: Result, *how: Any) -> LeftOut:
     """Leave out each fabric under each load by importance weights, or by refits if these fail."""
-    experiment = experiment_of(result)
-    posterior, conditions = build(experiment, options_of(result)).posterior, experiment.ratings.conditions
-    if len(conditions.fabric) < 2:
-        raise InputError("compare: there is only one condition, so no data remain to predict it from")
-    at = _at_draws(posterior, result)
-    left = leave_by_weights(posterior.observation.log_likelihood_blocks(*at, conditions.of_rating))
+    ratings = experiment_of(result).ratings
+    pairs = zip(ratings.conditions.fabric, ratings.conditions.load, strict=True)
+    names = [f"{ratings.fabrics[fabric]} at {ratings.loads[load]}" for fabric, load in pairs]
+    return _by_group(result, "condition", ratings.conditions.of_rating, names, 1 << 22, True, *how)
+
+
+def _by_group(
+    result: Result,
+    unit: str,
+    group: NDArray[np.intp],
+    names: Sequence[str],
+    key: int,
+    weigh: bool,
+    settings: Settings,
+    progress: Callable[[str], None],
+    executor: Executor | None = None,
+) -> LeftOut:
+    """Leave out groups of ratings, by importance weights where these are wanted and reliable, otherwise by refits.
+
+    Parameters
+    ----------
+    unit
+        What a group is, for messages.
+    group, names
+        Index of each rating's group, shape (ratings,), and the names of the groups.
+    key
+        Key of the seeds of refits.
+    weigh
+        Whether importance weights are tried first.
+    """
+    if (group == group[0]).all():
+        raise InputError(f"compare: there is only one {unit}, so no data remain to predict it from")
+    posterior = build(experiment_of(result), options_of(result)).posterior
+    unknown = np.full(len(names), np.nan)
+    left = LeftOut(unknown, unknown, 0)
+    if weigh:
+        left = leave_by_weights(posterior.observation.log_likelihood_blocks(*_at_draws(posterior, result), group))
     density, shape, seed = left.log_density.copy(), left.pareto_k.copy(), int(result.attributes["seed"])
-    without = [
-        Without(
-            k,
-            f"{experiment.ratings.fabrics[conditions.fabric[k]]} at {experiment.ratings.loads[conditions.load[k]]}",
-            conditions.of_rating == k,
-            (seed, 1 << 22, k),
-        )
-        for k in np.flatnonzero(shape > largest_pareto_k(left.draws)).tolist()
-    ]
+    again = [k for k in range(len(names)) if not weigh or shape[k] > largest_pareto_k(left.draws)]
+    without = [Without(k, names[k], group == k, (seed, key, k)) for k in again]
     found = _each_anew(posterior, without, settings, progress, executor)
     for k, one in found.items():
         density[k], shape[k] = one.log_density, np.nan
@@ -181,13 +194,10 @@ def _anew(posterior: Posterior, left: Without, settings: Settings) -> Anew:
 
 LEAVE: Mapping[str, Leave] = MappingProxyType(
     {
-        leave.name: leave
-        for leave in (
-            Leave("rating", _by_rating),
-            Leave("participant", _stored("log_likelihood_participant", "ratings_of_participant")),
-            Leave("fabric", _refit),
-            Leave("condition", _by_condition),
-        )
+        "rating": Leave("rating", _by_rating),
+        "participant": Leave("participant", _by_participant),
+        "fabric": Leave("fabric", _by_fabric),
+        "condition": Leave("condition", _by_condition),
     }
 )
 """The kinds of units to leave out, by name."""
