@@ -188,7 +188,7 @@ def test_provenance(result):
 def test_the_options_in_the_file_are_those_of_the_run(result, options):
     again = Request.of(result)
     direction = result.attributes["direction"]
-    assert again == options._replace(model=options.model.decide(direction=direction_named(direction), errors=NORMAL))
+    assert again == options._replace(model=options.model.decide(errors=NORMAL, direction=direction_named(direction)))
     special = Request().with_options(
         fix={"b": 1 / 3},
         priors={"c_K": LogNormal(1.16, 0.03, 0.1), "gamma": HalfNormal(2 / 3)},
