@@ -158,7 +158,7 @@ def test_an_interrupt_ends_a_run_quietly_at_any_time(tmp_path, seed):
     "place",
     [
         "softness_bayes.results.assembly:draw_replicates",  # all that follows the walk
-        pytest.param("softness_bayes.runs.drawing:_finished", marks=pytest.mark.slow),  # workers are drawing
+        pytest.param("softness_bayes.runs.drawing:draw_run_figures", marks=pytest.mark.slow),  # workers are drawing
         "softness_bayes.model.build:choose",
     ],
 )
