@@ -187,7 +187,7 @@ def test_an_interrupt_ends_a_run_at_a_place(tmp_path, place):
 
 def test_calibrate_ends_at_once_and_says_how_to_go_on(tmp_path):
     brief = ["--accuracy", "0.01", "--max-steps", "20", "--replicates", "2000", "--processes", "2"]
-    process = began(tmp_path, "calibrate", *FIXED, *brief, "--out", "out", before=QUICKLY)
+    process = began(tmp_path, "calibrate", *FIXED, *brief, "--out", "out")
     folder = tmp_path / "out" / "replicates"
     while process.poll() is None and not list(folder.glob("*.json")):
         time.sleep(0.05)

@@ -279,7 +279,7 @@ def test_a_run_from_the_command_line(tmp_path):
     assert names == {"corner", "compression"}
     refused(
         call("predict", "--fabrics", DATA / "fabrics.csv", "--force-n", "1", "--posterior", tmp_path / "skin"),
-        "this run has no ratings",
+        "this run has compression data only",
     )
 
 
