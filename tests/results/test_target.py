@@ -1,6 +1,9 @@
 """Fabrics of a wished rating: both solutions of a curve that turns over, and what cannot be reached."""
 
+import io
+
 import numpy as np
+import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 
@@ -11,7 +14,8 @@ from softness_bayes.results.fitted import Fitted
 from softness_bayes.results.target import Cloth, solutions
 from softness_bayes.touch.contact import Force
 from softness_bayes.touch.readings import ALTERNATIVES
-from support.report_runs import quickly
+from support.command_line import call, refused
+from support.report_runs import LOADS, quickly
 
 GRID = np.linspace(0.0, np.pi, 1001)
 

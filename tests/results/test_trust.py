@@ -154,12 +154,9 @@ def test_every_name_in_a_result_is_refused_that_a_reader_would_import(texts, her
 TOUCH = ["--fabrics", "fabrics.csv", "--indentation-mm", "2"]
 READERS = [
     ["rank", "run", *TOUCH],
-    ["predict", "--posterior", "run", *TOUCH],
-    ["target", "run", "--rating", "50"],
     ["explore", "run"],
     ["report", "run"],
     ["plot", "run"],
-    ["compare", "run", "run/../run"],
     ["calibrate", "--like", "run"],
 ]
 
