@@ -64,20 +64,6 @@ def test_fine_grids_have_exact_numbers_as_their_limit():
 
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
-def test_rows_left_out_are_those_of_the_rest(law):
-    observed, rate, points = table(8, 6, 4, law, 1.0, 0.03)
-    whole = observed.finer().log_likelihood(rate, points)
-    found = observed.log_likelihood_loo(rate, points)
-    for row in (0, 7, 30, 100):
-        rest = observed.without(np.arange(observed.values.size) == row).finer().log_likelihood(rate, points)
-        assert_allclose(found[:, row], whole - rest, atol=3e-3)
-    people = observed.log_likelihood_participants(rate, points)
-    for rater in (0, 4):
-        rest = observed.without(observed.design.participant == rater).finer().log_likelihood(rate, points)
-        assert_allclose(people[:, rater], whole - rest, atol=1e-2)
-
-
-@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
 @pytest.mark.parametrize("repeats", [pytest.param(1, marks=pytest.mark.slow), 4])
 def test_effects_are_drawn_from_their_law(law, repeats):
     """Geweke's test, with grids: effects of the prior, and effects given ratings made of them, have one law."""

@@ -9,12 +9,10 @@ from scipy.stats import multivariate_normal
 
 from softness_bayes.checking.checks import Residuals, check_exponents, check_fabrics, loo_pit
 from softness_bayes.likelihood import pieces as room
-from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.layout import Layout
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.pieces import pieces
-from softness_bayes.likelihood.z_scores import StandardisedRatings
 from softness_bayes.plotting.rating import observed_ratings
 from support.points import rated
 
@@ -30,29 +28,6 @@ def lab(rng, people=6, rows=50, draws=4):
 def several(rng, draws, omega, varsigma=0.3):
     """Parameters of which some are numbers and some differ between draws."""
     return rated(rng.uniform(0.5, 1.5, draws), rng.uniform(0.2, 0.9, draws), varsigma, rng.uniform(0, 1, draws) * omega)
-
-
-@pytest.mark.parametrize("varsigma", [0.3, 1e-3])
-@pytest.mark.parametrize("omega", [0.0, 0.4])
-def test_participants_of_log_ratings_are_blocks(rng, omega, varsigma):
-    design, rate, noise = lab(rng)
-    observed, points = LogRatings(np.exp(3 + noise), design), several(rng, 4, omega, varsigma)
-    found = observed.log_likelihood_participants(rate, points)
-    blocks = observed.log_likelihood_blocks(rate, points, design.participant)
-    assert_allclose(found[:, :-1], blocks, rtol=1e-9 if varsigma > 0.1 else 1e-7)
-    assert_allclose(found[:, -1], 0.0, atol=1e-9)
-
-
-def test_participants_of_z_scores_are_blocks(rng):
-    design, rate, noise = lab(rng)
-    rate[0] = 3.0  # a response that does not vary says nothing of the line
-    for sign in (1.0, -1.0):  # ratings that follow the response, and that contradict it
-        x = np.log(rate[1])
-        ratings = noise + sign * (x - x.mean())[design.condition]
-        observed, points = StandardisedRatings(ratings, design), Parameters(varsigma=np.full(4, 0.6))
-        found = observed.log_likelihood_participants(rate, points)
-        assert_allclose(found[:, :-1], observed.log_likelihood_blocks(rate, points, design.participant), rtol=1e-9)
-        assert_allclose(found[:, -1], 0.0, atol=1e-9)
 
 
 def test_precise_ratings_lose_no_digits(rng):
@@ -72,17 +47,6 @@ def test_precise_ratings_lose_no_digits(rng):
         law = multivariate_normal(gain @ residual[rest], covariance[first, first] - gain @ covariance[rest, first])
         expected = law.logpdf(residual[first]) - log_rating[first].sum()
         assert (found[0, 0] == pytest.approx(expected, abs=1e-4)) == alike
-
-
-def test_one_participant_is_all_there_is(rng):
-    design = Design(np.arange(6), np.zeros(6, int), np.arange(6) % 3, 1)
-    rate, y = rng.gamma(1, 10, (3, 6)), rng.standard_normal(6)
-    for observed, points in (
-        (LogRatings(np.exp(y), design), several(rng, 3, 0.4)),
-        (StandardisedRatings(y, design), Parameters(varsigma=0.7)),
-    ):
-        found = observed.log_likelihood_participants(rate, points)
-        assert_allclose(found[:, 0], observed.log_likelihood(rate, points), rtol=1e-10)
 
 
 # piece by piece

@@ -7,7 +7,7 @@ from scipy.stats import kstest, multivariate_normal, norm
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.directions import FALLS, RATING_DIRECTIONS, RISES
+from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from support.points import rated
 
@@ -107,28 +107,6 @@ def test_likelihood_where_double_precision_is_too_short_for_the_dense_law(omega)
     assert observed == pytest.approx(float(expected), rel=1e-9)
 
 
-def random_points(rng, size):
-    return rated(
-        rng.lognormal(0, 0.5, size),
-        rng.lognormal(-0.5, 1, size),
-        rng.lognormal(-1, 0.5, size),
-        rng.lognormal(-1.5, 1, size) * (rng.random(size) > 0.3),
-        rng.lognormal(-2, 1, size),
-    )
-
-
-@pytest.mark.parametrize("direction", RATING_DIRECTIONS.values(), ids=RATING_DIRECTIONS)
-def test_a_batch_is_its_points_one_by_one(direction):
-    rng = np.random.default_rng(2)
-    ratings, design, _ = lab(rng)
-    model, points = RatingModel(direction), random_points(rng, 100)
-    rates = rng.gamma(0.5, 20, (100, design.n_conditions))
-    batch = LogRatings(ratings, design, model).log_likelihood(rates, points)
-    for k in range(100):
-        point = points.part(k)
-        assert batch[k] == pytest.approx(dense_log_likelihood(ratings, design, rates[k], point, model), rel=1e-10)
-
-
 def test_direction_changes_the_sign_of_the_exponent():
     """Negative control too: ratings made under one reading are improbable under the other."""
     rng = np.random.default_rng(3)
@@ -184,22 +162,6 @@ def test_leave_one_out_is_that_of_the_dense_law(shape, point):
     expected = dense_leave_one_out(ratings, design, rate, point)
     observed = LogRatings(ratings, design).log_likelihood_loo(rate, point)
     np.testing.assert_allclose(observed, expected, rtol=1e-6, atol=1e-6)
-
-
-def test_leave_one_out_of_a_batch_and_of_one_rating():
-    rng = np.random.default_rng(8)
-    ratings, design, _ = lab(rng)
-    points, rates = random_points(rng, 7), rng.gamma(1, 20, (7, design.n_conditions))
-    batch = LogRatings(ratings, design).log_likelihood_loo(rates, points)
-    assert batch.shape == (7, design.n_rows)
-    for k in range(7):
-        point = points.part(k)
-        np.testing.assert_allclose(batch[k], dense_leave_one_out(ratings, design, rates[k], point), rtol=1e-8)
-    alone = Design([0], [0], [0], 1)
-    single = LogRatings([17.0], alone)
-    point = rated(1.0, 0.4, 1e-4, 0.1)
-    expected = single.log_likelihood(np.array([3.0]), point)
-    assert single.log_likelihood_loo(np.array([3.0]), point)[0] == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize("point", [POINTS["plain"], POINTS["fabrics deviate"]])

@@ -136,19 +136,6 @@ def test_ratings_without_some_of_them(rng):
     assert abs(apart - expected) > 1e-4
 
 
-def test_a_batch_is_its_points_one_by_one(rng):
-    ratings, design, _ = lab(rng)
-    rates, varsigma = rng.gamma(1, 10, (30, 6)), rng.uniform(0.1, 2, 30)
-    observed = StandardisedRatings(ratings, design, StandardisedModel(FALLS))
-    batch = observed.log_likelihood(rates, error(varsigma))
-    alone = observed.log_likelihood_loo(rates, error(varsigma))
-    assert batch.shape == (30,)
-    assert alone.shape == (30, 20)
-    for k in range(30):
-        assert batch[k] == pytest.approx(observed.log_likelihood(rates[k], error(varsigma[k])), rel=1e-12)
-        assert_allclose(alone[k], observed.log_likelihood_loo(rates[k], error(varsigma[k])), rtol=1e-10)
-
-
 def test_the_line_given_the_ratings_has_the_moments_of_its_density(rng):
     ratings, design, rate = lab(rng, slope=0.15)  # near enough to 0 for the truncation to matter
     n, varsigma = 40_000, 0.8
@@ -194,17 +181,6 @@ def test_drive_elsewhere_is_on_the_scale_of_the_rows(rng):
     at_rows = model.drive(design, rates, error(0.3))
     assert_allclose(at_rows[0], at_rows[1], atol=1e-12)  # neither gain nor offset of the response is seen
     assert_allclose(model.drive_at(rates[:, ::-1], design, rates, error(0.3)), at_rows[:, ::-1], atol=1e-12)
-
-
-def test_leave_one_out_integrates_to_one(rng):
-    """As a density of the rating left out; without the ratio of log Phi it does not."""
-    ratings, design, rate = lab(rng, rows=6, slope=-0.3)
-    grid = np.linspace(-8, 8, 1601)
-    density = []
-    for value in grid:
-        moved = StandardisedRatings([value, *ratings[1:]], design)
-        density.append(np.exp(moved.log_likelihood_loo(rate, error(0.5))[0]))
-    assert integrate.trapezoid(density, grid) == pytest.approx(1.0, abs=1e-6)
 
 
 def test_what_cannot_be_z_scores_is_refused():
