@@ -155,13 +155,13 @@ CASES = {
             tau_gamma=np.array([0.2, 0.4, 0.3]),
             tau_varsigma=np.array([0.3, 0.2, 0.4]),
         ),
-        left_out=0.1,
+        left_out=0.06,
     ),
     "raters who differ, with heavy tails": Case(
         IntervalRatings(20.0 * np.exp(NOISE), DESIGN, IntervalModel(RISES, law=STUDENT, differ=("gamma",))),
         RATES,
         RATED.replace(gamma=np.array([0.2, 0.1, 0.15]), omega=np.zeros(3), tau_gamma=np.array([0.2, 0.4, 0.3])),
-        left_out=0.1,
+        left_out=0.06,
     ),
     AggregatedRatings: Case(
         AggregatedRatings(20.0 * np.exp(NOISE), DESIGN, AggregatedModel(FALLS, raters=9)), RATES, RATED
