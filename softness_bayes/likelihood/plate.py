@@ -222,9 +222,7 @@ class CompressionForces(Likelihood):
         """Return the law of each finger's deviations from the typical one given its forces, for batch shape (...)."""
         law = self._law(mean_rate, parameters)
         shape = law.residual.shape[:-1]
-        spread = np.stack(
-            np.broadcast_arrays(*(np.asarray(v, float) for v in (parameters.tau_b, parameters.tau_m))), axis=-1
-        )
+        spread = np.stack(np.broadcast_arrays(parameters.tau_b, parameters.tau_m), axis=-1)
         spread = np.broadcast_to(spread[..., None, :], (*shape, 2))
         reach = self._turn * spread[..., None, :]  # effect of each deviation's standard deviation, (..., fingers, 2, 2)
         turned = np.swapaxes(reach, -1, -2) / law.variance[..., None, None, None]
@@ -274,9 +272,7 @@ class CompressionForces(Likelihood):
         """
         z = np.column_stack([np.ones(self.values.size), self._line.slope])
         others = (self.finger[:, None] == self.finger) & ~np.eye(self.values.size, dtype=bool)
-        scale = np.stack(
-            np.broadcast_arrays(*(np.asarray(v, float) for v in (parameters.tau_b, parameters.tau_m))), axis=-1
-        )[..., None, :]
+        scale = np.stack(np.broadcast_arrays(parameters.tau_b, parameters.tau_m), axis=-1)[..., None, :]
         variance = np.maximum(self.model.error_sd(parameters) ** 2, _LEAST_VARIANCE)[..., None]
         typical = self.drive(mean_rate, parameters)
         left = np.einsum("ij,...j,ja->...ia", others, self._log - typical, z) / variance[..., None]

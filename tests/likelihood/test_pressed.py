@@ -120,14 +120,11 @@ def test_nobody_in_common_changes_nothing():
 def test_densities_given_the_others_are_ratios_of_joint_ones():
     likelihood = observed(("b",))
     rate = response(likelihood)
-    joint, alone = likelihood.log_likelihood(rate, P), likelihood.log_likelihood_loo(rate, P)
-    of_people = likelihood.log_likelihood_participants(rate, P)
-    for row in range(DESIGN.n_rows):
-        left = likelihood.without(np.arange(DESIGN.n_rows) == row)
-        assert_allclose(alone[row], joint - left.log_likelihood(rate, P), atol=1e-7)
-    for rater in range(3):
-        left = likelihood.without(DESIGN.participant == rater)
-        assert_allclose(of_people[rater], joint - left.log_likelihood(rate, P), atol=1e-7)
+    for found, block in (
+        (likelihood.log_likelihood_loo(rate, P), np.arange(DESIGN.n_rows)),
+        (likelihood.log_likelihood_participants(rate, P), DESIGN.participant),
+    ):
+        assert_allclose(found, likelihood.log_likelihood_blocks(rate, P, block), atol=1e-7)
 
 
 def test_fingers_are_drawn_from_what_forces_and_ratings_say():
