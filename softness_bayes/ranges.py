@@ -214,3 +214,7 @@ TYPICAL_RATINGS = Range(1e-300, 1e300)
 """Typical ratings, exp(mu), of simulated magnitude estimates."""
 SLOPES = Range(0.0, 1e6)
 """Slopes c1 of simulated z-scores."""
+INDENTATIONS = Range(1e-9, 0.1, "m")
+"""Permitted indentations of a fingertip; the model itself would compute far larger ones."""
+FORCES = Range(1e-9, 1e3, "N")
+"""Permitted contact forces of a fingertip."""

@@ -16,9 +16,9 @@ from softness_bayes.parameters.choice import parameter_space, require_values
 from softness_bayes.parameters.declared import EVERY_PARAMETER, PARAMETERS
 from softness_bayes.parameters.laws import HalfNormal, LogNormal, Normal, Uniform
 from softness_bayes.parameters.priors import parse_prior
-from softness_bayes.ranges import PARTICIPANTS, PROCESSES, STEPS, Count, Range
+from softness_bayes.ranges import FORCES, INDENTATIONS, PARTICIPANTS, PROCESSES, STEPS, Count, Range
 from softness_bayes.sampler.sampling import Settings
-from softness_bayes.touch.contact import FORCES, INDENTATIONS, Force, Indentation
+from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
 from softness_bayes.touch.readings import NAMED_READINGS
 from softness_bayes.touch.scene import Scene

@@ -12,8 +12,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from softness_bayes.errors import quoted
-from softness_bayes.ranges import ANY, LOAD_ERRORS, RELATIVE_ERRORS, RESOLUTIONS, Range
-from softness_bayes.touch.contact import FORCES, INDENTATIONS
+from softness_bayes.ranges import ANY, FORCES, INDENTATIONS, LOAD_ERRORS, RELATIVE_ERRORS, RESOLUTIONS, Range
 
 
 class Unit(NamedTuple):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError, NumericalError
-from softness_bayes.ranges import Range, numbers, refuse, require_kind
+from softness_bayes.ranges import FORCES, INDENTATIONS, numbers, refuse, require_kind
 
 Array = NDArray[np.float64]
 
@@ -97,11 +97,6 @@ def _softplus(x: Array) -> tuple[Array, Array]:
 PLATE_LENGTH = 1e-3
 """Length l [m] that turns a rigidity into a modulus, E_fab = D / l³ (the paper's number implies 1 mm)."""
 
-INDENTATIONS = Range(1e-9, 0.1, "m")
-"""Permitted indentations of a fingertip; the model itself would compute far larger ones."""
-
-FORCES = Range(1e-9, 1e3, "N")
-"""Permitted contact forces of a fingertip."""
 
 HERTZ_LIMIT = 0.5
 """Ratio of contact radius to fingertip radius above which Hertz's contact theory is questionable (model.md 3)."""

@@ -13,6 +13,7 @@ differentiating ``f(x_ss(V), I_ss(V)) = 0`` twice.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -155,15 +156,12 @@ def fold(channels: Channels, membrane: Membrane) -> Fold:
     weights = np.array(channels)
     grid = np.arange(membrane.voltage_range[0], 0.0, _GRID_STEP)
     falling = weights.T @ steady_terms(grid, membrane).slope < 0.0
-    found = falling.any(axis=1)
-    first = np.where(found, falling.argmax(axis=1), 1)
-    found &= first > 0
+    found = falling.any(axis=1) & ~falling[:, 0]
 
     def steepness(voltage: FloatArray, *weights: FloatArray) -> FloatArray:
         return -(np.array(weights) * steady_terms(voltage, membrane).slope).sum(axis=0)
 
-    voltage = find_root(steepness, (grid[first - 1], grid[first]), args=channels, tolerances=_VOLTAGE_ERROR).x
-    voltage = np.where(found, voltage, grid[first])
+    voltage = _first_root(steepness, channels, grid, falling)
     near, far = (
         steepness(voltage + k * _CURVATURE_STEP, *channels) - steepness(voltage - k * _CURVATURE_STEP, *channels)
         for k in (1.0, 2.0)
@@ -194,13 +192,23 @@ def rest(channels: Channels, membrane: Membrane) -> FloatArray:
     lowest, highest = membrane.voltage_range
     grid = np.append(np.arange(lowest, highest, _GRID_STEP), highest)
     outward = weights.T @ steady_terms(grid, membrane).current >= 0.0
-    first = np.maximum(outward.argmax(axis=1), 1)
 
     def net(voltage: FloatArray, *weights: FloatArray) -> FloatArray:
         return np.asarray((np.array(weights) * steady_terms(voltage, membrane).current).sum(axis=0))
 
-    voltage = find_root(net, (grid[first - 1], grid[first]), args=channels, tolerances=_VOLTAGE_ERROR).x
-    return steady_state(voltage, membrane)
+    return steady_state(_first_root(net, channels, grid, outward), membrane)
+
+
+def _first_root(
+    function: Callable[..., FloatArray], channels: Channels, grid: FloatArray, beyond: NDArray[np.bool_]
+) -> FloatArray:
+    """Return where a function of voltage is 0, next below the first voltage of a grid that is beyond it (n, grid).
+
+    Where there is none, it is a voltage of the grid.
+    """
+    first = np.maximum(beyond.argmax(axis=1), 1)
+    found = find_root(function, (grid[first - 1], grid[first]), args=channels, tolerances=_VOLTAGE_ERROR)
+    return np.where(found.success, found.x, grid[first])
 
 
 def steady_state(voltage: FloatArray, membrane: Membrane) -> FloatArray:
