@@ -91,10 +91,10 @@ ERROR_DRAWS = 32
 class Stage(Enum):
     """A stage after sampling, in order of execution; the value describes it."""
 
+    EXACT = "accuracy of the fast model"
     REPLICATES = "replicated data"
     LEFT_OUT = "each rating given all others (leave-one-out)"
     PREDICTIONS = "predictions and turning points"
-    EXACT = "accuracy of the fast model"
     CHECKS = "checks of residuals"
     TABLES = "tables"
     FILES = "files"
@@ -155,13 +155,14 @@ def assembled(
     share
         Share of the usual numbers of draws of all quantities.
     """
-    Stage.REPLICATES.log()
+    Stage.EXACT.log()
     kept = chains.kept(burn_in, draws_per_walker(posterior, chains, share))
     theta = kept.by_walker(posterior.natural(kept.coordinates))
     draws = draws_of(experiment, posterior, kept, theta, rng, share)
     exactness = compare_exactly(posterior, theta, workers, reweight) if exact else unchecked()
     if reweight:
         draws = replace(draws, log_weight=exactness.log_weight)
+    Stage.REPLICATES.log()
     drawn = draw_replicates(rng, draws)
     error, grid = numerical_error(draws), curve_scene(draws.scene, loads=draws.shown_loads)
     groups = _groups(draws, drawn, error, grid)
