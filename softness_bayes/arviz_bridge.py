@@ -28,7 +28,7 @@ GROUPS = (
     "sample_stats",
     "log_prior",
     "log_likelihood",
-    "log_likelihood_loo",
+    "log_likelihood_joint",
     "log_likelihood_participant",
     "posterior_predictive",
     "levelled_predictive",
@@ -39,7 +39,7 @@ GROUPS = (
     "prior_predictive",
     "observed_data",
     "constant_data",
-    "illustrations",
+    "illustration_data",
 )
 """The groups of a result, in the order of the file."""
 
@@ -47,12 +47,13 @@ SAMPLE_DIMS = ("chain", "draw")
 """Leading dimensions of every group except those in `_WITHOUT_DRAWS`."""
 
 ENSEMBLE = "ensemble"
-"""Coordinate that gives the ensemble of each chain (walker)."""
+"""Variable of `sample_stats` with the ensemble of each draw; draws of a chain (walker) have the same one."""
 
 FEWEST_DRAWS = 4
 """Draws per chain below which ArviZ does not compute an effective sample size and prints a warning."""
 
-_WITHOUT_DRAWS = ("observed_data", "constant_data", "illustrations")
+_WITHOUT_DRAWS = ("observed_data", "constant_data", "illustration_data")
+"""Groups without draws; ArviZ recognises them by `data` in their names when it makes a table of draws."""
 
 
 def r_hat(chains: ArrayLike) -> float:
@@ -122,8 +123,8 @@ def to_tree(
     dims
         Names of each variable's remaining axes; an array that is not listed must not have any.
     coords
-        Coordinates by name, each along the dimension of the same name; `ENSEMBLE` is added to the groups whose number
-        of chains matches its length.
+        Coordinates by name, each along the dimension of the same name; other dimensions are numbered from 0. ArviZ
+        cannot make tables of groups with further coordinates.
     attrs
         Attributes of the whole result: numbers and text.
     variable_attrs
@@ -140,13 +141,7 @@ def to_tree(
             for name, values in groups[group].items()
         }
         sizes = {d: n for along, v, _ in variables.values() for d, n in zip(along, v.shape, strict=True)}
-        axes = {d: (d, np.arange(sizes[d])) for d in leading if d in sizes and d not in coords}
-        for name, values in coords.items():
-            labels = np.asarray(values)
-            if name == ENSEMBLE and sizes.get("chain") == labels.size:
-                axes[name] = ("chain", labels)
-            elif name in sizes:
-                axes[name] = (name, labels)
+        axes = {d: (d, np.asarray(coords.get(d, np.arange(n)))) for d, n in sizes.items()}
         children[f"/{group}"] = xarray.Dataset(variables, axes)
     children["/"] = xarray.Dataset(attrs=dict(attrs or {}))
     return xarray.DataTree.from_dict(children)

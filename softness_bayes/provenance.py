@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, fields, replace
 from importlib.metadata import version
 from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
@@ -18,10 +18,11 @@ import numpy as np
 from softness_bayes.errors import InputError
 from softness_bayes.files.json_text import as_json, parse_json
 from softness_bayes.likelihood.directions import FREE, RatingDirection, direction_named
-from softness_bayes.likelihood.scales import MAGNITUDE, Scale, name_of_scale, scale_named
+from softness_bayes.likelihood.scales import MAGNITUDE, SLIDER, Scale, name_of_scale, scale_named, slider_between
 from softness_bayes.parameters.declared import UNKNOWN_MODULUS
 from softness_bayes.parameters.laws import Prior
 from softness_bayes.parameters.priors import parse_prior
+from softness_bayes.readable import chance, with_error
 from softness_bayes.touch.readings import ALTERNATIVES, Readings
 
 Section = TypeVar("Section")
@@ -29,11 +30,11 @@ Section = TypeVar("Section")
 NOT_ASKED = "none asked for"
 """Attribute that marks a missing number."""
 
+LARGEST_EXACT = 1 << 53
+"""Largest integer that a float holds exactly, and every one below; larger ones are written as text."""
+
 PRIOR, READING, VERSION = "prior_", "reading_", "version_"
 """Prefixes of families of attributes, each followed by a name."""
-
-LEAST_LONG = 1 << 63
-"""Integers from this one on exceed NetCDF's types and are written as text."""
 
 
 @dataclass(frozen=True)
@@ -100,11 +101,13 @@ class DirectionTaken:
         """The posterior probability of the direction as a sentence; empty if only one direction was sampled."""
         if np.isnan(self.direction_rises):
             return ""
-        rises, error = self.direction_rises, f" ± {self.direction_rises_se:.1g}"
-        bounds = "" if self.direction_rises_se > 0 else " (all draws agree)"
+        up, down = (
+            chance(share) if share in (0.0, 1.0) else with_error(100 * share, 100 * self.direction_rises_se, " %")
+            for share in (self.direction_rises, 1.0 - self.direction_rises)
+        )
         return (
-            f"direction: ratings rise with firing with probability {rises:.3g}{bounds or error}, and fall with "
-            f"{1.0 - rises:.3g}; the prior gave 1/2 to each"
+            f"direction: ratings rise with firing with probability {up}, and fall with {down}; the prior gave 1/2 to "
+            "each"
         )
 
     @property
@@ -284,8 +287,12 @@ class Provenance:
 
     @property
     def rating_model(self) -> RatingSettings:
-        """The model of the ratings."""
-        return self._section(RatingSettings)
+        """The model of the ratings; the scale of a slider is that of its numbers in the file."""
+        found = self._section(RatingSettings)
+        if found.rating_scale != SLIDER:
+            return found
+        ends = map(float, self.asked.options.get("slider_ends", "0,1").split(","))
+        return replace(found, rating_scale=slider_between(*ends))
 
     @property
     def rating_data(self) -> RatingData:
@@ -389,9 +396,10 @@ def _finding(known: Mapping[str, Any]) -> Finding:
 _CODECS: Mapping[str, _Codec] = MappingProxyType(
     {
         "str": _Codec(str, str),
-        "int": _Codec(int, lambda value: value if value < LEAST_LONG else str(value)),
+        # not as an integer, which ArviZ 0.23 cannot write as JSON
+        "int": _Codec(int, lambda value: float(value) if value <= LARGEST_EXACT else str(value)),
         "float": _Codec(float, float),
-        "bool": _Codec(bool, int),
+        "bool": _Codec(bool, float),
         "float | None": _Codec(
             lambda value: None if value == NOT_ASKED else float(value),
             lambda value: NOT_ASKED if value is None else float(value),

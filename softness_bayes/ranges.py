@@ -202,7 +202,7 @@ RELATIVE_ERRORS = Range(0.0, 3.0)
 """Standard errors of a measured quantity relative to its value; 0 is exact."""
 LOAD_ERRORS = Range(0.0, 0.3)
 """Standard errors of a load relative to its stated value; for larger ones, three nodes are not accurate."""
-SHARED_LOAD_ERRORS = Range(0.0, 0.1)
+SHARED_LOAD_ERRORS, SHARED_MODULUS_ERRORS = Range(0.0, 0.1), Range(0.0, 0.5)
 """The same for an error shared by all ratings of a load; for larger ones, the response is no longer linear in it."""
 CATEGORIES_RANGE = Count(2, 11)
 """Ordered categories of ratings."""

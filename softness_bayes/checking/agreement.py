@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 from scipy.special import fdtrc, fdtri
 
 from softness_bayes.checking.check_table import posterior_quantities
-from softness_bayes.checking.layout import groups_in, layout_of, values_in
+from softness_bayes.checking.individual import modulus_laws
+from softness_bayes.checking.layout import groups_in, layout_of, ratings_in, values_in
 from softness_bayes.checking.quantities import QUANTITIES, Columns
+from softness_bayes.checking.sensitivity import prior_moments
 from softness_bayes.likelihood.layout import ROUNDING, Additive, Layout
 from softness_bayes.provenance import DirectionTaken, Provenance
 
@@ -23,6 +25,13 @@ FloatArray = NDArray[np.float64]
 
 TYPICAL = "typical_rating_of_condition"
 """Name of the predicted rating of a typical participant, by fabric and then load, in the group `predictions`."""
+
+FREE_SD = 0.5
+"""Standard deviation of the law of a log modulus from which it is free to follow the ratings: a factor of 2.3 up or
+down with a probability of 90 %."""
+
+RATERS_OF_CELLS = "raters"
+"""Variable of `constant_data` with the number of raters per cell, if ratings are means."""
 
 CLEARLY = 1e-3
 """p-value below which fabrics clearly differ."""
@@ -56,7 +65,9 @@ class Explained(NamedTuple):
         return bool(self.p_value < CLEARLY and self.share < FLAT and self.matters)
 
 
-def explain(layout: Layout, fit: Additive, predicted: FloatArray) -> list[Explained]:
+def explain(
+    layout: Layout, fit: Additive, predicted: FloatArray, noise: tuple[float, float] | None = None
+) -> list[Explained]:
     """Return the explained share under each load, then under all of them; the means of loads are removed.
 
     Let S be the sum of squares of the fabrics' means about the mean of their load, S_m that of the differences from the
@@ -71,6 +82,8 @@ def explain(layout: Layout, fit: Additive, predicted: FloatArray) -> list[Explai
         The additive fit of the ratings.
     predicted
         Predicted (log) rating of each condition, up to a constant of each draw, shape (draws, conditions).
+    noise
+        Standard deviation of the noise of a rating and its degrees of freedom, if they do not come from the residuals.
     """
     count = layout.design.cells.sum(axis=0)
     parts = [np.flatnonzero(layout.load == k) for k in layout.loads]
@@ -79,13 +92,13 @@ def explain(layout: Layout, fit: Additive, predicted: FloatArray) -> list[Explai
         seen[k] = _squares(fit.condition[some], count[some])
         left[k] = _squares(fit.condition[some] - predicted[:, some], count[some])
     freedom = np.array([some.size - 1 for some in parts])
-    noise, whole = (float(fit.sd), layout.residual_freedom), float(seen.sum())
-    each = [_explained(seen[k], left[k], freedom[k], count[p].mean(), *noise, whole) for k, p in enumerate(parts)]
-    return [*each, _explained(whole, left.sum(axis=0), int(freedom.sum()), count.mean(), *noise, whole)]
+    (sd, of_sd), whole = noise or (float(fit.sd), layout.residual_freedom), float(seen.sum())
+    each = [_explained(seen[k], left[k], freedom[k], count[p].mean(), sd, of_sd, whole) for k, p in enumerate(parts)]
+    return [*each, _explained(whole, left.sum(axis=0), int(freedom.sum()), count.mean(), sd, of_sd, whole)]
 
 
 def _explained(
-    seen: float, left: FloatArray, freedom: int, count: float, sd: float, residual: int, everything: float
+    seen: float, left: FloatArray, freedom: int, count: float, sd: float, residual: float, everything: float
 ) -> Explained:
     """Return the explained share of a sum of squares, from its degrees of freedom and those of the residuals' sd."""
     if freedom < 1 or not sd > ROUNDING:
@@ -124,6 +137,15 @@ class Fit(NamedTuple):
     """True if fabrics have random effects in addition to the response."""
     unit: str
     """The quantity whose standard deviations are given: log rating or z-score."""
+    free_moduli: int = 0
+    """Number of sampled moduli whose laws are so wide that they can follow the ratings."""
+    means: int = 0
+    """Number of mean ratings: conditions."""
+
+    @property
+    def untestable(self) -> bool:
+        """True if there are as many free moduli as means, so that the model can follow any ratings."""
+        return 0 < self.means <= self.free_moduli
 
     @property
     def flat(self) -> list[tuple[str, Explained]]:
@@ -158,17 +180,30 @@ def fit_of(tree: xr.DataTree) -> Fit:
         The groups of a result.
     """
     layout, provenance, names = layout_of(tree), Provenance(tree.attrs), groups_in(tree).names
+    laws = modulus_laws(tree["constant_data"].to_dataset())
     predicted = layout.scale.additive(predicted_ratings(tree, layout))
-    data = layout.fit(values_in(tree, "observed_data", "rating"))
+    data = layout.fit(ratings_in(tree))
     return Fit(
         provenance.direction,
         tuple(names[k] for k in layout.loads),
-        tuple(explain(layout, data, predicted)),
+        tuple(explain(layout, data, predicted, _noise_of_cells(tree))),
         provenance.silence.posterior_silent_everywhere,
         provenance.silence.posterior_silent_conditions,
         "omega" in tree["posterior"].to_dataset(),
         layout.scale.unit,
+        sum(prior_moments(law, np.log)[1] > FREE_SD for law in laws.values()),
+        layout.design.n_conditions,
     )
+
+
+def _noise_of_cells(tree: xr.DataTree) -> tuple[float, float] | None:
+    """Return the noise of means over the raters of a cell, and its degrees of freedom; None for single ratings."""
+    constant, posterior = (tree[group].to_dataset() for group in ("constant_data", "posterior"))
+    if RATERS_OF_CELLS not in constant:
+        return None
+    raters = int(constant[RATERS_OF_CELLS])
+    sd = float(np.median((posterior if "varsigma" in posterior else constant)["varsigma"])) / math.sqrt(raters)
+    return sd, float(max(raters - 1, 1) * constant["fabric_index"].size)
 
 
 def predicted_ratings(tree: xr.DataTree, layout: Layout) -> FloatArray:

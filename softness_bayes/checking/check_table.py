@@ -18,7 +18,7 @@ from softness_bayes.checking.checks import (
     LOADS,
     NOISE,
 )
-from softness_bayes.checking.layout import groups_in, layout_of, values_in
+from softness_bayes.checking.layout import groups_in, layout_of, ratings_in, values_in
 from softness_bayes.checking.quantities import (
     DROP,
     PLACE,
@@ -84,7 +84,7 @@ def posterior_quantities(tree: xr.DataTree, quantities: Sequence[Quantity] = QUA
         The quantities to compare.
     """
     layout = layout_of(tree)
-    data = layout.fit(values_in(tree, "observed_data", "rating"))
+    data = layout.fit(ratings_in(tree))
     return _checked(tree, layout, data, _posterior_fits(tree, layout), quantities)
 
 
@@ -111,7 +111,7 @@ def check_table(tree: xr.DataTree) -> pd.DataFrame:
     import pandas as pd
 
     layout = layout_of(tree)
-    data = layout.fit(values_in(tree, "observed_data", "rating"))
+    data = layout.fit(ratings_in(tree))
     prior, posterior = layout.fit(values_in(tree, "prior_predictive", "rating")[0]), _posterior_fits(tree, layout)
     rows = []
     for law, replicates in (("prior", {False: prior, True: prior}), ("posterior", posterior)):

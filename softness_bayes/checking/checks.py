@@ -164,6 +164,11 @@ class Projection:
         return _p_value(self.squares, self.freedom, self.sd)
 
     @property
+    def p_value_of_difference(self) -> float:
+        """The same for a difference between groups; NaN if in no draw two groups have a slope."""
+        return self.p_value if (self.freedom >= 2).any() else np.nan
+
+    @property
     def deviation(self) -> float:
         """Standard deviation of the groups' coefficients of x, estimated from the excess of T over noise."""
         judged = self.freedom > 0
@@ -238,7 +243,7 @@ def check_exponents(residuals: Residuals, modelled: bool = False, available: boo
     x, design = observation.predictor(residuals.mean_rate, residuals.parameters), observation.design
     found = residuals.project(design.participant, design.n_participants, x, centred=True)
     advice = ("--individual gamma",) if available and not modelled else ()
-    return Finding(EXPONENTS, found.p_value, found.deviation, modelled=modelled, advice=advice)
+    return Finding(EXPONENTS, found.p_value_of_difference, found.deviation, modelled=modelled, advice=advice)
 
 
 def check_moduli(residuals: Residuals, slope: Array, modelled: bool = False) -> Finding:
@@ -280,7 +285,8 @@ def check_fingers(residuals: Residuals, slope: Array, modelled: bool = False) ->
     """
     design = residuals.observation.design
     found = residuals.project(design.participant, design.n_participants, slope, centred=True)
-    return Finding(FINGERS, found.p_value, modelled=modelled, advice=() if modelled else ("--individual b",))
+    advice = () if modelled else ("--individual b",)
+    return Finding(FINGERS, found.p_value_of_difference, modelled=modelled, advice=advice)
 
 
 def check_noise(residuals: Residuals, modelled: bool = False, available: bool = True, robust: bool = False) -> Finding:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from softness_bayes.arviz_bridge import SAMPLE_DIMS
 from softness_bayes.checking.sensitivity import DETERMINED, INFORMED, contraction, power_scaling, prior_moments
@@ -165,21 +166,23 @@ def information_table(tree: xr.DataTree) -> pd.DataFrame:
     Parameters
     ----------
     tree
-        The groups of a result: `posterior`, `log_prior` and `log_likelihood`, and the priors' written
+        The groups of a result: `posterior`, `log_prior` and `log_likelihood_joint`, and the priors' written
         forms in its attributes.
 
     Returns
     -------
     DataFrame
-        A row per parameter that has a prior: prior_mean, prior_sd (natural units), contraction,
-        psens_prior, psens_likelihood, and their Monte-Carlo standard errors psens_prior_mcse,
-        psens_likelihood_mcse. mu, which is drawn after the run, has no sensitivities, because it is integrated out of
-        the power-scaled likelihood.
+        A row per parameter that has a prior: prior_mean, prior_sd (natural units), contraction, prior_shift,
+        psens_prior, psens_likelihood, and Monte-Carlo standard errors of the last two, psens_prior_mcse and
+        psens_likelihood_mcse.
+        prior_shift is the mean of the normal scores of the draws under the prior (of its logarithm, for a log-normal
+        prior), so that 0 is the prior's median and 1 a standard deviation. mu, which is drawn after the run, has no
+        sensitivities, because it is integrated out of the power-scaled likelihood.
     """
     import pandas as pd
 
     posterior, priors = _draws(tree, "posterior"), _draws(tree, "log_prior")
-    log_prior, log_likelihood = (np.sum([*d.values()], axis=0) for d in (priors, _draws(tree, "log_likelihood")))
+    log_prior, log_likelihood = (_log_density(tree, group) for group in ("log_prior", "log_likelihood_joint"))
     rows = {}
     for name, prior in Provenance(tree.attrs).priors.items():
         if name not in posterior:
@@ -189,6 +192,7 @@ def information_table(tree: xr.DataTree) -> pd.DataFrame:
             "prior_mean": mean,
             "prior_sd": sd,
             "contraction": float(contraction(sd, draws.std(ddof=1))),
+            "prior_shift": float(ndtri(prior.cumulative(draws).clip(1e-15, 1.0 - 1e-15)).mean()),
             "psens_prior": np.nan,
             "psens_likelihood": np.nan,
             "psens_prior_mcse": np.nan,
@@ -248,6 +252,12 @@ def _open(contraction: float) -> str:
     width = float(np.sqrt(max(1.0 - contraction, 0.0)))
     beside = "as wide as" if abs(width - 1.0) < 0.05 else f"{100 * width:.0f} % as wide as"
     return f"not informed: {beside} under the prior"
+
+
+def _log_density(tree: xr.DataTree, group: str) -> Array:
+    """Return the sum of the log densities of a group, shape (draws,); those of sampled moduli have a further axis."""
+    each = (v.values.reshape(*v.shape[:2], -1).sum(axis=-1) for v in tree[group].data_vars.values())
+    return np.sum([*each], axis=0).ravel()
 
 
 def _draws(tree: xr.DataTree, group: str) -> dict[str, Array]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.readable import chance
 from softness_bayes.sampler.chain_statistics import Estimate, quantile, share
 from softness_bayes.touch.contact import Load
 from softness_bayes.touch.parameters import TouchParameters
@@ -210,7 +211,7 @@ def turning_table(
     draws: Inflection,
     loads: Sequence[str],
     prior: Inflection | None = None,
-    ensemble: NDArray[Any] | None = None,
+    ensembles: int = 1,
 ) -> pd.DataFrame:
     """Return the table of turning points, one row per load, with the columns of `Result.inflection`.
 
@@ -222,21 +223,21 @@ def turning_table(
         Names of the loads.
     prior
         Turning points of independent prior draws, likewise; None if there are none.
-    ensemble
-        Ensemble of every chain, in order and with equal numbers of chains; None for a single one.
+    ensembles
+        Number of ensembles, whose chains follow each other in equal numbers.
     """
     import pandas as pd
 
     rows = []
     for k, load in enumerate(loads):
-        outcome = _walks(draws.outcome[..., k], ensemble)
+        outcome = _walks(draws.outcome[..., k], ensembles)
         found = {f"p_{kind.name.lower()}": share(outcome == kind) for kind in CurveShape}
         before = Estimate(np.nan, np.nan)
         if prior is not None:
             before = share(prior.outcome[..., k].reshape(1, 1, -1) == CurveShape.INTERIOR)
-        found |= {"prior_p_interior": before, "p_inside": share(_walks(draws.inside[..., k], ensemble))}
+        found |= {"prior_p_interior": before, "p_inside": share(_walks(draws.inside[..., k], ensembles))}
         for name, (field, factor) in PLACES.items():
-            walks = factor * _walks(getattr(draws, field)[..., k], ensemble)
+            walks = factor * _walks(getattr(draws, field)[..., k], ensembles)
             columns = zip((f"{name}_low", name, f"{name}_high"), PERCENTS, strict=True)
             found |= {column: quantile(walks, probability) for column, probability in columns}
         errors = {f"{name}_mcse": one.error for name, one in found.items()}
@@ -247,23 +248,26 @@ def turning_table(
 def with_errors(table: pd.DataFrame, columns: Sequence[str]) -> pd.DataFrame:
     """Return some columns of a `turning_table` as text, each number with its Monte-Carlo standard error.
 
-    A number without an error comes from too few or constant draws and is left out.
+    A number without an error comes from too few or constant draws and is left out. A probability (columns named p_ or
+    prior_p_) is in per cent; one of 0 or 1, which draws cannot establish, is a bound.
     """
     import pandas as pd
 
-    return pd.DataFrame(
-        {
-            name: [
-                f"{value:.3g} ± {error:.1g}" if np.isfinite(value) and error > 0 else "–"
-                for value, error in zip(table[name], table[f"{name}_mcse"], strict=True)
-            ]
-            for name in columns
-        },
-        table.index,
-    )
+    def written(value: float, error: float, probability: bool) -> str:
+        if not (np.isfinite(value) and error > 0):
+            return "–"
+        if probability and value in (0.0, 1.0):
+            return chance(value)
+        return f"{100 * value:.3g} ± {100 * error:.1g} %" if probability else f"{value:.3g} ± {error:.1g}"
+
+    found = {}
+    for name in columns:
+        of_probability = name.removeprefix("prior_").startswith("p_")
+        pairs = zip(table[name], table[f"{name}_mcse"], strict=True)
+        found[name] = [written(value, error, of_probability) for value, error in pairs]
+    return pd.DataFrame(found, table.index)
 
 
-def _walks(values: NDArray[Any], ensemble: NDArray[Any] | None = None) -> NDArray[Any]:
+def _walks(values: NDArray[Any], ensembles: int) -> NDArray[Any]:
     """Rearrange draws (chains, draws) as (ensembles, draws, walkers)."""
-    count = 1 if ensemble is None else np.unique(ensemble).size
-    return np.swapaxes(values.reshape(count, -1, values.shape[-1]), 1, 2)
+    return np.swapaxes(values.reshape(ensembles, -1, values.shape[-1]), 1, 2)

@@ -21,6 +21,9 @@ FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
 
+RATING_VALUE = "rating_value"
+"""Variable of `constant_data` with `ratings_in`, where these are not the ratings as filed."""
+
 LOAD_GROUP = "load_group"
 """Axis of variables stored for groups of many loads; with few loads, the axis is `load`."""
 
@@ -56,6 +59,16 @@ def layout_of(tree: xr.DataTree) -> Layout:
 def values_in(tree: xr.DataTree, group: str, name: str) -> NDArray[Any]:
     """Return the values of one variable or coordinate of a result."""
     return np.asarray(tree[group].to_dataset()[name].values)
+
+
+def ratings_in(tree: xr.DataTree) -> FloatArray:
+    """Return the numbers that stand for the ratings of a result in means and checks, shape (rows,).
+
+    They are the ratings as filed, but for ratings of 0 and at the ends of a slider, which have no logarithm or log
+    odds, and for ranks and answers to pairs.
+    """
+    held = RATING_VALUE in tree["constant_data"].data_vars
+    return values_in(tree, "constant_data", RATING_VALUE) if held else values_in(tree, "observed_data", "rating")
 
 
 def _moduli(tree: xr.DataTree) -> FloatArray:

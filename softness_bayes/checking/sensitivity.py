@@ -28,6 +28,10 @@ DETERMINED, INFORMED = 1 / 3, 0.8
 In a normal model the data then carry at least 8 times, or 0.56 times, as much information as the prior.
 """
 
+FAR = 2.5
+"""Distance of a posterior mean from its prior's median, in prior standard deviations on the prior's own scale, from
+which data and prior are said to disagree: a draw of a normal prior lies that far in 1.2 % of cases."""
+
 POWERS = (0.99, 1.01)
 """Powers of prior and likelihood."""
 

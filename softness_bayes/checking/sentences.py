@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from softness_bayes.checking import sensitivity
 from softness_bayes.checking.agreement import Explained, Fit
 from softness_bayes.checking.check_table import doubts
 from softness_bayes.checking.checks import (
@@ -109,7 +110,7 @@ def _fabrics(conditions: Finding, fabrics: Finding, loads: Finding) -> str:
 
 def _exponents(one: Finding) -> str:
     if np.isnan(one.p_value):
-        return "participants: exponents cannot be compared, because the response varies for no participant"
+        return "participants: exponents cannot be compared, because the response varies for fewer than two participants"
     if one.p_value >= LEVEL:
         return f"participants: no evidence that their exponents differ{_more(one)} (p = {one.p_value:.2g})"
     advice = f": {one.advice[0]} gives each a separate exponent" if one.advice else ""
@@ -139,9 +140,7 @@ def _noise(one: Finding) -> str:
 
 def _fingers(one: Finding) -> str:
     if np.isnan(one.p_value):
-        return (
-            "fingers: no rater's response depends on the skin, so the ratings do not inform differences between fingers"
-        )
+        return "fingers: cannot be compared, because the response depends on the skin for fewer than two raters"
     if one.p_value >= LEVEL:
         return f"fingers: the ratings do not show that the raters' skin differs{_more(one)} (p = {one.p_value:.2g})"
     if one.modelled:
@@ -251,6 +250,11 @@ def fit_faults(fit: Fit) -> list[str]:
 def fit_sentence(fit: Fit) -> str:
     """Describe the share of the differences between ratings that the response explains."""
     whole = fit.explained[-1]
+    if fit.untestable:
+        return (
+            f"the agreement with the ratings tests nothing: {fit.free_moduli} moduli are free to follow {fit.means} "
+            "mean ratings; measure moduli, or rate under more loads"
+        )
     if not np.isfinite(whole.p_value):
         return "the fit to the ratings cannot be assessed: these data do not show how large the noise is"
     seen = f"a standard deviation of {whole.visible:.2g} between fabrics would have been detected"
@@ -336,13 +340,15 @@ def information_sentences(summary: pd.DataFrame) -> list[str]:
         A table with the columns of `information_table`.
     """
     width = np.sqrt((1.0 - summary["contraction"]).clip(lower=0.0))
+    lines = [surprise_sentence(summary)] if surprises(summary).size else []
     groups = {
         "determined by the data (posterior sd at most 1/3 of the prior sd)": width <= DETERMINED,
         f"partly informed by the data (posterior sd at most {INFORMED:g} of the prior sd)": (width > DETERMINED)
         & (width <= INFORMED),
         "weakly identified (posteriors nearly as wide as the priors)": width > INFORMED,
     }
-    lines = [f"{words}: {_listed(width[there], '{:.2g}') or 'none'}" for words, there in groups.items()]
+    near = ~width.index.isin(surprises(summary).index)
+    lines += [f"{words}: {_listed(width[there & near], '{:.2g}') or 'none'}" for words, there in groups.items()]
     pull = summary["psens_prior"][width <= INFORMED]
     error = 2.0 * summary["psens_prior_mcse"].reindex(pull.index).fillna(0.0)
     moved, unclear = pull > SENSITIVE + error, (pull - SENSITIVE).abs() <= error
@@ -357,6 +363,26 @@ def information_sentences(summary: pd.DataFrame) -> list[str]:
         named = ", ".join(f"{name} ({pull[name]:.3f} ± {error[name] / 2:.1g})" for name in pull.index[unclear])
         lines.append(f"prior sensitivity unclear (within two standard errors of {SENSITIVE}): {named}")
     return lines
+
+
+def surprises(summary: pd.DataFrame) -> pd.Series:
+    """Return the distances of posterior means that are far from their priors, in prior standard deviations, by name."""
+    shift = summary["prior_shift"]
+    return shift[shift.abs() >= sensitivity.FAR]
+
+
+def surprise_sentence(summary: pd.DataFrame) -> str:
+    """Describe the parameters whose posterior mean is far from the prior, whatever the width of their posteriors."""
+    far = surprises(summary)
+    named = [
+        f"{name} ({number(mean)}, {abs(shift):.1f} prior standard deviations {'above' if shift > 0 else 'below'} the "
+        "prior's median)"
+        for name, mean, shift in zip(far.index, summary.loc[far.index, "mean"], far, strict=True)
+    ]
+    return (
+        f"data and prior disagree about {', '.join(named)}: look for a wrong direction, unit, modulus or reading "
+        "before anything else is believed"
+    )
 
 
 def _listed(values: pd.Series, form: str) -> str:
@@ -454,17 +480,20 @@ def shift_sentences(table: pd.DataFrame) -> list[str]:
     if clear.empty:
         return []
     *smaller, largest = (f"{100 * error:.0f} %" for error in ERRORS)
-    columns = [shift_column(error) for error in ERRORS]
     return [
         f"if the moduli had independent errors of {', '.join(smaller)} or {largest}, posterior means would "
         "move by these numbers of posterior standard deviations (to first order; larger shifts than "
         f"{LINEAR:g} are only a rough guide: repeat the run with the errors)",
-        *(f"  {name}: {', '.join(_shifts(row, columns))}" for name, row in clear.iterrows()),
+        *(f"  {name}: {_shifts(row)}" for name, row in clear.iterrows()),
     ]
 
 
-def _shifts(row: Any, columns: Iterable[str]) -> list[str]:
-    return [
-        f"{row[name]:.2g} ± {row[f'{name}_mcse']:.1g}" if row[name] <= LINEAR else f"more than {LINEAR:g}"
-        for name in columns
-    ]
+def _shifts(row: Any) -> str:
+    """Return the shifts up to `LINEAR`, and the smallest error that causes a larger one."""
+    said: list[str] = []
+    for error in ERRORS:
+        name = shift_column(error)
+        if row[name] > LINEAR:
+            return ", ".join([*said, f"more than {LINEAR:g} from {100 * error:.0f} %"])
+        said.append(f"{row[name]:.2g} ± {row[f'{name}_mcse']:.1g} at {100 * error:.0f} %")
+    return ", ".join(said)

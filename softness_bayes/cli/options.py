@@ -209,6 +209,9 @@ dask = click.option(
 no_figures = click.option("--no-figures", is_flag=True, help="Draw no figures.")
 """Passes `no_figures` to a command."""
 
+verbose = click.option("--verbose", is_flag=True, help="Print all numbers and checks, not only the closing lines.")
+"""Passes `verbose` to a command."""
+
 
 def _figures(incomplete: str) -> Iterable[str]:
     from softness_bayes.plotting.figures import every_figure

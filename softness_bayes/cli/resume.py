@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options import FILE, collected, no_figures, number, trust_code, trusts_code
+from softness_bayes.cli.options import FILE, collected, no_figures, number, trust_code, trusts_code, verbose
 from softness_bayes.cli.running import command_line, in_numbers, needed
 from softness_bayes.cli.sample import require_drawn, run
 from softness_bayes.errors import InputError
@@ -39,6 +39,7 @@ MOVABLE = ("data", "fabrics", "compression")
     compression={"help": "New path of the forces, if they were moved."},
 )
 @no_figures
+@verbose
 @trust_code
 def command(
     directory: Path,
@@ -46,6 +47,7 @@ def command(
     limits: RunOptions,
     moved: DataFiles,
     no_figures: bool,
+    verbose: bool,
 ) -> None:
     """Continue a run that was interrupted or has ended.
 
@@ -104,7 +106,7 @@ def command(
     wanted = checkpoint.request["figures"] and not no_figures
     own_figures = checkpoint.request.get("own_figures", []) if wanted else None
     require_drawn(own_figures)
-    run(checkpoint, files, files.read(), Request(model, how), own_figures, moved.words())
+    run(checkpoint, files, files.read(), Request(model, how), own_figures, verbose, moved.words())
 
 
 def _is_whole(directory: Path) -> bool:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from softness_bayes.cli.interrupts import keeping
-from softness_bayes.cli.options import collected, data_files, force, no_figures, out, own_figures, typed
+from softness_bayes.cli.options import collected, data_files, force, no_figures, out, own_figures, typed, verbose
 from softness_bayes.cli.progress import Bar
 from softness_bayes.cli.running import command_line
 from softness_bayes.cli.summary import print_result
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 @own_figures
 @out()
 @force
+@verbose
 def command(
     files: DataFiles,
     model: ModelOptions,
@@ -42,13 +43,14 @@ def command(
     own_figures: tuple[str, ...],
     out: Path,
     force: bool,
+    verbose: bool,
 ) -> None:
     """Sample the posterior of skin, transduction and rating parameters given ratings.
 
     Runs four independent ensembles until they have converged, or until --max-steps or --max-time. Writes to --out:
     posterior.nc (draws, predictions, provenance), summary.csv, directions.csv, predictive_checks.csv and figures/.
-    Prints the summary, the parameters that only the prior determines, the turning point of the response under each
-    load, whether the model reproduces it, and a verdict. Exit code 3: not converged.
+    Prints what people said, whether the model can be trusted, what was learnt and what to do next; with --verbose also
+    the summary, the turning points and all checks. Exit code 3: not converged.
 
     --compression adds the forces of a rigid flat plate on fingerpads, which inform b and m directly. Without --data
     only these forces are fitted: the run then has no response curves and no turning point, but predicts how the
@@ -73,7 +75,7 @@ def command(
     drawn = None if no_figures else own_figures
     require_drawn(drawn)
     request = Request(model, replace(how, command=command_line()))
-    run(Checkpoint.create(out, force, inputs=files.paths), files, data, request, drawn)
+    run(Checkpoint.create(out, force, inputs=files.paths), files, data, request, drawn, verbose)
 
 
 def require_drawn(names: Sequence[str] | None) -> None:
@@ -145,12 +147,14 @@ def run(
     data: Experiment | Compression,
     request: Request,
     own_figures: Sequence[str] | None,
+    verbose: bool,
     moved: Sequence[str] = (),
 ) -> None:
     """Build the model, sample it from the start or from the checkpoint, and write and print the results.
 
     Custom figures are drawn in addition to the standard ones. If `own_figures` is None, no figures are drawn. `moved`
-    holds the options with new paths of tables, which the advice on how to continue repeats.
+    holds the options with new paths of tables, which the advice on how to continue repeats. With `verbose`, all
+    numbers and checks are printed, not only the closing lines.
 
     Raises
     ------
@@ -174,7 +178,7 @@ def run(
         }
         bar.begin(0.0 if checkpoint.status is None else checkpoint.status.seconds)
         result = sample_kept(checkpoint, model, request.run, own_figures, bar.show)
-    print_result(result, out, bar.times())
+    print_result(result, out, bar.times(), verbose)
     ending = result.provenance.ending
     if not ending.converged and not ending.quick:
         raise NotConvergedError(
@@ -185,7 +189,7 @@ def run(
 
 def _about(model: ExperimentModel | SkinModel, data: Experiment | Compression) -> Iterator[str]:
     """Yield notes and warnings on the data and on how the model reads them."""
-    from softness_bayes.model.build import ExperimentModel, people_note
+    from softness_bayes.model.build import ExperimentModel, people_notes
     from softness_bayes.model.reach import reach_of
 
     yield from (f"note: {note}" for note in data.notes)
@@ -194,9 +198,7 @@ def _about(model: ExperimentModel | SkinModel, data: Experiment | Compression) -
             yield f"warning: {note}"
         yield _about_direction(model)
         notes = model.interpretation.note, model.interpretation.errors_note
-        yield from (f"note: {note}" for note in notes)
-        if people := people_note(model.experiment, model.options):
-            yield f"note: {people}"
+        yield from (f"note: {note}" for note in (*notes, *people_notes(model.experiment, model.options)))
 
 
 def _kept(checkpoint: Checkpoint, drawing: bool = False, moved: Sequence[str] = ()) -> str:

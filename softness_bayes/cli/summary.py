@@ -15,24 +15,35 @@ if TYPE_CHECKING:
     from softness_bayes.results.result import Result
 
 
-def print_result(result: Result, out: Path, times: str = "") -> None:
-    """Print summary, turning points, checks and verdict, the time taken, and the conclusion in three lines."""
+def print_result(result: Result, out: Path, times: str = "", verbose: bool = True) -> None:
+    """Print what was read and how it ended, and the conclusion; with `verbose` also summary, turning points and checks.
+
+    The closing lines of a run under up to three loads are at most fifteen.
+    """
     from softness_bayes.checking.agreement import fit_of
-    from softness_bayes.checking.sentences import fit_faults, plate_sentence, silence_note
+    from softness_bayes.checking.sentences import fit_faults, silence_note
     from softness_bayes.report.conclusion import conclude, facts_of
 
-    summary, fit = result.summary(), fit_of(result.tree) if result.has_ratings else None
+    fit = fit_of(result.tree) if result.has_ratings else None
+    lines = [] if fit is None else [f"the fit failed: {fault}" for fault in fit_faults(fit)]
+    lines += _details(result, fit) if verbose else []
+    lines += [f"written to {out}; 'softness-bayes report {out}' makes a one-page report", result.provenance.verdict]
+    lines += [silence_note(fit)] if fit is not None and verbose else []
+    lines += [times, "\n".join(["", *conclude(facts_of(result), str(out)).lines])]
+    click.echo("\n".join(filter(None, lines)))
+
+
+def _details(result: Result, fit: Fit | None) -> list[str]:
+    """Return the summary, what was learnt, turning points and checks."""
+    from softness_bayes.checking.sentences import plate_sentence
+
+    summary = result.summary()
     left_out = ("contraction", "psens_prior_mcse", "psens_likelihood_mcse")  # printed as text or only stored
     shown = summary.drop(columns=[*left_out])
     shown.insert(list(shown).index("prior_sd") + 1, "sd/prior_sd", summary["sd"] / summary["prior_sd"])
-    lines = [] if fit is None else [f"the fit failed: {fault}" for fault in fit_faults(fit)]
-    lines += [f"{shown.to_string(float_format=lambda x: f'{x:.4g}', na_rep='–')}\n", *result.learnt()]
+    lines = [f"{shown.to_string(float_format=lambda x: f'{x:.4g}', na_rep='–')}\n", *result.learnt()]
     lines += [f"\n{plate_sentence(result.provenance.plate)}"] if result.has_compression else []
-    lines += [] if fit is None else [f"\n{_turning(result)}\n", *_about_ratings(result, fit)]
-    lines += [f"written to {out}; 'softness-bayes report {out}' makes a one-page report", result.provenance.verdict]
-    lines += [] if fit is None else [silence_note(fit)]
-    lines += [times, "\n".join(["", *conclude(facts_of(result), str(out)).lines])]
-    click.echo("\n".join(filter(None, lines)))
+    return [*lines, *([] if fit is None else [f"\n{_turning(result)}\n", *_about_ratings(result, fit)])]
 
 
 def _turning(result: Result) -> str:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.data.ratings import LOAD_COLUMNS, Ratings
 from softness_bayes.ranges import CATEGORIES_RANGE
-from softness_bayes.readable import percent
+from softness_bayes.readable import counted, percent
 
 CLOSE = 0.02
 """Relative difference below which two loads may have been intended to be equal."""
@@ -144,3 +144,18 @@ def _steps(finest: int, largest: Decimal) -> Sequence[Decimal]:
     """Return the steps from a power of ten up to the largest number, in rising order."""
     found = [factor * Decimal(1).scaleb(k) for k in range(finest, largest.adjusted() + 1) for factor in _FACTORS]
     return sorted({step for step in (*found, *_QUARTERS) if Decimal(1).scaleb(finest) <= step <= largest})
+
+
+FEW_RATERS = 6
+"""Number of raters below which a 90 % interval of the spread between them spans more than a factor of 3."""
+
+
+def few_raters_sentence(raters: int) -> str:
+    """Describe what too few raters do not show; empty for enough of them."""
+    if raters >= FEW_RATERS:
+        return ""
+    return (
+        f"only {counted(raters, 'rater')}: how much people differ (tau) rests on its prior, and conclusions hold for "
+        f"{'this person' if raters == 1 else 'these people'}, not for people in general; at least {FEW_RATERS} raters "
+        "narrow the spread between people to a factor of 3"
+    )

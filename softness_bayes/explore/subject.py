@@ -147,7 +147,7 @@ class Rated:
             observed.typical(rated, parameters, effects, drive[:, k], np.flatnonzero(self.scene.load == load))
             for k, load in enumerate(self.load)
         ]
-        return np.asarray(np.median(np.stack(ratings, axis=1), axis=0))
+        return self.scale.filed(np.asarray(np.median(np.stack(ratings, axis=1), axis=0)))
 
 
 @dataclass(frozen=True)

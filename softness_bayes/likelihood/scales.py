@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
@@ -105,6 +106,13 @@ class Scale:
     """Word for several rows that form one answer; empty if each row is an answer."""
     model: Callable[[Any], Any] | None = None
     """Constructor of the observation model, which takes a direction, for custom scales and models."""
+    ends: tuple[float, float] = (0.0, 1.0)
+    """Numbers in the file of the ends of a bounded scale, whose observation model has shares of it."""
+
+    def filed(self, observations: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return observations of the observation model, of any shape, in the units of the file."""
+        low, high = self.ends
+        return observations if self.ends == (0.0, 1.0) else low + (high - low) * observations
 
 
 def _log(values: Any) -> NDArray[np.float64]:
@@ -144,6 +152,30 @@ def _share(values: Any) -> NDArray[np.float64]:
     import numpy as np
 
     return 1.0 / (1.0 + np.exp(-np.clip(values, -LARGEST_LOG_ODDS, LARGEST_LOG_ODDS)))
+
+
+def slider_between(low: float, high: float) -> Scale:
+    """Return the scale of a slider whose ends have these numbers in the file."""
+    if (low, high) == (0.0, 1.0):
+        return SLIDER
+    return replace(
+        SLIDER,
+        label=f"rating [{low:g} to {high:g}]",
+        drawn=(low, high),
+        additive=partial(_logit_between, low, high),
+        natural=partial(_number_between, low, high),
+        ends=(low, high),
+    )
+
+
+def _logit_between(low: float, high: float, values: Any) -> NDArray[np.float64]:
+    import numpy as np
+
+    return _logit((np.asarray(values, float) - low) / (high - low))
+
+
+def _number_between(low: float, high: float, values: Any) -> NDArray[np.float64]:
+    return low + (high - low) * _share(values)
 
 
 def _log_odds_slope(values: Any) -> NDArray[np.float64]:
@@ -195,7 +227,7 @@ MAGNITUDE = Scale(
     suitable="positive",
     unit="log rating",
     short="log",
-    label="softness rating",
+    label="rating",
     mean="geometric mean",
     axis="log",
     drawn=(1e-200, 1e200),
@@ -209,7 +241,7 @@ AGGREGATED = replace(
     MAGNITUDE,
     name="aggregated",
     meaning="geometric means of the magnitude estimates of n raters, with their standard deviations",
-    label="softness rating (geometric mean)",
+    label="rating (geometric mean)",
 )
 STANDARDISED = Scale(
     name="standardised",
@@ -217,7 +249,7 @@ STANDARDISED = Scale(
     suitable="finite",
     unit="z-score",
     short="sd",
-    label="softness rating [sd]",
+    label="rating [sd]",
     mean="mean",
     axis="linear",
     drawn=(float("-inf"), float("inf")),
@@ -233,7 +265,7 @@ SLIDER = Scale(
     suitable="inner",
     unit="log odds of the rating",
     short="log odds",
-    label="softness rating [share of the slider]",
+    label="rating [share of the slider]",
     mean="mean of log odds",
     axis="linear",
     drawn=(0.0, 1.0),
@@ -250,7 +282,7 @@ CATEGORIES = replace(
     suitable="whole",
     unit="category",
     short="category",
-    label="softness category",
+    label="category",
     own_units=True,
     require=_accept,
 )

@@ -10,6 +10,7 @@ import numpy as np
 
 from softness_bayes.data import Compression, Experiment, Ratings
 from softness_bayes.data.faults import listing
+from softness_bayes.data.oddities import few_raters_sentence
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design, LoadErrors
 from softness_bayes.likelihood.directions import FREE, RISES, RatingDirection
@@ -43,7 +44,8 @@ from softness_bayes.model.posterior import Density, Posterior
 from softness_bayes.model.scenes import at_other_loads, fabric_moduli, prior_draws, scene_of, skin_of_priors
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.coordinates import Bent, Coordinate, Scaled
-from softness_bayes.parameters.declared import ERROR_PARAMETERS, PARAMETERS, SHAPE_PARAMETERS
+from softness_bayes.parameters.declared import ERROR_PARAMETERS, MODULUS_SCALE, PARAMETERS, SHAPE_PARAMETERS
+from softness_bayes.parameters.laws import LogNormal
 from softness_bayes.parameters.space import FabricModuli, ParameterSpace
 from softness_bayes.ranges import require_kind
 from softness_bayes.touch.accuracy import PRESETS, ChosenResolution, choose
@@ -227,7 +229,7 @@ def build_skin(compression: Compression, options: ModelOptions) -> SkinModel:
         priors=options.priors,
         prior_set=options.prior_set,
         skin_displacement=options.readings.skin_displacement,
-        absent={*PARAMETERS, *SHAPE_PARAMETERS} - set(SKIN),
+        absent={*PARAMETERS, *SHAPE_PARAMETERS, MODULUS_SCALE} - set(SKIN),
         n_fingers=len(compression.participants),
     )
     posterior = Density(space, (forces_of(compression, options),))
@@ -283,7 +285,7 @@ def space_of(experiment: Experiment, options: ModelOptions, meaning: Interpretat
     needs = _model_of(replace(options, errors=meaning.law), meaning).needs
     return parameter_space(
         fix=options.fix,
-        priors=options.priors,
+        priors=_priors(options),
         prior_set=options.prior_set,
         skin_displacement=options.readings.skin_displacement,
         n_participants=raters_told(experiment.ratings),
@@ -321,7 +323,15 @@ def _model_of(options: ModelOptions, meaning: Interpretation, direction: RatingD
 def moduli_of(experiment: Experiment, options: ModelOptions) -> FabricModuli:
     """Return the effective moduli of the fabrics, and the laws of those that are uncertain."""
     reading = options.readings.fabric_modulus
-    return fabric_moduli(experiment.fabrics, reading, options.modulus_cv, options.unknown_modulus)
+    found = fabric_moduli(experiment.fabrics, reading, options.modulus_cv, options.unknown_modulus)
+    return replace(found, common=_priors(options).get(MODULUS_SCALE))
+
+
+def _priors(options: ModelOptions) -> dict[str, Any]:
+    """Return the priors given, and that of an error common to all moduli if one is stated."""
+    stated = options.shared_modulus_cv or 0.0
+    common = {MODULUS_SCALE: LogNormal(1.0, float(np.sqrt(np.log1p(stated**2))))} if stated else {}
+    return {**common, **options.priors}
 
 
 def design_of(experiment: Experiment) -> Design:
@@ -405,16 +415,22 @@ def _bent(space: ParameterSpace, scene: Scene, directed: RatingDirection) -> Par
     return replace(space, bent=bent, rheobase=rheobase)
 
 
-def people_note(experiment: Experiment, options: ModelOptions) -> str | None:
-    """Describe which raters also have plate forces and how these are used; None without forces.
+def people_notes(experiment: Experiment, options: ModelOptions) -> list[str]:
+    """Describe what too few raters do not show, and which raters have plate forces and how these are used.
 
     Parameters
     ----------
     experiment, options
         The tables and the requested options.
     """
-    if experiment.compression is None:
-        return None
+    ratings = experiment.ratings
+    raters = len(ratings.participants) if ratings.cells is None else ratings.cells.raters
+    few = few_raters_sentence(raters)
+    return [*([few] if few else []), *([] if experiment.compression is None else [_forces_note(experiment, options)])]
+
+
+def _forces_note(experiment: Experiment, options: ModelOptions) -> str:
+    assert experiment.compression is not None
     pressed = set(experiment.compression.participants)
     both = [name for name in experiment.ratings.participants if name in pressed]
     if not both:

@@ -413,7 +413,13 @@ def _mean(layout: Layout, each: FloatArray) -> FloatArray:
 
 
 def _with_limits(values: FloatArray) -> Correlation:
-    """Return the first value with the 5 and 95 % limits of the following ones."""
-    known = values[1:][np.isfinite(values[1:])]
-    low, high = np.quantile(known, (0.05, 0.95)).tolist() if known.size else (math.nan, math.nan)
-    return Correlation(float(values[0]), low, high)
+    """Return the first value with its 90 % limits, from the spread of the following ones about their median.
+
+    Weighted means of people are noisier than those of all, so that their correlations lie below that of all: their own
+    quantiles would be limits of another quantity, and may leave the estimate out.
+    """
+    value, known = float(values[0]), values[1:][np.isfinite(values[1:])]
+    if not known.size or math.isnan(value):
+        return Correlation(value, math.nan, math.nan)
+    low, middle, high = np.quantile(known, (0.05, 0.5, 0.95)).tolist()
+    return Correlation(value, max(value + low - middle, -1.0), min(value + high - middle, 1.0))

@@ -96,7 +96,11 @@ def interpret(ratings: Ratings, options: ModelOptions) -> Interpretation:
         law, why = law_of(ratings, intervals, options.scale)
     count = _count_of(ratings, options)
     raters = 0 if ratings.cells is None else ratings.cells.raters
-    note = f"ratings: {count} ordered categories" if count else _numbers_note(ratings, intervals, alone)
+    note = (
+        f"ratings: {count} ordered categories"
+        if count
+        else _numbers_note(ratings, intervals, alone, options.slider_width)
+    )
     if ratings.cells is not None:
         note = f"ratings: geometric means of {raters} raters each, {_spreads_note(ratings.cells)}"
     return Interpretation(intervals, law, note, f"errors: {why}", count, raters)
@@ -341,7 +345,7 @@ def _needs_closed_form(ratings: Ratings, options: ModelOptions) -> str:
     return ""
 
 
-def _numbers_note(ratings: Ratings, intervals: Stated, alone: str) -> str:
+def _numbers_note(ratings: Ratings, intervals: Stated, alone: str, unit: float) -> str:
     if intervals.exact:
         return "ratings: treated as exact numbers" + (f", as {alone} need" if alone else "")
     people = len(ratings.participants)
@@ -351,7 +355,7 @@ def _numbers_note(ratings: Ratings, intervals: Stated, alone: str) -> str:
     if step.any():
         sizes, counts = np.unique(step[step > 0], return_counts=True)
         most = sorted(zip(counts.tolist(), sizes.tolist(), strict=True), reverse=True)
-        named = [f"{size:g} ({count})" for count, size in most[:MOST_STEPS]]
+        named = [f"{unit * size:.6g} ({count})" for count, size in most[:MOST_STEPS]]
         named += [counted(len(most) - MOST_STEPS, "other")] if len(most) > MOST_STEPS else []
         parts.append(
             f"{some_of(int(counts.sum()), people, 'participant', 'rounds', 'round')} their answers to steps of "

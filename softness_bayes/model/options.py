@@ -33,6 +33,7 @@ from softness_bayes.ranges import (
     RELATIVE_ERRORS,
     RESOLUTIONS,
     SHARED_LOAD_ERRORS,
+    SHARED_MODULUS_ERRORS,
     require_kind,
 )
 from softness_bayes.supplied import installed
@@ -387,6 +388,13 @@ class ModelOptions(Options):
         "Relative standard error of moduli for which the fabric table gives none, such as 0.15; 0 means that "
         "they are exact.",
     )
+    shared_modulus_cv: float | None = option(
+        Number(SHARED_MODULUS_ERRORS),
+        None,
+        "--shared-modulus-cv",
+        "Relative standard error that all moduli share, such as 0.15 for one tester that may read too high or too low: "
+        "one factor, sampled as modulus_scale.",
+    )
     unknown_modulus: Prior = option(
         ModulusLaw(),
         "lognormal(100,2)",
@@ -523,6 +531,11 @@ class ModelOptions(Options):
     def decide(self, **chosen: Any) -> Self:
         """Return the options with open choices filled in, given by name."""
         return replace(self, **chosen, decided=tuple(dict.fromkeys([*self.decided, *chosen])))
+
+    @property
+    def slider_width(self) -> float:
+        """Distance between the numbers of a slider's two ends, whose model has shares of it; 1 for other scales."""
+        return self.slider_ends[1] - self.slider_ends[0]
 
     @property
     def kept_accuracy(self) -> float | None:

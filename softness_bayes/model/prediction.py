@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from softness_bayes.likelihood.contract import Effects, Parameters
 from softness_bayes.likelihood.design import Design, IndexArray
 from softness_bayes.likelihood.pieces import pieces
+from softness_bayes.likelihood.scales import MAGNITUDE, Scale
 from softness_bayes.model.fingers import family_of
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.touch.parameters import TouchParameters
@@ -143,11 +144,14 @@ class OtherTouches:
     known
         Index of each fabric among the rated ones, shape (fabrics,); -1 for new fabrics, whose deviations are drawn if
         the model has any. None to leave out deviations of fabrics.
+    scale
+        Scale of the ratings, in whose units they are returned.
     """
 
     posterior: Posterior
     scene: Scene
     known: IndexArray | None
+    scale: Scale = MAGNITUDE
 
     @cached_property
     def _beside(self) -> Posterior:
@@ -195,7 +199,8 @@ class OtherTouches:
             for k in pieces(len(theta), columns)
         ]
         *drawn, alike = zip(*parts, strict=True)
-        rate, typical, new, mean = (np.concatenate(part) for part in drawn)
+        rate, *rated = (np.concatenate(part) for part in drawn)
+        typical, new, mean = map(self.scale.filed, rated)
         return OtherRatings(rate, typical, new, mean, _alike(np.stack(alike)))
 
     def _ratings(self, rng: np.random.Generator, theta: Array, raters: int, modulus: Array | None) -> OtherRatings:

@@ -14,7 +14,7 @@ from softness_bayes.data.oddities import oddities
 from softness_bayes.data.ratings import with_few_loads
 from softness_bayes.likelihood.layout import Layout, merge
 from softness_bayes.likelihood.scales import CATEGORIES, PAIRS, RANKS
-from softness_bayes.model.build import COARSE, ExperimentModel, build, design_of, moduli_of, people_note
+from softness_bayes.model.build import COARSE, ExperimentModel, build, design_of, moduli_of, people_notes
 from softness_bayes.model.design_information import Expected, as_it_is, foresee, others
 from softness_bayes.model.direction import DirectionChoice, odd_raters
 from softness_bayes.model.interpretation import Interpretation
@@ -56,8 +56,11 @@ def warnings(experiment: Experiment, options: ModelOptions, meaning: Interpretat
     if odd.constant:
         same = ", ".join(names[k] for k in odd.constant)
         found.append(f"looks wrong: all ratings of {same} are equal, so they contain no information about fabrics")
-    found += [] if (people := people_note(experiment, options)) is None else [people]
-    return [*found, *oddities(ratings, options.scale not in (CATEGORIES, RANKS, PAIRS))]
+    return [
+        *found,
+        *people_notes(experiment, options),
+        *oddities(ratings, options.scale not in (CATEGORIES, RANKS, PAIRS)),
+    ]
 
 
 def understood(
@@ -82,7 +85,8 @@ def understood(
     pairs = len(ratings.fabrics) * len(ratings.loads)
     cells = len(set(zip(ratings.participant.tolist(), conditions.of_rating.tolist(), strict=True)))
     answers = np.bincount(ratings.participant)
-    steps = [float(meaning.intervals.step[ratings.participant == k].max()) for k in range(len(ratings.participants))]
+    step = options.slider_width * meaning.intervals.step
+    steps = [float(step[ratings.participant == k].max()) for k in range(len(ratings.participants))]
     return {
         "schema": SCHEMA,
         "source": ratings.source,

@@ -150,8 +150,20 @@ ERROR_PARAMETERS: Mapping[str, Parameter] = _by_name(
 )
 """Parameters of error laws other than normal, and of the thresholds of categories."""
 
+MODULUS_SCALE = "modulus_scale"
+"""Name of the factor between true and stated moduli that all fabrics share: the error of one tester."""
+
 EVERY_PARAMETER: Mapping[str, Parameter] = MappingProxyType(
-    {**PARAMETERS, **SHAPE_PARAMETERS, **ERROR_PARAMETERS, **ANSWER_PARAMETERS, **FINGER_PARAMETERS}
+    {
+        **PARAMETERS,
+        **SHAPE_PARAMETERS,
+        **ERROR_PARAMETERS,
+        **ANSWER_PARAMETERS,
+        **FINGER_PARAMETERS,
+        MODULUS_SCALE: Parameter(
+            MODULUS_SCALE, "$k_E$", "–", "factor common to all moduli", LogNormal(1, 0.15), range=_MULTIPLIER
+        ),
+    }
 )
 """All parameters that a run may sample, by name."""
 

@@ -17,6 +17,7 @@ from softness_bayes.parameters.declared import (
     EVERY_PARAMETER,
     FABRIC_MODULUS,
     KPA,
+    MODULUS_SCALE,
     PARAMETERS,
     UNKNOWN_MODULUS,
     Parameter,
@@ -43,11 +44,14 @@ class FabricModuli:
         Measured modulus, or the median of the law [Pa], of each fabric.
     laws
         Law of each modulus [kPa]; None if it is known exactly.
+    common
+        Prior of the factor between true and stated moduli that all fabrics share; None without such an error.
     """
 
     names: tuple[str, ...]
     middle: tuple[float, ...]
     laws: tuple[Prior | None, ...]
+    common: Prior | None = None
 
     @property
     def uncertain(self) -> tuple[int, ...]:
@@ -57,7 +61,7 @@ class FabricModuli:
     @property
     def known(self) -> bool:
         """True if every modulus is known exactly."""
-        return not self.uncertain
+        return not self.uncertain and self.common is None
 
     @property
     def extent(self) -> tuple[float, float]:
@@ -68,7 +72,8 @@ class FabricModuli:
             assert law is not None
             low, high = (np.asarray(law.quantile([3e-5, 1.0 - 3e-5])) * KPA).tolist()
             ends[k] = low, high
-        return min(low for low, _ in ends), max(high for _, high in ends)
+        least, most = (1.0, 1.0) if self.common is None else self.common.quantile(np.array([3e-5, 1.0 - 3e-5])).tolist()
+        return least * min(low for low, _ in ends), most * max(high for _, high in ends)
 
     def at(self, sampled: FloatArray) -> FloatArray:
         """Return E_fab [Pa] of every fabric, shape (..., fabrics), at sampled moduli [kPa], (..., uncertain)."""
@@ -286,7 +291,10 @@ class ParameterSpace:
 
     def modulus(self, theta: FloatArray) -> FloatArray | None:
         """Return E_fab [Pa] of every fabric at points ``theta``, shape (..., fabrics); None if all are known."""
-        return None if self.moduli is None else self.moduli.at(theta[..., self.n_chain :])
+        if self.moduli is None:
+            return None
+        found = self.moduli.at(theta[..., self.n_chain :])
+        return found if self.moduli.common is None else found * np.asarray(self.value(MODULUS_SCALE, theta))[..., None]
 
     def with_moduli(self, moduli: FabricModuli) -> ParameterSpace:
         """Return the space with uncertain moduli among the sampled parameters."""

@@ -9,7 +9,7 @@ import numpy as np
 from softness_bayes.checking.agreement import predicted_ratings
 from softness_bayes.checking.layout import layout_of, values_in
 from softness_bayes.data import Ratings
-from softness_bayes.likelihood.scales import PAIRS, RANKS, SLIDER
+from softness_bayes.likelihood.scales import PAIRS, RANKS
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.people.answers import left_out_of_draws, told_pairs
 from softness_bayes.people.free_means import FreeMeans, free_means
@@ -74,14 +74,11 @@ def _ruler_of(found: FreeMeans, ratings: Ratings, options: ModelOptions, tree: x
         density = values_in(tree, "log_likelihood_participant", "ratings_of_participant")[0]
         density = density[:, np.unique(ratings.participant)]
     else:
-        density = values_in(tree, "log_likelihood_loo", "rating")[0]
+        density = values_in(tree, "log_likelihood", "rating")[0]
     if options.scale is PAIRS:
         density = density[:, told_pairs(ratings)[:, 0]]
     layout = layout_of(tree)
     predicted = predicted_ratings(tree, layout).mean(axis=0)
     at = dict(zip(zip(layout.design.fabric, layout.load, strict=True), predicted, strict=True))
     ours = np.array([at[pair] for pair in zip(found.fabric, found.load, strict=True)])
-    if options.scale is SLIDER:
-        low, high = options.slider_ends
-        ours = low + (high - low) * ours
     return ruler(found, left_out_of_draws(density.astype(float)), ours)

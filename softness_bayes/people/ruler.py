@@ -6,12 +6,15 @@ that are left out (elpd), with errors by clusters of answers about the same fabr
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.people.free_means import FreeMeans
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 
@@ -20,6 +23,14 @@ NORMAL_90 = 1.6449
 
 SEEN = 2.0
 """Standard errors by which free means have to predict better than equal ones, so that there is something to keep."""
+
+
+KEPT = 0.9
+"""Share of the ruler that a chain has to keep; one that certainly keeps less does not follow the ratings."""
+
+TOLD = 0.1
+"""Largest half-width of the share's 90 % interval with which a loss would have been seen: one of a fifth is found with
+a probability of 95 %."""
 
 
 class Ruler(NamedTuple):
@@ -43,6 +54,27 @@ class Ruler(NamedTuple):
     def loses(self) -> bool:
         """True if the chain predicts worse than free means, beyond the error."""
         return bool(np.isfinite(self.share) and self.lost > NORMAL_90 * self.lost_se)
+
+
+class Following(NamedTuple):
+    """Whether a chain follows the ratings: the one rule, from the table of its ruler."""
+
+    keeps: bool | None
+    """True if it loses nothing beyond the error and a loss would have been seen; False if it loses; None if the table
+    does not tell."""
+    rejected: bool
+    """True if it certainly keeps less than `KEPT`."""
+
+
+def following(table: pd.DataFrame) -> Following:
+    """Return whether a chain follows the ratings, from the table of its ruler (`of_run.people_tables`)."""
+    rows = table.to_dict("index")
+    share, low, high = (float(rows["share"][name]) for name in ("value", "low", "high"))
+    if not np.isfinite(share):
+        return Following(None, False)
+    if rows["lost"]["low"] > 0:
+        return Following(False, bool(high < KEPT))
+    return Following(True if 0.5 * (high - low) <= TOLD else None, False)
 
 
 def ruler(free: FreeMeans, chain: Array, predicted: Array) -> Ruler:

@@ -84,8 +84,9 @@ class Drawing:
 CURVES = {"predictions/total_rate": "the run had no ratings, so it has no response curves"}
 REPLICATES = {"posterior_predictive/rating_of_new_participants": "it has no replicated ratings"}
 PIT = {"constant_data/loo_pit": "it has no leave-one-out predictions"}
-TOUCH = {"illustrations/touch_stress_kpa": "it has no stored touches"}
+TOUCH = {"illustration_data/touch_stress_kpa": "it has no stored touches"}
 FIRING = {"predictions/firing_rate_hz": "it has no stored firing rates"}
+ENSEMBLES = {"sample_stats/ensemble": "it has no ensembles"}
 FORCES = {"predictions/typical_force_n": "the run had no compression data"}
 
 FIGURES: Mapping[str, Drawing] = MappingProxyType(
@@ -134,9 +135,11 @@ FIGURES: Mapping[str, Drawing] = MappingProxyType(
             partial(parameters.corner, every=True), "joint posterior of every pair of parameters", on_request=True
         ),
         "prior": Drawing(parameters.prior, "prior (grey) and posterior (blue) of every parameter"),
-        "trace": Drawing(parameters.trace, "trace of every parameter in each ensemble, against the steps"),
+        "trace": Drawing(parameters.trace, "trace of every parameter in each ensemble, against the steps", ENSEMBLES),
         "rank": Drawing(
-            parameters.rank, "ranks of the draws of each ensemble among all draws, uniform if the ensembles agree"
+            parameters.rank,
+            "ranks of the draws of each ensemble among all draws, uniform if the ensembles agree",
+            ENSEMBLES,
         ),
         "compression": Drawing(
             touch.compression, "force of a rigid plate against indentation, with credible bands and the data", FORCES

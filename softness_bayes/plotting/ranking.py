@@ -1,4 +1,4 @@
-"""Fabrics in the order of their predicted softness: the probability of each rank, and the predicted ratings."""
+"""Fabrics in the order of their predicted ratings: the probability of each rank, and the predicted ratings."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _ROW, _SPARE, _KEY = 0.16, 1.0, 0.6  # height of a named row, of the margins, an
 
 
 class Order(NamedTuple):
-    """Fabrics under one load; all arrays are in the order of the fabrics, with the softest first."""
+    """Fabrics under one load; all arrays are in the order of the fabrics, with the highest rating first."""
 
     load: Load
     fabrics: Sequence[str]
@@ -95,7 +95,7 @@ def ranking_figure(orders: Sequence[Order], scale: Scale, *, style: Style = USUA
         unit = " [%]" if len(order.fabrics) <= WRITTEN else ""
         left.set_title(f"{title(order.load)}: probability of each rank{unit}")
         right.set_title("predicted rating, 90 % interval")
-    cells[-1][0].set_xlabel("place (1: softest)")
+    cells[-1][0].set_xlabel("place (1: highest predicted rating)")
     cells[-1][1].set_xlabel(scale.label)
     return figure
 

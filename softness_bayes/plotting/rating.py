@@ -78,10 +78,12 @@ def rating(result: stored.Drawable, style: Style, against_ratio: bool = False) -
 
 def observed_of(result: stored.Drawable) -> Observed:
     """Return the ratings of a run by condition: a fabric under one load or under one group of loads."""
+    from softness_bayes.checking.layout import ratings_in
+
     constant, modulus = result.group("constant_data"), stored.fabric_modulus(result)
     count, limits = result.load_groups.at.size, stored.modulus_limits(result)
     observed = observed_ratings(
-        result.group("observed_data")["rating"].values,
+        ratings_in(result.tree),
         stored.rated_load(result) * modulus.size + constant["fabric_index"].values,
         constant["participant_index"].values,
         np.tile(modulus, count),

@@ -94,7 +94,9 @@ def fabric_names(result: Drawable) -> list[str]:
 
 def answers(result: Drawable) -> tuple[Array, Array]:
     """Return observed ratings, shape (rows,), and replicated ratings, shape (draws, rows)."""
-    return result.group("observed_data")["rating"].values, result.group("posterior_predictive")["rating"].values[0]
+    from softness_bayes.checking.layout import ratings_in
+
+    return ratings_in(result.tree), result.group("posterior_predictive")["rating"].values[0]
 
 
 def sampled_parameters(result: Drawable) -> tuple[list[str], list[str]]:
@@ -114,5 +116,5 @@ def draws_of(result: Drawable, group: str, names: Sequence[str]) -> Array:
 
 def walkers_of(result: Drawable, names: Sequence[str]) -> tuple[Array, NDArray[np.intp]]:
     """Return the draws of all walkers, shape (walkers, steps, parameters), and each walker's ensemble."""
-    stored = result.group("posterior")
-    return np.stack([stored[name].values for name in names], axis=-1), stored["ensemble"].values
+    stored, ensemble = result.group("posterior"), result.group("sample_stats")["ensemble"].values
+    return np.stack([stored[name].values for name in names], axis=-1), ensemble[:, 0]

@@ -55,7 +55,7 @@ def touch(result: stored.Drawable, style: Style) -> Figure:
     """
     from matplotlib.figure import Figure
 
-    every = result.group("illustrations")
+    every = result.group("illustration_data")
     columns = fitting(every.sizes["touch_load"], style)
     loads = np.unique(np.linspace(0, every.sizes["touch_load"] - 1, columns).round().astype(int))
     touches = every.isel(touch_load=loads)
@@ -75,7 +75,11 @@ def touch(result: stored.Drawable, style: Style) -> Figure:
 
 def _fabric_labels(result: stored.Drawable) -> list[str]:
     """Return labels of the fabrics that are touched, with the names of rated fabrics and the moduli."""
-    touches, modulus, names = result.group("illustrations"), stored.given_modulus(result), stored.fabric_names(result)
+    touches, modulus, names = (
+        result.group("illustration_data"),
+        stored.given_modulus(result),
+        stored.fabric_names(result),
+    )
     labels = []
     for what, kilopascal in zip(touches["touch_fabric"].values, touches["touch_e_fab_kpa"].values, strict=True):
         same = np.flatnonzero(np.isclose(modulus, kilopascal * 1e3, rtol=1e-6))
@@ -209,7 +213,7 @@ def membrane(result: stored.Drawable, style: Style) -> Figure:
     """
     from matplotlib.figure import Figure
 
-    predicted, examples = result.group("predictions").isel(chain=0), result.group("illustrations")
+    predicted, examples = result.group("predictions").isel(chain=0), result.group("illustration_data")
     currents, x = examples["train_current_ua_cm2"].values, predicted["current_ua_cm2"].values
     figure = Figure(figsize=(style.column, 2.6 + 0.25 * currents.size), layout="constrained")
     above, below = figure.subplots(2, 1, height_ratios=(2.0, 0.25 + 0.25 * currents.size))

@@ -27,7 +27,9 @@ from softness_bayes.checking.sentences import (
 )
 from softness_bayes.checking.turning_check import Reproduction, turns_reproduced
 from softness_bayes.defaults import in_words, shown_of
-from softness_bayes.files.run_files import MODULUS_ERRORS
+from softness_bayes.files.run_files import MODULUS_ERRORS, RULER
+from softness_bayes.people.ruler import Following, following
+from softness_bayes.people.sentences import ruler_sentence
 from softness_bayes.provenance import NumericalErrors, PlateData
 from softness_bayes.readable import number, sentence, with_error
 from softness_bayes.results.result import Result
@@ -84,7 +86,7 @@ def cards(result: Result) -> list[Card]:
     rest.append(information_card(result.summary(), [held] if held else []))
     if result.has_compression:
         rest.append(plate_card(provenance.plate))
-    follows = [agreement_card(fit_of(result.tree))] if result.has_ratings else []
+    follows = [agreement_card(fit_of(result.tree), ruler_of(result))] if result.has_ratings else []
     if not provenance.ending.converged:
         rest, follows = ([card.doubted(NOT_CONVERGED) for card in some] for some in (rest, follows))
     if follows and follows[0].standing is Standing.BAD:
@@ -108,9 +110,33 @@ def convergence_card(converged: bool, verdict: str) -> Card:
     return Card("Has the sampler converged?", answer, standing, [verdict])
 
 
-def agreement_card(fit: Fit) -> Card:
-    """Return the card on the agreement of the model with the ratings, without which no other finding counts."""
-    details = [*fit_faults(fit), fit_sentence(fit), *([note] if (note := silence_note(fit)) else [])]
+class MeasuredRuler(NamedTuple):
+    """The ruler of a run, and what it says."""
+
+    follows: Following
+    sentence: str
+
+
+def ruler_of(result: Result) -> MeasuredRuler | None:
+    """Return the ruler of a run; None for ratings on a custom scale, whose own means are not known."""
+    if RULER not in result.tables:
+        return None
+    table = result.tables[RULER]
+    return MeasuredRuler(following(table), ruler_sentence(table, result.scale))
+
+
+def agreement_card(fit: Fit, ruler: MeasuredRuler | None = None) -> Card:
+    """Return the card on the agreement of the model with the ratings, without which no other finding counts.
+
+    It is good only if the chain keeps all that people's own means predict, and a loss would have been seen. Without a
+    ruler, the share of the differences that is explained decides.
+    """
+    details = [
+        *fit_faults(fit),
+        *([ruler.sentence] if ruler else []),
+        fit_sentence(fit),
+        *([note] if (note := silence_note(fit)) else []),
+    ]
     whole = fit.explained[-1]
     if fit.direction.against_data:
         answer, standing = "No: wrong direction of the ratings", Standing.BAD
@@ -118,11 +144,22 @@ def agreement_card(fit: Fit) -> Card:
         answer, standing = "No: the prediction is flat", Standing.BAD
     else:
         details.append(fit.direction.direction_note)
-        if not whole.p_value < LEVEL:
+        if fit.untestable or not whole.p_value < LEVEL:
             answer, standing = "Not judged", Standing.NEUTRAL
+        elif ruler is not None:
+            answer, standing = _following(ruler.follows)
         else:
             answer, standing = ("Yes", Standing.GOOD) if whole.share >= MOSTLY else ("In part", Standing.DOUBTFUL)
     return Card("Does the model follow the ratings?", answer, standing, [*map(sentence, details)])
+
+
+def _following(follows: Following) -> tuple[str, Standing]:
+    """Return answer and standing of the card on the ratings, by the ruler."""
+    if follows.keeps is None:
+        return "The ratings cannot tell", Standing.NEUTRAL
+    if follows.keeps:
+        return "Yes", Standing.GOOD
+    return ("No: it loses what people agree on", Standing.BAD) if follows.rejected else ("In part", Standing.DOUBTFUL)
 
 
 def fast_model_card(exactness: Exactness, errors: NumericalErrors) -> Card:

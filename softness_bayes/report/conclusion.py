@@ -1,4 +1,4 @@
-"""The three-line conclusion at the end of a run's output and at the top of its report: trust, findings, next step."""
+"""The closing lines of a run, and the conclusion at the top of its report: people, trust, findings, next step."""
 
 from __future__ import annotations
 
@@ -6,22 +6,28 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from softness_bayes.checking.agreement import HighestRated, fit_of, highest_rated
+from softness_bayes.checking.agreement import RATERS_OF_CELLS, HighestRated, fit_of, highest_rated
 from softness_bayes.checking.check_table import doubts
 from softness_bayes.checking.modulus_errors import LINEAR, MovedMost
 from softness_bayes.checking.sensitivity import INFORMED
+from softness_bayes.checking.sentences import surprise_sentence, surprises
 from softness_bayes.checking.turning_check import DOUBTFUL, turns_reproduced
+from softness_bayes.data.oddities import few_raters_sentence
 from softness_bayes.files.run_files import FABRIC_RATINGS, RULER
 from softness_bayes.likelihood.directions import FALLS, RISES
-from softness_bayes.parameters.declared import PARAMETERS
+from softness_bayes.parameters.declared import MODULUS_SCALE, PARAMETERS
 from softness_bayes.people.free_means import word_of
+from softness_bayes.people.ruler import Following
 from softness_bayes.people.sentences import highest_sentences, ruler_sentence
 from softness_bayes.readable import chance, number, with_error
-from softness_bayes.report.cards import exactness_of, input_errors_of
+from softness_bayes.report.cards import exactness_of, input_errors_of, ruler_of
 from softness_bayes.results.result import Result
 
 if TYPE_CHECKING:
     import pandas as pd
+
+UNKNOWN = Following(None, False)
+"""What is known of a chain without a ruler, or of one that may still change."""
 
 LIKELY = 0.9
 """Probability above which a turning point is reported; below one minus this, its absence is reported."""
@@ -87,16 +93,26 @@ class Facts(NamedTuple):
     """True if the ensembles of a first look agree well enough to report its findings."""
     people: tuple[str, ...] = ()
     """Sentences on people's own means, and on how much of them the chain keeps."""
+    follows: Following = UNKNOWN
+    """Whether the chain follows the ratings, by its ruler."""
+    surprise: str = ""
+    """Sentence on parameters whose posterior is far from their prior; empty if none is."""
+    known: tuple[str, ...] = ()
+    """Parameters that the data inform, with their 90 % intervals."""
+    unknown: tuple[str, ...] = ()
+    """Names of the parameters that they do not inform."""
+    cautions: tuple[str, ...] = ()
+    """What no check of this run can show."""
 
     @property
     def failed(self) -> bool:
         """True if the model does not follow the ratings at all."""
-        return self.other_direction is not None or self.flat
+        return self.other_direction is not None or self.flat or self.follows.rejected
 
     @property
     def rejected(self) -> bool:
         """True if a check rejects a part of the model, or the fast model is not accurate enough."""
-        return bool(self.contradicted or self.unreproduced or not self.exact)
+        return bool(self.contradicted or self.unreproduced or not self.exact or self.follows.keeps is False)
 
     @property
     def contradicted(self) -> tuple[str, ...]:
@@ -112,19 +128,29 @@ class Conclusion(NamedTuple):
     next_step: str
     people: tuple[str, ...] = ()
     """Sentences on people's own answer; empty for a run without ratings."""
+    cautions: tuple[str, ...] = ()
 
     @property
     def lines(self) -> tuple[str, ...]:
         """The sentences with their labels, as printed."""
-        said = [f"{'People:' if k == 0 else '':11}{line}" for k, line in enumerate(self.people)]
-        return (*said, f"Trust it?  {self.trust}", f"Learnt:    {self.learnt}", f"Next:      {self.next_step}")
+        said = {"People:": [*self.people], "Trust it?": [self.trust], "Learnt:": self.learnt.split("; ")}
+        said |= {"Caution:": [*self.cautions], "Next:": [self.next_step]}
+        return tuple(
+            f"{label if k == 0 else '':11}{line}" for label, lines in said.items() for k, line in enumerate(lines)
+        )
 
 
 def facts_of(result: Result) -> Facts:
     """Return the values on which the conclusion about a result is based."""
     ending, summary = result.provenance.ending, result.summary()
     settled = summary["r_hat"].max() <= _AGREE and summary["ess_bulk"].min() >= _ENOUGH
-    facts = Facts(ending.converged, ending.steps, quick=bool(ending.quick), settled=bool(ending.quick and settled))
+    facts = Facts(
+        ending.converged,
+        ending.steps,
+        quick=bool(ending.quick),
+        settled=bool(ending.quick and settled),
+        surprise=surprise_sentence(summary) if surprises(summary).size else "",
+    )
     if not result.has_ratings:
         failed = result.provenance.plate.force_p_value < DOUBTFUL  # NaN is not
         wrong = ("growth of the plate's force with indentation",) if failed else ()
@@ -144,7 +170,25 @@ def facts_of(result: Result) -> Facts:
         highest=highest_rated(result.tree),
         moved=inputs.largest if inputs.sensitive else None,
         people=_people(result),
+        follows=measured.follows if (measured := ruler_of(result)) and (ending.converged or settled) else UNKNOWN,
+        known=tuple(f"{one.name} {number(one.low)} to {number(one.high)}" for one in _skin(summary) if one.informed),
+        unknown=tuple(one.name for one in _skin(summary) if not one.informed),
+        cautions=_cautions(result),
     )
+
+
+def _cautions(result: Result) -> tuple[str, ...]:
+    """Return what no check of a run can show: errors common to all moduli, and people who were not asked."""
+    raters = result.group("constant_data").get(RATERS_OF_CELLS)
+    people = result.group("log_likelihood_participant").sizes["participant"] if raters is None else int(raters)
+    few = few_raters_sentence(people)
+    if MODULUS_SCALE in result.group("posterior"):
+        return (few,) if few else ()
+    common = (
+        "an error common to all moduli (a tester that reads 20 % high) moves b, sigma_0 and beta together, and no "
+        "rating shows it: state its size with --shared-modulus-cv; turning points as E_fab / E_skin do not depend on it"
+    )
+    return (*([few] if few else []), common)
 
 
 def _people(result: Result) -> tuple[str, ...]:
@@ -168,7 +212,7 @@ def conclude(facts: Facts, directory: str | None = None) -> Conclusion:
     directory
         Directory of the run, as commands name it; None on the report's page, which knows of none.
     """
-    return Conclusion(_trust(facts), _learnt(facts), _next(facts, directory), facts.people)
+    return Conclusion(_trust(facts), _learnt(facts), _next(facts, directory), facts.people, facts.cautions)
 
 
 def _trust(facts: Facts) -> str:
@@ -176,6 +220,8 @@ def _trust(facts: Facts) -> str:
         return "No: ratings change with stiffness in the opposite direction to the one that the run assumes."
     if facts.flat:
         return "No: the model predicts the same rating for fabrics that were rated differently."
+    if facts.follows.rejected:
+        return "No: the chain certainly loses a part of what people agree on, so that it cannot speak for them."
     if facts.quick:
         return (
             f"Not yet: this is a first look after {facts.steps} steps. The chains have not converged, and the "
@@ -187,6 +233,10 @@ def _trust(facts: Facts) -> str:
         return "With care: the chains have converged, but the fast approximation of the model is not accurate enough."
     if failed := [*(f"the turning point at {load}" for load in facts.contradicted), *facts.unreproduced]:
         return f"In part: the chains have converged, but the model does not reproduce {_listed(failed)}."
+    if facts.follows.keeps is False:
+        return "In part: the chains have converged, but the chain loses some of what people agree on."
+    if facts.surprise:
+        return f"With care: the chains have converged, but {facts.surprise}."
     if facts.silent:
         return "With care: the chains have converged, but most of the posterior predicts that no receptor fires."
     if facts.moved is not None:
@@ -197,6 +247,11 @@ def _trust(facts: Facts) -> str:
             "With care: the chains have converged and no check found a difference between model and data, but "
             "the fabrics' moduli are treated as exact. The largest shift that errors of 10 % would cause "
             f"({facts.moved.name}) is {size}."
+        )
+    if facts.people and facts.follows.keeps is None:
+        return (
+            "As far as these ratings tell: the chains have converged and no check found a difference, but a loss of "
+            "what people agree on would not have been seen."
         )
     return "Yes: the chains have converged and no check found a difference between model and data."
 
@@ -214,6 +269,10 @@ def _learnt(facts: Facts) -> str:
         clauses = [
             "the ratings do not differ between fabrics by more than noise, so they show little about the turning point"
         ]
+    if facts.known:
+        clauses.append(f"learnt (90 % intervals): {', '.join(facts.known)}")
+    if facts.unknown:
+        clauses.append(f"not learnt, as wide as their priors: {', '.join(facts.unknown)}")
     return f"{'preliminary: ' * facts.quick}{'; '.join(clauses)}."
 
 
@@ -267,6 +326,11 @@ def _next(facts: Facts, directory: str | None) -> str:
         )
     if facts.flat or (facts.silent and facts.converged):
         return "check the units of moduli and loads ('softness-bayes check'), then try --priors in-vivo."
+    if facts.follows.rejected:
+        return (
+            "look for fabrics, units and moduli that do not belong together ('softness-bayes check'); try another "
+            "--reading or --prior omega='halfnormal(0.5)', and rank the runs with 'softness-bayes compare'."
+        )
     if facts.quick:
         return f"'softness-bayes resume {directory or 'DIR'}' continues to the full run and repeats no step."
     if not facts.converged:
@@ -275,7 +339,7 @@ def _next(facts: Facts, directory: str | None) -> str:
         return "repeat the run with --exact-reweight."
     if (facts.contradicted or facts.unreproduced) and facts.skin:
         return "look in figures/compression.png for fingers that differ from the others, and check their forces' units."
-    if facts.contradicted or facts.unreproduced:
+    if facts.contradicted or facts.unreproduced or facts.follows.keeps is False:
         return "see predictive_checks.csv, try another --reading, and rank the runs with 'softness-bayes compare'."
     if facts.moved is not None:
         return (

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes import arviz_bridge
-from softness_bayes.checking.agreement import fabric_rating_table
-from softness_bayes.checking.check_table import check_table
+from softness_bayes.checking.agreement import TYPICAL, fabric_rating_table
+from softness_bayes.checking.check_table import NEW_PARTICIPANTS, check_table
 from softness_bayes.checking.checks import (
     MODULUS_STEP,
     SKIN_STEP,
@@ -37,13 +36,23 @@ from softness_bayes.files.run_files import ANSWERS, FABRIC_RATINGS, FINGERS, MOD
 from softness_bayes.likelihood.effects import RATER_EFFECTS
 from softness_bayes.likelihood.error_laws import LAPSES, STUDENT
 from softness_bayes.likelihood.models import OF_DIFFERENT_RATERS
+from softness_bayes.likelihood.scales import Scale
 from softness_bayes.likelihood.spreads import SPREADS
 from softness_bayes.model.posterior import Density, Posterior
 from softness_bayes.model.prediction import drive_slope, rates_of_other_moduli, rates_of_other_skins
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.parameters.space import ParameterSpace
-from softness_bayes.provenance import PRIOR, Finding, NumericalErrors, ResidualChecks, Silence, attributes_of, family_of
-from softness_bayes.results.constants import constant_group, coordinates, held_parameters
+from softness_bayes.provenance import (
+    PRIOR,
+    Finding,
+    NumericalErrors,
+    Provenance,
+    ResidualChecks,
+    Silence,
+    attributes_of,
+    family_of,
+)
+from softness_bayes.results.constants import constant_group, coordinates, held_parameters, observed
 from softness_bayes.results.draws import (
     CURVES,
     DRAWS_PER_WALKER,
@@ -86,6 +95,14 @@ Array = NDArray[np.float64]
 
 ERROR_DRAWS = 32
 """Posterior draws at which the scene is compared with a finer one."""
+
+
+RATINGS = {
+    "posterior_predictive": ("rating", NEW_PARTICIPANTS),
+    "prior_predictive": ("rating",),
+    "predictions": (TYPICAL, "typical_rating"),
+}
+"""Variables with ratings, which are stored in the units of the file."""
 
 
 class Stage(Enum):
@@ -165,7 +182,7 @@ def assembled(
     Stage.REPLICATES.log()
     drawn = draw_replicates(rng, draws)
     error, grid = numerical_error(draws), curve_scene(draws.scene, loads=draws.shown_loads)
-    groups = _groups(draws, drawn, error, grid)
+    groups = _groups(draws, drawn, error, grid, Provenance(attributes).rating_model.rating_scale)
     turn = groups["predictions"]["inflection_e_fab_kpa"].values[0] * 1e3
     shown, axes = illustration_groups(draws, drawn.receptors, drawn.trains, turn)
     Stage.CHECKS.log()
@@ -184,7 +201,6 @@ def assembled(
     )
     Stage.TABLES.log()
     shifts = modulus_shifts(draws, groups["inflection"])
-    tree = _with_picks(tree, draws)
     return Assembled(tree, summary_of(draws, exactness), _tables(experiment, tree, shifts))
 
 
@@ -228,7 +244,7 @@ def assembled_skin(
             plate_groups(compression, forces, typical, drawn),
             own,
         ),
-        {arviz_bridge.ENSEMBLE: kept.ensemble, **plate_coordinates(compression)},
+        plate_coordinates(compression),
         {**attributes, **plate_attributes(compression, check_exponent(forces, drawn.again))},
     )
     return Assembled(tree, summarise(posterior.names, natural), {"directions": direction_table(tree)})
@@ -251,7 +267,7 @@ def summary_of(draws: RatedDraws, exactness: Exactness) -> pd.DataFrame:
     return reweighted(table, values[evenly(draws.theta.shape, REWEIGHT_DRAWS)], exactness.log_weight)
 
 
-def _groups(draws: RatedDraws, drawn: Replicates, error: float, grid: Scene) -> Groups:
+def _groups(draws: RatedDraws, drawn: Replicates, error: float, grid: Scene, scale: Scale) -> Groups:
     """Return all groups except those of the posterior."""
     Stage.LEFT_OUT.log()
     few = draws.subset(draws.replicates)
@@ -263,10 +279,12 @@ def _groups(draws: RatedDraws, drawn: Replicates, error: float, grid: Scene) -> 
         **prior_groups(draws, drawn),
         "predictions": prediction_group(draws, grid, error),
         **turning_groups(draws, error),
-        "observed_data": {"rating": Variable(draws.ratings.values, ("rating_row",))},
-        "constant_data": constant_group(draws, pit),
     }
-    return merged(groups, predicted)
+    groups = merged(groups, predicted)
+    for group, names in RATINGS.items():
+        groups[group] |= {n: groups[group][n]._replace(values=scale.filed(groups[group][n].values)) for n in names}
+    data: Groups = {"observed_data": observed(draws, scale), "constant_data": constant_group(draws, pit, scale)}
+    return merged(groups, data)
 
 
 def _posterior_groups(draws: RatedDraws) -> Groups:
@@ -286,15 +304,6 @@ def _plate(draws: RatedDraws, drawn: Replicates) -> tuple[Groups, dict[str, Any]
     skin = draws.posterior.skin_parameters(draws.subset(draws.curves).theta)
     attributes = plate_attributes(data, check_exponent(forces, drawn.plate.again))
     return plate_groups(data, forces, skin, drawn.plate), attributes
-
-
-def _with_picks(tree: xr.DataTree, draws: RatedDraws) -> xr.DataTree:
-    """Add coordinates that identify the draws in groups with only some of the draws."""
-    for group, size in draws.picks.items():
-        chain, draw = draws.picked(size)
-        which = {"posterior_chain": ("draw", chain), "posterior_draw": ("draw", draw)}
-        tree[group].dataset = tree[group].to_dataset().assign_coords(which)
-    return tree
 
 
 def _findings(draws: RatedDraws) -> tuple[Finding, ...]:

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes import arviz_bridge
+from softness_bayes.checking.agreement import RATERS_OF_CELLS
 from softness_bayes.checking.check_table import LOO_PIT, PARETO_K
 from softness_bayes.checking.checks import LooPit
 from softness_bayes.checking.individual import MODULUS_LAW, UNCERTAIN
-from softness_bayes.checking.layout import LOAD_GROUP
+from softness_bayes.checking.layout import LOAD_GROUP, RATING_VALUE
 from softness_bayes.data.columns import EFFECTIVE_MODULUS, GEOMETRIC_SD, LOAD_CV, POISSON_RATIO, RESOLUTION
 from softness_bayes.data.ratings import LOAD_COLUMNS
+from softness_bayes.likelihood.scales import Scale
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.space import FabricModuli, ParameterSpace
 from softness_bayes.results.draws import RatedDraws, Variable
@@ -26,12 +27,12 @@ from softness_bayes.touch.scene import Scene
 if TYPE_CHECKING:
     import xarray as xr
 
-RATERS_OF_CELLS = "raters"
-"""Name of the variable with the number of raters per cell."""
+RATING_LINE = "rating_line"
+"""Name of the variable with the line of each rating in its file; a line of a wide table has several."""
 
 RATING_AS_FILED, RATING_LOW, RATING_HIGH = "rating_as_filed", "rating_low", "rating_high"
-"""Names of the variables for ratings as in the file, including 0, and for the ends of the intervals that they
-represent."""
+"""Names of the variables for ranks and answers as in the file, whose ratings are shares of a list, and for the ends of
+the intervals that ratings represent, in the units of the file."""
 
 COEFFICIENTS = "noise_curve_coefficients"
 """Name of the variable with the coefficients of the curves, in `constant_data`; the others are named in `_UNITS`."""
@@ -54,13 +55,13 @@ def held_parameters(space: ParameterSpace) -> dict[str, Variable]:
 
 def _modulus_laws(space: ParameterSpace) -> dict[str, Variable]:
     """Return the prior laws of uncertain moduli [kPa], in written form."""
-    if space.moduli is None:
+    if space.moduli is None or not space.moduli.uncertain:
         return {}
     laws = np.array([str(space.moduli.laws[k]) for k in space.moduli.uncertain])
     return {MODULUS_LAW: Variable(laws, (UNCERTAIN,))}
 
 
-def constant_group(draws: RatedDraws, pit: LooPit) -> dict[str, Variable]:
+def constant_group(draws: RatedDraws, pit: LooPit, scale: Scale) -> dict[str, Variable]:
     """Return the fixed parameters, the fabrics, the loads, and the participant, fabric and load of each rating."""
     ratings, fabrics = draws.experiment.ratings, draws.experiment.fabrics
     modulus = draws.scene.fabric_modulus / EFFECTIVE_MODULUS.factor
@@ -85,12 +86,23 @@ def constant_group(draws: RatedDraws, pit: LooPit) -> dict[str, Variable]:
         **({} if ratings.lists is None else {"list_index": Variable(ratings.lists, ("rating_row",))}),
         **stored_curves(draws.scene.firing),
         **_of_cells(draws),
-        **_as_filed(draws),
+        **_in_the_model(draws, scale),
         **{
             f"{what}_index": Variable(getattr(ratings, what), ("rating_row",))
             for what in ("participant", "fabric", "load")
         },
+        RATING_LINE: Variable(ratings.rows, ("rating_row",)),
+        **_picks(draws),
     }
+
+
+def _picks(draws: RatedDraws) -> dict[str, Variable]:
+    """Return chain and draw, in the posterior, of the draws of groups that have only some of them."""
+    found = {}
+    for group, size in draws.picks.items():
+        for what, values in zip(("chain", "draw"), draws.picked(size), strict=True):
+            found[f"{group}_{what}"] = Variable(values, (f"draw_of_{group}",))
+    return found
 
 
 def _of_cells(draws: RatedDraws) -> dict[str, Variable]:
@@ -102,17 +114,20 @@ def _of_cells(draws: RatedDraws) -> dict[str, Variable]:
     return {RATERS_OF_CELLS: Variable(np.array(cells.raters)), **known}
 
 
-def _as_filed(draws: RatedDraws) -> dict[str, Variable]:
-    """Return ratings as in the file and the ends of their intervals, if ratings are not exact numbers."""
-    ends, filed = draws.ratings.ends, draws.experiment.ratings.rating
-    if ends is None:
-        same = np.array_equal(filed, draws.ratings.values)
-        return {} if same else {RATING_AS_FILED: Variable(filed, ("rating_row",))}
-    return {
-        RATING_AS_FILED: Variable(filed, ("rating_row",)),
-        RATING_LOW: Variable(ends[0], ("rating_row",)),
-        RATING_HIGH: Variable(ends[1], ("rating_row",)),
-    }
+def observed(draws: RatedDraws, scale: Scale) -> dict[str, Variable]:
+    """Return the ratings as in the file; ranks and pairs as the model has them, as replicates are."""
+    filed = draws.experiment.ratings.rating
+    return {"rating": Variable(scale.filed(draws.ratings.values) if scale.answer else filed, ("rating_row",))}
+
+
+def _in_the_model(draws: RatedDraws, scale: Scale) -> dict[str, Variable]:
+    """Return what the model has instead of ratings that are no exact numbers: values in means, ends of intervals."""
+    ends, filed, values = draws.ratings.ends, draws.experiment.ratings.rating, scale.filed(draws.ratings.values)
+    values = np.where(np.isclose(values, filed, rtol=1e-12), filed, values)  # rounding of shares
+    other = filed if scale.answer else values
+    found = {} if np.array_equal(filed, values) else {RATING_AS_FILED if scale.answer else RATING_VALUE: other}
+    found |= {} if ends is None else {RATING_LOW: scale.filed(ends[0]), RATING_HIGH: scale.filed(ends[1])}
+    return {name: Variable(values, ("rating_row",)) for name, values in found.items()}
 
 
 def _finger_radius(draws: RatedDraws) -> float:
@@ -124,15 +139,13 @@ def _finger_radius(draws: RatedDraws) -> float:
 def coordinates(draws: RatedDraws, grid: Scene) -> dict[str, NDArray[Any]]:
     """Return the coordinates of the axes; `grid` is the scene of the response curves."""
     ratings, compression = draws.experiment.ratings, draws.experiment.compression
-    points = grid.n_conditions // len(grid.loads)
+    points, moduli = grid.n_conditions // len(grid.loads), draws.posterior.space.moduli
     return {
-        arviz_bridge.ENSEMBLE: draws.kept.ensemble,
         "participant": np.array(ratings.participants),
         "fabric": np.array(ratings.fabrics),
-        **({} if (moduli := draws.posterior.space.moduli) is None else {UNCERTAIN: _uncertain(moduli)}),
+        **({UNCERTAIN: _uncertain(moduli)} if moduli is not None and moduli.uncertain else {}),
         "load": np.array([str(load) for load in ratings.loads]),
         **({LOAD_GROUP: np.array(draws.load_groups.names)} if draws.load_groups.merged else {}),
-        "rating_row": ratings.rows,
         "e_fab_kpa": grid.modulus[:points] * 1e-3,
         **({} if compression is None else plate_coordinates(compression)),
     }

@@ -130,10 +130,9 @@ class RatedDraws:
 
     @property
     def picks(self) -> dict[str, int]:
-        """Groups with a subset of the posterior draws, and its size; their coordinates identify the draws."""
+        """Groups with a subset of the posterior draws, and its size; `log_likelihood` has the first one's."""
         return {
             "posterior_predictive": self.replicates,
-            "log_likelihood_loo": self.replicates,
             "predictions": self.curves,
         }
 
@@ -287,7 +286,7 @@ def named(space: ParameterSpace, theta: Array) -> dict[str, Variable]:
 def _by_name(space: ParameterSpace, values: Array, units: Sequence[str]) -> dict[str, Variable]:
     chain = range(space.n_chain)
     found = {space.names[k]: Variable(values[..., k], units=units[k]) for k in chain}
-    if space.moduli is not None:
+    if space.moduli is not None and space.moduli.uncertain:
         found[FABRIC_MODULUS] = Variable(values[..., space.n_chain :], (UNCERTAIN,), units[-1])
     return found
 
@@ -307,12 +306,16 @@ def sampled_groups(density: Density, kept: Chains, theta: Array, data: str) -> G
     log_prior = density.space.log_prior(theta)
     # a density in natural units, not in the sampler's own coordinates
     height = kept.by_walker(kept.log_density - density.space.log_jacobian(kept.coordinates))
-    acceptance = np.broadcast_to(kept.accepted.reshape(-1, 1), height.shape)
+    acceptance, ensemble = (np.broadcast_to(v.reshape(-1, 1), height.shape) for v in (kept.accepted, kept.ensemble))
     return {
         "posterior": named(density.space, theta),
-        "sample_stats": {"lp": Variable(height), "acceptance_rate": Variable(acceptance)},
+        "sample_stats": {
+            "lp": Variable(height),
+            "acceptance_rate": Variable(acceptance),
+            arviz_bridge.ENSEMBLE: Variable(ensemble),
+        },
         "log_prior": _by_name(density.space, log_prior, [""] * density.space.dimension),
-        "log_likelihood": {data: Variable(height - log_prior.sum(axis=-1))},
+        "log_likelihood_joint": {data: Variable(height - log_prior.sum(axis=-1))},
     }
 
 

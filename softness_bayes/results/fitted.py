@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.checking.agreement import RATERS_OF_CELLS
 from softness_bayes.checking.individual import modulus_laws
 from softness_bayes.data import Compression, Experiment, Fabrics, Ratings
 from softness_bayes.data.columns import GEOMETRIC_SD, LOAD_CV, RESOLUTION
@@ -23,10 +24,10 @@ from softness_bayes.model.posterior import Posterior
 from softness_bayes.model.prediction import OtherTouches
 from softness_bayes.model.scenes import fabric_moduli, scene_of
 from softness_bayes.parameters.choice import require_values
-from softness_bayes.parameters.declared import EVERY_PARAMETER, FABRIC_MODULUS, KPA
+from softness_bayes.parameters.declared import EVERY_PARAMETER, FABRIC_MODULUS, KPA, MODULUS_SCALE
 from softness_bayes.parameters.laws import LogNormal, LogUniform
 from softness_bayes.parameters.space import FabricModuli
-from softness_bayes.results.constants import RATERS_OF_CELLS, RATING_AS_FILED
+from softness_bayes.results.constants import RATING_AS_FILED, RATING_LINE
 from softness_bayes.results.request import Request
 from softness_bayes.results.stored import Stored
 from softness_bayes.touch.contact import Load
@@ -116,7 +117,7 @@ class Fitted:
 
     def touches(self, fabrics: Fabrics, scene: Scene) -> OtherTouches:
         """Return the touches of a scene with some fabrics, matched to rated ones by `rated_among`."""
-        return OtherTouches(self.posterior, scene, rated_among(self.result, fabrics))
+        return OtherTouches(self.posterior, scene, rated_among(self.result, fabrics), self.result.scale)
 
     def modulus(self, rng: np.random.Generator, fabrics: Fabrics) -> Array | None:
         """Return E_fab [Pa] of each fabric at each draw, (draws, fabrics); None if all are known exactly.
@@ -129,12 +130,13 @@ class Fitted:
             name = f"{FABRIC_MODULUS}[{fabrics.names[k]}]"
             if rated >= 0 and name in self.named:
                 drawn[k] = self.named[name]
-        if not drawn:
+        if not drawn and MODULUS_SCALE not in self.named:
             return None
         found = np.tile(moduli.middle, (size, 1))
         for k, values in drawn.items():
             found[:, k] = values * KPA
-        return found
+        # the same tester is taken to have measured all cloth
+        return found * np.reshape(self.named.get(MODULUS_SCALE, 1.0), (-1, 1))
 
 
 def experiment_of(result: Stored) -> Experiment:
@@ -146,7 +148,7 @@ def experiment_of(result: Stored) -> Experiment:
         If the run had no ratings.
     """
     loads, constant, found = result.loads, result.group("constant_data"), result.provenance.rating_data
-    rating = result.group("observed_data")["rating"]
+    rating = result.group("observed_data")["rating"].values
     fabrics = _fabrics_of(result)
     ratings = Ratings(
         tuple(str(name) for name in result.group("log_likelihood_participant")["participant"].values),
@@ -155,8 +157,8 @@ def experiment_of(result: Stored) -> Experiment:
         participant=constant["participant_index"].values,
         fabric=constant["fabric_index"].values,
         load=constant["load_index"].values,
-        rating=constant[RATING_AS_FILED].values if RATING_AS_FILED in constant else rating.values,
-        rows=rating["rating_row"].values,
+        rating=constant[RATING_AS_FILED].values if RATING_AS_FILED in constant else rating,
+        rows=constant[RATING_LINE].values,
         n_missing=found.missing_ratings,
         rating_column=found.rating_column,
         digest=found.digest_ratings,

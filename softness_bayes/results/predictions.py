@@ -48,7 +48,7 @@ SHIFT_DRAWS = 1000
 SHIFTED = ("b", "m", "sigma_0", "gamma")
 """Parameters whose shifts are reported, if they are sampled."""
 
-ILLUSTRATIONS = "illustrations"
+ILLUSTRATIONS = "illustration_data"
 """Group of a result with quantiles over draws and single examples instead of draws."""
 
 QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
@@ -210,7 +210,7 @@ def illustrated_loads(loads: tuple[Load, ...]) -> NDArray[np.intp]:
 
 
 def illustrated_fabrics(scene: Scene, inflection: Array) -> tuple[list[str], Array]:
-    """Return names and moduli [Pa] of three fabrics in increasing order: softest, intermediate, stiffest.
+    """Return names and moduli [Pa] of three fabrics in increasing order: lowest, intermediate, highest.
 
     The intermediate one is at the typical turning point of the response, under the load with the most turning points;
     without any, it is halfway in the logarithm.
@@ -221,7 +221,7 @@ def illustrated_fabrics(scene: Scene, inflection: Array) -> tuple[list[str], Arr
     between = (
         ("at the turning point", float(np.median(known))) if known.size else ("halfway", float(np.sqrt(low * high)))
     )
-    chosen = sorted([("softest fabric", low), between, ("stiffest fabric", high)], key=lambda each: each[1])
+    chosen = sorted([("lowest modulus", low), between, ("highest modulus", high)], key=lambda each: each[1])
     return [name for name, _ in chosen], np.array([modulus for _, modulus in chosen])
 
 

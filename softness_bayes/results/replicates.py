@@ -107,7 +107,7 @@ def predictive_groups(draws: RatedDraws, drawn: Replicates, alone: Array) -> Gro
     replicates = {"rating": Variable(drawn.again[None], ROWS), NEW_PARTICIPANTS: Variable(drawn.anew[None], ROWS)}
     return {
         "posterior_predictive": replicates,
-        "log_likelihood_loo": {"rating": Variable(alone[None], ROWS)},
+        "log_likelihood": {"rating": Variable(alone[None], ROWS)},
         # not named like the rating, which has a different axis
         "log_likelihood_participant": {"ratings_of_participant": Variable(whole[None], ("participant",))},
         **_plateau_groups(draws, drawn),

@@ -144,8 +144,7 @@ class Result(Stored):
         self._require_ratings()
         names = self.load_groups.names
         drawn, prior = (self._turning(name) for name in ("inflection", "prior_inflection"))
-        ensemble = self.group("inflection").coords.get(arviz_bridge.ENSEMBLE)
-        return turning_table(drawn, names, prior, None if ensemble is None else ensemble.values)
+        return turning_table(drawn, names, prior, np.unique(self.group("sample_stats")[arviz_bridge.ENSEMBLE]).size)
 
     @property
     def moduli_assumed(self) -> bool:

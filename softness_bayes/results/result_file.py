@@ -27,7 +27,7 @@ SCHEMA = 2
 SUMMARY_TABLE = "summary"
 """Name of the table that every result has."""
 
-TABLES = "tables"
+TABLES = "table_data"
 """Group of the tables, each as JSON of its columns, so that no change of a CSV file matters."""
 
 SEAL = b"\nsoftness-bayes: SHA-256 of all before this line: "
@@ -40,7 +40,7 @@ def content_of(tree: xr.DataTree, tables: Mapping[str, pd.DataFrame]) -> bytes:
 
     text = xr.Dataset({name: ((), _text_of(table)) for name, table in tables.items()})
     whole = tree.assign({TABLES: xr.DataTree(text)})
-    whole.attrs = {**tree.attrs, "schema_version": SCHEMA}
+    whole.attrs = {**tree.attrs, "schema_version": float(SCHEMA)}
     return arviz_bridge.netcdf(whole, _seal_of)
 
 

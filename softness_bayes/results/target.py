@@ -202,7 +202,7 @@ def target(
     nu = float(np.median(known.poisson_ratio)) if cloth.poisson_ratio is None else cloth.poisson_ratio
     names = tuple(f"{modulus:.6g} Pa" for modulus in grid)
     scene = fitted.scene(Fabrics(names, effective_modulus=grid, poisson_ratio=np.full(POINTS, nu)), loads)
-    found = OtherTouches(fitted.posterior, scene, None).ratings(np.random.default_rng(seed), fitted.theta)
+    found = OtherTouches(fitted.posterior, scene, None, result.scale).ratings(np.random.default_rng(seed), fitted.theta)
     why = reasons(fitted, scene, found.rate)
     solved = []
     for k, load in enumerate(loads):

@@ -68,7 +68,7 @@ def leave_by_weights(log_density: Array) -> LeftOut:
 def _by_rating(result: Result, *_: Any) -> LeftOut:
     """Leave out each rating; lists and pairs, whose rows depend on one another, are left out as a whole."""
     if not result.scale.answer:
-        return _stored(result, "log_likelihood_loo", "rating")
+        return _stored(result, "log_likelihood", "rating")
     posterior = build(experiment_of(result), options_of(result)).posterior
     return leave_by_weights(posterior.observation.log_likelihood_answers(*_at_draws(posterior, result)))
 

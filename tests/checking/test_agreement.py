@@ -6,16 +6,17 @@ import numpy as np
 import pytest
 import xarray as xr
 from numpy.testing import assert_allclose
-from scipy.stats import f
+from scipy.stats import chi2, f
 
 from softness_bayes.checking.agreement import TYPICAL, HighestRated, explain, fabric_rating_table, fit_of, highest_rated
 from softness_bayes.checking.check_table import check_table
 from softness_bayes.checking.sentences import fit_faults, fit_sentence
 from softness_bayes.cli.summary import print_result
+from softness_bayes.data.oddities import few_raters_sentence
 from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.likelihood.layout import Layout
 from softness_bayes.report import page
-from softness_bayes.report.cards import Standing, cards
+from softness_bayes.report.cards import Standing, agreement_card, cards
 from softness_bayes.results.fitted import options_of
 from softness_bayes.runs.run import sample
 from support import report_runs
@@ -110,6 +111,24 @@ def test_a_right_model_is_not_accused(rng):
     assert fit_faults(fit) == []
     assert fit.explained[-1].share == pytest.approx(1.0, abs=0.05)
     assert fit_sentence(fit).startswith("the response explains ")
+
+
+def test_as_many_free_moduli_as_means_are_no_test(rng):
+    fit = fit_of(with_typical(tree(rng), PLAIN.gamma * LOG_RATE))
+    assert (fit.free_moduli, fit.means) == (0, 12)
+    free = fit._replace(free_moduli=12)
+    assert "tests nothing: 12 moduli are free to follow 12 mean ratings" in fit_sentence(free)
+    assert agreement_card(free).answer == "Not judged"
+    # negative control: fewer are a test
+    assert fit_sentence(fit._replace(free_moduli=6)).startswith("the response explains ")
+
+
+def test_few_raters_are_warned_of():
+    assert few_raters_sentence(3).startswith("only 3 raters: how much people differ (tau) rests on its prior")
+    assert few_raters_sentence(6) == ""
+    # the 90 % interval of a standard deviation of n numbers
+    low, high = np.sqrt([5, 4] / chi2.ppf([[0.95], [0.05]], [5, 4]))
+    assert (high / low)[0] < 3.2 < (high / low)[1]
 
 
 def test_a_flat_model_is(rng):

@@ -322,7 +322,7 @@ def test_what_cannot_be_compared_is_not(rng):
     assert [words.partition(":")[0] for words in said] == ["participants", "noise", "fingers"]
     assert "cannot be compared" in said[0]
     assert "fewer than two" in said[1]
-    assert "do not inform" in said[2]
+    assert "fewer than two raters" in said[2]
     assert "do not show" in modulus_sentence(check_moduli(held, np.zeros((3, 12))))
 
 

@@ -113,7 +113,7 @@ def test_what_is_not_clear_is_not_said():
     assert_allclose(table.loc["b", ["shift_5", "shift_10", "shift_20"]].to_numpy(float), [0.75, 1.5, 3.0])
     said = shift_sentences(table)
     assert len(said) == 2
-    assert said[1].strip() == "b: 0.75 ± 0.05, more than 1, more than 1"
+    assert said[1].strip() == "b: 0.75 ± 0.05 at 5 %, more than 1 from 10 %"
     assert moved_most(table) == ("b", 1.5)
     assert shift_sentences(table.loc[["m"]]) == []
     assert moved_most(table.loc[["m"]]) is None

@@ -8,10 +8,10 @@ from scipy.stats import norm
 
 from softness_bayes.checking.pooling import LIMITS, PopulationPrior, Separate, pool
 from softness_bayes.errors import InputError
-from softness_bayes.parameters.coordinates import HalfLine, Line
+from softness_bayes.parameters.coordinates import HalfLine, coordinate_for
 from softness_bayes.parameters.laws import HalfNormal, LogNormal, Normal
 
-PRIOR = PopulationPrior(Normal(0.0, 2.0), HalfNormal(1.0), Line())
+PRIOR = PopulationPrior(Normal(0.0, 2.0), HalfNormal(1.0), coordinate_for((-np.inf, np.inf)))
 SEEN = {"A": (0.9, 0.3), "B": (0.1, 0.5), "C": (1.6, 0.4), "D": (0.4, 0.25), "E": (1.2, 0.6)}
 """What is measured of each table, and its standard error."""
 DRAWS = 2000
@@ -113,7 +113,7 @@ def test_a_joint_grid_of_two_tables(rng):
 
 def test_precise_tables_are_not_lost_between_cells(rng):
     """Of a wide prior, in which a coarse cell is many times as wide as what the tables say."""
-    prior = PopulationPrior(Normal(0.0, 50.0), HalfNormal(20.0), Line())
+    prior = PopulationPrior(Normal(0.0, 50.0), HalfNormal(20.0), coordinate_for((-np.inf, np.inf)))
     seen = {f"P{k}": (3.7 + 0.01 * np.cos(k), 0.01) for k in range(12)}
     found = pool(tables(rng, seen, prior=prior.mean, draws=400), prior)
     assert found.fault == ""
@@ -143,13 +143,13 @@ def test_a_prior_that_hides_the_population_is_refused(rng):
     narrow = Normal(0.0, 0.5)
     weak = {f"P{k}": (4.0, 0.8) for k in range(12)}
     drawn = tables(rng, weak, prior=narrow, draws=1000)
-    found = pool(drawn, PopulationPrior(Normal(0.0, 5.0), HalfNormal(1.0), Line()))
+    found = pool(drawn, PopulationPrior(Normal(0.0, 5.0), HalfNormal(1.0), coordinate_for((-np.inf, np.inf))))
     assert found.failing
     assert "fail" in found.fault
     assert "wider prior" in found.fault
     wide = pool(
         tables(rng, weak, prior=Normal(0.0, 5.0), draws=1000),
-        PopulationPrior(Normal(0.0, 5.0), HalfNormal(1.0), Line()),
+        PopulationPrior(Normal(0.0, 5.0), HalfNormal(1.0), coordinate_for((-np.inf, np.inf))),
     )
     assert wide.fault == ""
 
@@ -158,7 +158,9 @@ def test_draws_far_apart_are_refused(rng):
     """No spread that the prior allows reaches from one to the other."""
     far = {"A": (0.0, 1e-3), "B": (1e3, 1e-3)}
     wide = Normal(0.0, 1e4)
-    found = pool(tables(rng, far, prior=wide), PopulationPrior(wide, HalfNormal(0.1), Line()))
+    found = pool(
+        tables(rng, far, prior=wide), PopulationPrior(wide, HalfNormal(0.1), coordinate_for((-np.inf, np.inf)))
+    )
     assert found.fault
 
 

@@ -283,7 +283,7 @@ def tree_of(theta, log_prior, log_likelihood, **extra):
     groups = {
         "posterior": {**{n: theta[None, :, k] for k, n in enumerate(names)}, **extra},
         "log_prior": {n: log_prior[None, :, k] for k, n in enumerate(names)},
-        "log_likelihood": {"ratings": log_likelihood[None]},
+        "log_likelihood_joint": {"ratings": log_likelihood[None]},
     }
     attributes = {f"prior_{n}": str(p) for n, p in zip(names, PRIORS, strict=True)}
     return arviz_bridge.to_tree(groups, attrs=attributes | {"prior_set": "default", "prior_mu": "normal(3,3)"})
@@ -297,7 +297,7 @@ def test_tables_of_a_result(rng):
     table = information_table(tree)
     sensitivities = ["psens_prior", "psens_likelihood"]
     errors = [f"{name}_mcse" for name in sensitivities]
-    assert list(table) == ["prior_mean", "prior_sd", "contraction", *sensitivities, *errors]
+    assert list(table) == ["prior_mean", "prior_sd", "contraction", "prior_shift", *sensitivities, *errors]
     assert (table.loc[["b", "m", "gamma"], errors] > 0).all(axis=None)
     assert table.index.tolist() == ["b", "m", "gamma", "mu"]
     assert table.loc["mu", "contraction"] == pytest.approx(0.99, abs=0.002)
@@ -305,6 +305,7 @@ def test_tables_of_a_result(rng):
     assert table.loc["gamma", "contraction"] == pytest.approx(0, abs=0.05)
     assert table.loc["gamma", "psens_prior"] > SENSITIVE > table.loc["gamma", "psens_likelihood"]
     assert table.loc["b", "prior_mean"] == pytest.approx(100 * np.exp(0.125), rel=1e-4)
+    assert table.loc["b", "prior_shift"] == pytest.approx(np.mean(np.log(theta[:, 0] / 100) / 0.5), abs=1e-6)
     directions = direction_table(tree)
     assert directions.index.tolist() == [1, 2, 3]
     products = ["product", "factor_90", "factor_90_mcse", "prior_factor_90", "width"]
@@ -319,8 +320,41 @@ def test_tables_of_a_result(rng):
     assert "-" not in "".join(f"{width:.2g}" for width in np.sqrt(np.maximum(1 - directions["contraction"], 0)))
 
 
+def test_sensitivity_is_to_the_priors_of_moduli_too(rng):
+    """b and a modulus inform each other only through their product, so that the law of the modulus matters for b."""
+    modulus = LogNormal(2.0, 0.2)
+    theta = learnt(rng, error=0.05)
+    held = modulus.draw(rng, len(theta))
+    theta[:, 0] /= held
+    log_prior = np.stack([p.log_density(theta[:, k]) for k, p in enumerate(PRIORS)], axis=-1)
+    log_likelihood = norm.logpdf(np.log(theta[:, :2]).sum(1) + np.log(held), np.log(200), 0.05)
+    tree = tree_of(theta, log_prior, log_likelihood)
+    without = information_table(tree).loc["b", "psens_prior"]
+    of_moduli = modulus.log_density(held)
+    density = tree["log_prior"].to_dataset()
+    tree["log_prior"].dataset = density.assign(fabric_modulus=(("chain", "draw", "fabric"), of_moduli[None, :, None]))
+    found = information_table(tree)
+    expected, _ = power_scaling(theta[:, 0], log_prior.sum(axis=1) + of_moduli)
+    assert found.loc["b", "psens_prior"] == pytest.approx(expected, rel=1e-9)
+    assert abs(expected - without) > 0.01  # negative control: a table without them shows another number
+    assert "fabric_modulus" not in found.index
+
+
 def summary(**columns):
-    return pd.DataFrame(columns, index=["b", "m", "gamma"])
+    return pd.DataFrame({"prior_shift": 0.0, "mean": 1.0} | columns, index=["b", "m", "gamma"])
+
+
+def test_a_posterior_far_from_its_prior_is_said_first_whatever_its_width():
+    """At four prior standard deviations, b is not 'weakly identified', though it is as wide as its prior."""
+    columns = {"contraction": [-0.1, 0.9, 0.0], "psens_prior": [0.0] * 3, "psens_prior_mcse": [0.001] * 3}
+    first, *rest = information_sentences(summary(**columns, prior_shift=[-4.0, 1.0, 2.4], mean=[12.0, 2.0, 1.0]))
+    assert first.startswith("data and prior disagree about b (12, 4.0 prior standard deviations below")
+    weak = next(line for line in rest if line.startswith("weakly identified"))
+    assert weak.endswith(": gamma 1")
+    # negative control
+    lines = information_sentences(summary(**columns, prior_shift=[-2.4, 1.0, 2.4]))
+    assert not any("disagree" in line for line in lines)
+    assert lines[2].endswith(": b 1, gamma 1")
 
 
 def test_sentences_name_the_parameters():

@@ -135,7 +135,7 @@ def test_a_killed_run_is_reported_on_continued_and_draws_what_an_uninterrupted_o
     assert "posterior.nc: no such file; expected the posterior.nc of a run; the results are" in again.stderr
     # all that follows the walk is the same bit for bit, whether one process makes it or workers share it
     two = Result.load(copied)
-    for group in {*one.tree.children} - {"illustrations"}:  # its spike trains are made up here, but not by workers
+    for group in {*one.tree.children} - {"illustration_data"}:  # its spike trains are made up here, but not by workers
         assert two.tree[group].identical(one.tree[group]), group
     pd.testing.assert_frame_equal(one.table, two.table, check_exact=True)
 

@@ -314,7 +314,7 @@ def test_a_run_says_what_its_ratings_were_made_from(values, monkeypatch, scale, 
     stored = found.group("predictions").isel(chain=0)
     response, typical = (stored[name].values.reshape(-1) for name in ("total_rate", "typical_rating"))
     assert np.corrcoef(response, unit(typical))[0, 1] * direction.sign > 0.8
-    assert found.group("log_likelihood_loo")["rating"].shape == (1, 500, len(ratings))
+    assert found.group("log_likelihood")["rating"].shape == (1, 500, len(ratings))
     figure = FIGURES["rating"](found, USUAL)
     assert figure.axes[0].get_yscale() == scale.axis
     assert figure.axes[0].get_ylabel() == scale.label

@@ -13,7 +13,7 @@ from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.likelihood.error_laws import NORMAL
 from softness_bayes.likelihood.layout import Layout
 from softness_bayes.model.build import build, choose_direction
-from softness_bayes.model.direction import LEVEL, condition_means, find_trend, odd_raters
+from softness_bayes.model.direction import LEVEL, condition_means, find_trend, mean_correlation, odd_raters
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.scene import Discretisation
@@ -49,6 +49,20 @@ def test_correlations_of_a_whole_table_are_those_of_scipy(rng):
     assert found.fabrics == (7, 7, 7)
     for one in (*found.loads, found.mean):
         assert one.low <= one.value <= one.high
+
+
+def test_the_interval_of_a_correlation_holds_the_estimate(rng):
+    """Correlations of randomly weighted people lie below that of all, so that their quantiles may miss it."""
+    missed = 0
+    for _ in range(20):
+        layout = layout_of(6, np.geomspace(1e3, 1e6, 8))
+        ratings = ratings_of(rng, layout, 0.12, noise=0.8)
+        found = find_trend(layout, ratings).mean
+        assert found.low <= found.value <= found.high
+        weights = rng.exponential(size=(200, 6))
+        others = mean_correlation(layout, condition_means(layout, ratings, weights))
+        missed += not np.quantile(others, 0.05) <= found.value <= np.quantile(others, 0.95)
+    assert missed  # negative control
 
 
 @pytest.mark.parametrize("parts", [1, 2])

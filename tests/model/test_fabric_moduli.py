@@ -6,16 +6,18 @@ The oracle of the last is quadrature over moduli, mean and participants, with a 
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
 from scipy.special import logsumexp
 from scipy.stats import norm
 
 from softness_bayes.data import Experiment, Fabrics
+from softness_bayes.errors import InputError
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import fabric_moduli, scene_of, touch_parameters, usual_values
 from softness_bayes.model.simulation import simulate_ratings
-from softness_bayes.parameters.declared import PARAMETERS, UNKNOWN_MODULUS
+from softness_bayes.parameters.declared import MODULUS_SCALE, PARAMETERS, UNKNOWN_MODULUS
 from softness_bayes.parameters.laws import LogNormal, LogUniform
 from softness_bayes.touch.contact import PRINTED_RIGIDITY, Force, Indentation
 from softness_bayes.touch.readings import MENDED
@@ -86,6 +88,41 @@ def test_without_errors_all_moduli_are_known():
         assert found.known
     assert fabric_moduli(fabrics(effective_modulus_cv=np.zeros(3)), PRINTED_RIGIDITY, 0.2).known
     assert fabric_moduli(fabrics(), PRINTED_RIGIDITY, 0.2).uncertain == (0, 1, 2)
+
+
+# one error of all moduli
+
+
+@pytest.mark.parametrize("of_each", [None, 0.1])
+def test_an_error_common_to_all_moduli_is_one_factor(of_each):
+    """The posterior at a factor is that of moduli multiplied by it, with or without errors of each."""
+    cloth, free = fabrics(), ("b", "sigma_0", "gamma")
+    ratings = made(cloth)
+    options = ModelOptions(fix=held(*free), shared_modulus_cv=0.15, modulus_cv=of_each, discretisation=FINE)
+    posterior = build(Experiment(ratings, cloth, ()), options).posterior
+    names = posterior.names
+    assert [name for name in names if "modulus" not in name] == [*free]
+    assert MODULUS_SCALE in names
+    (law,) = (p.prior for p in posterior.space.sampled if p.name == MODULUS_SCALE)
+    drawn = law.draw(np.random.default_rng(0), 200_000)
+    assert_allclose(drawn.std() / drawn.mean(), 0.15, rtol=0.01)
+    at = dict(zip(free, posterior.space.median, strict=False)) | {MODULUS_SCALE: 1.2}
+    theta = np.array([at.get(name, p.prior.median) for name, p in zip(names, posterior.space.sampled, strict=True)])
+    higher = fabrics()
+    object.__setattr__(higher, "effective_modulus", 1.2 * higher.effective_modulus)
+    stated = ModelOptions(fix=held(*free), modulus_cv=of_each, discretisation=FINE)
+    other = build(Experiment(ratings, higher, ()), stated).posterior
+    same = np.array([at.get(name, p.prior.median) for name, p in zip(other.names, other.space.sampled, strict=True)])
+    assert_allclose(posterior.log_likelihood(theta), other.log_likelihood(same), atol=1e-4)
+    # negative control: the stated moduli give another density
+    theta[names.index(MODULUS_SCALE)] = 1.0
+    assert abs(posterior.log_likelihood(theta) - other.log_likelihood(same)) > 0.05
+
+
+def test_the_factor_of_all_moduli_is_no_fixed_value():
+    cloth = fabrics()
+    with pytest.raises(InputError, match="modulus_scale cannot be fixed: multiply the moduli"):
+        build(Experiment(made(cloth), cloth, ()), ModelOptions(fix={MODULUS_SCALE: 1.2}, discretisation=FINE))
 
 
 # the response at other moduli

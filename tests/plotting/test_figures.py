@@ -32,7 +32,7 @@ def directory(run, tmp_path_factory):
 
 
 def test_touch_shows_the_stored_profiles_and_every_receptor_once(run):
-    figure, stored = drawn(run.plot.touch()), run.group("illustrations")
+    figure, stored = drawn(run.plot.touch()), run.group("illustration_data")
     middle = stored.sel(quantile=0.5)
     places = np.stack([stored["receptor_x_mm"], stored["receptor_y_mm"]], axis=-1)
     for k, load in enumerate(stored["touch_load"].values):
@@ -60,7 +60,7 @@ def test_membrane_shows_the_quantiles_of_the_rates_and_the_trains(run):
         assert_allclose(outline(artist(figure, f"band{level}/rate")), np.quantile(rate, limits, axis=0))
     rheobase = run.group("predictions")["rheobase_ua_cm2"].values.ravel()
     assert_allclose(artist(figure, "rheobase").get_xdata(), np.quantile(rheobase, [0.025, 0.975]))
-    for k, train in enumerate(run.group("illustrations")["spike_time_ms"].values):
+    for k, train in enumerate(run.group("illustration_data")["spike_time_ms"].values):
         assert artist(figure, f"train/{k}").get_positions() == train[np.isfinite(train)].tolist()
 
 
@@ -154,7 +154,7 @@ def test_every_figure_is_a_method_that_says_what_it_shows(run):
 
 
 def test_a_figure_without_its_data_says_what_is_missing(run):
-    lacking = Result(run.tree.drop_nodes("illustrations"), run.table, run.tables)
+    lacking = Result(run.tree.drop_nodes("illustration_data"), run.table, run.tables)
     assert {*figures_of(run)} - {*figures_of(lacking)} == {"touch"}
     with pytest.raises(InputError, match="no stored touches"):
         lacking.plot.touch()

@@ -10,6 +10,7 @@ import pytest
 
 from softness_bayes.checking.agreement import HighestRated
 from softness_bayes.cli.summary import print_result
+from softness_bayes.people.ruler import Following
 from softness_bayes.report.conclusion import Facts, Skin, Turn, conclude, facts_of
 from support.report_runs import converged
 
@@ -25,7 +26,7 @@ def test_a_converged_run_whose_turning_point_is_reproduced():
     assert found.next_step == "read the page that 'softness-bayes report results' writes."
 
 
-def test_the_softest_fabric_is_named_only_where_it_is_clear():
+def test_the_highest_rated_fabric_is_named_only_where_it_is_clear():
     softest = (HighestRated("1 mm", "gauze", 0.93, 0.02, 4), HighestRated("2 mm", "lawn", 1.0, 0.0, 4))
     told = conclude(GOOD._replace(highest=softest)).learnt
     assert told.startswith(
@@ -102,6 +103,20 @@ def test_each_fact_has_its_words(facts, part, words):
     assert words in getattr(conclude(facts), part)
 
 
+def test_what_the_chain_loses_limits_the_trust():
+    people = ("felt is the softest",)
+    keeps, loses = Following(True, False), Following(False, False)
+    fails, unseen = Following(False, True), Following(None, False)
+    told = {one: conclude(GOOD._replace(follows=one, people=people)) for one in (keeps, loses, fails, unseen)}
+    said = [one.trust.partition(":")[0] for one in told.values()]
+    assert said == ["Yes", "In part", "No", "As far as these ratings tell"]
+    assert "if the model holds" in told[loses].learnt
+    assert told[fails].learnt.startswith("nothing about skin")
+    assert "--prior omega" in told[fails].next_step
+    far = conclude(GOOD._replace(follows=keeps, surprise="data and prior disagree about b (12)"))
+    assert far.trust == "With care: the chains have converged, but data and prior disagree about b (12)."
+
+
 def test_a_rejected_model_says_that_its_turning_points_depend_on_it():
     fine, none = GOOD.turns, GOOD.turns[0]._replace(probability=0.02)
     assert "if the model holds" not in conclude(GOOD).learnt
@@ -124,7 +139,8 @@ def test_every_combination_of_facts_gives_three_sentences_and_trust_only_where_a
         flag = dict(zip(names, values, strict=True))
         for checks in ((), ("LOO-PIT",)):
             found = conclude(GOOD._replace(**flag, unreproduced=checks), "results")
-            assert all(line.endswith(".") and line.count("\n") == 0 for line in found.lines)
+            assert all(said.endswith(".") for said in (found.trust, found.learnt, found.next_step))
+            assert not any("\n" in line for line in found.lines)
             well = flag["converged"] and flag["exact"] and not (flag["flat"] or flag["silent"] or checks)
             assert found.trust.startswith("Yes") == well
 
@@ -142,10 +158,16 @@ def test_what_sample_prints_ends_with_the_three_lines_of_the_results_values(runs
         assert facts.converged is ended
         assert bool(facts.skin) is (name == "skin")
         assert [turn.load for turn in facts.turns] == ([*map(str, one.loads)] if name == "ratings" else [])
+        print_result(one, tmp_path, "took 1 s", verbose=False)
+        closing = capsys.readouterr().out.splitlines()
+        assert len(closing) <= 3 + 15
         print_result(one, tmp_path, "took 1 s")
         assert bool(facts.people) is (name == "ratings")
         lines = conclude(facts, str(tmp_path)).lines
-        assert tuple(capsys.readouterr().out.splitlines()[-len(lines) :]) == lines
+        assert tuple(closing[-len(lines) :]) == lines
+        everything = capsys.readouterr().out.splitlines()
+        assert tuple(everything[-len(lines) :]) == lines
+        assert len(everything) > 2 * len(closing)  # negative control: verbose says more
 
 
 def test_facts_follow_the_values_of_the_result(runs):

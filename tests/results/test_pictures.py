@@ -82,7 +82,7 @@ def test_a_touch_is_kept_as_quantiles_over_the_draws(scene, draws, rng):
     groups, axes = touch_illustration(places, scene, draws, turn)
     stored = {name: variable.values for name, variable in groups[ILLUSTRATIONS].items()}
     assert axes["touch_load"].tolist() == ["1 mm", "2 mm", "1 N"]
-    assert axes["touch_fabric"].tolist() == ["softest fabric", "at the turning point", "stiffest fabric"]
+    assert axes["touch_fabric"].tolist() == ["lowest modulus", "at the turning point", "highest modulus"]
     assert_allclose(stored["touch_e_fab_kpa"], [30, 600, 5000])
     grid = Scene([3e4, 6e5, 5e6], 0.3, [LOADS[k] for k in (0, 2, 4)], scene.firing)  # 0.3: the median ratio
     contact = grid.contact(draws)

@@ -164,7 +164,7 @@ def test_a_result_restores_its_data_and_model(results, experiment):
         again = build(experiment_of(result), options_of(result)).posterior
         stored = result.group("posterior")
         theta = np.stack([stored[name].values[::9, ::40] for name in again.names], axis=-1)
-        expected = result.group("log_likelihood")["ratings"].values[::9, ::40]
+        expected = result.group("log_likelihood_joint")["ratings"].values[::9, ::40]
         assert_allclose(again.log_likelihood(theta), expected, rtol=1e-7)
     assert experiment_of(results["right"]).ratings.participants == experiment.ratings.participants
 
@@ -213,7 +213,7 @@ def test_data_that_cannot_tell(results, leave):
 def test_the_sum_over_ratings_is_that_of_their_densities_as_filed(results, experiment):
     """Brute force: the average over draws without each rating, at the draws that importance weights stand for."""
     result = results["right"]
-    values = result.group("log_likelihood_loo")["rating"].values[0]
+    values = result.group("log_likelihood")["rating"].values[0]
     ratio = -values - logsumexp(-values, axis=0)
     plain = logsumexp(ratio + values, axis=0)  # unsmoothed importance sampling
     table = compare({"a": result, "b": results["as good"]}).table
@@ -268,7 +268,7 @@ def test_stacking_weights_by_a_grid(rng):
 def test_the_largest_error_judges(results, experiment):
     found = compare({label: results[label] for label in ("upside down", "right")})
     worst = found.table.loc["upside down"]
-    stored = [results[label].group("log_likelihood_loo")["rating"].values[0] for label in ("upside down", "right")]
+    stored = [results[label].group("log_likelihood")["rating"].values[0] for label in ("upside down", "right")]
     one, other = (leave_by_weights(values).log_density for values in stored)
     for by, index in (("fabric", experiment.ratings.fabric), ("participant", experiment.ratings.participant)):
         assert worst[f"se_by_{by}"] == pytest.approx(clustered_error(one - other, index))

@@ -36,6 +36,7 @@ OTHERS: dict[str, object] = {
     "direction": FALLS,
     "finger": finger_of({"receptor_depth_mm": 0.6, "radius_mm": 7.0}),
     "modulus_cv": 0.15,
+    "shared_modulus_cv": 0.125,
     "unknown_modulus": LogNormal(50.0, 1.0),
     "load_cv": 0.05,
     "shared_load_cv": 1 / 30,

@@ -13,7 +13,7 @@ from softness_bayes.checking.individual import POPULATION
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import STANDARDISED
 from softness_bayes.model import fingers as individual
-from softness_bayes.model.build import build, design_of, people_note
+from softness_bayes.model.build import build, design_of, people_notes
 from softness_bayes.model.interpretation import interpret
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
@@ -128,13 +128,13 @@ def test_two_raters_and_two_fabrics_agree_with_quadrature():
 
 def test_the_notes_say_who_was_pressed():
     whole, alike = pressed_too(), ModelOptions(individual=("b",))
-    assert people_note(experiment(), alike) is None
-    assert "rated and pressed (2 of 5 raters); each is one person" in people_note(whole, alike)
-    assert "without --individual b all raters have the typical finger" in people_note(whole, ModelOptions())
+    assert not any("pressed" in note for note in people_notes(experiment(), alike))
+    assert "rated and pressed (2 of 5 raters); each is one person" in people_notes(whole, alike)[-1]
+    assert "without --individual b all raters have the typical finger" in people_notes(whole, ModelOptions())[-1]
     said = warnings(whole, ModelOptions(), interpret(whole.ratings, ModelOptions()))
     assert any("2 of 5 raters" in line for line in said)
     others = replace(whole.compression, participants=("F1", "F2", "F3", "F4"))
-    assert "treated as different people" in people_note(whole._replace(compression=others), alike)
+    assert "treated as different people" in people_notes(whole._replace(compression=others), alike)[-1]
 
 
 def test_what_cannot_be_combined_is_refused():

@@ -148,7 +148,7 @@ def test_groups_of_a_run_on_forces_alone(result, shipped):
     for group, size in (("posterior_predictive", 500), ("prior_predictive", 500)):
         assert result.group(group)["plate_force_n"].shape == (1, size, rows)
     assert_array_equal(result.group("observed_data")["plate_force_n"], shipped.force)
-    assert {*result.group("log_likelihood").data_vars} == {"compression"}
+    assert {*result.group("log_likelihood_joint").data_vars} == {"compression"}
     found = result.attributes
     assert (found["digest_compression"], found["zero_forces"]) == (shipped.digest, 0)
     assert found["prior_b"] == "lognormal(30,1)"
@@ -184,7 +184,9 @@ def test_density_is_prior_times_the_dense_normal_law(result, shipped):
         covariance = same * (tau_b**2 + tau_m**2 * np.outer(u, u)) + varsigma**2 * np.eye(u.size)
         expected = multivariate_normal(mean, covariance).logpdf(np.log(shipped.force)) - np.log(shipped.force).sum()
         assert posterior.log_likelihood(theta[k]) == pytest.approx(expected, rel=1e-9)
-        assert result.group("log_likelihood")["compression"].values[3, ::50][k] == pytest.approx(expected, rel=1e-7)
+        assert result.group("log_likelihood_joint")["compression"].values[3, ::50][k] == pytest.approx(
+            expected, rel=1e-7
+        )
 
 
 def test_one_finger_has_no_spread_and_a_plate_knows_no_current(shipped):
@@ -252,7 +254,7 @@ def test_a_joint_run_holds_both(joint, tmp_path):
         joint, ModelOptions(fix=held, discretisation=Discretisation()), RunOptions(max_steps=60, processes=1)
     )
     assert {"participant_effect", "m_effect", "mu"} <= {*found.group("posterior").data_vars}
-    assert {*found.group("log_likelihood").data_vars} == {"ratings_and_compression"}
+    assert {*found.group("log_likelihood_joint").data_vars} == {"ratings_and_compression"}
     assert {"rating", "plate_force_n"} <= {*found.group("posterior_predictive").data_vars}
     assert figures_of(found)[-1] == "compression"
     assert "response" in figures_of(found)

@@ -109,22 +109,28 @@ def test_groups_and_their_variables(result):
     held = [*HELD, "omega"]
     groups = {
         "posterior": {*SAMPLED, "mu", "participant_effect"},
-        "sample_stats": {"lp", "acceptance_rate", "exact_difference", "exact_log_weight"},
+        "sample_stats": {"lp", "acceptance_rate", "ensemble", "exact_difference", "exact_log_weight"},
         "log_prior": {*SAMPLED},
         "prior": {*SAMPLED},
         "observed_data": {"rating"},
         "posterior_predictive": {"rating", "rating_of_new_participants"},
         "prior_predictive": {"rating"},
-        "log_likelihood_loo": {"rating"},
+        "log_likelihood": {"rating"},
         "log_likelihood_participant": {"ratings_of_participant"},
         **dict.fromkeys(("inflection", "prior_inflection"), TURNING),
         "levelled_predictive": {f"levelled_{name}" for name in ("turns_over", "e_fab_kpa", "drop", "fall")},
     }
-    assert {*result.tree.children} == {*groups, "log_likelihood", "predictions", "constant_data", "illustrations"}
+    assert {*result.tree.children} == {
+        *groups,
+        "log_likelihood_joint",
+        "predictions",
+        "constant_data",
+        "illustration_data",
+    }
     for group, variables in groups.items():
         assert {*result.group(group).data_vars} == variables, group
     assert {*held} <= {*result.group("constant_data").data_vars}
-    assert len(result.group("log_likelihood").data_vars) == 1
+    assert len(result.group("log_likelihood_joint").data_vars) == 1
     values = {**HELD, "omega": 0.0}
     for name, value in values.items():
         assert result.group("constant_data")[name].ndim == 0
@@ -135,14 +141,15 @@ def test_dimensions_and_coordinates(result):
     posterior = result.group("posterior")
     chains, draws = posterior.sizes["chain"], posterior.sizes["draw"]
     assert chains == 4 * 28  # four ensembles of four walkers for each parameter
-    assert posterior["ensemble"].dims == ("chain",)
-    assert posterior["ensemble"].values.tolist() == [e for e in range(4) for _ in range(28)]
+    ensemble = result.group("sample_stats")["ensemble"].values
+    assert ensemble[:, 0].tolist() == [e for e in range(4) for _ in range(28)]
+    assert (ensemble == ensemble[:, :1]).all()
     assert posterior["participant_effect"].dims == ("chain", "draw", "participant")
     assert posterior["participant"].values.tolist() == ["P1", "P2", "P3", "P4", "P5"]
-    for group in ("sample_stats", "log_prior", "log_likelihood"):
+    for group in ("sample_stats", "log_prior", "log_likelihood_joint"):
         assert {v.dims for v in result.group(group).data_vars.values()} == {("chain", "draw")}
         assert dict(result.group(group).sizes) == {"chain": chains, "draw": draws}
-    for group in ("posterior_predictive", "prior_predictive", "log_likelihood_loo"):
+    for group in ("posterior_predictive", "prior_predictive", "log_likelihood"):
         rating = result.group(group)["rating"]
         assert rating.dims == ("chain", "draw", "rating_row")
         assert rating.sizes["rating_row"] == ROWS
@@ -197,6 +204,7 @@ def test_the_options_in_the_file_are_those_of_the_run(result, options):
         direction=FALLS,
         finger=Finger(radius=7e-3, contact_centre=(11e-3, 9e-3)),
         modulus_cv=0.15,
+        shared_modulus_cv=0.1,
         unknown_modulus=LogNormal(50, 1.5),
         load_cv=0.05,
         shared_load_cv=0.03,
@@ -226,7 +234,7 @@ def test_log_prior_by_another_library(result):
 
 def test_log_likelihood_is_that_of_the_stored_draws(result, posterior):
     theta = theta_of(result.group("posterior"))
-    (stored,) = result.group("log_likelihood").data_vars.values()
+    (stored,) = result.group("log_likelihood_joint").data_vars.values()
     assert_allclose(stored, posterior.log_likelihood(theta), rtol=1e-9)
     assert stored.values.std() > 0.1
     # in natural units, whatever the coordinates of the sampler: negative control, those have another density
@@ -250,7 +258,7 @@ def dense(experiment, posterior, theta):
 
 def test_log_likelihood_by_the_dense_normal(result, posterior, experiment):
     y = np.log(experiment.ratings.rating)
-    (stored,) = result.group("log_likelihood").data_vars.values()
+    (stored,) = result.group("log_likelihood_joint").data_vars.values()
     theta = theta_of(result.group("posterior"))
     for index in ((0, 0), (40, 10), (-1, -1)):
         expected = multivariate_normal(*dense(experiment, posterior, theta[index])).logpdf(y) - y.sum()
@@ -258,7 +266,7 @@ def test_log_likelihood_by_the_dense_normal(result, posterior, experiment):
 
 
 def test_each_rating_given_the_others_at_some_draw(result, posterior, experiment):
-    loo = result.group("log_likelihood_loo")["rating"].values[0]
+    loo = result.group("log_likelihood")["rating"].values[0]
     theta = theta_of(result.group("posterior")).reshape(-1, len(SAMPLED))
     y = np.log(experiment.ratings.rating)
     every = posterior.observation.log_likelihood_loo(posterior.mean_rate(theta), posterior.rating_parameters(theta))
@@ -274,15 +282,13 @@ def test_each_rating_given_the_others_at_some_draw(result, posterior, experiment
 
 
 def test_some_draws_say_which_of_the_posterior_they_are(result, posterior):
-    for group in ("posterior_predictive", "log_likelihood_loo", "predictions"):
-        assert result.group(group)["posterior_draw"].dims == ("draw",), group
-    loo = result.group("log_likelihood_loo")
-    index = loo["posterior_chain"].values, loo["posterior_draw"].values
+    loo, constant = result.group("log_likelihood"), result.group("constant_data")
+    index = constant["posterior_predictive_chain"].values, constant["posterior_predictive_draw"].values
     theta = theta_of(result.group("posterior"))[index]
     again = posterior.observation.log_likelihood_loo(posterior.mean_rate(theta), posterior.rating_parameters(theta))
     assert_allclose(loo["rating"].values[0], again, rtol=1e-9)
     curves = result.group("predictions")
-    index = curves["posterior_chain"].values, curves["posterior_draw"].values
+    index = constant["predictions_chain"].values, constant["predictions_draw"].values
     assert_array_equal(curves["at_b"].values[0], result.group("posterior")["b"].values[index])
 
 
@@ -365,7 +371,6 @@ def test_probabilities_of_the_inflection(result):
             assert_allclose(limits, np.quantile(place, [0.05, 0.5, 0.95]))
         assert 0 < row["p_interior_mcse"] < 0.1
     stored = result.group("inflection")
-    assert stored["ensemble"].values.tolist() == result.group("posterior")["ensemble"].values.tolist()
     assert 2000 < stored.sizes["chain"] * stored.sizes["draw"] <= 4000
     # the maximum stored beside a curve is that of the curve, within a step of the grid
     curves, beside = result.curves(), result.group("predictions").isel(chain=0)
@@ -546,7 +551,7 @@ def test_the_options_in_the_file_repeat_the_run_and_exact_weights_leave_it_as_it
 def test_the_dense_normal_notices_an_error(result, posterior, experiment):
     """Negative control of the comparisons above: another covariance does not fit."""
     y = np.log(experiment.ratings.rating)
-    (stored,) = result.group("log_likelihood").data_vars.values()
+    (stored,) = result.group("log_likelihood_joint").data_vars.values()
     mean, covariance = dense(experiment, posterior, theta_of(result.group("posterior"))[0, 0])
     wrong = multivariate_normal(mean, covariance - 1.0).logpdf(y) - y.sum()
     assert abs(stored.values[0, 0] - wrong) > 1e-3

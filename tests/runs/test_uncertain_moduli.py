@@ -88,7 +88,7 @@ def test_its_data_and_model_come_back_from_the_file(result, tmp_path):
     theta = np.stack([values[name] for name in one.names], axis=-1)
     assert_allclose(one.log_likelihood(theta), other.log_likelihood(theta), rtol=1e-9)
     assert_allclose(one.log_prior(theta), other.log_prior(theta), rtol=1e-9)
-    kept = again.group("log_likelihood")["ratings"].values.T.ravel()
+    kept = again.group("log_likelihood_joint")["ratings"].values.T.ravel()
     whole = np.stack([again.values()[name] for name in one.names], axis=-1)
     assert_allclose(one.log_likelihood(whole), kept, rtol=1e-6)
 

@@ -71,8 +71,7 @@ def test_the_table_is_made_of_the_draws(rng):
     inside = (outcome == CurveShape.INTERIOR) & (modulus < 2e5)
     turn = Inflection(outcome, modulus, modulus / 5e4, modulus * 1e-5, modulus * 1e-6, inside)
     before = Inflection(*(field[:1, :50] for field in turn))
-    ensemble = np.repeat([0, 1], 3)
-    table = turning_table(turn, ["1 mm", "2 mm"], before, ensemble)
+    table = turning_table(turn, ["1 mm", "2 mm"], before, ensembles=2)
     for k, load in enumerate(table.index):
         known = modulus[..., k][outcome[..., k] == CurveShape.INTERIOR] * 1e-3
         row = table.loc[load]

@@ -12,7 +12,7 @@ import pytest
 
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.likelihood import uncertain_loads
-from softness_bayes.likelihood.scales import AGGREGATED, STANDARDISED
+from softness_bayes.likelihood.scales import AGGREGATED, SLIDER, STANDARDISED
 from softness_bayes.model import scenes
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression, simulate_ratings
@@ -116,7 +116,16 @@ def cells_run() -> Result:
         return sample(Experiment(made.ratings, CLOTH, ()), **OPTIONS | {"fix": held, "scale": AGGREGATED})
 
 
-RUNS = {"ratings": ratings_run, "z-scores": z_score_run, "skin": skin_run}
+def slider_run() -> Result:
+    """Return a run on whole numbers from 0 to 100, some of them at the ends of the slider."""
+    values, rng = usual_values(MENDED, given={"sigma_0": 7.0, "varsigma": 1.0}), np.random.default_rng(13)
+    with quickly():
+        made = simulate_ratings(rng, CLOTH, LOADS, values, participants=5, scale=SLIDER).ratings
+        filed = replace(made, rating=np.r_[0.0, 100.0, (100.0 * made.rating[2:]).round()])
+        return sample(Experiment(filed, CLOTH, ()), **OPTIONS | {"scale": SLIDER, "slider_ends": (0.0, 100.0)})
+
+
+RUNS = {"ratings": ratings_run, "z-scores": z_score_run, "skin": skin_run, "slider": slider_run}
 """The fixture `report_run` makes each once."""
 
 
