@@ -62,7 +62,7 @@ def threshold_table(ratings: Ratings, tree: xr.DataTree) -> pd.DataFrame:
     import pandas as pd
 
     modulus = values_in(tree, "constant_data", "effective_modulus_kpa").astype(float)
-    density = values_in(tree, "log_likelihood_loo", "rating")[0][:, told_pairs(ratings)[:, 0]]
+    density = values_in(tree, "log_likelihood", "rating")[0][:, told_pairs(ratings)[:, 0]]
     chance = np.exp(density.astype(float)).mean(axis=0)
     parts = {"people": None, "chain": chance}
     found = [psychometric_table(ratings, modulus, won).assign(answers=name) for name, won in parts.items()]
