@@ -281,7 +281,7 @@ def test_a_run_from_the_command_line(tmp_path):
     assert names == {"corner", "compression"}
     refused(
         call("predict", "--fabrics", DATA / "fabrics.csv", "--force-n", "1", "--posterior", tmp_path / "skin"),
-        "this run has compression data only",
+        "a run without ratings cannot predict ratings",
     )
 
 
@@ -291,7 +291,7 @@ def test_a_run_from_the_command_line(tmp_path):
         ([], "no data: give ratings with --data"),
         (["--compression", "nowhere.csv"], "nowhere.csv"),
         (["--compression", DATA / "compression.csv", "--direction", "falls-with-firing"], "--direction needs ratings"),
-        (["--compression", DATA / "compression.csv", "--force-n", "1"], "need ratings"),
+        (["--compression", DATA / "compression.csv", "--force-n", "1"], "--force-n needs ratings"),
         (
             ["--compression", DATA / "compression.csv", "--fix", "alpha=20"],
             "alpha: the model of these data has no such",
