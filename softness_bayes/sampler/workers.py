@@ -12,7 +12,7 @@ from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExec
 from contextlib import AbstractContextManager, contextmanager
 from multiprocessing import get_context, parent_process, resource_tracker
 from types import TracebackType
-from typing import Any, Protocol, Self, TypeVar, runtime_checkable
+from typing import Any, Self, TypeVar
 
 from threadpoolctl import threadpool_limits
 
@@ -50,14 +50,6 @@ def available_processors() -> int:
     return os.cpu_count() or 1
 
 
-@runtime_checkable
-class Sharing(Protocol):
-    """An executor that sends a value only once, even if many tasks use it."""
-
-    def share(self, value: Any) -> Any:
-        """Return a reference to a value for the arguments of a task; the task receives the value itself."""
-
-
 def shares_files(executor: Executor | None) -> bool:
     """Return whether the workers of an executor see the files of this process.
 
@@ -79,8 +71,9 @@ class Workers:
     processes
         Number of processes; with one, tasks run in the current process.
     executor
-        Executor that runs the tasks instead, in other processes or on other machines; it is not shut down. If it is
-        `Sharing`, the resident object is sent once, otherwise with every task.
+        Executor that runs the tasks instead, in other processes or on other machines; it is not shut down. If it
+        has a method ``share(value)``, which returns a reference that a task receives as the value itself, the resident
+        object is sent once, otherwise with every task.
     """
 
     def __init__(self, resident: Any, processes: int, executor: Executor | None = None) -> None:
@@ -88,7 +81,7 @@ class Workers:
         self._pool: ProcessPoolExecutor | None = None
         self._given = executor
         if executor is not None:
-            self._sent = executor.share(resident) if isinstance(executor, Sharing) else resident
+            self._sent = executor.share(resident) if hasattr(executor, "share") else resident
         elif processes > 1:
             self._pool = self._new_pool()
 
