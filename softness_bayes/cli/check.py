@@ -167,12 +167,13 @@ def _of_tables(known: dict[str, Any], experiment: Experiment, model: ModelOption
     ratings, fabrics = known["ratings"], known["fabrics"]
     least, greatest, conditions = ratings["least"], ratings["greatest"], known["conditions"]
     moduli = [one["e_fab_kpa"] for one in fabrics]
+    paired = experiment.ratings.paired  # a comparison is one answer, in two rows
+    each = [one["ratings"] // (1 + paired) for one in known["participants"]]
+    given = f"{sum(each)} comparisons of two fabrics" if paired else f"{sum(each)}, from {least:g} to {greatest:g}"
     lines = {
-        "ratings": f"{ratings['count'] // 2} comparisons of two fabrics; {ratings['missing']} missing"
-        if experiment.ratings.paired
-        else f"{ratings['count']}, from {least:g} to {greatest:g}; {ratings['missing']} missing",
+        "ratings": f"{given}; {ratings['missing']} missing",
         "participants": f"{_span(experiment.ratings.participants)}, "
-        f"{_extent([one['ratings'] for one in known['participants']])} ratings each",
+        f"{_extent(each)} {'comparisons' if paired else 'ratings'} each",
         "fabrics": f"{_span(experiment.ratings.fabrics)}, E_fab {min(moduli):.4g} to {max(moduli):.4g} kPa",
         "loads": _loads(experiment.ratings),
         "conditions": f"{conditions['rated']} of {conditions['possible']} pairs of fabric and load; "

@@ -75,8 +75,8 @@ class FreeMeans:
         Log density of each answer given all others, with free means and with all fabrics alike (one mean for each
         group of loads), shape (answers,).
     cluster
-        Group of each answer within which errors of a sum are not independent: the fabric; for pairs, the two fabrics in
-        their order; for lists, all of whose places by one participant are one answer, the participant.
+        Group of each answer within which errors of a sum are not independent: the fabric; for pairs, the two fabrics;
+        for lists, all of whose places by one participant are one answer, the participant.
     ratings_at
         Number of ratings of each condition.
     noise_known
@@ -213,7 +213,7 @@ def _clusters(ratings: Ratings, scale: Scale) -> IntArray:
         return np.unique(ratings.participant)
     if scale is not PAIRS:
         return ratings.fabric
-    return ratings.fabric[told_pairs(ratings)] @ np.array([1, len(ratings.fabrics)])
+    return np.sort(ratings.fabric[told_pairs(ratings)], axis=1) @ np.array([1, len(ratings.fabrics)])
 
 
 def _fit(answers: Answers, options: ModelOptions) -> tuple[Array, Array, Mapping[str, Array]]:

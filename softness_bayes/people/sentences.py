@@ -68,13 +68,13 @@ def _named(row: pd.Series, scale: Scale) -> str:
 
 
 def _interval(row: pd.Series, scale: Scale) -> str:
-    ends = (_value(row[name], scale) for name in ("people", "people_low", "people_high"))
-    return "{} ({} to {})".format(*ends)
+    ends = [_value(row[name], scale) for name in ("people", "people_low", "people_high")]
+    return "{} ({} to {}){}".format(*ends, " of those it met are below it" if scale.answer else "")
 
 
 def _value(value: float, scale: Scale) -> str:
     """Return a mean as text; of comparisons, the share of those met that it is placed above."""
-    return f"above {percent(value)} of those it met" if scale.answer else number(value)
+    return percent(value) if scale.answer else number(value)
 
 
 def pair_sentences(free: FreeMeans) -> list[str]:

@@ -264,7 +264,7 @@ def _learnt(facts: Facts) -> str:
     if facts.skin:
         clauses = [_known(one) for one in facts.skin]
     elif facts.differ:
-        clauses = [*_highest(facts.highest), *(_turned(turn, facts.rejected) for turn in facts.turns)]
+        clauses = [*_highest(facts.highest), *(_turned(turn, facts.rejected, facts.fabrics) for turn in facts.turns)]
     else:
         clauses = [
             "the ratings do not differ between fabrics by more than noise, so they show little about the turning point"
@@ -296,8 +296,11 @@ def _highest(highest: tuple[HighestRated, ...]) -> list[str]:
     return [*clauses, f"the chain predicts no single highest rating at {_listed(unclear)}"] if unclear else clauses
 
 
-def _turned(turn: Turn, rejected: bool) -> str:
-    """Return a clause on the turning point under one load, qualified if checks reject a part of the model."""
+def _turned(turn: Turn, rejected: bool, fabrics: tuple[float, float]) -> str:
+    """Return a clause on the turning point under one load.
+
+    It is qualified if checks reject a part of the model, and if it lies beyond the moduli of the `fabrics` [kPa].
+    """
     if turn.reproduced is False:
         return f"at {turn.load} the ratings contradict the model's turning point"
     said, at = chance(turn.probability), f"{'if the model holds, ' * rejected}at {turn.load} the response"
@@ -307,6 +310,8 @@ def _turned(turn: Turn, rejected: bool) -> str:
         return f"at {turn.load} the data do not show whether the response turns over (probability: {said})"
     limits = f"(90 % interval {number(turn.low)} to {number(turn.high)} kPa)"
     alone = ", though the ratings at this load alone cannot show it" if turn.reproduced is None else ""
+    if not fabrics[0] <= turn.middle <= fabrics[1]:
+        alone += ", which is an extrapolation beyond the fabrics rated"
     return f"{at} turns over at E_fab = {number(turn.middle)} kPa {limits}{alone}"
 
 

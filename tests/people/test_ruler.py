@@ -86,6 +86,18 @@ def test_people_s_order_is_said_first_and_whole(falling):
     assert lines[3].startswith("Trust it?")
 
 
+def test_a_chain_of_pairs_that_is_right_keeps_all():
+    """Errors are clustered by the two fabrics, whichever of them won: by winner there would be none to keep."""
+    made = laboratory("pairs", np.random.default_rng(8), FALLING)
+    found = free_means(made.ratings, made.options)
+    assert np.unique(found.cluster).size == 10
+    right = ruler(found, found.log_density, found.rating.mean(axis=0))
+    assert right.share == pytest.approx(1.0)
+    (line, _) = highest_sentences(found.table(), found.word, found.scale)
+    assert line.startswith("A is the softest at 1 mm (probability ")
+    assert " of those it met are below it; the lowest mean is that of E" in line
+
+
 def test_fabrics_that_people_do_not_tell_apart_are_not_ordered():
     made = laboratory("normal", np.random.default_rng(6), np.zeros((5, 2)))
     found = free_means(made.ratings, made.options)

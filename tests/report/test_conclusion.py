@@ -181,3 +181,9 @@ def test_facts_follow_the_values_of_the_result(runs):
     tree = result.tree.copy()
     tree.attrs = {**tree.attrs, "direction": "falls-with-firing", "direction_asked": 1}
     assert facts_of(replace(result, tree=tree)).other_direction == "rises-with-firing"
+
+
+def test_a_turning_point_beyond_the_fabrics_is_said_to_be_an_extrapolation():
+    beyond = TOLD._replace(low=500.0, middle=600.0, high=700.0)
+    assert "an extrapolation beyond the fabrics rated" in conclude(GOOD._replace(turns=(beyond,))).learnt
+    assert "extrapolation" not in conclude(GOOD).learnt
