@@ -48,6 +48,10 @@ if TYPE_CHECKING:
     from softness_bayes.parameters.declared import PARAMETERS as PARAMETERS
     from softness_bayes.parameters.laws import HalfNormal as HalfNormal
     from softness_bayes.parameters.laws import LogNormal as LogNormal
+    from softness_bayes.parameters.laws import LogUniform as LogUniform
+    from softness_bayes.parameters.laws import Normal as Normal
+    from softness_bayes.parameters.laws import Truncated as Truncated
+    from softness_bayes.parameters.laws import Uniform as Uniform
     from softness_bayes.plotting.checks import rank_ecdf_figure as rank_ecdf_figure
     from softness_bayes.plotting.figures import Plots as Plots
     from softness_bayes.plotting.style import Style as Style

@@ -17,7 +17,7 @@ import os
 import re
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass, fields
 from functools import cached_property, partial
 from pathlib import Path
 from types import MappingProxyType
@@ -367,6 +367,20 @@ class Options:
 
     declared: ClassVar[Mapping[str, Option]] = MappingProxyType({})
     """The declarations, by name."""
+
+    def __init_subclass__(cls, **more: Any) -> None:
+        super().__init_subclass__(**more)
+        cls.__repr__ = Options._short  # type: ignore[assignment]  # before dataclass makes a long one
+
+    def _short(self) -> str:
+        """Return the options that differ from their defaults."""
+        told = []
+        for one in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, one.name)
+            usual = one.default if one.default_factory is MISSING else one.default_factory()
+            if one.repr and not (value is usual or value == usual):
+                told.append(f"{one.name}={value!r}")
+        return f"{type(self).__name__}({', '.join(told)})"
 
     def __post_init__(self) -> None:
         for name, one in self.declared.items():

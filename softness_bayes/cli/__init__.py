@@ -8,6 +8,7 @@ import importlib
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -140,7 +141,9 @@ class VerbGroup(click.Group):
                 raise click.UsageError(f"{error.format_message()}\n{advice}", error.ctx) from None
             raise
         except (SoftnessError, MemoryError, OSError) as error:
-            message, code = str(error), getattr(error, "exit_code", InputError.exit_code)
+            # without the remedy, which stands in the advice
+            message = str(error.args[0]) if isinstance(error, InputError) and error.args else str(error)
+            code = getattr(error, "exit_code", InputError.exit_code)
             if isinstance(error, MemoryError):
                 message, code = f"memory ran out ({error or 'no more is available'}); {LESS_MEMORY}", 6
             elif isinstance(error, OSError):
@@ -148,9 +151,25 @@ class VerbGroup(click.Group):
             if isinstance(error, (NumericalError, ResourceError, MemoryError, OSError)):
                 tell_kept()
             click.echo(f"error: {message}", err=True)
-            if code == InputError.exit_code and (advice := of_input(message, ctx.meta[TYPED])):
+            hints = getattr(error, "candidates", ())
+            if code == InputError.exit_code and (advice := of_input(message, ctx.meta[TYPED], hints, _reads)):
                 click.echo(advice, err=True)
             ctx.exit(code)
+
+
+def _reads(words: Sequence[str]) -> bool:
+    """Return whether a command can read its tables and finds nothing that looks wrong; True if it reads none."""
+    from softness_bayes.results.run_options import DataFiles
+
+    command = main.get_command(click.Context(main), words[0])
+    if words[0] not in ("check", "sample") or command is None:
+        return True
+    try:
+        values = command.make_context(words[0], [*words[1:]]).params
+        read = DataFiles(**{one.name: values[one.name] for one in fields(DataFiles) if one.name in values}).read()
+    except (SoftnessError, OSError, click.ClickException):
+        return False
+    return not any("looks wrong" in note for note in read.notes)
 
 
 def _prints(words: Sequence[str]) -> bool:

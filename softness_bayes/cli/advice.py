@@ -10,6 +10,7 @@ import re
 import shlex
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -69,16 +70,36 @@ def of_usage(error: click.UsageError, typed: Sequence[str]) -> str:
     return f"{TRY}{shlex.join(working(verb, typed))}" if verb in WORKS else ""
 
 
-def of_input(message: str, typed: Sequence[str]) -> str:
-    """Return the advice for an error in files or values: a suggested command, or else the help of the command."""
+def of_input(
+    message: str,
+    typed: Sequence[str],
+    hints: Sequence[Mapping[str, str]] = (),
+    reads: Callable[[Sequence[str]], bool] = lambda words: True,
+) -> str:
+    """Return the advice for an error in files or values: a suggested command, or else the help of the command.
+
+    Parameters
+    ----------
+    message, typed
+        The error, and the words of the command that met it.
+    hints
+        Columns of the table with which it may be read, each by itself.
+    reads
+        Whether a command reads its tables.
+    """
+    from softness_bayes.data.reading import words_of
+
     matches = [(match, advise) for pattern, advise in ADVICE if (match := re.search(pattern, message))]
-    advice = [words for match, advise in matches if (words := advise(match, typed))]
-    if not advice:
-        verb = next((word for word in typed if word in WORKS), None)
-        return "" if verb is None else f"{TRY}{PROGRAM} {verb} --help"
-    # the advice is either a complete command, or words to add to the typed command
-    complete = next((words for words in advice if words[0] == PROGRAM), None)
-    return TRY + shlex.join(complete or [PROGRAM, *typed, *(word for words in advice for word in words)])
+    for hint in (*hints, {}):
+        added = words_of(hint)
+        advice = [words for match, advise in matches if (words := advise(match, [*typed, *added]))]
+        # the advice is either a complete command, or words to add to the typed command
+        complete = next((words for words in advice if words[0] == PROGRAM), None)
+        words = complete or [PROGRAM, *typed, *(word for words in advice for word in words), *added]
+        if (advice or hint) and reads(words[1:]):
+            return TRY + shlex.join(words)
+    verb = next((word for word in typed if word in WORKS), None)
+    return "" if verb is None else f"{TRY}{PROGRAM} {verb} --help"
 
 
 def working(verb: str, typed: Sequence[str] = ()) -> list[str]:
@@ -112,20 +133,17 @@ def _add(typed: Sequence[str], *words: str) -> list[str]:
     return [] if words[0] in typed else [*words]
 
 
-def _columns(match: re.Match[str], typed: Sequence[str]) -> list[str]:
-    """Return options for the columns that a message names; for a load that no column may hold, the load itself."""
-    named = re.findall(r"--column (\w+=(?:'[^']*'|[^\s;]+)) takes", match.string)
-    of_load = [one for one in named if one.startswith(("indentation_mm=", "force_n="))]
-    chosen = [one for one in named[:4] if one not in of_load[1:]]
-    load = _add(typed, "--indentation-mm", "2") if "no load" in match.string and not of_load else []
-    return [*load, *(word for one in chosen for word in ("--column", one.replace("'", "")))]
+def _load(match: re.Match[str], typed: Sequence[str]) -> list[str]:
+    """Return the option for the load of all ratings, unless a column is named."""
+    named = any(word.startswith(("indentation_mm=", "force_n=")) for word in typed)
+    return [] if named else _add(typed, "--indentation-mm", "2")
 
 
 def _fabrics(match: re.Match[str], typed: Sequence[str]) -> list[str]:
     """Return the option for an existing table of fabrics, else the command that writes such a table."""
     data = typed[typed.index("--data") + 1] if "--data" in typed[:-1] else ""
-    named = re.search(r"--column rating=('[^']*'|\S+) takes", match.string)
-    table = readable_fabrics(data, {"rating": named[1].strip("'")} if named else {})
+    columns = dict(word.split("=", 1) for option, word in pairwise(typed) if option == "--column" and "=" in word)
+    table = readable_fabrics(data, columns)
     return _new() if table is None else _add(typed, "--fabrics", table)
 
 
@@ -133,7 +151,7 @@ def _other_kind(match: re.Match[str], typed: Sequence[str]) -> list[str]:
     """Return the command for a table of fabrics or of forces that was passed as a table of ratings."""
     from softness_bayes.data import Compression, Fabrics
 
-    if "--data" not in typed[:-1] or "--column rating=" in match.string.replace("--column rating=...", ""):
+    if "--data" not in typed[:-1] or any(word.startswith("rating=") for word in typed):
         return []
     at = typed.index("--data")
     table, others = typed[at + 1], [*typed[:at], *typed[at + 2 :]]
@@ -164,7 +182,7 @@ def _sampled(match: re.Match[str], typed: Sequence[str]) -> list[str]:
 ADVICE: Sequence[tuple[str, Callable[[re.Match[str], Sequence[str]], list[str]]]] = (
     (r"no columns? .*'rating'", _other_kind),
     (r"the fabrics have no properties", _fabrics),
-    (r"no load column|no load: give|--column \w+=(?:'[^']*'|\S+) takes", _columns),
+    (r"no load column|no load: give", _load),
     (r"add --ratings (\w+)", lambda match, typed: _add(typed, "--ratings", match[1])),
     (r"with --decimal \. or --decimal ,|if commas are decimal marks", lambda _, typed: _add(typed, "--decimal", ",")),
     (r"leave these out with --drop-zeros", lambda _, typed: _add(typed, "--drop-zeros")),

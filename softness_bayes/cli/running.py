@@ -15,6 +15,7 @@ import click
 from softness_bayes.cli.options import trusts_code
 from softness_bayes.errors import InputError
 from softness_bayes.files.command_line import portable
+from softness_bayes.readable import counted
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -101,10 +102,12 @@ def warn_of_unconverged(result: Result) -> None:
 
 def in_numbers(verdict: Verdict, seconds: float) -> str:
     """Return the numbers of the last convergence check, in one line."""
+    slowest = float(verdict.tau.max())
+    length = f"{verdict.lengths:.0f} autocorrelation times of {slowest:.0f} steps ({verdict.goal.lengths:.0f} needed)"
+    if not math.isfinite(slowest):
+        length = f"{counted(verdict.stuck, 'walker')} never moved" if verdict.stuck else "autocorrelation times unknown"
     return (
-        f"{verdict.lengths:.0f} autocorrelation times of {verdict.tau.max():.0f} steps "
-        f"({verdict.goal.lengths:.0f} needed), "
-        f"R-hat {verdict.r_hat.max():.3f}, ESS {verdict.ess:.0f} ({verdict.ess / max(seconds, 1e-9):.3g}/s)"
+        f"{length}, R-hat {verdict.r_hat.max():.3f}, ESS {verdict.ess:.0f} ({verdict.ess / max(seconds, 1e-9):.3g}/s)"
     )
 
 

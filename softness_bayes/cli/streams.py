@@ -5,17 +5,45 @@
 
 from __future__ import annotations
 
+import codecs
 import errno
 import io
 import os
 import re
 import sys
+import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
 # keeps line ends, tabs and the carriage returns of progress bars; escapes direction marks and zero-width characters
 _UNSEEN = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u061c\u200b-\u200f\u202a-\u202e\u2060-\u2069\ufeff]")
+
+
+_PLAIN = str.maketrans(
+    {"–": "-", "—": "-", "−": "-", "…": "...", "·": ".", "×": "x", "≥": ">=", "≤": "<=", "→": "->", "µ": "u", "μ": "u"}
+    | {"√": "sqrt ", "±": "+-", "‘": "'", "’": "'", "“": '"', "”": '"', "²": "2", "³": "3", "⁻": "-", "≈": "~"}
+)
+
+
+def _in_fewer_characters(error: UnicodeError) -> tuple[str | bytes, int]:
+    """Return what stands for characters that an encoding does not have: similar ones, or their escapes.
+
+    Bytes of file names that are not UTF-8 stay as they are.
+    """
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    made = bytearray()
+    for character in error.object[error.start : error.end]:
+        if 0xDC80 <= ord(character) <= 0xDCFF:
+            made.append(ord(character) - 0xDC00)
+            continue
+        plain = unicodedata.normalize("NFKD", character.translate(_PLAIN)).encode("ascii", "ignore")
+        made += plain or character.encode("ascii", "backslashreplace")
+    return bytes(made), error.end
+
+
+codecs.register_error("softness_bayes.fewer", _in_fewer_characters)
 
 
 def visible(text: str) -> str:
@@ -87,7 +115,7 @@ def tolerant_streams() -> Iterator[Tolerant]:
     before = sys.stdout, sys.stderr
     for stream in before:
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="surrogateescape")  # names of files need not be UTF-8
+            stream.reconfigure(errors="softness_bayes.fewer")
     out, err = (None if stream is None else Tolerant(stream) for stream in before)
     sys.stdout, sys.stderr = out, err
     try:

@@ -21,6 +21,7 @@ from softness_bayes.data.columns import (
     GEOMETRIC_SD,
     INDENTATION,
     LOAD_CV,
+    MISSING,
     MODULUS_SOURCES,
     RATERS,
     RATING,
@@ -29,12 +30,13 @@ from softness_bayes.data.columns import (
 )
 from softness_bayes.data.compression import Compression
 from softness_bayes.data.fabrics import USUAL_POISSON_RATIO, Fabrics
-from softness_bayes.data.faults import TableError, listing, together
+from softness_bayes.data.faults import TableError, identity, listing, together
+from softness_bayes.data.formats import TableSource, has_sheet
 from softness_bayes.data.headers import FABRICS, LOADED, PRESSED, RATED, either
 from softness_bayes.data.ratings import LOAD_COLUMNS, Ratings, loads_of, with_rounded_loads
-from softness_bayes.data.sheets import Form
-from softness_bayes.data.tables import MISSING, Marks, Table, check_renames, read_table
-from softness_bayes.data.workbooks import TableSource, has_sheet
+from softness_bayes.data.reading import check_renames, read_table, with_hints
+from softness_bayes.data.shapes import Form
+from softness_bayes.data.tables import Marks, Table
 from softness_bayes.files.outputs import write_outputs
 from softness_bayes.files.spreadsheet import escaped
 from softness_bayes.ranges import require_mapping
@@ -123,8 +125,38 @@ def read_experiment(
     InputError
         Naming file, row, column and value.
     """
-    columns = columns or {}
-    require_mapping("columns", columns, "{'rating': 'softness'}")
+    require_mapping("columns", columns or {}, "{'rating': 'softness'}")
+    return with_hints(
+        lambda renames, wide: _experiment(
+            ratings_path,
+            fabrics_path,
+            renames,
+            indentation_mm,
+            force_n,
+            compression_path,
+            decimal,
+            drop_zeros,
+            wide,
+            round_load,
+        ),
+        columns or {},
+        wide,
+    )
+
+
+def _experiment(
+    ratings_path: TableSource,
+    fabrics_path: TableSource | None,
+    columns: Mapping[str, str],
+    indentation_mm: float | None,
+    force_n: float | None,
+    compression_path: TableSource | None,
+    decimal: Marks,
+    drop_zeros: bool,
+    wide: bool,
+    round_load: float | None,
+) -> Experiment:
+    """Read ratings and their fabrics, as `read_experiment` describes."""
     source, place = _separate_fabrics(ratings_path, fabrics_path, columns)
     sought = RATED if indentation_mm is force_n is None else LOADED
     sought = either(sought, FABRICS) if source is None else sought
@@ -148,7 +180,6 @@ def read_experiment(
             "folder of the ratings, or add to the ratings a column "
             f"{', '.join(column.name for column in MODULUS_SOURCES)} (the last with {THICKNESS.name}); "
             "what people said of them needs no properties: 'softness-bayes check' shows it"
-            + "".join(f"; {note}" for note in table.notes)
         )
     plate_table = None if compression_path is None else read_table(compression_path, PRESSED, columns, decimal)
     check_renames(columns, table, fabric_table, *([] if plate_table is None else [plate_table]))
@@ -169,7 +200,9 @@ def read_experiment(
         notes.append(f"fabrics without a rating, left out: {listing(unrated)}")
     if isinstance(ratings_path, (str, Path)) and _is_simulated(Path(ratings_path), ratings.digest):
         ratings = replace(ratings, simulated=True)
-    notes += [] if compression is None else compression.notes
+    if compression is not None:
+        compression = _with_names_of(compression, ratings.participants)
+        notes += compression.notes
     return Experiment(
         ratings,
         fabrics.take(ratings.fabrics),
@@ -207,6 +240,17 @@ def read_answers(
     if any(text.casefold() not in MISSING for text in known):
         return None
     return Ratings.from_table(table, None, indentation_mm, force_n, drop_zeros, loads_needed=False)
+
+
+def _with_names_of(compression: Compression, raters: Sequence[str]) -> Compression:
+    """Return compression data in which names are spelt as in the ratings, such as P01 for P1, with a note."""
+    people = {identity(name): name for name in raters}
+    names = tuple(people.get(identity(name), name) for name in compression.participants)
+    changed = [f"{a!a} as {b!a}" for a, b in zip(compression.participants, names, strict=True) if a != b]
+    if not changed or len({*names}) < len(names):
+        return compression
+    note = f"{compression.source}: participants are named as in the ratings: {listing(changed)}"
+    return replace(compression, participants=names, notes=(*compression.notes, note))
 
 
 def _tried(faults: list[TableError], read: Callable[[], Read]) -> Read | None:

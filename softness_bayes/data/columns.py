@@ -90,6 +90,40 @@ _BEHIND = re.compile(r"(.*\S)(?:\s*[,;]\s*|\s+in\s+|\s+/\s*)(\S.*)")
 _ONLY_BRACKETED = frozenset({"in", "bar", "1", "-", "–"})
 """Units that may be words or numbers where they do not stand in brackets."""
 
+_RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁺⁻", "0123456789+-")
+_EXPONENT = r"(?:\^|\*\*)\s*[({]?\s*"
+_POWER = (
+    rf"(?:10\s*(?:{_EXPONENT}(?P<e>[+-]?[0-9]{{1,2}})[)}}]?|(?P<s>[+-][0-9]{{1,2}}))"
+    r"|1?[eE](?P<x>[+-]?[0-9]{1,2})|(?P<z>10+))"
+)
+_SIGN = r"\s*[x×*·.]?\s*"
+_SCALED = tuple(
+    re.compile(text)
+    for text in (rf"{_SIGN}{_POWER}{_SIGN}(?P<unit>[^\W\d].*)", rf"(?P<unit>.*?[^\d\s]){_SIGN}{_POWER}")
+)
+_TIMES = r"(?:(?<![^\W\d_])[xX]|[×*·/÷])\s*"
+_IN_TITLE = re.compile(
+    rf"[\s(\[]*(?:{_TIMES}10+(?:\s*{_EXPONENT}[+-]?[0-9]{{1,2}}|[+-][0-9]{{1,2}})?|10\s*{_EXPONENT}[+-]?[0-9]{{1,2}}"
+    r"|\b1[eE][+-]?[0-9]{1,2})\b[)}\]]*"
+)
+"""A power of ten beside the words of a title."""
+
+
+def plain_text(text: str) -> str:
+    """Return a text in its Unicode normal form, with `^` before raised digits and one sign for minus."""
+    raised = re.sub("[⁰¹²³⁴-⁹⁺⁻]{2,}|(?<=10)[⁰¹²³⁴-⁹]", lambda match: f"^{match[0].translate(_RAISED)}", text)
+    return unicodedata.normalize("NFKC", raised).replace("\u2212", "-").strip()
+
+
+def power_in(title: str) -> tuple[str, str]:
+    """Return a title without the power of ten in it, as in `B x 10^2`, and the power as written, empty if none."""
+    text = plain_text(title)
+    match = _IN_TITLE.search(text)
+    if match is None:
+        return title, ""
+    bracket = next((one for one in re.finditer(r"[\[(][^\])]*[\])]", text) if match[0].strip() in one[0]), match)
+    return f"{text[: bracket.start()]} {text[bracket.end() :]}".strip(), match[0].strip()
+
 
 @lru_cache(2**16)
 def _spelling(text: str) -> str:
@@ -112,10 +146,18 @@ def _spellings(quantity: str) -> dict[str, Unit]:
 _KNOWN = {quantity: _spellings(quantity) for quantity in UNITS}
 
 
+@lru_cache(2**16)
 def unit_named(text: str, quantity: str) -> Unit | None:
-    """Return a unit of a quantity, None if there is none of this name."""
-    text = _spelling(text)
-    return _KNOWN[quantity].get(text) or _KNOWN[quantity].get(text.casefold())
+    """Return a unit of a quantity, which may have a power of ten (`10^-4 N m`), None if there is none of this name."""
+    spelt = _spelling(text)
+    if unit := _KNOWN[quantity].get(spelt) or _KNOWN[quantity].get(spelt.casefold()):
+        return unit
+    for pattern in _SCALED:
+        if (match := pattern.fullmatch(plain_text(text))) and (unit := unit_named(match["unit"], quantity)):
+            given = match["e"] or match["s"] or match["x"]
+            power = len(match["z"]) - 1 if given is None else int(given)
+            return Unit(f"10^{power} {unit.name}", unit.factor.scaleb(power))
+    return None
 
 
 def is_unit(text: str) -> bool:
@@ -133,21 +175,34 @@ def title_and_unit(title: str) -> tuple[str, Spelt | None]:
     """Return a column's title without its unit, and the unit as written.
 
     A unit stands in brackets behind the title (`E (MPa)`, `depth [mm]`), behind a comma, a stroke or the word in
-    (`depth, mm`), or as the last words (`depth_um`, `bending_N_m`). What stands in brackets need not be one.
+    (`depth, mm`), or among the words (`depth_um`, `bending_N_m`, `modulus_kPa_low`). What stands in brackets need not
+    be one.
     """
     if len(title) > LONGEST_TITLE:
         return title, None
-    title = unicodedata.normalize("NFKC", title).strip()
+    title = plain_text(title)
     if match := _BRACKETS.fullmatch(title):
         return match[1], Spelt(match[2].strip(), bracketed=True)
     if (match := _BEHIND.fullmatch(title)) and is_unit(match[2]) and match[2] not in _ONLY_BRACKETED:
         return match[1], Spelt(match[2], bracketed=False)
     words = re.split(r"[_\s]+", title)
-    for k in range(max(1, len(words) - 3), len(words)):
-        text = " ".join(words[k:])
-        if is_unit(text) and text.casefold() not in _ONLY_BRACKETED:
-            return " ".join(words[:k]), Spelt(text, bracketed=False)
+    for end in range(len(words), 1, -1):
+        for start in range(max(1, end - 3), end):
+            part = words[start:end]
+            for text in (" ".join(part), f"{' '.join(part[:-1])}/{part[-1]}"):
+                single = end < len(words) and len(text) < 2  # a letter among words is no unit
+                if is_unit(text) and text.casefold() not in _ONLY_BRACKETED and not single:
+                    return " ".join([*words[:start], *words[end:]]), Spelt(text, bracketed=False)
     return title, None
+
+
+MISSING = frozenset({"", "na", "n/a", "n.a.", "#n/a", "nan", "null", "none", "-", "–", "—", "."})
+"""Texts for a missing number, in any case. Only an empty name is missing: NA may be initials."""
+
+
+def looks_numeric(text: str) -> bool:
+    """Return whether a text is a plain number, with any decimal mark."""
+    return re.fullmatch(r"[-+]?[0-9]+(?:[.,][0-9]+)?(?:[eE][-+]?[0-9]+)?", text.strip()) is not None
 
 
 _NUMBER = re.compile(r"([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))(?:[eE]([+-]?[0-9]{1,9}))?")
@@ -295,7 +350,7 @@ EFFECTIVE_MODULUS_HIGH = _number("effective_modulus_high_kpa", "largest modulus"
 
 SECOND_FABRIC = "fabric_2"
 """Column of the other fabric of a pair."""
-LABELS = ("participant", "fabric", SECOND_FABRIC, "trial", "list", "indentor")
+LABELS = ("participant", "fabric", SECOND_FABRIC, "trial", "list", "indentor", "direction")
 """The columns of names."""
 OF_CELLS = frozenset({MEAN.name, GEOMETRIC_MEAN.name, SD.name, SE.name, GEOMETRIC_SD.name, RATERS.name})
 """Columns of cells of several raters, used instead of ratings."""
@@ -344,6 +399,7 @@ _WORDS: Mapping[str, str] = {
         "prova, ripetizione, 試行, 試行番号, 试次, 시행"
     ),
     "indentor": "indenter",
+    "direction": "fabric direction, yarn direction, Richtung, sens, dirección, direzione, направление, 方向",
     "rating": (
         "ratings, softness, softness rating, rating of softness, perceived softness, magnitude, "
         "magnitude estimate, magnitude estimation, estimate, judgement, judgment, score, Weichheit, "
@@ -370,7 +426,7 @@ _WORDS: Mapping[str, str] = {
         "модуль упругости, ヤング率, 弾性率, 引張弾性率, 杨氏模量, 弹性模量, 영률"
     ),
     "thickness_mm": (
-        "fabric thickness, h, t, Dicke, Stoffdicke, Gewebedicke, épaisseur, espesor, spessore, espessura, "
+        "fabric thickness, h, t, T0, T2, Dicke, Stoffdicke, Gewebedicke, épaisseur, espesor, spessore, espessura, "
         "dikte, tjocklek, paksuus, grubość, толщина, 厚さ, 厚み, 厚度, 두께"
     ),
     "poisson_ratio": (
@@ -409,8 +465,62 @@ def key(title: str) -> str:
     return " ".join(re.sub(r"[\W_]+", " ", unicodedata.normalize("NFKC", text)).split())
 
 
+def bag(title: str) -> str:
+    """Return what a title shares with those of the same words in any order."""
+    return " ".join(sorted(key(title).split()))
+
+
 WORDS_FOR_RATINGS = frozenset(
-    {"rating", "ratings", "estimate", "estimates", "magnitude", "judgement", "judgment", "score"}
+    {"rating", "ratings", "estimate", "estimates", "magnitude", "judgement", "judgment", "score", "feel", "response"}
     | {word for noun in ("soft", "hard", "stiff", "firm") for word in (noun, f"{noun}ness")}
 )
 """Words in the title of a column of ratings that has another name."""
+
+LESS_CLEAR: Mapping[str, Mapping[str, tuple[str, ...]]] = {
+    "ratings": {
+        "participant": (
+            *("prolific pid", "prolific id", "participant private id", "private id", "worker id", "user id", "user"),
+            *("subj", "subj id", "sub", "sub id", "pid", "ppid", "person", "person id", "panelist id", "assessor id"),
+            *("rater id", "judge id", "sona id", "subject code", "participant code", "subject nr", "participant nr"),
+            *("VP Nr", "id", "name", "initials", "response id", "participant public id", "public id"),
+        ),
+        "rating": ("response", "slider response", "rating response", "answer"),
+    },
+    "fabrics": {"fabric": ("id", "name", "code", "article", "style", "designation", "fabric code", "fabric no")},
+    "compression": {
+        "participant": ("id", "subj", "sub", "user id", "pid", "name", "finger"),
+        "indentation_mm": (
+            *("extension", "compressive extension", "compressive displacement", "travel", "position", "stroke"),
+            *("crosshead", "Weg", "Standardweg", "Verschiebung", "Traversenweg", "déplacement", "変位"),
+        ),
+        "force_n": ("compressive load", "standard force", "Standardkraft", "compressive force", "試験力"),
+    },
+}
+"""Names that mean a column in one kind of table only, by the kind, the clearest first."""
+
+_SUMMARIES = (
+    "mean, means, average, avg, median, total, sum, sd, std, stdev, sem, variance, count, minimum, maximum, overall, "
+    "geomean, quartile, percentile, cv, Mittelwert, Mittel, Durchschnitt, Summe, gesamt, Standardabweichung, Anzahl, "
+    "moyenne, médiane, écart-type, somme, media, promedio, mediana, suma, desviación, varianza, somma, soma, média, "
+    "gemiddelde, totaal, standaardafwijking, medelvärde, summa, keskiarvo, średnia, průměr, ortalama, среднее, "
+    "медиана, сумма, итого, 平均, 平均値, 中央値, 合計, 標準偏差, 均值, 平均值, "
+    "总计, 合计, 标准差, 평균, 합계, 표준편차"
+)
+SUMMARIES = frozenset(map(key, _SUMMARIES.split(", ")))
+"""Names of rows that are statistics of other rows."""
+PERHAPS_SUMMARIES = frozenset({"m", "n", "se", "min", "max", "all", "everyone", "group", "s d", "s e", "alle", "tous"})
+"""Names of such rows that may also be those of people."""
+
+
+def summarises(name: str) -> bool:
+    """Return whether a name is that of a statistic, such as `Mean`, `Total (n = 6)` or `Grand mean`."""
+    words = key(name).split()
+    return key(name) in SUMMARIES or (1 < len(words) <= 6 and not SUMMARIES.isdisjoint((words[0], " ".join(words[1:]))))
+
+
+_WARP = "warp wale wales lengthwise longitudinal length md machine kette kettrichtung chaîne ordito urdimbre 1"
+_WEFT = "weft filling course courses widthwise crosswise transverse width cd cross schuss schussrichtung trame trama 2"
+DIRECTIONS: Mapping[str, str] = {
+    word: name for name, words in (("warp", _WARP), ("weft", _WEFT)) for word in words.split(" ")
+}
+"""Words for the two directions of a fabric."""

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from softness_bayes.data.columns import FORCE, INDENTATION, Column
-from softness_bayes.data.faults import alike_notes, natural
+from softness_bayes.data.faults import natural
+from softness_bayes.data.formats import TableSource
 from softness_bayes.data.headers import PRESSED
-from softness_bayes.data.tables import FloatArray, IntArray, Marks, Table, check_renames, freeze, read_table
-from softness_bayes.data.workbooks import TableSource
+from softness_bayes.data.reading import check_renames, read_table, with_hints
+from softness_bayes.data.tables import FloatArray, IntArray, Marks, Table, freeze
 from softness_bayes.errors import InputError
 from softness_bayes.readable import counted, some_of
 
@@ -21,6 +22,10 @@ FLAT_PLATE = ("flat_plate", "flat plate", "plate", "flat")
 # here 0 means that the plate does not yet touch the finger
 _INDENTATION = Column(INDENTATION.name, INDENTATION.label, INDENTATION.unit, power=INDENTATION.power)
 _FORCE = Column(FORCE.name, FORCE.label, FORCE.unit)
+
+
+SOLE_FINGER = "finger"
+"""Name of the participant in a table without a column of participants."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +71,9 @@ class Compression:
     def read(cls, path: TableSource, *, columns: Mapping[str, str] | None = None, decimal: Marks = None) -> Compression:
         """Read a table of forces, one row each.
 
-        Columns: `participant`, `indentation_mm`, `force_n`. If there is a column `indentor`, rows for other indentors
-        than a flat plate are left out with a note, as are rows without a force or with a force of 0.
+        Columns: `participant` (if missing, all rows are of one finger), `indentation_mm`, `force_n`. If there is a
+        column `indentor`, rows for other indentors than a flat plate are left out with a note, as are rows without a
+        force or with a force of 0.
 
         Parameters
         ----------
@@ -83,15 +89,22 @@ class Compression:
         InputError
             Naming file, row, column and value.
         """
-        table = read_table(path, PRESSED, columns or {}, decimal)
-        check_renames(columns or {}, table)
-        return cls.from_table(table)
+
+        def read(renames: Mapping[str, str], _: bool) -> Compression:
+            table = read_table(path, PRESSED, renames, decimal)
+            check_renames(renames, table)
+            return cls.from_table(table)
+
+        return with_hints(read, columns or {}, False)
 
     @classmethod
     def from_table(cls, table: Table) -> Compression:
         """Return the rows of a table; its columns are those of `read`."""
-        table.require("participant", INDENTATION.name, FORCE.name)
+        table.require(INDENTATION.name, FORCE.name)
         notes = [f"{table.label}: {note}" for note in table.notes]
+        if "participant" not in table:
+            notes.append(f"{table.label}: no column 'participant': all forces are treated as those of one finger")
+            table = replace(table, cells={**table.cells, "participant": [SOLE_FINGER] * len(table)})
         if "indentor" in table:
             flat = np.array([name.casefold() in FLAT_PLATE for name in table.labels("indentor")])
             if not flat.all():
@@ -122,7 +135,6 @@ class Compression:
             raise InputError(f"{table.place}: no row with a force above 0 on a flat plate")
         names = natural(by[i] for i in kept)
         place = {name: k for k, name in enumerate(names)}
-        notes += [f"{table.label}: {note}" for note in alike_notes("participant", names)]
         return cls(
             tuple(names),
             np.array([place[by[i]] for i in kept]),

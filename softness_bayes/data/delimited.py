@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import hashlib
 import io
 import os
 import re
@@ -12,7 +11,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from softness_bayes.data.sheets import Sheet, sheet_of
+from softness_bayes.data.sheets import Grid, grid_of
 from softness_bayes.errors import InputError, quoted
 
 LARGEST = 2**28
@@ -67,18 +66,12 @@ def _beginning(pipe: io.FileIO, path: Path) -> bytes:
 
 _CONTROL = re.compile("[\x00-\x08\x0e-\x1f]")
 _JAPANESE = re.compile("[\u3041-\u30fe\u4e00-\u9fff]{2}")
-_TOLD = re.compile('"?sep=([,;\t])"?\n')  # Excel's own line before the header
-_STARTS = {
-    b"PK\x03\x04": "this is a workbook: give it a name that ends in .xlsx",
-    b"PAR1": "this is a Parquet file: give it a name that ends in .parquet",
-    b"\xd0\xcf\x11\xe0": "this is an old workbook: save it as .xlsx",
-    b"\x1f\x8b": "this is a compressed file: unpack it",
-}
+_TOLD = re.compile('"?sep=([,;\t|])"?\n')  # Excel's own line before the header
 _END = "\x1f"  # end mark behind the last row, a character that occurs in no table
 
 
-def text_sheet(path: Path, content: bytes) -> Sheet:
-    """Return the sheet of a text file with commas, semicolons or tabs between cells.
+def text_grid(path: Path, content: bytes, digest: str) -> Grid:
+    """Return the rows of a text file with commas, semicolons, tabs, bars or spaces between cells.
 
     Raises
     ------
@@ -89,9 +82,8 @@ def text_sheet(path: Path, content: bytes) -> Sheet:
     if told := _TOLD.match(text):
         text = f"\n{text[told.end() :]}"  # a blank row keeps the numbers of the others
     separator = told[1] if told else _separator(text)
-    digest = hashlib.sha256(content).hexdigest()
     lines = _rows(path, text, separator)
-    return sheet_of(lines, str(path), path.name, digest, between_commas=separator == ",", notes=notes)
+    return grid_of(lines, str(path), path.name, digest, between_commas=separator == ",", notes=notes)
 
 
 def _decode(path: Path, content: bytes) -> tuple[str, list[str]]:
@@ -112,9 +104,8 @@ def _decode(path: Path, content: bytes) -> tuple[str, list[str]]:
         notes.append("not UTF-8: read as Latin-1")
     if control := _CONTROL.search(text):
         line = 1 + text.count("\n", 0, control.start())
-        remedy = next((f"; {said}" for start, said in _STARTS.items() if content.startswith(start)), "")
-        if not remedy and content.count(0) > len(content) // 4:
-            remedy = "; is it UTF-16 without a byte-order mark? Save it as UTF-8"
+        utf16 = content.count(0) > len(content) // 4
+        remedy = "; is it UTF-16 without a byte-order mark? Save it as UTF-8" if utf16 else ""
         raise InputError(
             f"{path}: not a text file, expected a table saved as CSV: control character {control[0]!r} in line {line}"
             f"{remedy}"
@@ -139,9 +130,21 @@ def _is_shift_jis(content: bytes) -> bool:
 
 
 def _separator(text: str) -> str:
-    """Return the separator of the header's cells."""
-    header = re.sub(r'"[^"]*"', "", text.lstrip().partition("\n")[0])
-    return max(",;\t", key=header.count)
+    """Return the separator of the cells: the one of the first lines, or spaces if every line has as many words."""
+    lines = [re.sub(r'"[^"]*"', "", line) for line in text.split("\n", 200)[:200] if line.strip()]
+    header = next((line for line in lines if not line.startswith("#")), lines[0])
+    there = [mark for mark in ",;\t" if mark in header]
+    if there:
+        # of a comma in a title and the separator, the latter is in every line as often
+        return max(
+            there, key=lambda mark: (sum(line.count(mark) == header.count(mark) for line in lines), header.count(mark))
+        )
+    # a preamble may have none
+    later = max(",;\t|", key=lambda mark: sum(mark in line for line in lines))
+    if 2 * sum(later in line for line in lines) > len(lines):
+        return later
+    words = {len(line.split(" ")) for line in lines}
+    return " " if words == {max(words)} and max(words) > 2 else ","
 
 
 def _rows(path: Path, text: str, separator: str) -> Iterator[tuple[list[str], int]]:

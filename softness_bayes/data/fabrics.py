@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -21,11 +22,14 @@ from softness_bayes.data.columns import (
     TENSILE_MODULUS,
     THICKNESS,
     Column,
+    bag,
+    title_and_unit,
 )
-from softness_bayes.data.faults import TableError, alike_notes, listing, natural
-from softness_bayes.data.headers import FABRICS
-from softness_bayes.data.tables import FloatArray, Marks, Table, check_renames, read_only, read_table
-from softness_bayes.data.workbooks import TableSource
+from softness_bayes.data.faults import TableError, listing, natural
+from softness_bayes.data.formats import TableSource
+from softness_bayes.data.headers import FABRICS, keys_of
+from softness_bayes.data.reading import check_renames, read_table, with_hints
+from softness_bayes.data.tables import FloatArray, Marks, Table, read_only
 from softness_bayes.errors import InputError, quoted
 from softness_bayes.ranges import RELATIVE_ERRORS, Range, numbers, refuse
 from softness_bayes.touch.contact import PLATE_LENGTH, PRINTED_RIGIDITY, FabricModulus
@@ -81,6 +85,18 @@ def agreed(table: Table, column: Column, filed: FloatArray, own: list[int]) -> f
             fabric, row = table.cells["fabric"][i], table.rows[given[0]]
             table.fault(i, column.name, f"{quoted(fabric)} has {quoted(value)} here and {quoted(first)} in row {row}")
     return float(filed[given[0]]) if given else np.nan
+
+
+_DIRECTED = frozenset({"bending_rigidity", "tensile_modulus", "effective_modulus"})
+
+
+def _over_directions(table: Table, column: Column, filed: FloatArray, own: list[int]) -> float:
+    """Return the geometric mean of a property over the directions of a fabric, each of which must have one value."""
+    by_direction: dict[str, list[int]] = {}
+    for i in own:
+        by_direction.setdefault(table.cells["direction"][i].casefold(), []).append(i)
+    values = np.array([agreed(table, column, filed, rows) for rows in by_direction.values()])
+    return float(np.exp(np.log(values[~np.isnan(values)]).mean())) if (~np.isnan(values)).any() else np.nan
 
 
 CLOTH = {
@@ -367,29 +383,43 @@ class Fabrics:
         InputError
             Naming file, row, column and value.
         """
-        table = read_table(path, FABRICS, columns or {}, decimal)
-        check_renames(columns or {}, table)
-        return cls.from_table(table)
+
+        def read(renames: Mapping[str, str], _: bool) -> Fabrics:
+            table = read_table(path, FABRICS, renames, decimal)
+            check_renames(renames, table)
+            return cls.from_table(table)
+
+        return with_hints(read, columns or {}, False)
 
     @classmethod
     def from_table(cls, table: Table, repeated: bool = False) -> Fabrics:
         """Return the fabrics of a table; in a table of ratings (`repeated`) the rows of a fabric must agree."""
         labels = table.labels("fabric")
         if not any(column.name in table for column in MODULUS_SOURCES):
-            known = f"known columns: {', '.join(table.titles.values())}"
-            table.faults.add_general("; ".join([f"no column for moduli: {_EXPECTED}", known, *table.notes]))
+            table.lack(f"no column for moduli: {_EXPECTED}", *(column.name for column in (*MODULUS_SOURCES, THICKNESS)))
             table.check()
+        directed = "direction" in table and len(set(table.cells["direction"])) > 1
         rows: dict[str, list[int]] = {name: [] for name in (natural(labels) if repeated else labels)}
         for i, name in enumerate(labels):
-            if rows[name] and not repeated:
+            if rows[name] and not (repeated or directed):
                 table.fault(i, "fabric", f"{quoted(name)} is already in row {table.rows[rows[name][0]]}")
             else:
                 rows[name].append(i)
         properties: dict[str, Any] = {}
         for name, column in PROPERTIES.items():
             filed = table.numbers(column)
-            properties[name] = np.array([agreed(table, column, filed, own) for own in rows.values()])
-        notes = [f"{table.label}: {note}" for note in (*table.notes, *alike_notes("fabric", rows))]
+            by = _over_directions if directed and name in _DIRECTED else agreed
+            properties[name] = np.array([by(table, column, filed, own) for own in rows.values()])
+        notes = [f"{table.label}: {note}" for note in table.notes]
+        if directed:
+            notes.append(f"{table.label}: rigidities and moduli are geometric means over directions")
+        thick = [THICKNESS.name] * (THICKNESS.name in table)
+        thick += [title for title in table.others if bag(title_and_unit(title)[0]) in keys_of(THICKNESS.name)]
+        if thick and BENDING_RIGIDITY.name in table and EFFECTIVE_MODULUS.name not in table:
+            notes.append(
+                f"{table.label}: {thick[0]} is not used where a rigidity D is measured: by the printed relation "
+                "E_fab is D / l³ with a fixed length l (model.md 1)"
+            )
         for name in STANDARD_ERRORS:
             properties[f"{name}_cv"] = relative_errors(table, rows, name, properties[name], properties[f"{name}_cv"])
         first = tuple(int(table.rows[own[0]]) for own in rows.values())
@@ -411,10 +441,10 @@ class Fabrics:
         )
         if unknown := [name for name, basis in zip(found.names, found.basis, strict=True) if not basis]:
             notes.append(f"{table.label}: fabrics of unknown modulus: {listing(unknown)}")
-        notes += [f"{table.label}: {note}" for note in found._implausible()]
+        notes += [f"{table.label}: {note}" for note in found.implausible()]
         return replace(found, notes=tuple(notes))
 
-    def _implausible(self) -> list[str]:
+    def implausible(self) -> list[str]:
         """Return notes on values that are implausible for cloth; raise an error for moduli outside the valid range."""
         modulus = self.modulus(unknown=1.0)
         known = np.array([bool(basis) for basis in self.basis])
@@ -430,6 +460,13 @@ class Fabrics:
             *cloth_notes(self.names, measured, modulus, self.basis),
             *other_moduli(self.names, self.basis, modulus, others),
         ]
+
+
+def warn_of_moduli(fabrics: Fabrics) -> None:
+    """Warn of moduli that no cloth has, as ``softness-bayes check`` does."""
+    for note in fabrics.implausible():
+        if "E_fab" in note and "looks wrong" in note:
+            warnings.warn(f"{fabrics.source}: {note}", stacklevel=4)
 
 
 def _find_more_faults(

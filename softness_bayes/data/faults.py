@@ -5,7 +5,8 @@ from __future__ import annotations
 import difflib
 import re
 import unicodedata
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from decimal import Decimal
 from typing import NamedTuple
 
 from softness_bayes.errors import InputError
@@ -32,7 +33,7 @@ def listing(names: Sequence[str], most: int = 8) -> str:
 
 
 class Guesses:
-    """Suggestions for misspelt names: a known name that looks identical, or is similar.
+    """Suggestions for misspelt names: similar ones.
 
     Similar names are sought among the first `MOST_GUESSED` known ones, and for the first `MOST_ASKED` misspelt ones.
 
@@ -44,14 +45,11 @@ class Guesses:
 
     def __init__(self, known: Iterable[str]) -> None:
         names = list(known)
-        self._looks = {_look(name): name for name in reversed(names)}
         self._known = names[:MOST_GUESSED]
         self._left = MOST_ASKED
 
     def of(self, name: str) -> str:
         """Return ' (did you mean ...?)' if there is such a name, otherwise an empty text."""
-        if alike := self._looks.get(_look(name)):
-            return f" (which has {_shown(alike)} for {_shown(name)}: they differ in {_DIFFERENCE} only)"
         self._left -= 1
         if len(name) > _LONGEST_GUESSED or self._left < 0:
             return ""
@@ -59,38 +57,49 @@ class Guesses:
         return f" (did you mean {near[0]!r}?)" if near else ""
 
 
-def alike_notes(kind: str, names: Iterable[str]) -> list[str]:
-    """Return notes on names so similar that they may be the same; names are kept as written.
-
-    Parameters
-    ----------
-    kind
-        Column of the names, such as 'participant'.
-    names
-        All of them.
-    """
-    groups: dict[str, list[str]] = {}
-    for name in natural(names):
-        groups.setdefault(_look(name), []).append(name)
-    pairs = [" and ".join(map(_shown, group)) for group in groups.values() if len(group) > 1]
-    if not pairs:
-        return []
-    return [f"column {kind!r}: {listing(pairs)} differ only in {_DIFFERENCE}; they are kept apart"]
-
-
-_DIFFERENCE = "case, Unicode form or invisible characters"
-
-
-def _look(name: str) -> str:
+def look(name: str) -> str:
     """Return a key that is equal for names that look alike."""
     folded = unicodedata.normalize("NFKC", unicodedata.normalize("NFKC", name).casefold())
     return " ".join("".join(c for c in folded if c.isspace() or unicodedata.category(c) not in ("Cf", "Cc")).split())
 
 
-def _shown(name: str) -> str:
-    """Return a name in quotes, with escapes for non-ASCII characters, which make differences visible."""
-    return ascii(name if len(name) <= _LONGEST_GUESSED else f"{name[:_LONGEST_GUESSED]}…")
+def identity(name: str) -> tuple[str, ...]:
+    """Return a key that is equal for names that differ in case, zeros in front, format of numbers or punctuation only.
 
+    Examples
+    --------
+    >>> identity("P01") == identity("p-1"), identity("1.0") == identity("01"), identity("A 12") == identity("A 1/2")
+    (True, True, False)
+    """
+    text = look(name)
+    if re.fullmatch(r"[+-]?[0-9]{1,30}(?:[.,][0-9]{1,30})?", text):
+        return (f"{Decimal(text.replace(',', '.')).normalize():f}",)
+    apart = "".join(" " if c in _BETWEEN or unicodedata.category(c) in ("Pd", "Zs") else c for c in text)
+    parts: list[str] = []
+    for part in re.findall(r"\d+|[^\d\s]+", apart):
+        if parts and not part.isdigit() and not parts[-1].isdigit():
+            parts[-1] += part
+        else:
+            parts.append(part.lstrip("0") or "0" if part.isdigit() else part)
+    return tuple(parts) or (text,)
+
+
+_BETWEEN = frozenset('_.,;:/\\()[]{}"#')
+DIFFERENCE = "case, zeros in front, the format of numbers, punctuation or invisible characters"
+"""What names of one identity may differ in."""
+
+
+def shown_names(names: Iterable[str]) -> str:
+    """Return names that differ in little, in quotes, with escapes for non-ASCII characters, which show how."""
+    short = (name if len(name) <= _LONGEST_GUESSED else f"{name[:_LONGEST_GUESSED]}…" for name in names)
+    return " and ".join(map(ascii, short))
+
+
+Hint = Mapping[str, str]
+"""Titles of columns, by standard name, with which a table may be read; `wide` stands for one column per fabric."""
+
+MOST_HINTS = 4
+"""Largest number of ways to mend a table that are tried."""
 
 SHOWN = 20
 """Largest number of problem lines per table in a message."""
@@ -132,21 +141,45 @@ class TableError(InputError):
         The file, and its sheet if it has several.
     problems
         Descriptions of the problems, with row and column if applicable.
+    hints
+        What may mend it.
+
+    Attributes
+    ----------
+    remedy
+        What mends it, as options of the command line, tried before.
     """
 
-    def __init__(self, place: str, problems: Sequence[Fault | str]) -> None:
+    def __init__(self, place: str, problems: Sequence[Fault | str], hints: Sequence[Hint] = ()) -> None:
         self.place = place
+        self.hints = tuple(hints)
+        self.remedy = ""
         self.problems = tuple(Fault(-1, "", one) if isinstance(one, str) else one for one in problems)
         super().__init__(_message(place, self.problems))
 
+    @property
+    def candidates(self) -> list[Hint]:
+        """What may mend it, all at once first, then each."""
+        every: dict[str, str] = {}
+        for hint in self.hints:
+            if not hint.keys() & every.keys() and not {*hint.values()} & {*every.values()}:
+                every |= hint
+        return [*([every] if len(every) > 1 else []), *self.hints[:MOST_HINTS]]
 
-def together(errors: Iterable[TableError]) -> InputError:
+    def __str__(self) -> str:
+        return str(self.args[0]) + (f"\n  try: {self.remedy}" if self.remedy else "")
+
+
+def together(errors: Sequence[TableError]) -> TableError:
     """Combine the errors of several tables into one, with each problem of a table listed once."""
     by_place: dict[str, dict[Fault, None]] = {}
     for error in errors:
         # if a table was read twice, the later attempt found more problems, in order
         by_place[error.place] = dict.fromkeys(error.problems) | by_place.get(error.place, {})
-    return InputError("\n".join(_message(place, tuple(problems)) for place, problems in by_place.items()))
+    every = [problem for problems in by_place.values() for problem in problems]
+    combined = TableError(errors[0].place, every, [hint for error in errors for hint in error.hints])
+    combined.args = ("\n".join(_message(place, tuple(problems)) for place, problems in by_place.items()),)
+    return combined
 
 
 def _message(place: str, problems: Sequence[Fault]) -> str:
@@ -201,13 +234,15 @@ class Faults:
 
     def __init__(self) -> None:
         self._found: dict[tuple[int, str], Fault] = {}
+        self.hints: list[Hint] = []
 
     def add(self, row: int, title: str, problem: str) -> None:
         """Add the problem of a cell, unless the cell already has one."""
         self._found.setdefault((row, title), Fault(row, title, problem))
 
-    def add_general(self, problem: str) -> None:
-        """Add a problem of the whole table."""
+    def add_general(self, problem: str, hints: Sequence[Hint] = ()) -> None:
+        """Add a problem of the whole table, and what may mend it."""
+        self.hints += hints
         self._found.setdefault((-1, problem), Fault(-1, "", problem))
 
     def __bool__(self) -> bool:

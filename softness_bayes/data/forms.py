@@ -14,6 +14,7 @@ from softness_bayes.data.columns import (
     GEOMETRIC_SD,
     LABELS,
     MEAN,
+    MISSING,
     NUMBERS,
     OF_CELLS,
     RATERS,
@@ -25,7 +26,7 @@ from softness_bayes.data.columns import (
 from softness_bayes.data.faults import listing
 from softness_bayes.data.headers import holds_cells
 from softness_bayes.data.sheets import SheetNumber
-from softness_bayes.data.tables import MISSING, Table, unused_note
+from softness_bayes.data.tables import Table, unused_note
 from softness_bayes.errors import quoted
 from softness_bayes.files.spreadsheet import unescaped
 from softness_bayes.readable import counted

@@ -10,9 +10,10 @@ import numpy as np
 
 from softness_bayes.data import FABRICS_BESIDE
 from softness_bayes.data.columns import RANK, RATING
+from softness_bayes.data.formats import TableSource, read_sheet
 from softness_bayes.data.headers import RANKED
-from softness_bayes.data.tables import Marks, read_table
-from softness_bayes.data.workbooks import TableSource, read_sheet
+from softness_bayes.data.reading import read_table
+from softness_bayes.data.tables import Marks
 from softness_bayes.errors import InputError, quoted
 
 COLUMNS = ("table", "data", "fabrics", "compression")

@@ -13,23 +13,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from softness_bayes.data.columns import FORCE, INDENTATION, LOAD_CV, RATING, RESOLUTION, Column
+from softness_bayes.data.columns import FORCE, INDENTATION, LOAD_CV, MISSING, RATING, RESOLUTION, Column
 from softness_bayes.data.fabrics import Fabrics, log_sd
-from softness_bayes.data.faults import Guesses, alike_notes, listing, natural
+from softness_bayes.data.faults import Guesses, identity, listing, natural
+from softness_bayes.data.formats import TableSource
 from softness_bayes.data.forms import PANEL, AggregatedCells, cells_of, covariates_in, unpaired
 from softness_bayes.data.headers import LOADED, RATED
-from softness_bayes.data.sheets import Form
-from softness_bayes.data.tables import (
-    MISSING,
-    FloatArray,
-    IntArray,
-    Marks,
-    Table,
-    check_renames,
-    freeze,
-    read_table,
-)
-from softness_bayes.data.workbooks import TableSource
+from softness_bayes.data.reading import check_renames, read_table, with_hints
+from softness_bayes.data.shapes import Form
+from softness_bayes.data.tables import FloatArray, IntArray, Marks, Table, freeze
 from softness_bayes.errors import InputError, quoted
 from softness_bayes.ranges import LOAD_STEPS
 from softness_bayes.readable import counted, some_of
@@ -77,10 +69,10 @@ def given_load(table: Table, indentation_mm: float | None, force_n: float | None
     filed = [entry.column.name for entry in LOAD_COLUMNS if entry.column.name in table]
     given = loads_of(*([] if value is None else [value] for value in (indentation_mm, force_n)))
     if not filed and len(given) != 1:
-        table.faults.add_general(
+        table.lack(
             f"no load column ({INDENTATION.name} or {FORCE.name}); give the load of all "
-            "ratings by one of --indentation-mm and --force-n, or name its column with --column"
-            + "".join(f"; {note}" for note in table.notes if "fabric" in table and RATING.name in table)
+            "ratings by one of --indentation-mm and --force-n, or name its column with --column",
+            *(name for name, _ in table.perhaps.values() if name in (INDENTATION.name, FORCE.name)),
         )
     elif filed and given:
         table.faults.add_general(
@@ -299,10 +291,14 @@ class Ratings:
             Naming file, row, column and value.
         """
         sought = RATED if indentation_mm is force_n is None else LOADED
-        form = Form(wide, lambda: None if fabrics is None else fabrics.names)
-        table = read_table(path, sought, columns or {}, decimal, form)
-        check_renames(columns or {}, table)
-        return cls.from_table(table, fabrics, indentation_mm, force_n)
+
+        def read(renames: Mapping[str, str], wide: bool) -> Ratings:
+            form = Form(wide, lambda: None if fabrics is None else fabrics.names)
+            table = read_table(path, sought, renames, decimal, form)
+            check_renames(renames, table)
+            return cls.from_table(table, fabrics, indentation_mm, force_n)
+
+        return with_hints(read, columns or {}, wide)
 
     @classmethod
     def from_table(
@@ -328,7 +324,7 @@ class Ratings:
         whole, (rated, used, notes) = table, _rated_rows(table, filed, drop_zeros)
         table = table.take(used)
         by = table.labels("participant") if "participant" in table else _one_participant(table, cells, notes)
-        what = _fabrics_in(table, fabrics)
+        what = _fabrics_in(table, fabrics, notes)
         loads = loads_in(table, given)
         load_cv, resolution = (table.numbers(c) if c.name in table else None for c in (LOAD_CV, RESOLUTION))
         table.check()
@@ -344,7 +340,7 @@ class Ratings:
             )
         participants = natural(by)
         covariates, noted = covariates_in(whole, participants)
-        notes = [*noted, *notes, *alike_notes("participant", participants)]
+        notes = [*noted, *notes]
         rated_fabrics = set(what)
         names = natural(what) if fabrics is None else [name for name in fabrics.names if name in rated_fabrics]
         distinct = sorted(set(touches), key=rank)
@@ -448,18 +444,30 @@ def _require_loads(table: Table, rows: IntArray) -> None:
                 )
 
 
-def _fabrics_in(table: Table, fabrics: Fabrics | None) -> Sequence[str]:
-    """Return each row's fabric; an unknown one is a fault of its first row."""
+def _fabrics_in(table: Table, fabrics: Fabrics | None, notes: list[str]) -> Sequence[str]:
+    """Return each row's fabric, by its name in the table of fabrics; an unknown one is a fault of its first row."""
     labels = table.labels("fabric")
-    if fabrics is not None:
-        known = set(fabrics.names)
-        rows = Counter(name for name in labels if name not in known)
-        guesses = Guesses(fabrics.names)
-        for name, count in rows.items():
-            problem = f"{quoted(name)} is not a fabric of {fabrics.source}{guesses.of(name)}"
-            more = f", as in {count - 1} other rows" if count > 1 else ""
-            table.fault(labels.index(name), "fabric", f"{problem}{more}")
-    return labels
+    if fabrics is None:
+        return labels
+    known = set(fabrics.names)
+    rows = Counter(name for name in labels if name not in known)
+    alike: dict[tuple[str, ...], list[str]] = {}
+    for name in fabrics.names:
+        alike.setdefault(identity(name), []).append(name)
+    # names in another format, such as 1.0 for 1, mean the one fabric whose name differs in nothing else
+    found = {name: alike.get(identity(name), []) for name in rows}
+    same = {name: own[0] for name, own in found.items() if len(own) == 1}
+    guesses = Guesses(fabrics.names)
+    for name, count in rows.items():
+        if name in same or not name:
+            continue
+        problem = f"{quoted(name)} is not a fabric of {fabrics.source}{guesses.of(name)}"
+        more = f", as in {count - 1} other rows" if count > 1 else ""
+        table.fault(labels.index(name), "fabric", f"{problem}{more}")
+    if same:
+        told = listing([f"{name!a} as {own!a}" for name, own in same.items()])
+        notes.append(f"column {table.titles['fabric']!r}: {told}, as in {fabrics.source}")
+    return [same.get(name, name) for name in labels]
 
 
 def _lists_in(table: Table, by: Sequence[str]) -> IntArray | None:
@@ -488,7 +496,7 @@ def _repeats(table: Table, *keys: Sequence[object]) -> list[str]:
     if trials and apart:
         columns = " and ".join(quoted(title) for title in apart)
         return [f"{what}, and differ in {columns}, which is not used: treated as further trials under the same load"]
-    return [f"{what}: {'are rows copied?' if trials else 'treated as further trials'}"]
+    return [f"{what}: treated as further trials{'' if not trials else ' under the same load; is the trial right?'}"]
 
 
 SHOWN = 3

@@ -11,13 +11,10 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.data.columns import LABELS, NUMBERS, RATING, WORDS_FOR_RATINGS, Column, Unit, key, unit_named
-from softness_bayes.data.faults import Faults, Guesses, TableError, listing, natural
-from softness_bayes.data.headers import Sought, understood
-from softness_bayes.data.sheets import Form, Sheet, SheetNumber, lengthened
-from softness_bayes.data.workbooks import TableSource, read_sheet
+from softness_bayes.data.columns import MISSING, RATING, Column, Unit, unit_named
+from softness_bayes.data.faults import Faults, Hint, TableError, listing
+from softness_bayes.data.sheets import SheetNumber
 from softness_bayes.errors import InputError, quoted
-from softness_bayes.files.spreadsheet import unescaped
 
 MARKS = (",", ".")
 """The possible decimal marks."""
@@ -186,14 +183,17 @@ def _unspaced(text: str) -> str:
     return _SPACES.sub("", text) if _SPACED.fullmatch(text) else text
 
 
+def _numbered(titles: Sequence[str]) -> list[str]:
+    """Return titles that differ in a number at their end alone."""
+    stems = {title: match[1] for title in titles if (match := re.fullmatch(r"(.*?)[\s_.#-]*[0-9]{1,3}", title))}
+    count = Counter(stems.values())
+    return [title for title, stem in stems.items() if count[stem] > 1]
+
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
-MISSING = frozenset({"", "na", "n/a", "n.a.", "#n/a", "nan", "null", "none", "-", "–", "—", "."})
-"""Texts for a missing number, in any case. Only an empty name is missing: NA may be initials."""
-
 _DATE = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}|[0-9]{1,2}[./-](?:[0-9]{1,2}[./-][0-9]{2,4}|[A-Za-z]{3})")
-WIDE = "if the table has one column per fabric, add --wide"
 
 
 @dataclass(frozen=True)
@@ -223,6 +223,8 @@ class Table:
     """Standard names of the columns that such a file does not have."""
     others: Mapping[str, Sequence[str]] = field(default_factory=dict)
     """Title of a column that is not used -> its cells."""
+    perhaps: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    """Title of a column that is not used -> the standard name that it may have, and a remark."""
     faults: Faults = field(default_factory=Faults)
     """Problems found in the table so far."""
 
@@ -246,7 +248,7 @@ class Table:
     def check(self) -> None:
         """Raise the error that lists all problems found, if there are any."""
         if self.faults:
-            raise TableError(self.place, self.faults.listed)
+            raise TableError(self.place, self.faults.listed, self.faults.hints)
 
     def take(self, index: IntArray) -> Table:
         """Return the rows at `index`."""
@@ -257,35 +259,31 @@ class Table:
         columns = [self.columns[i] for i in index] if self.columns else ()
         return replace(self, cells=cells, others=others, rows=self.rows[index], columns=columns)
 
+    def lack(self, problem: str, *names: str, wide: bool = False) -> None:
+        """Add that some columns are missing, with the titles that there are and what may mend it."""
+        hints: list[Hint] = [{}]
+        for name in names:
+            may_be = [title for title, (own, _) in self.perhaps.items() if own == name][:3]
+            hints = [{**hint, name: title} for title in may_be for hint in hints if title not in hint.values()] or hints
+        titles = [quoted(title) for title in (*self.titles.values(), *self.others)]
+        remarks = dict.fromkeys(remark for name, remark in self.perhaps.values() if name in names and remark)
+        told = [problem, *(f"its columns are {listing(titles)}" for _ in titles[:1]), *[*remarks][:1]]
+        ways = [hint for hint in hints if hint] + ([{"wide": ""}] if wide else [])
+        self.faults.add_general("; ".join(told), ways)
+
     def require(self, *names: str) -> None:
         """Raise an error for a table without one of the columns `names`, with all other problems found."""
         if absent := [name for name in names if name not in self]:
-            told = [*self.notes, *([*self._may_be_ratings(), WIDE] if RATING.name in absent else [])]
-            if RATING.name in absent and (series := _numbered([*self.others])):
-                named = listing([quoted(title) for title in series])
-                told = [
-                    f"columns {named} look like repeated ratings: put each rating in a separate row, in a "
-                    "column 'rating'"
-                ]
-            known = [f"known columns: {', '.join(self.titles) or 'none'}", *told]
-            if len(absent) == 1:
-                lack = f"no column {absent[0]!r}, and no --column {absent[0]}=... names it"
+            series = _numbered([*self.others]) if RATING.name in absent else []
+            if series:
+                self.faults.add_general(
+                    f"columns {listing([quoted(title) for title in series])} look like repeated ratings: put each "
+                    "rating in a separate row, in a column 'rating'"
+                )
             else:
-                ways = " ".join(f"--column {name}=..." for name in absent)
-                lack = f"no columns {' and '.join(map(repr, absent))}, and no {ways} names them"
-            self.faults.add_general("; ".join([lack, *known]))
+                what = " and ".join(map(repr, absent))
+                self.lack(f"no column{'s' * (len(absent) > 1)} {what}", *absent, wide=RATING.name in absent)
             self.check()
-
-    def _may_be_ratings(self) -> list[str]:
-        """Return a note on the one unused column of numbers whose title has a word for ratings, if there is one."""
-        found = [
-            title
-            for title, texts in self.others.items()
-            if WORDS_FOR_RATINGS & {*key(title).split()} and any(map(_looks_numeric, texts))
-        ]
-        if len(found) != 1:
-            return []
-        return [f"--column {RATING.name}={quoted(found[0])} takes column {quoted(found[0])} as {RATING.name}"]
 
     def labels(self, name: str) -> Sequence[str]:
         """Return a column of names; an empty one is a fault."""
@@ -294,6 +292,16 @@ class Table:
             if not text:
                 self.fault(i, name, "expected a name, got ''")
         return self.cells[name]
+
+    def plainly(self, name: str) -> FloatArray:
+        """Return the numbers of a column in its own unit, NaN for all other cells, whatever is wrong with them."""
+        values = np.full(len(self), np.nan)
+        for i, text in enumerate(self.cells.get(name, ())):
+            try:
+                values[i] = float(text if isinstance(text, SheetNumber) else plain(text, self.decimal, self.grouped))
+            except ValueError:
+                continue
+        return np.where(np.isfinite(values), values, np.nan)
 
     def numbers(self, column: Column) -> FloatArray:
         """Return a column of numbers [SI], NaN for a missing cell or column, and for a fault."""
@@ -317,118 +325,15 @@ class Table:
                     remedy = "; if commas are decimal marks, add --decimal , and if they group thousands, --decimal ."
                 elif _DATE.match(text):
                     remedy = "; did a spreadsheet program turn a number into a date?"
+                elif text.startswith("#") and text.endswith(("!", "?")):
+                    remedy = "; its formula failed: mend it, or clear the cell of a missing value"
                 self.fault(i, column.name, f"{error}{remedy}")
         return values
-
-
-def read_table(
-    source: TableSource,
-    sought: Sought,
-    renames: Mapping[str, str],
-    decimal: Marks = None,
-    form: Form | None = None,
-) -> Table:
-    """Read the known columns of a table.
-
-    In text files commas, semicolons and tabs between cells are understood; decimal commas where commas do not
-    separate cells; grouped thousands where they cannot be decimals; UTF-8 with or without a byte-order mark,
-    UTF-16 with one, and Latin-1; quoted cells; blank lines. Names of columns may differ in case. Other columns
-    are left out, with a note.
-
-    Parameters
-    ----------
-    source
-        A text file, an Excel workbook (.xlsx), a Parquet file, or a pandas DataFrame.
-    sought
-        The columns that may have other names and units than the standard ones; notes say which do.
-    renames
-        Name of a column here -> its name in the file; those that the file lacks are ignored
-        (`check_renames` refuses those that no file has).
-    decimal
-        What stands before the decimals of a number, "," or "."; the other one groups thousands. Table -> mark if
-        tables differ. Left out, the numbers tell, or the table is refused.
-    form
-        Form of a table of ratings, which may be wide; notes say if it is.
-
-    Raises
-    ------
-    InputError
-        If the file is not a table with at least one row, or a number may have decimals or grouped thousands;
-        the message names file and row.
-    """
-    mark = mark_of(decimal, sought.sheet)
-    sheet = read_sheet(source, sought, renames)
-    return _table(sheet if form is None else lengthened(sheet, sought, renames, form), sought, renames, mark)
-
-
-def _numbered(titles: Sequence[str]) -> list[str]:
-    """Return titles that differ in a number at their end alone."""
-    stems = {title: match[1] for title in titles if (match := re.fullmatch(r"(.*?)[\s_.#-]*[0-9]{1,3}", title))}
-    count = Counter(stems.values())
-    return [title for title, stem in stems.items() if count[stem] > 1]
-
-
-def _table(sheet: Sheet, sought: Sought, renames: Mapping[str, str], decimal: str | None) -> Table:
-    """Return the known columns of a sheet."""
-    header, padded = sheet.header, sheet.padded
-    at, units, found = understood(header, renames, sought, sheet.titled)
-    notes = [*sheet.notes, *found]
-    cells: dict[str, list[str]] = {name: [record[j] for record in sheet.body] for name, j in at.items()}
-    for name in (name for name in LABELS if name in at):
-        total = Counter(cells[name])
-        if both := [f"'{label}'" for label in natural(total) if 0 < padded[at[name], label] < total[label]]:
-            notes.append(
-                f"column {name!r}: {listing(both)} with and without spaces at the ends are treated as the same"
-            )
-    cells |= {name: [str(unescaped(text)) for text in cells[name]] for name in LABELS if name in cells}
-    unused = {title: j for j, title in enumerate(header) if title and j not in at.values()}
-    notes += unused_note([*unused])
-    titles = {name: header[j] for name, j in at.items()}
-    if sheet.columns:
-        titles[RATING.name] = " … ".join(dict.fromkeys((sheet.columns[0], sheet.columns[-1])))
-    reading = Reading(decimal or ".")
-    if decimal is None:
-        reading = _found_mark(sheet, cells, titles)
-    if reading.note:
-        notes.append(reading.note)
-    return Table(
-        place=sheet.place,
-        label=sheet.label,
-        digest=sheet.digest,
-        cells=cells,
-        titles=titles,
-        units=units,
-        rows=np.array(sheet.rows, dtype=np.intp),
-        decimal=reading.mark,
-        grouped=decimal is not None or reading.grouped,
-        notes=tuple(notes),
-        columns=sheet.columns,
-        made=sheet.made,
-        others={title: [str(unescaped(record[j])) for record in sheet.body] for title, j in unused.items()},
-    )
-
-
-def _looks_numeric(text: str) -> bool:
-    return re.fullmatch(r"[-+]?[0-9]+(?:[.,][0-9]+)?", text.strip()) is not None
 
 
 def unused_note(titles: Sequence[str]) -> list[str]:
     """Return the note on columns that are not used, nothing if there are none."""
     return [f"unused columns: {listing(titles)}"] if titles else []
-
-
-def check_renames(renames: Mapping[str, str], *tables: Table) -> None:
-    """Raise an error for renames of unknown columns, or to names that no table has."""
-    for name, actual in renames.items():
-        if name not in (*LABELS, *NUMBERS):
-            known = (*LABELS, *NUMBERS)
-            raise InputError(
-                f"--column {name}={actual}: no column is called {name!r} here{Guesses(known).of(name)}; "
-                f"expected one of {', '.join(known)}"
-            )
-        if all(table.titles.get(name, "").casefold() != actual.casefold() for table in tables):
-            files = " or ".join(dict.fromkeys(table.place for table in tables))
-            raise InputError(f"--column {name}={actual}: there is no column {actual!r} in {files}")
 
 
 def freeze(owner: Any, source: str, kinds: Mapping[str, type]) -> None:
@@ -450,36 +355,3 @@ def read_only(values: ArrayLike, kind: type) -> NDArray:
     array: NDArray = np.array(values, dtype=kind)
     array.setflags(write=False)
     return array
-
-
-def _found_mark(sheet: Sheet, cells: Mapping[str, Sequence[str]], titles: Mapping[str, str]) -> Reading:
-    """Return the decimal mark that the numbers of a table show.
-
-    Raises
-    ------
-    InputError
-        If they do not decide between two.
-    """
-    numbers = [
-        [
-            Cell(text, sheet.columns[i] if name in sheet.made else titles[name], sheet.rows[i])
-            for i, text in enumerate(cells[name])
-            if not (isinstance(text, SheetNumber) or (sheet.between_commas and "," not in text))
-        ]
-        for name in NUMBERS
-        if name in cells
-    ]
-    filled = [[c for c in column if c.text.casefold() not in MISSING] for column in numbers]
-    reading = decimal_mark(filled, sheet.between_commas)
-    if reading.unclear is not None:
-        raise InputError(_unclear(sheet.place, reading.unclear))
-    return reading
-
-
-def _unclear(place: str, cell: Cell) -> str:
-    """Return the message for a number that can be read in two ways."""
-    other = cell.text.replace(",", "").replace(".", "")
-    return (
-        f"{place}: {cell.place}: {cell.text!r} may be {cell.text.replace(',', '.')} or {other}, and no other "
-        "number of this table decides which; give the decimal mark with --decimal . or --decimal ,"
-    )

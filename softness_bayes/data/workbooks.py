@@ -1,10 +1,8 @@
-"""Tables of other programs as sheets: Excel workbooks, Parquet files and DataFrames."""
+"""Excel workbooks: the cells of their sheets, as shown."""
 
 from __future__ import annotations
 
-import hashlib
 import io
-import os
 import re
 import warnings
 import zipfile
@@ -14,32 +12,19 @@ from datetime import datetime, time
 from decimal import Decimal
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
-from softness_bayes.data.columns import key
-from softness_bayes.data.delimited import LARGEST, content_of, text_sheet
 from softness_bayes.data.faults import listing
-from softness_bayes.data.headers import Sought, understood
-from softness_bayes.data.sheets import MOST_CELLS, Sheet, SheetNumber, sheet_of
-from softness_bayes.errors import InputError, quoted
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-    TableSource: TypeAlias = str | Path | pd.DataFrame
-else:
-    TableSource = object
-"""A file or a DataFrame."""
+from softness_bayes.data.sheets import MOST_CELLS, Grid, SheetNumber, grid_of
+from softness_bayes.errors import InputError
 
 INSTALL = "pip install 'softness-bayes[tables]'"
-"""Command that installs what reads workbooks and Parquet files."""
+"""Command that installs what reads workbooks, Parquet, Feather and SPSS files."""
 
-_WORKBOOKS = (".xlsx", ".xlsm")
-_PARQUET = (".parquet", ".pq")
-_OTHERS = (".xls", ".xlsb", ".ods", ".numbers")
-_ZEROS = re.compile("0{2,}")
+_SHOWN = re.compile(r'((?:"[^"]*"|\.|[-_ ])*)(0+)((?:"[^"]*"|\.)*)')
+"""A format of whole numbers with zeros in front, and text before and after them."""
 
 UNPACKED = 2**26
 """Largest size of an unpacked workbook [bytes]."""
@@ -52,73 +37,12 @@ _ELEMENTS = {
 """Elements of a workbook's XML that are counted before it is parsed, and the largest number of each."""
 
 
-def read_sheet(source: TableSource, sought: Sought, renames: Mapping[str, str]) -> Sheet:
-    """Return the sheet of a file or DataFrame that has the columns looked for.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or it is not clear which of its sheets is meant.
-    """
-    if not isinstance(source, (str, os.PathLike)):
-        return _frame_sheet(_require_frame(source), f"DataFrame of {sought.sheet}")
-    path = Path(source)
-    content, suffix = content_of(path), path.suffix.casefold()
-    if suffix in _WORKBOOKS:
-        return _chosen(path, _workbook(path, content), sought, renames)
-    if suffix in _PARQUET:
-        return _parquet(path, content)
-    if suffix in _OTHERS:
-        raise InputError(f"{path}: {suffix} files cannot be read; save the table as .csv, .xlsx or .parquet")
-    return text_sheet(path, content)
-
-
-def has_sheet(source: str | Path, sought: Sought, renames: Mapping[str, str]) -> bool:
-    """Return whether a workbook of several sheets has one for the columns looked for."""
-    path = Path(source)
-    if path.suffix.casefold() not in _WORKBOOKS:
-        return False
-    sheets = _workbook(path, content_of(path))
-    return len(sheets) > 1 and len(_candidates(sheets, sought, renames)) == 1
-
-
-def _candidates(sheets: Mapping[str, Sheet], sought: Sought, renames: Mapping[str, str]) -> list[str]:
-    """Return the sheets with the name that is looked for, or with the columns that mark it."""
-    named = [name for name in sheets if key(name) == sought.sheet]
-    titles = {name: _understood(sheet, sought, renames) for name, sheet in sheets.items()}
-    for marks in (sought.marks, sought.otherwise):
-        named = named or [name for name, known in titles.items() if any(names <= known for names in marks)]
-    return named
-
-
-def _understood(sheet: Sheet, sought: Sought, renames: Mapping[str, str]) -> set[str]:
-    """Return the columns of a sheet that are known."""
-    try:
-        return {*understood(sheet.header, renames, sought, sheet.titled).at}
-    except InputError:
-        return set()
-
-
-def _chosen(path: Path, sheets: Mapping[str, Sheet], sought: Sought, renames: Mapping[str, str]) -> Sheet:
-    """Return the one sheet of a workbook that is meant."""
-    if not sheets:
-        raise InputError(f"{path}: the workbook is empty, expected a header and rows")
-    chosen = list(sheets) if len(sheets) == 1 else _candidates(sheets, sought, renames)
-    if len(chosen) != 1:
-        raise InputError(
-            f"{path}: {len(chosen) or 'none'} of the sheets {listing([quoted(name) for name in sheets])} may "
-            f"contain the {sought.sheet}; rename the right one to {sought.sheet!r}"
-        )
-    return sheets[chosen[0]]
-
-
-def _workbook(path: Path, content: bytes) -> dict[str, Sheet]:
+def workbook_grids(path: Path, content: bytes, digest: str) -> dict[str, Grid]:
     """Return the sheets of a workbook that have cells, with the values of their formulas."""
     try:
         import openpyxl
     except ImportError:
         raise InputError(f"{path}: workbooks are read with openpyxl, which is not installed: {INSTALL}") from None
-    digest = hashlib.sha256(content).hexdigest()
     try:
         _require_bounded(path, content)
         with warnings.catch_warnings():
@@ -136,7 +60,7 @@ def _workbook(path: Path, content: bytes) -> dict[str, Sheet]:
     except Exception as error:  # damaged archives and XML end in errors of many kinds
         raise InputError(f"{path}: not a workbook that can be read ({type(error).__name__})") from None
     return {
-        name: sheet_of(
+        name: grid_of(
             _numbered(rows),
             str(path) if len(filled) == 1 else f"{path}, sheet {name!r}",
             path.name if len(filled) == 1 else f"{path.name}, sheet {name!r}",
@@ -223,74 +147,16 @@ def _fill_merged(sheet: str, rows: dict[int, dict[int, str]], merged: Sequence[A
 
 
 def _excel_text(cell: Any) -> str:
-    """Return a cell's text; percentages, and whole numbers that are shown with zeros in front, are as shown."""
+    """Return a cell's text; a percentage is that number, and a whole number knows the text that is shown, as P01."""
     text = cell_text(cell.value)
-    if isinstance(text, SheetNumber) and "%" in (cell.number_format or ""):
-        return SheetNumber(f"{100 * Decimal(text):f}%")
-    if isinstance(cell.value, int) and _ZEROS.fullmatch(cell.number_format or ""):
-        return text.zfill(len(cell.number_format))
+    form = (cell.number_format or "").split(";")[0]
+    if isinstance(text, SheetNumber) and "%" in form:
+        return SheetNumber(f"{Decimal(f'{100 * Decimal(text):.15g}'):f}%")
+    if isinstance(text, SheetNumber) and text.isdigit() and (match := _SHOWN.fullmatch(form)):
+        before, zeros, after = match.groups()
+        words = [re.sub(r'"|\\(?=.)', "", part) for part in (before, after)]
+        return SheetNumber(text, shown=f"{words[0]}{text.zfill(len(zeros))}{words[1]}")
     return text
-
-
-def _parquet(path: Path, content: bytes) -> Sheet:
-    """Return the sheet of a Parquet file."""
-    import pandas as pd
-
-    try:
-        import pyarrow
-        import pyarrow.parquet
-
-        about = pyarrow.parquet.ParquetFile(io.BytesIO(content)).metadata
-        size = sum(about.row_group(k).total_byte_size for k in range(about.num_row_groups))
-        if about.num_rows * about.num_columns > MOST_CELLS or size > LARGEST:
-            raise InputError(
-                f"{path}: {about.num_rows} rows of {about.num_columns} columns with {size >> 20} MB, expected at most "
-                f"{MOST_CELLS} cells and {LARGEST >> 20} MB"
-            )
-        frame = pd.read_parquet(io.BytesIO(content), engine="pyarrow")
-    except ImportError:
-        raise InputError(f"{path}: Parquet files are read with pyarrow, which is not installed: {INSTALL}") from None
-    except InputError:
-        raise
-    except Exception as error:  # pyarrow has errors of many kinds
-        raise InputError(f"{path}: not a Parquet file that can be read ({type(error).__name__})") from None
-    return _frame_sheet(frame, str(path), path.name, hashlib.sha256(content).hexdigest())
-
-
-def _require_frame(source: object) -> pd.DataFrame:
-    import pandas as pd
-
-    if not isinstance(source, pd.DataFrame):
-        raise InputError(f"expected the path of a table or a pandas DataFrame, got {type(source).__name__}")
-    return source
-
-
-def _frame_sheet(frame: pd.DataFrame, place: str, label: str = "", digest: str = "") -> Sheet:
-    """Return the sheet of a DataFrame; rows are counted from 0, as `iloc` counts them.
-
-    Parameters
-    ----------
-    frame
-        The columns; a named index is one too.
-    place, label
-        As of `Sheet`.
-    digest
-        That of the file; by default that of the cells.
-    """
-    if frame.columns.nlevels > 1:
-        raise InputError(f"{place}: the columns have {frame.columns.nlevels} levels, expected one")
-    if any(name is not None for name in frame.index.names):
-        try:
-            frame = frame.reset_index()
-        except ValueError as error:
-            raise InputError(f"{place}: {error}, expected columns of different names") from None
-    header = [cell_text(title) for title in frame.columns]
-    columns = [[cell_text(value) for value in frame.iloc[:, j].to_numpy()] for j in range(frame.shape[1])]
-    body = list(zip(*columns, strict=True))
-    digest = (
-        digest or hashlib.sha256(repr((header, [[str(cell) for cell in row] for row in body])).encode()).hexdigest()
-    )
-    return sheet_of([(header, -1), *((row, k) for k, row in enumerate(body))], place, label or place, digest)
 
 
 def cell_text(value: Any) -> str:

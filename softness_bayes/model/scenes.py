@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sized
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -59,12 +60,13 @@ def touch_parameters(values: Mapping[str, ArrayLike]) -> TouchParameters:
 def usual_values(
     readings: Readings,
     prior_set: str = "default",
-    given: Mapping[str, float] | None = None,
+    given: Mapping[str, ArrayLike] | None = None,
     n_fingers: int | None = None,
-) -> dict[str, float]:
+) -> dict[str, Any]:
     """Return the values of all parameters in natural units: given values, otherwise prior medians.
 
-    If a number of fingers is given, the parameters of compression data are included.
+    Given values may be arrays, for a batch of parameter vectors; they are returned as such. If a number of fingers is
+    given, the parameters of compression data are included.
 
     Raises
     ------
@@ -72,8 +74,15 @@ def usual_values(
         If a given name is unknown, or its value is out of range.
     """
     require_kind("readings", readings, Readings, "Readings, such as Readings() or NAMED_READINGS['printed']")
+    require_mapping("given", given or {}, '{"b": 80}')
+    many = {name: np.asarray(value, float) for name, value in (given or {}).items() if isinstance(value, Sized)}
+    # the ends of an array stand for all of it
+    ends = [{name: float(pick(values)) for name, values in many.items()} for pick in (np.max, np.min) if many]
+    for end in ends[:1]:
+        usual_values(readings, prior_set, {**(given or {}), **end}, n_fingers)
+    fixed: Any = {**(given or {}), **(ends[1] if many else {})}
     space = parameter_space(
-        fix=given,
+        fix=fixed,
         prior_set=prior_set,
         skin_displacement=readings.skin_displacement,
         n_fingers=n_fingers,
@@ -81,7 +90,7 @@ def usual_values(
         of_errors=ERROR_PARAMETERS.keys() & (given or {}).keys(),
         spreads=ANSWER_PARAMETERS.keys() & (given or {}).keys(),
     )
-    return {name: float(value) for name, value in space.values(space.median).items()}
+    return {name: float(value) for name, value in space.values(space.median).items()} | many
 
 
 @lru_cache(maxsize=8)

@@ -220,7 +220,7 @@ class Result(Stored):
 
     def predict(
         self,
-        fabrics: Fabrics | None = None,
+        fabrics: Fabrics | pd.DataFrame | None = None,
         loads: Sequence[Load] | None = None,
         draws: int = ANSWER_DRAWS,
         raters: int | None = None,
@@ -232,8 +232,8 @@ class Result(Stored):
         Parameters
         ----------
         fabrics
-            Fabrics that are touched; by default those of the data. Uncertain moduli of rated fabrics are taken from the
-            posterior, those of others from their laws.
+            Fabrics that are touched, or a DataFrame with their columns; by default those of the data. Uncertain moduli
+            of rated fabrics are taken from the posterior, those of others from their laws.
         loads
             Loads; by default those of the data.
         draws
@@ -268,7 +268,7 @@ class Result(Stored):
 
     def rank(
         self,
-        fabrics: Fabrics | None = None,
+        fabrics: Fabrics | pd.DataFrame | None = None,
         loads: Sequence[Load] | None = None,
         draws: int = ANSWER_DRAWS,
         seed: int = 0,
@@ -325,12 +325,20 @@ class Result(Stored):
         pressed = self._touched(None, loads)[1]
         return target(self, rating, pressed, Cloth(tensile_modulus, thickness, poisson_ratio), draws, seed)
 
-    def _touched(self, fabrics: Fabrics | None, loads: Sequence[Load] | None) -> tuple[Fabrics, tuple[Load, ...]]:
+    def _touched(
+        self, fabrics: Fabrics | pd.DataFrame | None, loads: Sequence[Load] | None
+    ) -> tuple[Fabrics, tuple[Load, ...]]:
         """Return the given fabrics and loads; by default those of the data."""
-        from softness_bayes.data import Fabrics
+        import pandas as pd
 
+        from softness_bayes.data import Fabrics
+        from softness_bayes.data.fabrics import warn_of_moduli
+
+        if isinstance(fabrics, pd.DataFrame):
+            fabrics = Fabrics.read(fabrics)
         if fabrics is not None:
             require_kind("fabrics", fabrics, Fabrics, "Fabrics, such as Fabrics(('felt',), effective_modulus=3e4)")
+            warn_of_moduli(fabrics)
         pressed = self.loads if loads is None else require_loads("loads", loads)
         return self.fabrics if fabrics is None else fabrics, pressed
 

@@ -15,6 +15,7 @@ from softness_bayes.checking.identifiability import information_table
 from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.checkpoints.identity import identity, require_density
 from softness_bayes.data import Compression, Experiment
+from softness_bayes.data.fabrics import warn_of_moduli
 from softness_bayes.files.command_line import storable
 from softness_bayes.files.run_files import FABRIC_RATINGS, RULER, THRESHOLDS
 from softness_bayes.likelihood.directions import direction_named
@@ -101,6 +102,7 @@ def sample(
     """
     model, run = Request(model, run).with_options(**options)
     model.require_storable()
+    warn_of_moduli(experiment.fabrics)
     begun = None if checkpoint is None else checkpoint.description.get("direction")
     if model.direction is None and begun is not None:
         model = model.decide(direction=direction_named(begun))

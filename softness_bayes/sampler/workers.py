@@ -6,18 +6,20 @@ import gc
 import logging
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
 from contextlib import AbstractContextManager, contextmanager
 from multiprocessing import get_context, parent_process, resource_tracker
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
 from threadpoolctl import threadpool_limits
 
 from softness_bayes.defaults import GARBAGE, SIGNALS
-from softness_bayes.errors import WorkersLostError
+from softness_bayes.errors import InputError, WorkersLostError
 
 Result = TypeVar("Result")
 
@@ -58,6 +60,34 @@ def shares_files(executor: Executor | None) -> bool:
     return bool(getattr(executor, "shares_files", True))
 
 
+def require_guard() -> None:
+    """Raise an error in a script that new processes cannot import without starting its work again.
+
+    Raises
+    ------
+    InputError
+        If it has no ``if __name__ == "__main__":``, or is no file.
+    """
+    path = getattr(sys.modules.get("__main__"), "__file__", None)
+    if path is None:
+        return  # an interactive session or a notebook
+    remedy = "or run in this process alone, with processes=1"
+    if not os.path.isfile(path):
+        raise InputError(
+            "processes: worker processes cannot read a script from standard input: save it as a file, with its work "
+            f'under if __name__ == "__main__":, {remedy}'
+        )
+    try:
+        script = Path(path).read_text(encoding="utf-8")
+    except (OSError, ValueError):
+        return  # a program of another kind
+    if "__name__" not in script and "parent_process" not in script:
+        raise InputError(
+            f"processes: every worker process would run all of {path} again: put its work under "
+            f'if __name__ == "__main__":, {remedy}'
+        )
+
+
 class Workers:
     """Context manager for worker processes, each with a copy of one resident object.
 
@@ -74,6 +104,11 @@ class Workers:
         Executor that runs the tasks instead, in other processes or on other machines; it is not shut down. If it
         has a method ``share(value)``, which returns a reference that a task receives as the value itself, the resident
         object is sent once, otherwise with every task.
+
+    Raises
+    ------
+    InputError
+        If new processes would run the user's script again.
     """
 
     def __init__(self, resident: Any, processes: int, executor: Executor | None = None) -> None:
@@ -83,6 +118,7 @@ class Workers:
         if executor is not None:
             self._sent = executor.share(resident) if hasattr(executor, "share") else resident
         elif processes > 1:
+            require_guard()
             self._pool = self._new_pool()
 
     def __enter__(self) -> Self:

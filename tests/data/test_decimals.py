@@ -123,28 +123,6 @@ LOOK_ALIKE = [
 ]
 
 
-@pytest.mark.parametrize(("one", "other"), LOOK_ALIKE, ids=map(ascii, LOOK_ALIKE))
-def test_people_who_look_alike_are_kept_and_named(tmp_path, one, other):
-    path = tmp_path / "ratings.csv"
-    rows = f"participant,fabric,indentation_mm,rating\n{one},a,1,5\n{other},a,1,6\n"
-    path.write_text(rows, encoding="utf-8")
-    read = Ratings.read(path)
-    assert sorted(read.participants) == sorted([one, other])
-    (note,) = (note for note in read.notes if "kept apart" in note)
-    assert note.startswith("ratings.csv: column 'participant': ")
-    assert ascii(one) in note
-    assert ascii(other) in note
-    assert "case, Unicode form or invisible characters" in note
-
-
-def test_people_who_do_not_look_alike_are_not_named(tmp_path):
-    path = tmp_path / "ratings.csv"
-    path.write_text("participant,fabric,indentation_mm,rating\nP1,a,1,5\nP 1 ,a,1,6\nP11,a,1,5\n", encoding="utf-8")
-    read = Ratings.read(path)
-    assert read.participants == ("P 1", "P1", "P11")  # spaces at the ends are no part of a name
-    assert read.notes == ()
-
-
 def test_names_that_are_the_same_without_spaces_at_the_end_are_one_and_named(tmp_path):
     path = tmp_path / "ratings.csv"
     rows = "P1,a,1,5\nP1 ,b ,1,6\nP1\u00a0,a,2,5\nP2 ,b ,2,6\n"
@@ -155,14 +133,6 @@ def test_names_that_are_the_same_without_spaces_at_the_end_are_one_and_named(tmp
     assert read.notes == (
         "ratings.csv: column 'participant': 'P1' with and without spaces at the ends are treated as the same",
     )
-
-
-def test_a_fabric_that_looks_like_a_known_one_is_named_with_the_difference(tmp_path):
-    cloth = Fabrics(("caf\u00e9",), effective_modulus=1e5)
-    path = tmp_path / "ratings.csv"
-    path.write_text("participant,fabric,indentation_mm,rating\nP1,cafe\u0301,1,5\n", encoding="utf-8")
-    with pytest.raises(InputError, match=r"which has 'caf\\xe9' for 'cafe\\u0301'"):
-        Ratings.read(path, cloth)
 
 
 # what reaches the terminal
@@ -294,23 +264,6 @@ def test_western_text_is_not_taken_for_shift_jis(tmp_path, name):
     path.write_bytes(LATIN.format(name).encode("cp1252"))
     (note,) = Ratings.read(path).notes
     assert "read as Latin-1" in note
-
-
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [
-        (b"PK\x03\x04\x00\x00", "this is a workbook: give it a name that ends in .xlsx"),
-        (b"PAR1\x00", "this is a Parquet file"),
-        (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1\x00", "this is an old workbook: save it as .xlsx"),
-        (LATIN.format("a").encode("utf-16-le"), "is it UTF-16 without a byte-order mark? Save it as UTF-8"),
-    ],
-)
-def test_files_of_other_kinds_are_named(tmp_path, content, said):
-    path = tmp_path / "ratings.csv"
-    path.write_bytes(content)
-    with pytest.raises(InputError, match="not a text file") as caught:
-        Ratings.read(path)
-    assert said in str(caught.value)
 
 
 def test_paths_that_cannot_be_read_are_refused(tmp_path):

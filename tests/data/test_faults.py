@@ -55,11 +55,10 @@ def test_all_missing_columns_are_named_at_once(file):
     path = file("participant,thing\nP1,2\n")
     general, absent = refusal(Ratings.read, path).splitlines()[1:]
     assert general.startswith("  no load column (indentation_mm or force_n); give the load of all ratings by one of")
-    assert absent.startswith(
-        "  no columns 'fabric' and 'rating', and no --column fabric=... --column rating=... names them; known "
-        "columns: participant; unused columns: thing"
+    assert absent.startswith("  no columns 'fabric' and 'rating'; its columns are 'participant', 'thing'")
+    assert "no column 'force_n'; its columns are 'indentation_mm'" in refusal(
+        Compression.read, file("indentation_mm\n1\n")
     )
-    assert "no columns 'participant' and 'force_n', and no" in refusal(Compression.read, file("indentation_mm\n1\n"))
 
 
 def test_a_want_of_fabrics_is_named_beside_other_problems(file):

@@ -173,8 +173,8 @@ def test_every_name_stands_for_one_column():
     ],
 )
 def test_tables_in_several_languages_are_read_and_every_name_is_said(file, header):
-    read = Ratings.read(file(f"{header}\n01;b;5;1\n1;a;6;2\n"))
-    assert read.participants == ("01", "1")
+    read = Ratings.read(file(f"{header}\n01;b;5;1\n2;a;6;2\n"))
+    assert read.participants == ("01", "2")
     assert read.fabrics == ("a", "b")
     assert read.rating.tolist() == [5, 6]
     assert read.loads == (Indentation(0.001), Indentation(0.002))
@@ -221,8 +221,8 @@ def test_a_title_without_a_unit_is_not_guessed(file):
     message = refusal(ratings, file, "Indentation")
     assert "no load column" in message
     assert message.endswith(
-        "; column 'Indentation' is not read, it has no unit known here; --column indentation_mm='Indentation' takes it "
-        "as indentation_mm; unused columns: Indentation"
+        "; column 'Indentation' is not read: it has no unit known here; write one, as in 'Indentation (mm)'"
+        "\n  try: --column indentation_mm=Indentation"
     )
     assert ratings(file, "Indentation", columns={"indentation_mm": "Indentation"}).loads == (Indentation(0.001),)
 
@@ -264,9 +264,9 @@ def test_check_says_every_name_and_conversion(file):
 @pytest.mark.parametrize(
     ("header", "said"),
     [
-        ("fabric,force_n,ratng", "is column 'ratng' misspelt? --column rating='ratng' takes it as rating"),
-        ("fabrik,force_n,rating", "is column 'fabrik' misspelt? --column fabric='fabrik' takes it as fabric"),
-        ("fabric,identation_mm,rating", "--column indentation_mm='identation_mm' takes it as indentation_mm"),
+        ("fabric,force_n,ratng", "is column 'ratng' a misspelt rating?\n  try: --column rating=ratng"),
+        ("fabrik,force_n,rating", "is column 'fabrik' a misspelt fabric?\n  try: --column fabric=fabrik"),
+        ("fabric,identation_mm,rating", "try: --column indentation_mm=identation_mm"),
     ],
 )
 def test_a_misspelt_title_is_named_with_what_takes_it(file, header, said):

@@ -54,9 +54,9 @@ def test_a_column_per_fabric_and_load(file, titles):
 
 
 def test_forces_and_indentations_side_by_side(file):
-    read = Ratings.read(file("Versuchsperson;voile_1N;voile_2mm;denim_50gf\n01;5,5;6;7\n1;8;9;10\n"))
-    rows = ["01,voile,,1,5.5", "01,voile,2,,6", "01,denim,,0.4903325,7", "1,voile,,1,8", "1,voile,2,,9"]
-    assert_same(read, long_form(file, [*rows, "1,denim,,0.4903325,10"]))
+    read = Ratings.read(file("Versuchsperson;voile_1N;voile_2mm;denim_50gf\n01;5,5;6;7\n2;8;9;10\n"))
+    rows = ["01,voile,,1,5.5", "01,voile,2,,6", "01,denim,,0.4903325,7", "2,voile,,1,8", "2,voile,2,,9"]
+    assert_same(read, long_form(file, [*rows, "2,denim,,0.4903325,10"]))
     assert read.loads == (Indentation(0.002), Force(0.4903325), Force(1.0))
 
 
@@ -68,7 +68,8 @@ def test_a_column_per_fabric_with_loads_in_rows_or_given(file):
     given = Ratings.read(file("subject,voile,denim\nP1,5,6\n"), CLOTH, force_n=1.5)
     assert (given.loads, given.fabrics) == ((Force(1.5),), ("voile", "denim"))
     bare = file("subject,voile,denim\nP1,5,6\n")
-    assert "if the table has one column per fabric, add --wide" in refusal(Ratings.read, bare)
+    assert "no columns 'fabric' and 'rating'" in refusal(Ratings.read, bare)
+    assert refusal(Ratings.read, bare, force_n=1.0).endswith("try: --wide")
 
 
 def test_errors_name_the_column_of_the_file(file):

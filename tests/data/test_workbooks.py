@@ -24,7 +24,7 @@ from support.refusals import refusal
 
 RATINGS = pd.DataFrame(
     {
-        "participant": ["01", "1", "01"],
+        "participant": ["01", "2", "01"],
         "fabric": ["voile", "denim", "denim"],
         "indentation_mm": [0.3, 2, 1.1],
         "rating": [5, 7.25, None],
@@ -35,7 +35,7 @@ FORCES = pd.DataFrame({"participant": ["a", "a"], "indentation_mm": [0.5, 1.0], 
 
 
 def same(read: Ratings) -> None:
-    assert (read.participants, read.fabrics) == (("01", "1"), ("denim", "voile"))
+    assert (read.participants, read.fabrics) == (("01", "2"), ("denim", "voile"))
     assert read.loads == (Indentation(0.0003), Indentation(0.002))
     assert read.rating.tolist() == [5, 7.25]
     assert read.n_missing == 1
@@ -167,7 +167,7 @@ def test_ratings_and_fabrics_on_two_sheets(tmp_path, names):
 
 
 def test_sheets_of_which_several_may_be_meant_are_named(tmp_path):
-    path = book(tmp_path / "study.xlsx", monday=RATINGS, tuesday=RATINGS)
+    path = book(tmp_path / "study.xlsx", monday=RATINGS, tuesday=RATINGS.assign(age=3))
     with pytest.raises(
         InputError, match="2 of the sheets 'monday', 'tuesday' may contain the ratings; rename the right one to"
     ):
@@ -185,7 +185,7 @@ def test_errors_name_sheet_row_and_column(tmp_path):
 def test_damaged_workbooks_and_others_are_refused(tmp_path):
     pytest.importorskip("openpyxl")
     path = tmp_path / "ratings.xlsx"
-    for content in (b"", b"PK\x03\x04 junk", b"fabric,rating\na,1\n"):
+    for content in (b"PK\x03\x04 junk", b"PK\x03\x04"):
         path.write_bytes(content)
         with pytest.raises(InputError, match="not a workbook that can be read"):
             Ratings.read(path)
@@ -200,14 +200,14 @@ def test_damaged_workbooks_and_others_are_refused(tmp_path):
             Ratings.read(path)
     old = tmp_path / "ratings.xls"
     old.write_bytes(b"\xd0\xcf\x11\xe0")
-    with pytest.raises(InputError, match=r"\.xls files cannot be read; save the table as \.csv, \.xlsx or \.parquet"):
+    with pytest.raises(InputError, match=r"this is an old workbook: save it as \.xlsx"):
         Ratings.read(old)
 
 
 def test_check_reads_a_workbook(tmp_path):
     done = CliRunner().invoke(main, ["check", "--data", str(book(tmp_path / "s.xlsx", ratings=RATINGS, fabrics=CLOTH))])
     assert done.exit_code == 0
-    assert "2 (01 … 1)" in done.output
+    assert "2 (01 … 2)" in done.output
 
 
 # Parquet
@@ -225,11 +225,13 @@ def test_parquet_files(tmp_path):
         Ratings.read(tmp_path / "junk.parquet")
 
 
-@pytest.mark.parametrize(("name", "engine"), [("ratings.xlsx", "openpyxl"), ("ratings.parquet", "pyarrow")])
-def test_without_the_engine_the_remedy_is_named(tmp_path, monkeypatch, name, engine):
+@pytest.mark.parametrize(
+    ("content", "engine"), [(b"PK\x03\x04", "openpyxl"), (b"PAR1", "pyarrow"), (b"$FL2", "pyreadstat")]
+)
+def test_without_the_engine_the_remedy_is_named(tmp_path, monkeypatch, content, engine):
     monkeypatch.setitem(sys.modules, engine, None)
-    path = tmp_path / name
-    path.write_bytes(b"PK\x03\x04")
+    path = tmp_path / "ratings.csv"
+    path.write_bytes(content)
     done = CliRunner().invoke(main, ["check", "--data", str(path)])
     assert done.exit_code == 2
     assert f"{engine}, which is not installed: pip install 'softness-bayes[tables]'" in done.output
