@@ -86,7 +86,7 @@ def identity(name: str) -> tuple[str, ...]:
 
 _BETWEEN = frozenset('_.,;:/\\()[]{}"#')
 DIFFERENCE = "case, zeros in front, the format of numbers, punctuation or invisible characters"
-"""What names of one identity may differ in."""
+"""Differences of names of one identity."""
 
 
 def shown_names(names: Iterable[str]) -> str:
@@ -159,7 +159,7 @@ class TableError(InputError):
 
     @property
     def candidates(self) -> list[Hint]:
-        """What may mend it, all at once first, then each."""
+        """Return the ways to mend it, all at once first, then each."""
         every: dict[str, str] = {}
         for hint in self.hints:
             if not hint.keys() & every.keys() and not {*hint.values()} & {*every.values()}:

@@ -23,7 +23,7 @@ from softness_bayes.files.spreadsheet import unescaped
 
 
 class Noted(Protocol):
-    """What is read from a table."""
+    """Anything read from a table, with its notes."""
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -233,7 +233,7 @@ class Form(NamedTuple):
 
 
 class Request(NamedTuple):
-    """What is sought in a table: its columns, their names in the file, and its form."""
+    """The columns sought in a table, their names in the file, and its form."""
 
     sought: Sought
     renames: Mapping[str, str]

@@ -102,11 +102,12 @@ def sample(
     """
     model, run = Request(model, run).with_options(**options)
     model.require_storable()
-    warn_of_moduli(experiment.fabrics)
     begun = None if checkpoint is None else checkpoint.description.get("direction")
     if model.direction is None and begun is not None:
         model = model.decide(direction=direction_named(begun))
-    return sample_model(build(experiment, model), run, progress, checkpoint)
+    built = build(experiment, model)
+    warn_of_moduli(experiment.fabrics)
+    return sample_model(built, run, progress, checkpoint)
 
 
 def sample_skin(
