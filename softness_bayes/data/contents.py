@@ -242,7 +242,7 @@ def with_people_known(table: Table) -> Table:
         each, pairs = Counter(texts), {*zip(keys, texts, strict=True)}
         telling = len(keys) - len(pairs) <= repeats / 20
         crossed = len(pairs) >= 0.8 * len(each) * len({*keys})  # every value with nearly every touch
-        if 1 < len(each) <= len(keys) / 2 and "" not in each and (telling or crossed):
+        if 1 < len(each) <= len(keys) / 2 and len(each.keys() - {""}) > 1 and (telling or crossed):
             ranked.append((-len(pairs), title))
     if apart := [title for _, title in sorted(ranked)]:
         what = "no column 'participant'" if not people else f"one participant, {quoted(next(iter(people)))}"

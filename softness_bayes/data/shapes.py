@@ -407,7 +407,7 @@ def with_people_in_rows(sheet: Sheet, request: Request) -> Sheet:
     for j, title in enumerate(sheet.header):
         if j in at.values() or not _numeric(sheet.body, j):
             continue
-        stem = re.fullmatch(r"(.*?)[\s_.#-]*[0-9]{1,4}", title)
+        stem = re.fullmatch(r"(.*?)[\s_.#-]*[0-9]{1,4}(?:\.0+)?", title)
         if looks_numeric(title):
             numbered.append(j)
         elif stem and (_PERSON.fullmatch(stem[1].casefold()) or bag(stem[1]) in keys_of("participant")):
