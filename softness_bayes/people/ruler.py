@@ -57,7 +57,7 @@ class Ruler(NamedTuple):
 
 
 class Following(NamedTuple):
-    """Whether a chain follows the ratings: the one rule, from the table of its ruler."""
+    """Answers to whether a chain follows the ratings: the one rule, from the table of its ruler."""
 
     keeps: bool | None
     """True if it loses nothing beyond the error and a loss would have been seen; False if it loses; None if the table

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 UNKNOWN = Following(None, False)
-"""What is known of a chain without a ruler, or of one that may still change."""
+"""Answer for a chain without a ruler, or for one that may still change."""
 
 LIKELY = 0.9
 """Probability above which a turning point is reported; below one minus this, its absence is reported."""
@@ -94,7 +94,7 @@ class Facts(NamedTuple):
     people: tuple[str, ...] = ()
     """Sentences on people's own means, and on how much of them the chain keeps."""
     follows: Following = UNKNOWN
-    """Whether the chain follows the ratings, by its ruler."""
+    """Answer to whether the chain follows the ratings, by its ruler."""
     surprise: str = ""
     """Sentence on parameters whose posterior is far from their prior; empty if none is."""
     known: tuple[str, ...] = ()
@@ -102,7 +102,7 @@ class Facts(NamedTuple):
     unknown: tuple[str, ...] = ()
     """Names of the parameters that they do not inform."""
     cautions: tuple[str, ...] = ()
-    """What no check of this run can show."""
+    """Errors that no check of this run can show."""
 
     @property
     def failed(self) -> bool:

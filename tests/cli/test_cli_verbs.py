@@ -98,7 +98,7 @@ def alone(tmp_path_factory, brief_pilot):
     """The shipped ratings without a fabric table, and --max-steps too small to converge."""
     directory = tmp_path_factory.mktemp("alone")
     words = ["sample", "--data", DATA / "ratings.csv", *FIXED, *QUICK]
-    ending = ["--reading", "pressure=hertz", "--prior", "gamma=lognormal(1.1,0.2)", "--seed", "2"]
+    ending = ["--reading", "pressure=hertz", "--prior", "gamma=lognormal(1.1,0.2)", "--seed", "2", "--verbose"]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "argv", ["softness-bayes", *map(str, [*words, *ending])])
         return directory, call(*words, *ending, cwd=directory)

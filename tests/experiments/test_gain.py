@@ -56,7 +56,7 @@ def test_labels_of_two_models_are_two_bins(rng):
     bins = rank_bins(label)
     assert np.unique(bins).size == 2
     apart = np.where(label > 0, 20.0, 0.0)[:, None] + rng.normal(size=(1000, 1))
-    assert_allclose(single_gains(Histograms(apart, np.ones((1, 1))), bins), np.log(2), atol=1e-3)
+    assert_allclose(single_gains(Histograms(apart, np.ones((1, 1))), bins), np.log(2), atol=5e-3)
 
 
 def test_draws_without_a_quantity_have_a_bin_of_their_own():
