@@ -15,9 +15,10 @@ from softness_bayes.cli.summary import print_result
 from softness_bayes.data.oddities import few_raters_sentence
 from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.likelihood.layout import Layout
+from softness_bayes.people.free_means import free_means
 from softness_bayes.report import page
 from softness_bayes.report.cards import Standing, agreement_card, cards
-from softness_bayes.results.fitted import options_of
+from softness_bayes.results.fitted import experiment_of, options_of
 from softness_bayes.runs.run import sample
 from support import report_runs
 from support.made_ratings import LAY, PLAIN, STEEP, ratings, tree
@@ -214,7 +215,12 @@ def test_the_table_agrees_with_the_ratings_and_with_the_checks(result):
         assert np.log(row["predicted"]) == pytest.approx(checks.loc[(load, fabric), "replicated"])
         assert row["predicted_low"] < row["predicted"] < row["predicted_high"]
     again = result.tables["fabric_ratings"]
-    assert_allclose(again, table)
+    people = free_means(experiment_of(result).ratings, options_of(result)).table().set_index(["load", "fabric"])
+    own = ["people", "people_low", "people_high", "p_highest"]
+    assert list(again) == [*table, *own]
+    assert_allclose(again[[*table]], table)
+    assert_allclose(again[own], people.loc[again.index, own], rtol=1e-6)
+    assert again["rated"].between(again["people_low"], again["people_high"]).all()
 
 
 def test_a_fabric_that_is_rated_otherwise_stands_out_and_no_other_does(result):

@@ -71,7 +71,7 @@ def test_large_tables_store_fewer_draws(draws, monkeypatch):
     design, chains = draws.posterior.observation.design, draws.kept
     ensembles, _, walkers = chains.log_density.shape
     assert (draws.replicates, draws_per_walker(draws.posterior, chains)) == (REPLICATES, DRAWS_PER_WALKER)
-    assert draws.picks["posterior_predictive"] == draws.picks["log_likelihood"] == REPLICATES
+    assert draws.picks["posterior_predictive"] == REPLICATES
     monkeypatch.setattr(draws_module, "ROOM", 200 * design.n_rows)
     assert draws.replicates == draws.picks["posterior_predictive"] == 200
     widest = max(design.n_conditions, design.n_participants, design.n_fabrics)

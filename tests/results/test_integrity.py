@@ -188,7 +188,7 @@ def test_what_a_result_lacks_is_named(small):
         (lambda: found.group("prior"), "no group 'prior'"),
         (lambda: found.group("posterior")["alpha"], "group 'posterior': no variable 'alpha'"),
         (lambda: found.group("posterior").isel(chain=0)["alpha"], "group 'posterior': no variable 'alpha'"),
-        (lambda: found.group("observed_data")["row"], "group 'observed_data': no variable 'row'"),
+        (lambda: found.group("observed_data").drop_vars("row")["row"], "group 'observed_data': no variable 'row'"),
         (lambda: found.tables["directions"], "no table 'directions'"),
         (lambda: found.loads, "no group 'constant_data'|no variable 'indentation_mm'"),
         (lambda: experiment_of(found), "no (group|variable|attribute)"),

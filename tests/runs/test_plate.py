@@ -269,7 +269,7 @@ def test_a_joint_run_holds_both(joint, tmp_path):
 def test_a_run_from_the_command_line(tmp_path):
     done = call(
         *("sample", "--compression", DATA / "compression.csv", "--max-steps", "60", "--processes", "1"),
-        *("--fix", "tau_m=0.3", "--out", tmp_path / "skin"),
+        *("--fix", "tau_m=0.3", "--out", tmp_path / "skin", "--verbose"),
     )
     assert done.returncode == 3, done.stderr
     assert "note: without ratings the default is --priors wide" in done.stderr

@@ -39,9 +39,11 @@ def results(given):
 def test_ratings_are_kept_as_filed_and_as_they_are_understood(results, given, tmp_path):
     result = results["student"]
     constant = result.group("constant_data")
-    assert (constant["rating_as_filed"].values == given.ratings.rating).all()
+    assert (result.group("observed_data")["rating"].values == given.ratings.rating).all()
+    assert "rating_as_filed" not in constant  # of ranks and answers to pairs
     zero = given.ratings.rating == 0
-    assert (result.group("observed_data")["rating"].values[zero] == 0.25).all()
+    assert zero.any()
+    assert (constant["rating_value"].values == np.where(zero, 0.25, given.ratings.rating)).all()
     assert (constant["rating_low"].values[zero] == 0).all()
     assert (constant["rating_high"].values[zero] == 0.5).all()
     again = result.group("posterior_predictive")["rating"].values

@@ -399,7 +399,7 @@ def test_the_summary(result, directory):
     columns = ["mean", "sd", "hdi_low", "hdi_high", "hdi_prob", "ess_bulk", "ess_tail", "r_hat", "mcse_mean"]
     columns.append("mcse_sd")
     written = pd.read_csv(directory / "summary.csv")
-    columns += ["prior_mean", "prior_sd", "contraction", "psens_prior", "psens_likelihood"]
+    columns += ["prior_mean", "prior_sd", "contraction", "prior_shift", "psens_prior", "psens_likelihood"]
     columns += ["psens_prior_mcse", "psens_likelihood_mcse"]
     assert list(written) == ["parameter", *columns]
     assert written["prior_sd"].iloc[-1] == pytest.approx(3)  # mu's

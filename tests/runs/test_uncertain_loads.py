@@ -44,7 +44,7 @@ def test_data_and_model_come_back_from_the_file(result, tmp_path):
         one, other = (build(each, options_of(again)).posterior for each in (experiment_of(again), rated()))
     theta = np.stack([again.values(20)[name] for name in one.names], axis=-1)
     assert_allclose(one.log_likelihood(theta), other.log_likelihood(theta), rtol=1e-9)
-    kept = again.group("log_likelihood")["ratings"].values.T.ravel()
+    kept = again.group("log_likelihood_joint")["ratings"].values.T.ravel()
     whole = np.stack([again.values()[name] for name in one.names], axis=-1)
     assert_allclose(one.log_likelihood(whole), kept, rtol=1e-6)
 
