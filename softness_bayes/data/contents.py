@@ -52,14 +52,17 @@ def _rows(table: Table, some: Sequence[int]) -> str:
 
 
 def without_namesakes(table: Table) -> Table:
-    """Pass over a column `resolution` or `load_cv` without numbers; say if one with numbers is used."""
+    """Pass over a column `resolution` without numbers; say if one with numbers, or a column `load_cv`, is used.
+
+    `load_cv` is a name of this program's own, so that cells without numbers are errors of its values.
+    """
     for column in (RESOLUTION, LOAD_CV):
         name = column.name
         if name not in table:
             continue
         title = table.titles[name]
         filled = [text for text in table.cells[name] if text.casefold() not in MISSING]
-        if filled and not any(looks_numeric(text.rstrip("% ")) for text in filled):
+        if column is RESOLUTION and filled and not any(looks_numeric(text.rstrip("% ")) for text in filled):
             cells = {other: texts for other, texts in table.cells.items() if other != name}
             titles = {other: text for other, text in table.titles.items() if other != name}
             others = {**table.others, title: table.cells[name]}
