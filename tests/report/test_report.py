@@ -321,9 +321,11 @@ def test_compression_alone_says_what_does_not_apply(pages, made):
 def repeated(command, monkeypatch, directory):
     """Return the data files and options that a printed command amounts to."""
     caught = []
-    monkeypatch.setattr(
-        sample, "run", lambda checkpoint, files, data, request, figures: caught.append((files, request))
-    )
+
+    def run(checkpoint, files, data, request, figures, verbose):
+        caught.append((files, request))
+
+    monkeypatch.setattr(sample, "run", run)
     # there are no data to look at
     monkeypatch.setattr(DataFiles, "read", lambda files: None)
     monkeypatch.setattr(sample, "_evaluated", lambda data, options: False)
