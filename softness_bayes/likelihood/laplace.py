@@ -67,11 +67,17 @@ class Quadratic(NamedTuple):
 def laplace(table: Table, given: Given, start: FloatArray | None = None) -> Laplace:
     """Return the mode of all effects, by Newton's method from a start (draws, effects), and the normal law about it."""
     start = table.start(given) if start is None else start
-    # a step that is far too long overflows; it is then no rise
+    # a step that is far too long overflows; it is then no rise, and its point not near a mode
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         point, value, sums = _search(table, given, start)
-    step, size, gain, own_root, coupling, shared_root = _newton(_quadratic(table, given, point, sums, False))
-    near = size <= 2.0 * SETTLED  # elsewhere the search has not ended
+        normal = _newton(_quadratic(table, given, point, sums, False))
+    near = normal[1] <= 2.0 * SETTLED
+    if not near.all():  # the search has not ended: H may be indefinite there, and its factor without meaning
+        some = np.flatnonzero(~near)
+        safe = _newton(_safe(table, given, point, sums, some))
+        for whole, part in zip(normal, safe, strict=True):
+            whole[some] = part
+    step, _, gain, own_root, coupling, shared_root = normal
     log_determinant = _log_determinant(own_root).sum(axis=-1) + _log_determinant(shared_root)
     mode = point + np.where(near[:, None], step, 0.0)
     log_density = value + np.where(near, gain, 0.0) - 0.5 * log_determinant
@@ -114,11 +120,14 @@ def _step(table: Table, given: Given, point: FloatArray, sums: Sums) -> tuple[Fl
     unsafe = ~(np.minimum(_least_pivot(own_root).min(axis=-1), _least_pivot(shared_root)) > 1.01 * LEAST_PIVOT)
     if unsafe.any():
         some = np.flatnonzero(unsafe)
-        few = _quadratic(
-            table, given.part(some), point[some], {name: value[some] for name, value in sums.items()}, True
-        )
-        step[some], size[some] = _newton(few)[:2]
+        step[some], size[some] = _newton(_safe(table, given, point, sums, some))[:2]
     return step, size
+
+
+def _safe(table: Table, given: Given, point: FloatArray, sums: Sums, some: NDArray[np.intp]) -> Quadratic:
+    """Return `_quadratic` with safe curvatures, for some of the draws."""
+    of_some = {name: value[some] for name, value in sums.items()}
+    return _quadratic(table, given.part(some), point[some], of_some, True)
 
 
 def _least_pivot(root: FloatArray) -> FloatArray:

@@ -172,7 +172,11 @@ def test_fabrics_may_deviate_whatever_the_ratings_are(scale, errors):
     assert model.options.errors is errors
     assert "exact" not in model.interpretation.note
     assert "omega" in model.posterior.names
-    theta = model.posterior.space.draw_prior(np.random.default_rng(1), 5)
+    theta = model.posterior.space.draw_prior(np.random.default_rng(1), 50)
+    assert np.isfinite(model.posterior.for_sampling.log_likelihood(theta)).all()  # far from the data, too
+    theta = theta[:3]
+    noise = model.posterior.names.index("varsigma")
+    theta[:, noise] = np.maximum(theta[:, noise], 0.3)  # sums over points take long where noise is far too small
     value = model.posterior.log_likelihood(theta)
     assert np.isfinite(value).all()
     without = theta.copy()
