@@ -430,6 +430,7 @@ def test_a_result_reads_back_identically(result, directory):
         "modulus_errors.csv",
         "posterior.nc",
         "predictive_checks.csv",
+        "ruler.csv",
         "summary.csv",
     ]
     for place in (directory, directory / "posterior.nc"):
