@@ -84,7 +84,7 @@ def test_what_was_rated_has_the_ratings_that_the_run_stores(result, table):
 
 
 def test_reasons(result):
-    with quickly():
+    with quickly(), pytest.warns(UserWarning, match=r"looks wrong: E_fab of 1 of 3 fabrics \(steel"):
         table = result.predict(NEW, [Indentation(2e-3), Indentation(7.9e-3), Force(1e-3)], draws=60)
     rows = table.set_index(["fabric", "remarks"]).reset_index("remarks")
     assert rows.loc["gauze", "beyond_moduli"].tolist() == ["below"] * 3
@@ -111,8 +111,10 @@ def test_equal_responses_have_equal_limits(result):
     """Silent fabrics have one response: what is drawn for new raters is shared, and is as if drawn for each."""
     soft = Fabrics(("lint", "fluff", "down", "felt"), effective_modulus=np.array([1.0, 2.0, 3.0, 1e5]))
     with quickly():
-        found = result.predict(soft, [Indentation(1e-4), Force(1e-3)], draws=60)
-        alone = result.predict(soft.take(("lint",)), [Indentation(1e-4)], draws=60)
+        with pytest.warns(UserWarning, match="looks wrong: E_fab of 3 of 4 fabrics"):
+            found = result.predict(soft, [Indentation(1e-4), Force(1e-3)], draws=60)
+        with pytest.warns(UserWarning, match="looks wrong: E_fab of 1 of 1 fabric"):
+            alone = result.predict(soft.take(("lint",)), [Indentation(1e-4)], draws=60)
     silent = found[found["p_silent"] == 1.0]
     assert len(silent) >= 6
     for name in NAMES:

@@ -80,6 +80,12 @@ def test_only_rows_of_a_flat_plate_count(table):
     assert any("1 of 2 rows has another indentor than a flat plate" in note for note in read.notes)
 
 
+def test_forces_without_names_are_those_of_one_finger(table):
+    read = Compression.read(table("indentation_mm,force_n\n1,1\n2,3\n"))
+    assert read.participants == ("finger",)
+    assert any("no column 'participant': all forces are treated as those of one finger" in note for note in read.notes)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -90,7 +96,6 @@ def test_only_rows_of_a_flat_plate_count(table):
         ("participant,indentation_mm,force_n\nA,0,0\n", "no row with a force above 0"),
         ("participant,indentor,indentation_mm,force_n\nA,point,1,1\n", "no row with a force above 0"),
         ("participant,force_n\nA,1\n", "no column 'indentation_mm'"),
-        ("indentation_mm,force_n\n1,1\n", "no column 'participant'"),
     ],
 )
 def test_rows_that_cannot_be_used_are_named(table, text, message):
