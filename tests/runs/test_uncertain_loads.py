@@ -111,7 +111,7 @@ def test_the_command_line_simulates_samples_and_resumes(tmp_path, brief_pilot, m
     assert json.loads((tmp_path / "made" / "truth.json").read_text())["load_cv"] == 0.1
     data = tmp_path / "made" / "ratings.csv"
     monkeypatch.setattr(uncertain_loads, "FINE_KNOTS", (-2.0, -1.0, 0.0, 1.0, 2.0))  # as brief runs have them
-    ended = call("sample", "--data", data, "--load-cv", "0.05", *QUICK, *FIXED, "--out", home)
+    ended = call("sample", "--data", data, "--load-cv", "0.05", *QUICK, *FIXED, "--out", home, "--verbose")
     assert ended.returncode == 3
     assert "loads: the model includes relative errors of 0.1," in ended.stdout
     assert "--load-cv 0.05" in report_page(Result.load(home))
