@@ -115,6 +115,7 @@ def plain_text(text: str) -> str:
     return unicodedata.normalize("NFKC", raised).replace("\u2212", "-").strip()
 
 
+@lru_cache(2**16)
 def power_in(title: str) -> tuple[str, str]:
     """Return a title without the power of ten in it, as in `B x 10^2`, and the power as written, empty if none."""
     text = plain_text(title)
@@ -160,6 +161,7 @@ def unit_named(text: str, quantity: str) -> Unit | None:
     return None
 
 
+@lru_cache(2**16)
 def is_unit(text: str) -> bool:
     """Return whether some quantity has a unit of this name."""
     return any(unit_named(text, quantity) for quantity in UNITS)
@@ -465,6 +467,7 @@ def key(title: str) -> str:
     return " ".join(re.sub(r"[\W_]+", " ", unicodedata.normalize("NFKC", text)).split())
 
 
+@lru_cache(2**16)
 def bag(title: str) -> str:
     """Return what a title shares with those of the same words in any order."""
     return " ".join(sorted(key(title).split()))

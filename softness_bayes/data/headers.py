@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Container, Mapping, Sequence
-from functools import cache
+from functools import cache, lru_cache
 from typing import NamedTuple
 
 from softness_bayes.data.columns import (
@@ -149,11 +149,16 @@ class _Title(NamedTuple):
         return cls(j, text, bare, spelt, power)
 
     @property
-    def keys(self) -> set[str]:
+    def keys(self) -> frozenset[str]:
         """The words of the title with and without its unit, and without a symbol, as in `Bending rigidity, B`."""
-        words = key(self.stem).split()
-        without = [word for word in words if len(word) > 1 or not word.isalpha()]
-        return {bag(self.text), bag(self.stem), *([bag(" ".join(without))] if len(without) > 1 else [])}
+        return _keys(self.text, self.stem)
+
+
+@lru_cache(2**16)  # each title of a wide table is looked at for every column
+def _keys(text: str, stem: str) -> frozenset[str]:
+    words = key(stem).split()
+    without = [word for word in words if len(word) > 1 or not word.isalpha()]
+    return frozenset({bag(text), bag(stem), *([bag(" ".join(without))] if len(without) > 1 else [])})
 
 
 def understood(sheet: Sheet, renames: Mapping[str, str], sought: Sought) -> Header:
