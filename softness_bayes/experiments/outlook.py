@@ -12,7 +12,8 @@ rating. Levels and errors of moduli are integrated out.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -21,13 +22,13 @@ from numpy.typing import NDArray
 from softness_bayes.checking.inflection import CurveShape, turning_points
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.error_laws import STUDENT
 from softness_bayes.likelihood.scales import MAGNITUDE, SLIDER
 from softness_bayes.model.build import ExperimentModel, build
+from softness_bayes.model.design_information import heavier, rounding
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.model.scenes import fabric_moduli, scene_of
-from softness_bayes.results.fitted import Fitted, experiment_of, options_of
+from softness_bayes.results.fitted import Fitted
 from softness_bayes.touch.contact import HERTZ_LIMIT, Load
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Scene
@@ -121,8 +122,6 @@ class Outlook:
         Every parameter by name in natural units: draws, or a number if it is fixed.
     moduli
         Function that returns E_fab [Pa] of some fabrics at each draw, (draws, fabrics); None if they are exact.
-    levels
-        Levels of the raters.
     rated
         True if the draws are given the ratings, False for those of the prior.
     """
@@ -131,7 +130,6 @@ class Outlook:
     theta: Array
     named: Mapping[str, Any]
     moduli: Callable[[Fabrics], Array | None]
-    levels: Levels
     rated: bool
 
     @property
@@ -139,11 +137,19 @@ class Outlook:
         """The density of the parameters."""
         return self.model.posterior
 
-    @property
+    @cached_property
     def noise(self) -> Array:
         """Standard deviation of normal errors of ratings that tell as much about a level, shape (draws,)."""
-        parameters = self.posterior.rating_parameters(self.theta)
-        return _noise(self.model, parameters, len(self.theta))
+        parameters, model = self.posterior.rating_parameters(self.theta), self.model
+        variance = np.asarray(parameters.varsigma, float) ** 2
+        variance = variance * heavier(self.posterior.observation.model.error, parameters)
+        variance = variance + rounding(model.interpretation.intervals, model.options.scale.additive)
+        return np.broadcast_to(np.sqrt(variance), len(self.theta))
+
+    @cached_property
+    def levels(self) -> Levels:
+        """Levels of the raters given the ratings at each draw, or those of the prior."""
+        return _levels(self)
 
     def scene(self, fabrics: Fabrics, loads: tuple[Load, ...]) -> Scene:
         """Return the scene of some fabrics under some loads, with the finger and the readings of the model."""
@@ -160,7 +166,7 @@ class Outlook:
         Parameters
         ----------
         fabrics
-            The fabrics; those with the name and the modulus of a rated one are the experiment's own.
+            The fabrics; those with the name of a rated one are the experiment's own.
         loads
             The loads.
         modulus_cv
@@ -221,13 +227,12 @@ def outlook_of_run(result: Any, rng: np.random.Generator, draws: int = DRAWS) ->
         If the run has no ratings, is unfinished, or its ratings are not levels of single touches.
     """
     fitted = Fitted(result, draws)
-    model = build(experiment_of(result), options_of(result))
-    _require(model)
+    _require(fitted.model)
 
     def moduli(fabrics: Fabrics) -> Array | None:
         return fitted.modulus(rng, fabrics)
 
-    return _with_levels(Outlook(model, fitted.theta, fitted.named, moduli, _NO_LEVELS, rated=True))
+    return Outlook(fitted.model, fitted.theta, fitted.named, moduli, rated=True)
 
 
 def outlook_of_prior(
@@ -255,10 +260,7 @@ def outlook_of_prior(
                 found[:, k] = sampled[:, own[name]]
         return found
 
-    return _with_levels(Outlook(model, theta, space.values(theta), moduli, _NO_LEVELS, rated=False))
-
-
-_NO_LEVELS = Levels(*(np.empty(0) for _ in range(5)))
+    return Outlook(model, theta, space.values(theta), moduli, rated=False)
 
 
 def _require(model: ExperimentModel) -> None:
@@ -273,26 +275,8 @@ def _require(model: ExperimentModel) -> None:
         raise InputError("design: expected raters with the typical finger and answers, under loads without errors")
 
 
-def _noise(model: ExperimentModel, parameters: Any, size: int) -> Array:
-    """Return the standard deviation of normal errors with the same information about an expectation, (draws,)."""
-    law = model.posterior.observation.model.error
-    variance = np.broadcast_to(np.asarray(parameters.varsigma, float) ** 2, size).copy()
-    if law is STUDENT:
-        nu = np.asarray(parameters.nu, float)
-        variance *= (nu + 3.0) / (nu + 1.0)
-    elif law.lapses:
-        variance /= 1.0 - np.asarray(parameters.lapse, float)
-    stated = model.interpretation.intervals
-    if not stated.exact:
-        low, high = stated.ends(stated.values)
-        inside = (low > 0) & (high < stated.end)
-        width = model.options.scale.additive(high[inside]) - model.options.scale.additive(low[inside])
-        variance += (width**2).mean() / 12.0 if width.size else 0.0
-    return np.sqrt(variance)
-
-
-def _with_levels(outlook: Outlook) -> Outlook:
-    """Return the outlook with the levels of its raters at each draw, given the ratings or of the prior."""
+def _levels(outlook: Outlook) -> Levels:
+    """Return the levels of the raters at each draw, given the ratings or of the prior."""
     model, posterior, draws = outlook.model, outlook.posterior, len(outlook.theta)
     parameters, noise = posterior.rating_parameters(outlook.theta), outlook.noise
     tau = np.broadcast_to(np.asarray(parameters.tau, float), draws)
@@ -302,7 +286,7 @@ def _with_levels(outlook: Outlook) -> Outlook:
         unknown = np.full(draws, level.sd**2)
         every = np.full((draws, design.n_participants), level.mean)
         wide = np.broadcast_to((unknown + tau**2)[:, None], every.shape)
-        return replace(outlook, levels=Levels(every, wide, every[:, 0], unknown, tau))
+        return Levels(every, wide, every[:, 0], unknown, tau)
     stated = model.interpretation.intervals
     low, high = stated.ends(stated.values)
     scale = model.options.scale
@@ -322,4 +306,4 @@ def _with_levels(outlook: Outlook) -> Outlook:
     pull = own_variance * weight
     drawn = mean + pull * (common[:, None] - mean)
     variance = own_variance * (1.0 - pull) + pull**2 / total[:, None]
-    return replace(outlook, levels=Levels(drawn, variance, common, 1.0 / total, tau))
+    return Levels(drawn, variance, common, 1.0 / total, tau)

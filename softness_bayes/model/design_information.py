@@ -237,7 +237,7 @@ class _Foresight:
         self.model, self.planned = model, planned
         self.posterior: Posterior = model.posterior
         self.space = self.posterior.space
-        self.rounding = _rounding(model.interpretation.intervals, model.options.scale.additive)
+        self.rounding = rounding(model.interpretation.intervals, model.options.scale.additive)
         rng = np.random.default_rng(0)
         few = TRUTHS * CONDITIONS // max(model.scene.n_conditions, CONDITIONS)
         drawn = self._scores(self.space.draw_prior(rng, TRUTHS - 1))
@@ -334,7 +334,7 @@ class _Foresight:
         model, design = self.posterior.observation.model, self.planned.design
         parameters, drive = self._driven(theta)
         slopes = np.einsum("tkc,tkd->tcd", _secants(drive), back)
-        sd = _at(np.sqrt(np.asarray(parameters.varsigma, float) ** 2 * _heavier(model.error, parameters)), theta)
+        sd = _at(np.sqrt(np.asarray(parameters.varsigma, float) ** 2 * heavier(model.error, parameters)), theta)
         person, fabric, row = design.participant, design.fabric[design.condition], np.arange(design.n_rows)
         people, things = design.n_participants, design.n_fabrics if "omega" in model.needs else 0
         spreads = {"tau": slice(0, people)} | ({"omega": slice(people, people + things)} if things else {})
@@ -392,7 +392,7 @@ def _at(value: Any, theta: Array) -> Array:
     return np.broadcast_to(np.asarray(value, float), theta.shape[:2])
 
 
-def _heavier(law: Any, parameters: Parameters) -> Any:
+def heavier(law: Any, parameters: Parameters) -> Any:
     """Return the variance, relative to varsigma², of normal errors with the same information about the mean."""
     if law is STUDENT:
         nu = np.asarray(parameters.nu, float)
@@ -400,7 +400,7 @@ def _heavier(law: Any, parameters: Parameters) -> Any:
     return 1.0 / (1.0 - np.asarray(parameters.lapse, float)) if law.lapses else 1.0
 
 
-def _rounding(said: Stated, additive: Callable[[Any], Array]) -> float:
+def rounding(said: Stated, additive: Callable[[Any], Array]) -> float:
     """Return the mean variance, on the additive scale, of ratings within the intervals that they represent."""
     if said.exact:
         return 0.0

@@ -90,7 +90,9 @@ class Fitted:
             self.named |= {
                 name: np.full_like(self.named[name], values.get(name, np.median(self.named[name]))) for name in sampled
             }
-        self.posterior: Posterior = build(experiment_of(result), options_of(result)).posterior
+        self.model = build(experiment_of(result), options_of(result))
+        """The model of the run's experiment."""
+        self.posterior: Posterior = self.model.posterior
         drawn = [self.named[name] for name in self.posterior.names]
         self.theta = np.stack(np.broadcast_arrays(*drawn), axis=-1)
 
