@@ -72,7 +72,10 @@ def mcse_mean(chains: ArrayLike) -> float:
 
 
 def mcse_sd(chains: ArrayLike) -> float:
-    """Return the Monte-Carlo standard error of the standard deviation of an array (chains, draws); NaN likewise."""
+    """Return the Monte-Carlo standard error of the standard deviation of an array (chains, draws).
+
+    NaN as for `ess_bulk`.
+    """
     return float(_arviz().mcse(_chains(chains), method="sd")) if _enough(chains) else math.nan
 
 

@@ -222,7 +222,7 @@ def turning_table(
     loads
         Names of the loads.
     prior
-        Turning points of independent prior draws, likewise; None if there are none.
+        Turning points of independent prior draws, with the fields and loads of the posterior's; None if there are none.
     ensembles
         Number of ensembles, whose chains follow each other in equal numbers.
     """

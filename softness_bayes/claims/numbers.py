@@ -53,7 +53,7 @@ class Numbers(NamedTuple):
     drop: Array
     """Fall from the maximum to the grid's stiff end, as a share of the maximum [-]."""
     levelling: Array
-    """Change over the grid's last decade, likewise."""
+    """Change over the grid's last decade, as a share of the maximum [-]."""
     depth_spread: Array
     """Largest difference between receptor depths at one E_fab, as a share of the maximum [-]."""
     growth: Array

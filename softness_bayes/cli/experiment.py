@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,9 +16,9 @@ from softness_bayes.cli.options import (
     path,
     seed,
     trust_code,
-    trusts_code,
     typed,
 )
+from softness_bayes.cli.running import reading
 from softness_bayes.errors import InputError
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.ranges import PANEL, Count, Range
@@ -106,11 +105,11 @@ def command(
     from softness_bayes.data import Fabrics, loads_of
     from softness_bayes.experiments.choice import Costs
     from softness_bayes.experiments.design import design
+    from softness_bayes.files.json_text import as_json
     from softness_bayes.files.outputs import require_outputs, write_outputs
     from softness_bayes.files.spreadsheet import csv_of
     from softness_bayes.plotting.experiments import gain_figure
     from softness_bayes.plotting.style import files_of
-    from softness_bayes.results.result import Result
 
     if bool(given) == (files.data is not None):
         raise InputError("design: give either --given, a finished run, or --data, before any rating")
@@ -119,30 +118,27 @@ def command(
     inputs = [path for path in (candidates, files.data, files.fabrics) if path is not None]
     require_outputs(out, MADE, DESIGN, force, inputs)
     chosen = None if candidates is None else Fabrics.read(candidates)
-    if given:
-        results = [Result.load(path, trust_code=trusts_code()) for path in given]
-        source: Any = results[0] if len(results) == 1 else results
-    else:
-        source = files.read()
     loads = loads_of(indentation_mm, force_n)
-    plan = design(
-        source,
-        tuple(name.strip() for name in about.split(",") if name.strip()),
-        candidates=chosen,
-        moduli=None if moduli is None else _grid(moduli),
-        loads=loads or None,
-        largest_load=None if largest_load is None else _largest(largest_load),
-        conditions=conditions,
-        raters=_raters(raters),
-        costs=Costs(budget, cost_fabric, cost_load, cost_rating),
-        modulus_cv=model.modulus_cv if typed("modulus_cv") else None,
-        options=model,
-        seed=seed,
-    )
+    with reading(*given) as results:
+        source: Any = files.read() if not results else results[0] if len(results) == 1 else results
+        plan = design(
+            source,
+            tuple(name.strip() for name in about.split(",") if name.strip()),
+            candidates=chosen,
+            moduli=None if moduli is None else _grid(moduli),
+            loads=loads or None,
+            largest_load=None if largest_load is None else _largest(largest_load),
+            conditions=conditions,
+            raters=_raters(raters),
+            costs=Costs(budget, cost_fabric, cost_load, cost_rating),
+            modulus_cv=model.modulus_cv if typed("modulus_cv") else None,
+            options=model,
+            seed=seed,
+        )
     contents: dict[str, bytes | str] = {
         TABLE: csv_of(plan.table, index=False),
         GAINS: csv_of(plan.gains, index=False),
-        RECORD: json.dumps(plan.record, indent=1) + "\n",
+        RECORD: as_json(plan.record, RECORD, indent=1) + "\n",
     }
     write_outputs(out, contents | files_of(gain_figure(plan.gains, plan.about), FIGURE, FORMATS), DESIGN)
     _show(plan)
@@ -165,16 +161,13 @@ def _grid(text: str) -> list[float]:
 
 def _largest(text: str) -> float:
     """Return a load in SI from a text such as 2mm or 1N."""
-    for suffix, factor in (("mm", 1e-3), ("N", 1.0)):
-        number = text.strip().removesuffix(suffix)
-        if number != text.strip():
-            try:
-                value = float(number) * factor
-            except ValueError:
-                break
-            if 0 < value < float("inf"):
-                return value
-    raise InputError(f"--largest-load: expected a load such as 2mm or 1N, got {text!r}")
+    from softness_bayes.experiments.design import load_named
+    from softness_bayes.touch.contact import held
+
+    load = load_named(text)
+    if load is None:
+        raise InputError(f"--largest-load: expected a load such as 2mm or 1N, got {text!r}")
+    return float(held(load))
 
 
 def _raters(text: str) -> int | None:

@@ -6,7 +6,6 @@ an answer moves it and weights the draw by the probability of the answer.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -199,9 +198,11 @@ class Adaptive:
 
     def save(self, path: str | Path) -> None:
         """Write the request and the answers to a small file, from which `load` continues."""
+        from softness_bayes.files.json_text import as_json
         from softness_bayes.files.whole import write_whole
 
-        text = json.dumps({"adaptive": 1, "request": self.request, "answers": self.answers}, indent=1)
+        kept = {"adaptive": 1, "request": self.request, "answers": self.answers}
+        text = as_json(kept, "adaptive experiment", indent=1)
         write_whole(Path(path), text.encode())
 
     @classmethod

@@ -33,7 +33,7 @@ TURNING = "turning"
 WHICH = "run"
 """Name of the quantity that tells two runs apart."""
 
-_TURNING = re.compile(r"turning@\s*([0-9.eE+-]+)\s*(mm|N)")
+_LOAD = re.compile(r"\s*([0-9.eE+-]+)\s*(mm|N)\s*")
 
 
 def design(
@@ -192,21 +192,24 @@ def quantities_of(outlook: Outlook, about: Sequence[str]) -> dict[str, Array]:
         found[space.names[k]] = np.log(values) if (values > 0).all() else values
     for name in about:
         if name.startswith(TURNING):
-            found[name] = outlook.turning(_load_of(name))
+            load = load_named(name.removeprefix(f"{TURNING}@"))
+            if load is None:
+                raise InputError(f"about: expected a load such as turning@2mm or turning@1N, got {name!r}")
+            found[name] = outlook.turning(load)
             if not np.isfinite(found[name]).any():
                 raise InputError(f"about: {name}: in no draw does the response turn over under this load")
     return found
 
 
-def _load_of(name: str) -> Load:
-    """Return the load of a turning point such as turning@2mm."""
-    match = _TURNING.fullmatch(name)
+def load_named(text: str) -> Load | None:
+    """Return the load of a text such as 2mm or 1N; None if it is none."""
+    match = _LOAD.fullmatch(text)
     try:
         value = float(match[1]) if match else float("nan")
     except ValueError:
         value = float("nan")
-    if match is None or not value > 0:
-        raise InputError(f"about: expected a load such as turning@2mm or turning@1N, got {name!r}")
+    if match is None or not 0 < value < float("inf"):
+        return None
     return Indentation(value * 1e-3) if match[2] == "mm" else Force(value)
 
 

@@ -42,10 +42,10 @@ is used. The largest is needed for the largest principal stress with the printed
 the axis: its slope in rho is then confined to a layer near y = 1."""
 
 ALONG_NODES = (24, 48, 96, 160)
-"""Chebyshev nodes along the moduli, likewise."""
+"""Numbers of Chebyshev nodes along the moduli; the first sufficient one is used."""
 
 ACROSS_NODES = (3, 5, 7, 9, 12, 15, 20, 26, 34, 44)
-"""Chebyshev nodes across the loads and fingers, likewise."""
+"""Numbers of Chebyshev nodes across the loads and fingers; the first sufficient one is used."""
 
 SHARE = 0.1
 """Tolerance of a table as a share of that to which its series are truncated for a scene."""
