@@ -51,7 +51,6 @@ HOMES = {
 }
 """Modules outside of which a library may not be imported."""
 PROGRAMS = {
-    "tools.api_pages",
     "tools.curve_build",
     "tools.doc_tables",
     "tools.rooms",

@@ -39,7 +39,7 @@ for name in {modules!r}:
 OTHERS = (
     *("arviz", "asyncio", "bokeh.embed", "bokeh.plotting", "click", "concurrent.futures.process", "corner", "emcee"),
     *("filelock", "h5netcdf", "h5py", "jinja2", "matplotlib.figure", "matplotlib.backends.backend_agg"),
-    *("multiprocessing.resource_tracker", "pandas", "pdoc", "scipy.optimize", "scipy.stats", "subprocess", "tempfile"),
+    *("multiprocessing.resource_tracker", "pandas", "scipy.optimize", "scipy.stats", "subprocess", "tempfile"),
     *("threadpoolctl", "tqdm", "xarray"),
 )
 """Libraries that answer for other systems themselves: imported before anything is taken away."""

@@ -324,7 +324,7 @@ def _error_law_named(name: str) -> ErrorLaw:
 class ModelOptions(Options):
     """Choices that define the model of an experiment.
 
-     Direction of the ratings, error law and discretisation may be left
+    Direction of the ratings, error law and discretisation may be left
     open (None). `build` then chooses them and returns a model whose options have them filled in.
     """
 

@@ -1,78 +1,39 @@
-"""The site of guide and reference: every link leads somewhere, both ways, and a broken one ends the building."""
+"""The pages of the site that are made from declarations; the gate builds the site, and stops at its first warning."""
 
 from __future__ import annotations
 
-import pdoc
 import pytest
 
-from softness_bayes.tools import guide
-from softness_bayes.tools.api_pages import TEMPLATES, modules
-from softness_bayes.tools.guide import unresolved
-
-REFERENCE = {f"{name.replace('.', '/')}.html" for name in (*modules(), "softness_bayes.touch.readings")}
-
-
-@pytest.fixture
-def draw():
-    """The template of a page, as the builder fills it in."""
-    pdoc.render.configure(docformat="numpy", template_directory=TEMPLATES)
-    return pdoc.render.env.get_template("guide.html.jinja2").render
+import softness_bayes
+from reference_pages import write_pages
+from softness_bayes.cli import VERBS, main
+from softness_bayes.parameters.declared import EVERY_PARAMETER
 
 
-def stand_in(directory):
-    """Write empty pages of the reference, one of which has a place in it; making the real ones takes the gate."""
-    for page in REFERENCE:
-        path = directory / page
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text('<p id="MENDED"></p>' if page.endswith("readings.html") else "", encoding="utf-8")
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory):
+    """The text of each page by its name."""
+    directory = tmp_path_factory.mktemp("site") / "reference"
+    write_pages(directory)
+    return {path.stem: path.read_text(encoding="utf-8") for path in directory.iterdir()}
 
 
-def test_every_link_of_the_guide_leads_somewhere(tmp_path, draw):
-    stand_in(tmp_path)
-    guide.build(tmp_path, REFERENCE, draw)
-    made = [tmp_path / place for place in guide.pages().values()]
-    assert unresolved(made) == []
-    front = made[0].read_text(encoding="utf-8")
-    assert made[0] == tmp_path / "index.html"
-    for place in guide.pages().values():
-        assert f'href="{place}"' in front
-    assert f'href="{guide.REFERENCE}"' in front
-    assert (tmp_path / "notebooks" / "figures" / "rating.png").exists()
+def test_every_command_has_its_options(pages):
+    sections = dict(part.split("\n", 1) for part in pages["commands"].split("\n### ")[1:])
+    assert list(sections) == list(VERBS)
+    for verb, text in sections.items():
+        for option in main.get_command(None, verb).params:
+            for flag in option.opts if getattr(option, "help", None) and not option.hidden else ():
+                assert f"`{flag}" in text or f", {flag}" in text
 
 
-def test_a_cited_section_is_linked(tmp_path, draw):
-    stand_in(tmp_path)
-    guide.build(tmp_path, REFERENCE, draw)
-    page = tmp_path / "softness_bayes" / "touch" / "readings.html"
-    missing = f"model.md {99}"  # not spelt out: references in the sources must lead somewhere
-    page.write_text(f"moduli (model.md 3), nothing ({missing})", encoding="utf-8")
-    guide.lead_to_guide(tmp_path, REFERENCE)
-    text = page.read_text(encoding="utf-8")
-    assert '<a href="../../model.html#3-contact">model.md 3</a>' in text
-    assert f"nothing ({missing})" in text
-    assert unresolved([page]) == []
+def test_every_parameter_and_public_name_is_there(pages):
+    assert all(f"| `{name}` |" in pages["parameters"] for name in EVERY_PARAMETER)
+    assert all(f":: softness_bayes.{name}\n" in pages["names"] for name in softness_bayes._HOMES)
 
 
-def test_names_in_the_code_lead_to_the_reference(tmp_path):
-    stand_in(tmp_path)
-    text = "<code>touch.readings.MENDED</code> <code>touch.readings.NOTHING</code> <code>ratings.csv</code>"
-    linked = guide._with_reference(text, "", REFERENCE, tmp_path)
-    assert linked.count("<a ") == 1
-    assert '<a href="softness_bayes/touch/readings.html#MENDED"><code>touch.readings.MENDED</code></a>' in linked
-
-
-@pytest.mark.parametrize(
-    ("broken", "error", "named"),
-    [
-        ("[it](nowhere.md)", ValueError, "nowhere.html"),
-        ("[it](nowhere.csv)", FileNotFoundError, "nowhere.csv"),
-        ("[it](data.md#nowhere)", ValueError, "data.html#nowhere"),
-    ],
-)
-def test_a_broken_link_is_named(tmp_path, draw, broken, error, named):
-    clone = tmp_path / "clone"
-    (clone / guide.DOCS).mkdir(parents=True)
-    (clone / guide.FRONT).write_text("# Title\n\n| [data](softness_bayes/docs/data.md) |\n", encoding="utf-8")
-    (clone / guide.DOCS / "data.md").write_text(f"# Data\n\n{broken}\n", encoding="utf-8")
-    with pytest.raises(error, match=named):
-        guide.build(tmp_path / "site", {guide.REFERENCE}, draw, clone)
+def test_an_unchanged_page_is_left_alone(tmp_path):
+    write_pages(tmp_path)
+    times = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+    write_pages(tmp_path)
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == times
