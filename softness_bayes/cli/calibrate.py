@@ -32,7 +32,7 @@ from softness_bayes.results.run_options import RunOptions
 
 if TYPE_CHECKING:
     from softness_bayes.checking.calibration import Replicate
-    from softness_bayes.runs.calibrated import Calibrated
+    from softness_bayes.runs.rank_table import Calibrated
 
 
 @click.command()
@@ -103,8 +103,8 @@ def command(
     the posterior until it has converged, and ranks the true values among its draws. The ranks must be uniform. They
     are tested for every parameter, mu, the log-likelihood, the participants' effects, and, under each load, the
     existence and the place of the turning point. The verdict states which faults this number of replicates can
-    detect. Without fabrics and loads a small example is rated. Writes to --out: a file per replicate (an interrupted
-    calibration continues), ranks.csv, coverage.csv, ecdf.png and verdict.txt.
+    detect. Without fabrics and loads a small example is rated. Writes to --out: ranks.csv with a row for every finished
+    replicate (an interrupted calibration continues), coverage.csv, ecdf.png and verdict.txt.
 
     --like DIR draws the parameters from the posterior of a finished run instead. It simulates ratings by new raters
     under the loads of the run, with its missing cells and observation model, and fits them together with the ratings
@@ -123,8 +123,15 @@ def command(
     Exit code 3: some replicates are missing; 4: not calibrated.
     """
     from softness_bayes.model.understanding import foreseen
-    from softness_bayes.runs.calibrate import finished, posterior_problem, prior_problem, replicated
-    from softness_bayes.runs.calibration_scene import USUAL_FABRICS, USUAL_LOADS, CalibrationScene
+    from softness_bayes.runs.calibrate import (
+        USUAL_FABRICS,
+        USUAL_LOADS,
+        CalibrationScene,
+        finished,
+        posterior_problem,
+        prior_problem,
+        replicated,
+    )
 
     if so_far and earlier is not None:
         raise InputError("--from: cannot be combined with --finished, which writes no replicates")
@@ -143,7 +150,7 @@ def command(
     with (
         counting(replicates, "replicate", "calibrating") as show,
         keeping(lambda: _kept(out, replicates)),
-        executor_of(None if so_far else dask, out) as executor,
+        executor_of(None if so_far else dask) as executor,
     ):
 
         def tell(done: int, one: Replicate) -> None:
@@ -166,7 +173,7 @@ def _report(calibrated: Calibrated, out: Path) -> None:
     from softness_bayes.files.outputs import write_outputs
     from softness_bayes.plotting.checks import rank_ecdf_figure
     from softness_bayes.plotting.style import files_of
-    from softness_bayes.runs.calibrated import CALIBRATE, FIGURE
+    from softness_bayes.runs.rank_table import CALIBRATE, FIGURE
 
     calibrated.save(out)
     calibration = calibrated.calibration
@@ -180,9 +187,9 @@ def _report(calibrated: Calibrated, out: Path) -> None:
 
 def _kept(out: Path, count: int) -> str:
     """Return the number of saved replicates and the command that continues them; empty without replicates."""
-    from softness_bayes.runs.calibrated import finished_replicates
+    from softness_bayes.runs.rank_table import read_replicates
 
-    finished = finished_replicates(out)
+    finished = len(read_replicates(out))
     if not finished:
         return ""
     return f"{some_of(finished, count, 'replicate')} saved in {out}: the same command runs the others"

@@ -19,7 +19,7 @@ from softness_bayes.results.run_options import DataFiles, RunOptions
 
 if TYPE_CHECKING:
     from softness_bayes.checkpoints.status import Status
-    from softness_bayes.runs.calibrated import CalibrationProgress
+    from softness_bayes.runs.rank_table import CalibrationProgress
 
 
 MOVABLE = ("data", "fabrics", "compression")
@@ -143,7 +143,7 @@ def status(directory: Path) -> None:
     """
     from softness_bayes.checkpoints.status import read_status
     from softness_bayes.files.run_files import CHECKPOINT, MANIFEST, RUNS
-    from softness_bayes.runs.calibrated import is_calibration, progress_of
+    from softness_bayes.runs.rank_table import is_calibration, progress_of
 
     if is_calibration(directory):
         _of_a_calibration(directory, progress_of(directory))
@@ -181,16 +181,18 @@ def _of_a_calibration(directory: Path, now: CalibrationProgress) -> None:
 
 def _of_a_study(directory: Path, runs: dict[str, Status]) -> None:
     """Print the numbers of tables of a study by their state, and the progress of each run."""
+    from softness_bayes.files.run_files import POSTERIOR, RUNS
     from softness_bayes.runs.batch import read_asked
-    from softness_bayes.runs.study import refused_tables, seconds_left
+    from softness_bayes.runs.study import refused_tables
 
     done = [name for name, one in runs.items() if one.ended and one.written and not one.running]
     good = sum((verdict := runs[name].verdict) is not None and verdict.converged for name in done)
     under_way = sum(one.running for one in runs.values())
-    refused = [name for name in refused_tables(directory) if name not in runs]
-    count = max(read_asked(directory).fits, len(runs))
-    waiting = max(count - len(runs) - len(refused), 0)
-    left = seconds_left(directory, done, count - len(refused))
+    refused, asked = [name for name in refused_tables(directory) if name not in runs], read_asked(directory)
+    asked = asked._replace(fits=max(asked.fits - len(refused), len(runs)))
+    waiting = asked.fits - len(runs)
+    last = max(((directory / RUNS / name / POSTERIOR).stat().st_mtime for name in done), default=0.0)
+    left = asked.seconds_left(len(done), last)
     click.echo(
         f"{directory}: {counted(len(done), 'run')} ended ({good} converged), {under_way} running, "
         f"{len(runs) - len(done) - under_way} interrupted, {waiting} not begun"

@@ -41,8 +41,8 @@ def executor_of(dask: str | None, shared: Path | None = None) -> Iterator[Execut
     with cluster(dask, shared) as executor:
         if not executor.shares_files:
             click.echo(
-                f"note: {dask}: not all workers can read {shared}; their tasks return their files instead, so the work "
-                "of a killed worker is lost since it last returned",
+                f"note: {dask}: not all workers can read {shared}; their tasks return their files at their end, so the "
+                "work of a killed one is lost",
                 err=True,
             )
         yield executor

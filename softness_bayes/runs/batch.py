@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
@@ -15,7 +15,7 @@ from softness_bayes.files.lock import Lock
 from softness_bayes.files.whole import write_whole
 
 LOCK, ASKED = "lock", "asked.json"
-"""Lock of a batch under way, and the number of fits that the last call was asked for."""
+"""Lock of a batch under way, and the record of the last call."""
 
 
 class Asked(NamedTuple):
@@ -23,26 +23,28 @@ class Asked(NamedTuple):
 
     fits: int
     """Their number; 0 without any call."""
+    before: int
+    """How many of them were finished when it began."""
     begun: float
-    """Time at which the call began [s since 1970]."""
+    """Time at which it began [s since 1970]."""
 
-    def seconds_left(self, ended: Iterable[float], left: int) -> float:
+    def seconds_left(self, finished: int, last: float) -> float:
         """Return the estimated time [s] that the remaining fits take; nan if none has ended since the call began.
 
         Parameters
         ----------
-        ended
-            Times at which fits ended [s since 1970].
-        left
-            Number of remaining fits.
+        finished
+            Number of finished fits.
+        last
+            Time at which the last of them ended [s since 1970].
         """
-        since = [when for when in ended if when > self.begun]
-        return (max(since) - self.begun) / len(since) * left if since else math.nan
+        since = finished - self.before
+        return (last - self.begun) / since * (self.fits - finished) if since > 0 else math.nan
 
 
 @contextmanager
-def batch(directory: Path, fits: int) -> Iterator[None]:
-    """Hold a directory while a number of fits are run in it.
+def batch(directory: Path) -> Iterator[None]:
+    """Hold a directory while fits are run in it.
 
     Raises
     ------
@@ -50,14 +52,13 @@ def batch(directory: Path, fits: int) -> Iterator[None]:
         If another process runs a batch there.
     """
     with Lock(directory / LOCK) as lock:
-        write_asked(directory, fits)
         yield
         lock.vanish()
 
 
-def write_asked(directory: Path, fits: int) -> None:
-    """Record the number of fits of a call that begins now."""
-    write_whole(directory / ASKED, (json.dumps({"fits": fits}) + "\n").encode())
+def write_asked(directory: Path, fits: int, before: int) -> None:
+    """Record the number of fits of a call that begins now, and how many of them are finished."""
+    write_whole(directory / ASKED, (json.dumps({"fits": fits, "before": before}) + "\n").encode())
 
 
 def read_asked(directory: Path) -> Asked:
@@ -70,8 +71,9 @@ def read_asked(directory: Path) -> Asked:
     """
     path = directory / ASKED
     if not path.is_file():
-        return Asked(0, 0.0)
+        return Asked(0, 0, 0.0)
     try:
-        return Asked(int(parse_json(path.read_text(encoding="utf-8"))["fits"]), path.stat().st_mtime)
+        values = parse_json(path.read_text(encoding="utf-8"))
+        return Asked(int(values["fits"]), int(values["before"]), path.stat().st_mtime)
     except (ValueError, TypeError, KeyError, OverflowError) as error:
         raise InputError(f"{path}: not the number of fits ({error!r})") from None

@@ -1,4 +1,4 @@
-"""Simulation-based calibration: parallel replicates of a problem, with one file each."""
+"""Simulation-based calibration: scenes, problems, and parallel replicates of these."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import hashlib
 import math
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,32 +15,45 @@ from numpy.typing import NDArray
 
 from softness_bayes import __version__, ranges
 from softness_bayes.checking.calibration import DRAWS, Replicate
+from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.errors import InputError
-from softness_bayes.files.whole import sweep
+from softness_bayes.files.outputs import require_outputs
 from softness_bayes.likelihood.directions import RISES
-from softness_bayes.model.build import build
+from softness_bayes.likelihood.models import rating_model
+from softness_bayes.likelihood.scales import MAGNITUDE, SLIDER
+from softness_bayes.model.build import COARSE, ExperimentModel, build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Posterior
+from softness_bayes.model.scenes import usual_values
+from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.results.fitted import experiment_of, options_of
 from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
 from softness_bayes.results.run_options import RunOptions
-from softness_bayes.runs.batch import batch
-from softness_bayes.runs.calibrated import (
-    REPLICATES,
+from softness_bayes.runs.batch import batch, write_asked
+from softness_bayes.runs.rank_table import (
+    CALIBRATE,
+    COVERAGE,
+    FIGURE,
+    RANKS,
+    VERDICT,
     Calibrated,
-    finished_in,
-    prepare,
+    earlier_replicates,
+    read_replicates,
     require_alike,
-    take,
     write_manifest,
-    write_replicate,
+    write_replicates,
 )
-from softness_bayes.runs.calibration_scene import CalibrationScene
 from softness_bayes.runs.replicate import replicate, true_values
 from softness_bayes.sampler.diagnostics import Goal
 from softness_bayes.sampler.sampling import Settings
-from softness_bayes.sampler.workers import Workers, available_processors, shares_files
+from softness_bayes.sampler.workers import Workers, available_processors
+from softness_bayes.touch.contact import Indentation, Load
+
+USUAL_FABRICS = Fabrics(tuple("abcdefgh"), effective_modulus=np.geomspace(3e3, 6e5, 8))
+"""Fabrics from one without firing under a light touch to one beyond the turning point under a firm touch."""
+
+USUAL_LOADS: tuple[Load, ...] = (Indentation(1.5e-3), Indentation(2.5e-3))
 
 TRUTHS = 4000
 """Largest number of posterior draws of a run from which the true values of its replicates are chosen."""
@@ -65,6 +78,57 @@ MOST_WALKERS = 120
 
 Report = Callable[[int, Replicate], None]
 """Function called with the number of finished replicates and the last of them."""
+
+
+@dataclass(frozen=True)
+class CalibrationScene:
+    """The design of every replicate: all participants rate every fabric under every load, once.
+
+    Parameters
+    ----------
+    fabrics, loads
+        Rated fabrics and loads; by default a small scene, so that a replicate takes seconds.
+    participants
+        Their number.
+    """
+
+    fabrics: Fabrics = field(default_factory=lambda: USUAL_FABRICS)
+    loads: tuple[Load, ...] = USUAL_LOADS
+    participants: int = 20
+
+    def model(self, options: ModelOptions) -> ExperimentModel:
+        """Return the model of the scene, built once for all replicates, with placeholder ratings."""
+        return build(*self.planned(options))
+
+    def planned(self, options: ModelOptions) -> tuple[Experiment, ModelOptions]:
+        """Return the design with placeholder ratings on its scale, and the options with all open choices filled in."""
+        options = replace(options, direction=options.direction or RISES)  # there are no data from which to infer it
+        if options.scale is not MAGNITUDE and options.scale.model is None:
+            law = options.errors or rating_model(options.scale).error
+            exact = 0.0 if options.scale is SLIDER and options.resolution is None else options.resolution
+            options = replace(options, errors=law, resolution=exact)
+        return Experiment(self._ratings(options), self.fabrics, ()), options
+
+    def _ratings(self, options: ModelOptions) -> Ratings:
+        """Return placeholder ratings: all 1, or simulated ones if these would not be on the scale."""
+        if options.scale is not MAGNITUDE:
+            made = simulate_ratings(
+                np.random.default_rng(0),
+                self.fabrics,
+                self.loads,
+                usual_values(options.readings),
+                options.readings,
+                self.participants,
+                scale=options.scale,
+                discretisation=COARSE,
+                finger=options.finger,
+                categories=options.n_categories,
+            ).ratings
+            # standard deviations between raters are not simulated for each replicate
+            return made if made.cells is None else replace(made, cells=made.cells._replace(geometric_sd=None))
+        names = [f"P{k}" for k in range(1, self.participants + 1)]
+        table = np.ones((self.participants, len(self.fabrics), len(self.loads)))
+        return Ratings.crossed(names, self.fabrics.names, self.loads, table)
 
 
 class Problem(NamedTuple):
@@ -109,7 +173,7 @@ def calibrate(
     count
         Number of replicates.
     directory
-        Directory in which each replicate writes a file as soon as it is finished.
+        Directory in which each replicate is recorded as soon as it is finished.
     progress
         Function called with the number of finished replicates and the last of them.
     settings
@@ -118,7 +182,7 @@ def calibrate(
         Executor that runs the replicates instead of local processes, one task per replicate, with the same ranks.
     earlier
         Directory of an earlier calibration of the same problem, whose replicates are taken over. The settings of its
-        fits may differ (`runs.calibrated.FITS`); the verdict then says so.
+        fits may differ (`runs.rank_table.FITS`); the verdict then says so.
 
     Raises
     ------
@@ -220,34 +284,33 @@ def replicated(
 ) -> Calibrated:
     """Run the replicates of a problem that are missing in a directory; arguments and errors as for `calibrate`."""
     ranges.REPLICATES.require("calibration: number of replicates", count)
-    prepare(directory, problem.manifest)
-    with batch(directory, count):
+    require_alike(directory, problem.manifest)
+    require_outputs(directory, (RANKS, COVERAGE, VERDICT, f"{FIGURE}.png"), CALIBRATE)
+    directory.mkdir(parents=True, exist_ok=True)
+    with batch(directory):
         write_manifest(directory, problem.manifest)
-        sweep(directory / REPLICATES)
+        done = read_replicates(directory)
         if earlier is not None:
             draw = problem.posterior, run.seed
-            take(earlier, directory, problem.manifest, lambda index: true_values(*draw, index, problem.truths))
-        done = finished_in(directory, count)
+            redraw = lambda index: true_values(*draw, index, problem.truths)  # noqa: E731
+            done |= earlier_replicates(earlier, problem.manifest, redraw, done)
+            write_replicates(directory, done)
         missing = [index for index in range(count) if index not in done]
-        if missing:
-            processes = min(run.processes or available_processors(), len(missing))
-            shared = str(directory.resolve()) if shares_files(executor) else None
-            with Workers(problem, processes, executor) as workers:
-                for index, one in workers.as_finished(_run, [(run.seed, index, shared) for index in missing]):
-                    if shared is None:
-                        write_replicate(directory, index, one)
-                    done[index] = one
-                    if progress is not None:
-                        progress(len(done), one)
+        before = count - len(missing)
+        write_asked(directory, count, before)
+        processes = min(run.processes or available_processors(), max(len(missing), 1))
+        with Workers(problem, processes, executor) as workers:
+            tasks = [(run.seed, index) for index in missing]
+            for finished, (index, one) in enumerate(workers.as_finished(_run, tasks), before + 1):
+                done[index] = one
+                write_replicates(directory, done)
+                if progress is not None:
+                    progress(finished, one)
     return Calibrated({index: done[index] for index in range(count)})
 
 
-def _run(problem: Problem, seed: int, index: int, directory: str | None) -> tuple[int, Replicate]:
-    """Run one replicate and write its file, unless the directory is None because this process does not see it."""
-    one = replicate(problem.posterior, problem.settings, seed, index, truths=problem.truths)
-    if directory is not None:
-        write_replicate(Path(directory), index, one)
-    return index, one
+def _run(problem: Problem, seed: int, index: int) -> tuple[int, Replicate]:
+    return index, replicate(problem.posterior, problem.settings, seed, index, truths=problem.truths)
 
 
 def finished(problem: Problem, count: int, directory: Path) -> Calibrated:
@@ -259,7 +322,7 @@ def finished(problem: Problem, count: int, directory: Path) -> Calibrated:
         If none is finished, or the directory contains anything but a calibration with the same settings.
     """
     require_alike(directory, problem.manifest)
-    done = finished_in(directory, count)
+    done = {index: one for index, one in read_replicates(directory).items() if index < count}
     if not done:
         raise InputError(f"{directory}: no finished replicate of a calibration in this directory")
     return Calibrated(done, tuple(index for index in range(count) if index not in done))

@@ -1,4 +1,4 @@
-"""Executor on an existing Dask cluster whose workers have the same versions."""
+"""Tasks on a running Dask cluster; a cluster that cannot be used is rejected before any work."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import pickle
 import secrets
 import socket
 import warnings
-import weakref
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError, Executor, Future
 from contextlib import contextmanager, suppress
@@ -17,16 +16,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 from softness_bayes.errors import InputError, WorkersLostError
 from softness_bayes.files.json_text import parse_json
 from softness_bayes.files.outputs import require_directory
-from softness_bayes.files.whole import write_whole
 from softness_bayes.provenance import VERSION, versions
 
 if TYPE_CHECKING:
     from distributed import Client
 
 Result = TypeVar("Result")
-
-INSTALL = "pip install 'softness-bayes[dask]'"
-"""Command that installs the client of a cluster."""
 
 TIMEOUT = 10.0
 """Time [s] within which a scheduler must answer."""
@@ -36,9 +31,6 @@ JOINING = 5.0
 
 SCHEDULER = "at the scheduler"
 """Key of the scheduler's own report."""
-
-_NAMED = 3  # workers in a message
-_KINDS = ("tcp", "tls", "ws", "wss")  # of addresses with a host and a port
 
 
 class Worker(NamedTuple):
@@ -75,13 +67,9 @@ class Cluster(Executor):
         return self._client.submit(pickle.loads, content, key=f"softness-bayes-{digest}")
 
     def submit(self, work: Callable[..., Result], /, *task: Any, **named: Any) -> Future[Result]:
-        """Submit a task; its future fails with `WorkersLostError` if its workers were killed repeatedly."""
-        found: Future[Result] = Future()
-        running = self._executor.submit(_alike, self._versions, work, *task, **named)
-        pending = weakref.ref(running)  # the other way is strong: a cycle would keep every task until a collection
-        found.add_done_callback(lambda asked: _give_up(pending) if asked.cancelled() else None)
-        running.add_done_callback(lambda done: _pass_on(done, found))
-        return found
+        """Submit a task."""
+        future: Future[Result] = self._executor.submit(_on_worker, self._versions, work, *task, **named)
+        return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Disconnect from the cluster, which keeps running."""
@@ -105,18 +93,23 @@ def cluster(scheduler: str, directory: Path | None = None) -> Iterator[Cluster]:
     InputError
         If Dask is not installed, there is no such scheduler, it has no workers, or these have other versions or more
         than one thread each.
+    WorkersLostError
+        Inside the ``with`` block, if the workers of a task were killed repeatedly or the scheduler ended.
     """
+    try:
+        from distributed import KilledWorker
+        from distributed.comm import CommClosedError
+    except ImportError:
+        raise InputError("--dask needs Dask: pip install 'softness-bayes[dask]'") from None
     with _client(scheduler) as client:
-        missing = [path for path in (directory, *directory.parents) if not path.exists()] if directory else []
+        found = reports(client, directory)
+        require_workers(scheduler, found)
         try:
-            found = _workers(client, directory)
-            require_workers(scheduler, found)
-        except InputError:
-            for path in missing:  # made for the check alone
-                with suppress(OSError):
-                    path.rmdir()
-            raise
-        yield Cluster(client, directory is None or not strangers(found))
+            yield Cluster(client, not strangers(found))
+        except KilledWorker as error:
+            raise WorkersLostError(f"workers of the cluster died repeatedly at the same task: {error}") from None
+        except (CancelledError, CommClosedError) as error:
+            raise WorkersLostError(f"the cluster was lost ({error or 'its scheduler ended'})") from None
 
 
 def strangers(found: Mapping[str, Worker | BaseException]) -> list[str]:
@@ -124,7 +117,7 @@ def strangers(found: Mapping[str, Worker | BaseException]) -> list[str]:
     return [address for address, one in found.items() if isinstance(one, Worker) and not one.shares]
 
 
-def require_workers(scheduler: str, found: Mapping[str, Worker | BaseException]) -> None:
+def require_workers(scheduler: str, found: Mapping[str, Worker | BaseException], most: int = 3) -> None:
     """Raise an error for a cluster whose workers cannot be used.
 
     Parameters
@@ -133,6 +126,8 @@ def require_workers(scheduler: str, found: Mapping[str, Worker | BaseException])
         Its name, for messages.
     found
         Report of each worker by its address, or the error raised instead.
+    most
+        Largest number of workers in the message.
 
     Raises
     ------
@@ -143,44 +138,40 @@ def require_workers(scheduler: str, found: Mapping[str, Worker | BaseException])
         raise InputError(
             f"{scheduler}: the scheduler has no workers; start some, for example with 'dask worker --nthreads 1'"
         )
-    own = versions()
-    faults: dict[str, str] = {}
+    own, faults = versions(), []
     for address, one in found.items():
+        who = "the scheduler itself" if address == SCHEDULER else f"worker {address}"
         if isinstance(one, BaseException):
-            faults[address] = f"cannot run softness-bayes ({one})"
+            faults.append(f"{who} cannot run softness-bayes ({one})")
         elif differ := [name for name in own if one.versions.get(name) != own[name]]:
-            faults[address] = "has " + ", ".join(
-                f"{name.removeprefix(VERSION)} {one.versions.get(name)} (here {own[name]})" for name in differ
-            )
+            each = (f"{name.removeprefix(VERSION)} {one.versions.get(name)} (here {own[name]})" for name in differ)
+            faults.append(f"{who} has {', '.join(each)}")
         elif one.threads != 1:
-            faults[address] = f"has {one.threads} threads; start it with --nthreads 1, and more workers with --nworkers"
+            remedy = "start it with --nthreads 1, and more workers with --nworkers"
+            faults.append(f"{who} has {one.threads} threads; {remedy}")
     if faults:
-        said = [f"worker {address} {fault}" for address, fault in faults.items()]
-        shown = "; ".join(said[:_NAMED]).replace(f"worker {SCHEDULER}", "the scheduler itself")
-        more = f"; and {len(faults) - _NAMED} more" if len(faults) > _NAMED else ""
-        raise InputError(f"{scheduler}: {shown}{more}")
+        more = f"; and {len(faults) - most} more" if len(faults) > most else ""
+        raise InputError(f"{scheduler}: {'; '.join(faults[:most])}{more}")
 
 
 @contextmanager
 def _client(scheduler: str) -> Iterator[Client]:
+    from distributed import Client
+    from distributed.versions import VersionMismatchWarning
+
+    address = scheduler
+    if "://" not in scheduler and not Path(scheduler).is_file():
+        raise InputError(
+            f"{scheduler}: no such scheduler file; expected one, or an address such as tcp://10.0.0.1:8786"
+        )
     try:
-        from distributed import Client
-        from distributed.versions import VersionMismatchWarning
-    except ImportError:
-        raise InputError(f"--dask needs Dask: {INSTALL}") from None
-    asked: dict[str, Any] = {"address": scheduler}
-    if "://" not in scheduler:
-        if not Path(scheduler).is_file():
-            raise InputError(
-                f"{scheduler}: no such scheduler file; expected one, or an address such as tcp://10.0.0.1:8786"
-            )
-        asked = {"scheduler_file": scheduler}
-    try:
-        _knock(_address(scheduler))
+        if "://" not in scheduler:
+            address = str(parse_json(Path(scheduler).read_text(encoding="utf-8"))["address"])
+        _knock(address)
         with warnings.catch_warnings():
             # Dask's warning of other versions: they are refused, each by name
             warnings.simplefilter("ignore", VersionMismatchWarning)
-            client = Client(**asked, timeout=TIMEOUT, set_as_default=False)
+            client = Client(address, timeout=TIMEOUT, set_as_default=False)
     except (OSError, ValueError, KeyError, TypeError, ImportError, RuntimeError) as error:
         why = next(iter(str(error).splitlines()), type(error).__name__)
         raise InputError(
@@ -188,13 +179,6 @@ def _client(scheduler: str) -> Iterator[Client]:
         ) from None
     with client:
         yield client
-
-
-def _address(scheduler: str) -> str:
-    """Return the address of a scheduler, which may be the path of its file."""
-    if "://" in scheduler:
-        return scheduler
-    return str(parse_json(Path(scheduler).read_text(encoding="utf-8"))["address"])
 
 
 def _knock(address: str) -> None:
@@ -205,57 +189,55 @@ def _knock(address: str) -> None:
     from distributed.comm.addressing import parse_address, parse_host_port
 
     kind, place = parse_address(address)
-    if kind not in _KINDS:
-        raise ValueError(f"expected an address that begins with one of {', '.join(f'{one}://' for one in _KINDS)}")
+    if kind not in ("tcp", "tls", "ws", "wss"):  # those with a host and a port
+        raise ValueError("expected an address that begins with one of tcp://, tls://, ws://, wss://")
     with socket.create_connection(parse_host_port(place), TIMEOUT):
         pass
 
 
-def _workers(client: Client, directory: Path | None) -> dict[str, Worker | BaseException]:
-    """Return the report of every worker, or the error raised instead; those that died meanwhile are left out."""
+def reports(client: Client, directory: Path | None) -> dict[str, Worker | BaseException]:
+    """Return the report of every worker, or the error raised instead; those that died meanwhile are left out.
+
+    Whether workers see the directory is tested by a file in it, or in the folder in which it will be made.
+    """
     token, path = secrets.token_hex(8), None
     if directory is not None:
         require_directory(directory)
-        directory.mkdir(parents=True, exist_ok=True)
-        path = directory.resolve() / f".shared-{token}"
-        write_whole(path, token.encode("ascii"))
+        path = next(place for place in (directory, *directory.parents) if place.is_dir()).resolve() / f".shared-{token}"
+        path.write_text(token, encoding="ascii")
     try:
         with suppress(TimeoutError):
             client.wait_for_workers(1, timeout=JOINING)
-        reports = client.run(_report, None if path is None else str(path), token, on_error="return")
-        # a worker that cannot be reached gets no tasks; one that returns is checked with its first task
-        reports = {address: one for address, one in reports.items() if not isinstance(one, OSError)}
-        threads = client.nthreads()
-        found: dict[str, Worker | BaseException] = {}
-        if reports:  # the scheduler also unpickles the tasks
-            found[SCHEDULER] = _of_the_scheduler(client)
-        for address, one in reports.items():
-            failed = isinstance(one, BaseException)
-            found[address] = one if failed else Worker(one[0], one[1], threads.get(address, 1))
-        return found
+        answers = client.run(_report, None if path is None else str(path), token, on_error="return")
     finally:
         if path is not None:
             path.unlink(missing_ok=True)
-
-
-def _of_the_scheduler(client: Client) -> Worker | BaseException:
-    """Return the report of the scheduler, which needs no directory and runs no task, or its error."""
-    try:
-        return Worker(client.run_on_scheduler(versions), True, 1)
-    except Exception as error:
-        return error
+    threads = client.nthreads()
+    found: dict[str, Worker | BaseException] = {
+        address: one if isinstance(one, BaseException) else Worker(one[0], one[1], threads.get(address, 1))
+        for address, one in answers.items()
+        if not isinstance(one, OSError)  # a worker that cannot be reached gets no tasks until it returns
+    }
+    if found:  # the scheduler, which also unpickles the tasks, needs no directory and runs none
+        try:
+            found[SCHEDULER] = Worker(client.run_on_scheduler(versions), True, 1)
+        except Exception as error:
+            found[SCHEDULER] = error
+    return found
 
 
 def _report(path: str | None, token: str) -> tuple[dict[str, str], bool]:
-    """Return the versions of a worker, and whether it can read a file."""
-    seen = ""
+    """Return the versions of a worker, and whether it sees the file of the client, if there is one."""
+    seen = token
     if path is not None:
-        with suppress(OSError):
+        try:
             seen = Path(path).read_text(encoding="ascii")
+        except OSError:
+            seen = ""
     return versions(), seen == token
 
 
-def _alike(expected: Mapping[str, str], work: Callable[..., Result], *task: Any, **named: Any) -> Result:
+def _on_worker(expected: Mapping[str, str], work: Callable[..., Result], *task: Any, **named: Any) -> Result:
     """Run a task on a worker after checking its versions, because it may have joined after the first check.
 
     Dask is set to a single thread; otherwise xarray would request a lock from the scheduler to write a file in memory.
@@ -266,25 +248,3 @@ def _alike(expected: Mapping[str, str], work: Callable[..., Result], *task: Any,
         raise InputError(f"a worker has other versions than this process: {versions()}, expected {expected}")
     with dask.config.set(scheduler="synchronous"):
         return work(*task, **named)
-
-
-def _give_up(pending: weakref.ref[Future[Any]]) -> None:
-    """Cancel a task if it still exists."""
-    if (running := pending()) is not None:
-        running.cancel()
-
-
-def _pass_on(done: Future[Result], found: Future[Result]) -> None:
-    """Pass a task's result, or its error converted to an error of the toolkit, to another future."""
-    from distributed import KilledWorker
-
-    if not found.set_running_or_notify_cancel():
-        return
-    try:
-        found.set_result(done.result())
-    except KilledWorker as error:
-        found.set_exception(WorkersLostError(f"workers of the cluster died repeatedly at the same task: {error}"))
-    except (CancelledError, OSError) as error:
-        found.set_exception(WorkersLostError(f"the cluster was lost ({error or 'its scheduler ended'})"))
-    except BaseException as error:
-        found.set_exception(error)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.checking.pooling import LIMITS, Pooled, PopulationPrior, Separate, pool
+from softness_bayes.checking.pooling import Pooled, PopulationPrior, Separate, pool
 from softness_bayes.errors import InputError
 from softness_bayes.parameters.coordinates import HalfLine, Interval, coordinate_for
 from softness_bayes.parameters.declared import EVERY_PARAMETER, Parameter
@@ -55,15 +55,13 @@ class PooledParameter:
         name, kind = self.parameter.name, type(self.prior.scale)
         return {HalfLine: f"ln {name}", Interval: f"the log odds of {name}"}.get(kind, name)
 
-    @property
-    def spread_share(self) -> float:
-        """Posterior standard deviation of the spread, relative to that of its prior."""
-        every = self.prior.spread.quantile((np.arange(2000) + 0.5) / 2000)
-        return self.pooled.spread_sd / float(np.std(every))
-
     def natural(self, values: Array) -> Array:
         """Return values in natural units."""
         return self.prior.scale.natural(np.asarray(values, float))
+
+    def sound(self, values: Array | float) -> Array:
+        """Return numbers of the population, which are NaN if it is rejected."""
+        return np.asarray(values, float) * (np.nan if self.pooled.fault else 1.0)
 
     def sentence(self) -> str:
         """Describe the result, each number with its interval and Monte-Carlo error, or the reason why there is none."""
@@ -74,11 +72,10 @@ class PooledParameter:
         low, middle, high = (f"{value:.4g}" for value in self.natural(found.mean))
         new_low, _, new_high = (f"{value:.4g}" for value in self.natural(found.new))
         s_low, s_middle, s_high = (f"{value:.2g}" for value in found.spread)
-        hardly = (
-            f"; the tables say hardly more of the spread than its prior, {self.prior.spread}"
-            if self.spread_share > HARDLY
-            else ""
-        )
+        every = self.prior.spread.quantile((np.arange(2000) + 0.5) / 2000)
+        hardly = ""
+        if found.spread_sd > HARDLY * np.std(every):
+            hardly = f"; the tables say hardly more of the spread than its prior, {self.prior.spread}"
         return (
             f"{name}: population median {middle}{unit} (90 % interval {low} to {high}); spread between tables "
             f"{s_middle} of {self.scale} (90 % interval {s_low} to {s_high}){hardly}; in a further table {name} "
@@ -98,8 +95,7 @@ def pool_results(
     Parameters
     ----------
     results
-        Finished runs by the names of their tables, at least two, all with the same prior of each parameter. Each is
-        looked up once, so that a mapping that loads results on demand needs the memory of one.
+        Finished runs by the names of their tables, at least two, all with the same prior of each parameter.
     parameters
         Names; by default those of `USUAL` that are sampled in all.
     spreads
@@ -111,7 +107,13 @@ def pool_results(
         If there are fewer than two results, nothing to pool, or a parameter is not sampled in all under the same prior.
     """
     require_parameters((*parameters, *(spreads or {})))
-    drawn = {table: _drawn(result, parameters or USUAL) for table, result in results.items()}
+    return pool_draws({table: draws_of(result, parameters) for table, result in results.items()}, parameters, spreads)
+
+
+def pool_draws(
+    drawn: Mapping[str, Mapping[str, Draws]], parameters: Sequence[str], spreads: Mapping[str, Prior] | None
+) -> dict[str, PooledParameter]:
+    """Pool the draws of each table (`draws_of`); other arguments and errors as for `pool_results`."""
     chosen = tuple(parameters) or tuple(one for one in USUAL if all(one in of_table for of_table in drawn.values()))
     if not chosen:
         raise InputError(f"study: none of {', '.join(USUAL)} is sampled in every table; name parameters to pool")
@@ -159,7 +161,7 @@ def population_of(name: str, prior: Prior, spread: Prior | None = None) -> Popul
     return PopulationPrior(mean, spread, scale)
 
 
-class _Drawn(NamedTuple):
+class Draws(NamedTuple):
     """A parameter of one result: what pooling needs of it."""
 
     prior: Prior
@@ -174,20 +176,20 @@ class _Drawn(NamedTuple):
         return Separate(z, self.log_prior + prior.scale.log_slope(z), min(self.effective, float(z.size)))
 
 
-def _drawn(result: Result, names: Sequence[str]) -> dict[str, _Drawn]:
-    """Return those of some parameters that a result has sampled."""
+def draws_of(result: Result, names: Sequence[str] = ()) -> dict[str, Draws]:
+    """Return those of some parameters, by default of `USUAL`, that a result has sampled."""
     posterior, log_prior, found = result.group("posterior"), result.group("log_prior"), {}
-    for name in names:
+    for name in names or USUAL:
         if name in posterior:
             some = slice(None, None, -(-posterior[name].size // DRAWS))
             # copies, because views would keep all draws in memory
             values, density = (group[name].values.ravel()[some].copy() for group in (posterior, log_prior))
             effective = float(result.table.loc[name, "ess_bulk"])  # type: ignore[arg-type]
-            found[name] = _Drawn(result.provenance.priors[name], values, density, effective)
+            found[name] = Draws(result.provenance.priors[name], values, density, effective)
     return found
 
 
-def _prior(drawn: Mapping[str, Mapping[str, _Drawn]], name: str) -> Prior:
+def _prior(drawn: Mapping[str, Mapping[str, Draws]], name: str) -> Prior:
     """Return the prior of a parameter, which must be the same in all results."""
     priors = {table: of_table[name].prior for table, of_table in drawn.items()}
     first, *others = priors
@@ -204,49 +206,46 @@ def individual_table(pooled: Mapping[str, PooledParameter]) -> pd.DataFrame:
     """Return a row per parameter and table: its interval separately and in the population, and its weights."""
     import pandas as pd
 
-    rows = []
-    for name, one in pooled.items():
-        for table, found in one.pooled.tables.items():
-            shrunken = found.shrunken if not one.pooled.fault else np.full(len(LIMITS), np.nan)
-            rows.append(
-                {
-                    "parameter": name,
-                    "table": table,
-                    **_named("separate", one.natural(found.separate)),
-                    **_named("shrunken", one.natural(shrunken)),
-                    "effective_draws": found.effective,
-                    "largest_weight": found.largest,
-                    "pareto_k": found.pareto_k,
-                }
-            )
-    return pd.DataFrame(rows)
+    return pd.DataFrame(
+        [
+            {
+                "parameter": name,
+                "table": table,
+                **_named("separate", one.natural(found.separate)),
+                **_named("shrunken", one.natural(one.sound(found.shrunken))),
+                "effective_draws": found.effective,
+                "largest_weight": found.largest,
+                "pareto_k": found.pareto_k,
+            }
+            for name, one in pooled.items()
+            for table, found in one.pooled.tables.items()
+        ]
+    )
 
 
 def population_table(pooled: Mapping[str, PooledParameter]) -> pd.DataFrame:
     """Return a row per parameter: median, spread, a further table, Monte-Carlo errors, priors; or the fault."""
     import pandas as pd
 
-    rows = []
-    for name, one in pooled.items():
-        found = one.pooled
-        shown = not found.fault
-        rows.append(
+    return pd.DataFrame(
+        [
             {
                 "parameter": name,
                 "unit": one.parameter.unit,
-                "tables": len(found.tables),
-                **_named("median", one.natural(found.mean) if shown else np.full(3, np.nan)),
-                **_named("spread", found.spread if shown else np.full(3, np.nan)),
-                **_named("further", one.natural(found.new) if shown else np.full(3, np.nan)),
-                "median_mcse": found.mean_mcse if shown else np.nan,
-                "spread_mcse": found.spread_mcse if shown else np.nan,
+                "tables": len(one.pooled.tables),
+                **_named("median", one.natural(one.sound(one.pooled.mean))),
+                **_named("spread", one.sound(one.pooled.spread)),
+                **_named("further", one.natural(one.sound(one.pooled.new))),
+                "median_mcse": float(one.sound(one.pooled.mean_mcse)),
+                "spread_mcse": float(one.sound(one.pooled.spread_mcse)),
                 "scale": one.scale,
                 "prior_median": str(one.prior.mean),
                 "prior_spread": str(one.prior.spread),
-                "fault": found.fault,
+                "fault": one.pooled.fault,
             }
-        )
-    return pd.DataFrame(rows)
+            for name, one in pooled.items()
+        ]
+    )
 
 
 def _named(name: str, ends: Array) -> dict[str, float]:

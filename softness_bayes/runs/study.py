@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,11 +26,12 @@ from softness_bayes.readable import some_of
 from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
 from softness_bayes.results.run_options import RunOptions
-from softness_bayes.runs.batch import batch, read_asked
+from softness_bayes.runs.batch import batch, write_asked
 from softness_bayes.runs.population import (
     PooledParameter,
+    draws_of,
     individual_table,
-    pool_results,
+    pool_draws,
     population_table,
     require_parameters,
 )
@@ -69,8 +70,22 @@ class Study:
     outcomes: tuple[TableOutcome, ...]
     populations: Mapping[str, PooledParameter]
     directory: Path
-    tables: pd.DataFrame = field(repr=False)
-    """A row per table: table, outcome, run (its directory from here), said."""
+
+    @property
+    def tables(self) -> pd.DataFrame:
+        """A row per table: table, outcome, run (its directory from here, if there is one), said."""
+        import pandas as pd
+
+        rows = [
+            {
+                "table": one.table,
+                "outcome": one.outcome,
+                "run": f"{RUNS}/{one.table}" if (self.directory / RUNS / one.table).is_dir() else "",
+                "said": one.said,
+            }
+            for one in self.outcomes
+        ]
+        return pd.DataFrame(rows)
 
     def named(self, outcome: str) -> list[str]:
         """Return the names of the tables with an outcome."""
@@ -102,7 +117,7 @@ class Study:
 
     def report(self) -> str:
         """Return the report in Markdown."""
-        parts = ["# Study", "", *(f"- {sentence}" for sentence in self.sentences())]
+        parts, table = ["# Study", "", *(f"- {sentence}" for sentence in self.sentences())], self.individual
         for name, one in self.populations.items():
             unit = "" if one.parameter.unit == "–" else f" [{one.parameter.unit}]"
             parts += ["", f"## {name}{unit}: {one.parameter.meaning}", ""]
@@ -110,7 +125,6 @@ class Study:
                 "| table | separately | in the population | effective draws | Pareto k |",
                 "|---|---|---|---|---|",
             ]
-            table = self.individual
             for _, row in table[table["parameter"] == name].iterrows():
                 both = (_interval(row, "separate"), _interval(row, "shrunken"))
                 cells = (row["table"], *both, f"{row['effective_draws']:.0f}", f"{row['pareto_k']:.2f}")
@@ -196,35 +210,23 @@ def study(
     if not tables and not refused:
         raise InputError("study: there is no table")
     require_outputs(directory, MADE, STUDY)
-    (directory / RUNS).mkdir(parents=True, exist_ok=True)
+    runs = directory / RUNS
+    runs.mkdir(parents=True, exist_ok=True)
     found = {name: TableOutcome(name, REFUSED, why) for name, why in refused.items()}
     processes = min(request.run.processes or available_processors(), max(len(tables), 1))
-    with batch(directory, len(tables)), Workers(request, processes, executor) as workers:
-        for one in fit_tables(workers, request, tables, directory / RUNS, kept or {}, executor):
+    with batch(directory), Workers(request, processes, executor) as workers:
+        before = sum((runs / name / POSTERIOR).is_file() for name in tables)
+        write_asked(directory, len(tables) + len(refused), before)
+        for one in fit_tables(workers, request, tables, runs, kept or {}, executor):
             found[one.table] = one
             if progress is not None:
                 progress(len(found), one)
-    return _pooled({name: found[name] for name in sorted(found)}, directory, pool, spreads)
-
-
-def _pooled(
-    found: Mapping[str, TableOutcome], directory: Path, pool: Sequence[str], spreads: Mapping[str, Prior] | None
-) -> Study:
-    """Return the study of finished fits."""
-    import pandas as pd
-
-    good = [name for name, one in found.items() if one.outcome == CONVERGED]
-    populations = pool_results(_Stored(directory / RUNS, good), pool, spreads) if len(good) >= LEAST_TABLES else {}
-    rows = [
-        {
-            "table": name,
-            "outcome": one.outcome,
-            "run": f"{RUNS}/{name}" if (directory / RUNS / name).is_dir() else "",
-            "said": one.said,
-        }
-        for name, one in found.items()
-    ]
-    return Study(tuple(found.values()), populations, directory, pd.DataFrame(rows))
+    good, populations = [name for name in sorted(found) if found[name].outcome == CONVERGED], {}
+    if len(good) >= LEAST_TABLES:
+        # one result at a time: thousands would not fit into memory
+        drawn = {name: draws_of(Result.load(runs / name), pool) for name in good}
+        populations = pool_draws(drawn, pool, spreads)
+    return Study(tuple(found[name] for name in sorted(found)), populations, directory)
 
 
 def refused_tables(directory: Path) -> list[str]:
@@ -236,38 +238,6 @@ def refused_tables(directory: Path) -> list[str]:
         return [row["table"] for row in csv.DictReader(file) if row.get("outcome") == REFUSED]
 
 
-def seconds_left(directory: Path, done: Iterable[str], tables: int) -> float:
-    """Return the estimated remaining time [s] of a study, as `Asked.seconds_left`.
-
-    Parameters
-    ----------
-    directory
-        Directory of the study.
-    done
-        Names of the runs that have ended.
-    tables
-        Number of tables that are fitted.
-    """
-    ended = [(directory / RUNS / name / POSTERIOR).stat().st_mtime for name in done]
-    return read_asked(directory).seconds_left(ended, tables - len(ended))
-
-
-class _Stored(Mapping[str, Result]):
-    """Results of a study, each loaded when it is looked up and not kept: thousands would not fit into memory."""
-
-    def __init__(self, home: Path, names: Sequence[str]) -> None:
-        self._home, self._names = home, names
-
-    def __getitem__(self, name: str) -> Result:
-        return Result.load(self._home / name)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._names)
-
-    def __len__(self) -> int:
-        return len(self._names)
-
-
 def _forest(name: str, one: PooledParameter) -> Forest:
     """Return the data of the figure for one parameter."""
     found = one.pooled
@@ -275,16 +245,10 @@ def _forest(name: str, one: PooledParameter) -> Forest:
         one.natural(np.column_stack([getattr(table, kind) for table in found.tables.values()]))
         for kind in ("separate", "shrunken")
     )
-    shown = not found.fault
-    return Forest(
-        name,
-        one.parameter.label,
-        tuple(found.tables),
-        separate,
-        shrunken if shown else None,
-        one.natural(found.mean) if shown else None,
-        one.natural(found.new) if shown else None,
-    )
+    forest = Forest(name, one.parameter.label, tuple(found.tables), separate)
+    if found.fault:
+        return forest
+    return forest._replace(shrunken=shrunken, population=one.natural(found.mean), new=one.natural(found.new))
 
 
 def _interval(row: Any, name: str) -> str:

@@ -10,10 +10,10 @@ import tempfile
 import time
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from concurrent.futures import Executor
 from dataclasses import replace
-from pathlib import Path, PurePosixPath, PureWindowsPath
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,9 +22,9 @@ from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.checkpoints.identity import identity
 from softness_bayes.checkpoints.status import Status, read_status
 from softness_bayes.data import Compression, Experiment
-from softness_bayes.errors import InputError, LockedError, ResourceError, SoftnessError, quoted
+from softness_bayes.errors import LockedError, ResourceError, SoftnessError
 from softness_bayes.files.lock import Lock
-from softness_bayes.files.run_files import CHECKPOINT, LOCK, MANIFEST, MANIFEST_COPY, POSTERIOR
+from softness_bayes.files.run_files import CHECKPOINT, LOCK, MANIFEST, POSTERIOR
 from softness_bayes.files.whole import is_part, write_whole
 from softness_bayes.provenance import versions
 from softness_bayes.results.request import Request
@@ -34,12 +34,6 @@ from softness_bayes.sampler.workers import Workers, shares_files
 
 CONVERGED, UNCONVERGED, REFUSED = "converged", "not converged", "refused"
 """Possible outcomes of a table."""
-
-SLICE = 300.0
-"""Longest time [s] that a task samples before it returns the state of its run, which another task continues.
-
-A killed worker, or a killed client, loses at most the tasks that were running.
-"""
 
 WAIT = 1.0
 """Time [s] between two checks of a directory in use by another process."""
@@ -59,6 +53,22 @@ class Kept(NamedTuple):
 
     files: dict[str, Any]
     figures: bool
+
+
+class Fit(NamedTuple):
+    """Task of one table."""
+
+    table: str
+    """Its name."""
+    data: Experiment | Compression
+    directory: str
+    """Directory of the run on the client."""
+    kept: Kept | None
+    patient: bool = False
+    """Whether to wait for another process in the directory to end: on a cluster it may be a task that is still running
+    although its client was killed."""
+    files: bytes | None = None
+    """Archive of the files of the run (`packed`), for a worker that does not share the directory."""
 
 
 def fit_tables(
@@ -86,72 +96,76 @@ def fit_tables(
     executor
         Executor of the workers, if there is one.
     """
-    if shares_files(executor):
-        home = runs if executor is None else runs.resolve()
-        tasks = [(name, data, str(home / name), kept.get(name), executor is not None) for name, data in tables.items()]
-        yield from workers.as_finished(fit_table, tasks)
-        return
-    waiting = []
-    for name in tables:
-        try:
-            if _needs_steps(runs / name, request):
-                waiting.append(name)
-            else:
-                yield fit_table(request, name, tables[name], str(runs / name), kept.get(name), False)
-        except SoftnessError as error:
-            yield TableOutcome(name, REFUSED, str(error))
-    before = 0.0
-    while waiting:
-        sent = [(name, tables[name], str(runs / name), kept.get(name), packed(runs / name), before) for name in waiting]
-        waiting, before = [], before + SLICE
-        for outcome, files, ended in workers.as_finished(fit_slice, sent):
-            unpack(files, runs / outcome.table)
-            if ended:
-                yield outcome
-            else:
-                waiting.append(outcome.table)
+    tasks = []
+    home = runs if executor is None else runs.resolve()
+    for name, data in tables.items():
+        fit = Fit(name, data, str(home / name), kept.get(name), executor is not None and shares_files(executor))
+        if not shares_files(executor):
+            try:
+                if not _needs_steps(home / name, request):
+                    yield fit_table(request, fit)[0]
+                    continue
+                fit = fit._replace(files=packed(home / name))
+            except SoftnessError as error:
+                yield TableOutcome(name, REFUSED, str(error))
+                continue
+        tasks.append((fit,))
+    for outcome, files in workers.as_finished(fit_table, tasks):
+        unpack(files, runs / outcome.table)
+        yield outcome
 
 
-def fit_table(
-    request: Request, name: str, data: Experiment | Compression, directory: str, kept: Kept | None, patient: bool
-) -> TableOutcome:
-    """Fit one table in its directory, continuing an existing run; errors of the table become its outcome.
+def fit_table(request: Request, fit: Fit) -> tuple[TableOutcome, bytes]:
+    """Fit one table, continuing an existing run; errors of the table become its outcome.
 
-    If `patient`, wait for another process in that directory to end: on a cluster it may be a task that is still running
-    although its client was killed.
+    Returns
+    -------
+    tuple
+        The outcome, and the archive of the files if the worker does not share the directory.
     """
+    if fit.files is None:
+        return _outcome(request, fit, Path(fit.directory)), b""
+    with tempfile.TemporaryDirectory() as place:
+        home = Path(place) / fit.table
+        unpack(fit.files, home)
+        outcome = _outcome(request, fit, home)
+        return outcome._replace(said=outcome.said.replace(str(home), fit.directory)), packed(home)
+
+
+def _outcome(request: Request, fit: Fit, directory: Path) -> TableOutcome:
     while True:
         try:
-            return _fit(request, name, data, Path(directory), kept)
+            return _fitted(request, fit, directory)
         except ResourceError:
             raise
-        except LockedError as error:
-            if not patient:
-                return TableOutcome(name, REFUSED, str(error))
-            time.sleep(WAIT)
         except SoftnessError as error:
-            return TableOutcome(name, REFUSED, str(error))
+            if not (fit.patient and isinstance(error, LockedError)):
+                return TableOutcome(fit.table, REFUSED, str(error))
+            time.sleep(WAIT)
 
 
-def _fit(
-    request: Request, name: str, data: Experiment | Compression, directory: Path, kept: Kept | None
-) -> TableOutcome:
-    model = model_of(data, request.model)
-    run = replace(request.run, seed=seed_of(request.run.seed, name), processes=1)
+def _fitted(request: Request, fit: Fit, directory: Path) -> TableOutcome:
+    model = model_of(fit.data, request.model)
+    run = replace(request.run, seed=seed_of(request.run.seed, fit.table), processes=1)
     asked = Request(model.options, run)
-    begun = (directory / CHECKPOINT / MANIFEST).exists()
-    with Checkpoint.open(directory) if begun else Checkpoint.create(directory) as checkpoint:
+    with _checkpoint(directory) as checkpoint:
         status = checkpoint.status
         if status is not None and status.written and (directory / POSTERIOR).is_file():
-            checkpoint.require_same(identity(data, model.posterior, run.settings, asked.choices()))
+            checkpoint.require_same(identity(fit.data, model.posterior, run.settings, asked.choices()))
             if (verdict := final_verdict(status, run.max_steps)) is not None:
-                return TableOutcome(name, CONVERGED if verdict.converged else UNCONVERGED, verdict.sentence())
-        if kept is not None:
-            record = {"files": kept.files, "options": asked.record(), "figures": kept.figures}
+                return TableOutcome(fit.table, CONVERGED if verdict.converged else UNCONVERGED, verdict.sentence())
+        if fit.kept is not None:
+            record = {"files": fit.kept.files, "options": asked.record(), "figures": fit.kept.figures}
             checkpoint.request = {**record, "versions": versions()}
-        figures = () if kept is not None and kept.figures else None
+        figures = () if fit.kept is not None and fit.kept.figures else None
         ending = sample_kept(checkpoint, model, run, figures).provenance.ending
-    return TableOutcome(name, CONVERGED if ending.converged else UNCONVERGED, ending.verdict)
+    return TableOutcome(fit.table, CONVERGED if ending.converged else UNCONVERGED, ending.verdict)
+
+
+def _checkpoint(directory: Path) -> Checkpoint:
+    """Return the checkpoint of a run to continue, or of a new one."""
+    begun = (directory / CHECKPOINT / MANIFEST).exists()
+    return Checkpoint.open(directory) if begun else Checkpoint.create(directory)
 
 
 def final_verdict(status: Status, max_steps: int) -> Verdict | None:
@@ -165,53 +179,11 @@ def seed_of(seed: int, table: str) -> int:
     return int(np.random.SeedSequence((seed, zlib.crc32(table.encode()))).generate_state(1)[0])
 
 
-def fit_slice(
-    request: Request,
-    name: str,
-    data: Experiment | Compression,
-    directory: str,
-    kept: Kept | None,
-    files: bytes,
-    before: float,
-) -> tuple[TableOutcome, bytes, bool]:
-    """Fit one table for at most `SLICE` seconds in a temporary directory, from the files of its run.
-
-    Parameters
-    ----------
-    request, name, data, kept
-        As for `fit_table`.
-    directory
-        Directory of the run on the client, for messages.
-    files
-        Archive of the files of the run to continue (`packed`).
-    before
-        Time that earlier tasks have spent on it [s].
-
-    Returns
-    -------
-    tuple
-        The outcome, an archive of the files, and False if another task must continue the run.
-    """
-    left = request.run.max_seconds - before
-    run = replace(request.run, max_seconds=min(left, SLICE))
-    with tempfile.TemporaryDirectory() as place:
-        home = Path(place) / name
-        unpack(files, home)
-        outcome = fit_table(request._replace(run=run), name, data, str(home), kept, False)
-        outcome = outcome._replace(said=outcome.said.replace(str(home), directory))
-        ended = outcome.outcome != UNCONVERGED or left <= SLICE
-        if not ended:
-            status = read_status(home)
-            ended = not status.piloting and status.steps >= status.max_steps
-        return outcome, packed(home), ended
-
-
 def _needs_steps(home: Path, request: Request) -> bool:
     """Return whether a run needs further steps; raise an error if it cannot be written to its directory."""
-    begun = (home / CHECKPOINT / MANIFEST).exists()
-    with Checkpoint.open(home) if begun else Checkpoint.create(home):
+    with _checkpoint(home):
         pass
-    if not begun or not (home / POSTERIOR).is_file():
+    if not (home / CHECKPOINT / MANIFEST).exists() or not (home / POSTERIOR).is_file():
         return True
     status = read_status(home)
     return not status.written or final_verdict(status, request.run.max_steps) is None
@@ -237,37 +209,13 @@ def unpack(files: bytes, directory: Path) -> None:
     files
         An archive of `packed`, or nothing.
     directory
-        Directory of the run; files of its checkpoint that are not in the archive are removed.
-
-    Raises
-    ------
-    InputError
-        If a name in the archive is not that of a file below the directory; nothing is then written.
+        Directory of the run.
     """
     if not files:
         return
-    home = directory / CHECKPOINT
-    with zipfile.ZipFile(io.BytesIO(files)) as archive:
-        last = (f"{CHECKPOINT}/{MANIFEST}", f"{CHECKPOINT}/{MANIFEST_COPY}")  # they name the valid files
-        names = sorted(archive.namelist(), key=lambda name: (name in last, name))
-        for name in names:
-            if not _is_below(name):
-                raise InputError(f"{directory}: a worker returned a file named {quoted(name)}, expected one below it")
-        home.mkdir(parents=True, exist_ok=True)
-        with Lock(home / LOCK):
-            _write_all(archive, names, directory)
-
-
-def _is_below(name: str) -> bool:
-    """Return whether a name in an archive stays below the directory of the archive, on any system."""
-    path, elsewhere = PurePosixPath(name), PureWindowsPath(name)
-    return bool(path.parts) and ".." not in elsewhere.parts and not (path.is_absolute() or elsewhere.anchor)
-
-
-def _write_all(archive: zipfile.ZipFile, names: Sequence[str], directory: Path) -> None:
-    for name in names:
-        (directory / name).parent.mkdir(parents=True, exist_ok=True)
-        write_whole(directory / name, archive.read(name))
-    for path in (directory / CHECKPOINT).iterdir():
-        if path.is_file() and path.name != LOCK and f"{CHECKPOINT}/{path.name}" not in names:
-            path.unlink()
+    (directory / CHECKPOINT).mkdir(parents=True, exist_ok=True)
+    with zipfile.ZipFile(io.BytesIO(files)) as archive, Lock(directory / CHECKPOINT / LOCK):
+        # the manifest, which names the valid files, comes last
+        for name in sorted(archive.namelist(), key=lambda name: (Path(name).name == MANIFEST, name)):
+            (directory / name).parent.mkdir(parents=True, exist_ok=True)
+            write_whole(directory / name, archive.read(name))

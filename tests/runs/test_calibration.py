@@ -32,8 +32,8 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.plotting.checks import rank_ecdf_figure
 from softness_bayes.runs import replicate as replicates
-from softness_bayes.runs.calibrated import LONG
-from softness_bayes.runs.calibration_scene import CalibrationScene
+from softness_bayes.runs.calibrate import CalibrationScene
+from softness_bayes.runs.rank_table import LONG
 from softness_bayes.runs.replicate import (
     LOG_LIKELIHOOD,
     PARTICIPANT,

@@ -21,11 +21,25 @@ from softness_bayes.model import understanding
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.results.request import Request
 from softness_bayes.results.run_options import RunOptions
-from softness_bayes.runs import calibrated as directories
 from softness_bayes.runs.batch import ASKED, LOCK, read_asked, write_asked
-from softness_bayes.runs.calibrate import RANKED, calibrate, calibrate_like, finished, posterior_problem, prior_problem
-from softness_bayes.runs.calibrated import MANIFEST, RANKS, REPLICATES, Calibrated, progress_of, write_replicate
-from softness_bayes.runs.calibration_scene import CalibrationScene
+from softness_bayes.runs.calibrate import (
+    RANKED,
+    CalibrationScene,
+    calibrate,
+    calibrate_like,
+    finished,
+    posterior_problem,
+    prior_problem,
+)
+from softness_bayes.runs.rank_table import (
+    MANIFEST,
+    RANKS,
+    Calibrated,
+    progress_of,
+    rank_table,
+    read_replicates,
+    write_replicates,
+)
 from softness_bayes.runs.replicate import (
     LOG_LIKELIHOOD,
     PARTICIPANT,
@@ -79,19 +93,22 @@ def whole(home):
 @pytest.fixture
 def stored(home, tmp_path):
     """The first two of them, as a stored result has them: settings and ranks alone."""
-    shutil.copytree(home, tmp_path / "first")
-    (tmp_path / "first" / REPLICATES / "00002.json").unlink()
-    run(tmp_path / "first", 2)
-    (tmp_path / "stored").mkdir()
-    for name in (MANIFEST, RANKS):
-        shutil.copy(tmp_path / "first" / name, tmp_path / "stored")
+    kept(home, tmp_path / "stored", 0, 1)
+    (tmp_path / "stored" / ".softness-bayes.json").unlink()
     return tmp_path / "stored"
+
+
+def kept(home, directory, *indices):
+    """Make a calibration of which some replicates are left, as if it had been interrupted."""
+    directory.mkdir()
+    shutil.copy(home / MANIFEST, directory)
+    write_replicates(directory, {k: one for k, one in read_replicates(home).items() if k in indices})
 
 
 def test_an_interrupted_calibration_continues(whole, tmp_path):
     first, fitted = run(tmp_path, 2)
     assert fitted == [1, 2]
-    leftover = tmp_path / REPLICATES / f".softness-bayes-{0:032x}.part"
+    leftover = tmp_path / f".softness-bayes-{0:032x}.part"
     leftover.write_text("{")  # of a process that was killed
     more, fitted = run(tmp_path, 3, processes=2)
     assert fitted == [3]
@@ -103,18 +120,10 @@ def test_an_interrupted_calibration_continues(whole, tmp_path):
     assert (fitted, [*fewer.replicates]) == ([], [0])
 
 
-class Elsewhere(ThreadPoolExecutor):
-    """An executor whose workers are said not to share the directory."""
-
-    shares_files = False
-
-
-@pytest.mark.parametrize("kind", [ThreadPoolExecutor, Elsewhere])
-def test_ranks_do_not_depend_on_what_runs_them(home, whole, tmp_path, kind):
-    with kind(2) as executor:
+def test_ranks_do_not_depend_on_what_runs_them(home, whole, tmp_path):
+    with ThreadPoolExecutor(2) as executor:
         assert run(tmp_path, 3, executor=executor)[0].replicates == whole.replicates
-    for path in (home / REPLICATES).iterdir():
-        assert (tmp_path / REPLICATES / path.name).read_bytes() == path.read_bytes()
+    assert (tmp_path / RANKS).read_bytes() == (home / RANKS).read_bytes()
 
 
 def test_another_calibration_is_not_continued(home, tmp_path):
@@ -129,9 +138,6 @@ def test_another_calibration_is_not_continued(home, tmp_path):
     ):
         with pytest.raises(InputError, match=said):
             run(tmp_path, 2, **options)
-    (tmp_path / REPLICATES / "00000.json").write_text('{"names": ["gamma"]}')
-    with pytest.raises(InputError, match=r"00000\.json: not the file of a replicate"):
-        run(tmp_path, 1)
     (tmp_path / MANIFEST).write_text("no JSON")
     with pytest.raises(InputError, match=r"manifest\.json: not the file of a calibration"):
         run(tmp_path, 1)
@@ -194,32 +200,13 @@ def test_replicates_of_other_fits_are_named_in_the_verdict(stored, whole, tmp_pa
     assert [one.earlier for one in done.replicates.values()] == [short, short, ()]
     assert [done.replicates[k]._replace(earlier=()) for k in (0, 1)] == [whole.replicates[k] for k in (0, 1)]
     assert "; 2 were fitted earlier with other settings of max_steps)" in done.sentence()
-    # neither a second call nor a third calibration forgets it, whether it reads files or the table of ranks
+    # neither a second call nor a third calibration forgets it
     again, fitted = run(tmp_path / "out", 3, LONGER, earlier=stored)
     assert (fitted, again.replicates) == ([], done.replicates)
-    shutil.rmtree(tmp_path / "out" / REPLICATES)
     fourth, _ = run(tmp_path / "fourth", 3, replace(LONGER, max_steps=50), earlier=tmp_path / "out")
     assert [one.earlier for one in fourth.replicates.values()] == [short, short, long]
     fifth, _ = run(tmp_path / "fifth", 3, BRIEF, earlier=tmp_path / "out")
     assert [one.earlier for one in fifth.replicates.values()] == [(), (), long]
-
-
-def test_a_crash_while_replicates_are_taken(stored, whole, tmp_path, monkeypatch):
-    write = directories.write_replicate
-
-    def killed(directory, index, one):
-        if index == 1:
-            raise KeyboardInterrupt
-        write(directory, index, one)
-
-    monkeypatch.setattr(directories, "write_replicate", killed)
-    with pytest.raises(KeyboardInterrupt):
-        run(tmp_path / "out", 2, LONGER, earlier=stored)
-    monkeypatch.undo()
-    done, fitted = run(tmp_path / "out", 2, LONGER)
-    assert fitted == [2]
-    assert done.replicates[0]._replace(earlier=()) == whole.replicates[0]
-    assert [bool(one.earlier) for one in done.replicates.values()] == [True, False]
 
 
 def test_another_problem_is_refused(stored, tmp_path):
@@ -276,9 +263,9 @@ def test_replicates_that_ran_longer_or_did_not_converge_are_counted_and_kept():
     late = Calibrated(even | {7: made_up(7, steps=9000), 8: made_up(8, converged=False)})
     assert late.passed
     assert "(1 ran longer than 2000 steps, 1 did not converge and was ranked by chains through" in late.sentence()
-    assert len(late.ranks()) == 100
+    assert len(rank_table(late.replicates)) == 100
     # the parameter tau and the autocorrelation time are two columns
-    named = Calibrated({0: made_up(3)._replace(names=("tau",))}).ranks()
+    named = rank_table({0: made_up(3)._replace(names=("tau",))})
     assert named.loc[0, ["tau", "autocorrelation_time"]].tolist() == [3, 5.0]
     wrong = Calibrated({k: made_up(99) for k in range(100)})
     assert wrong.sentence().startswith("Not calibrated: 100 replicates")
@@ -321,9 +308,7 @@ def test_what_is_finished_can_be_judged_and_the_rest_is_named(home, whole, tmp_p
     problem = prior_problem(FakeCalibration(), ModelOptions(), RunOptions(), BRIEF)
     with pytest.raises(InputError, match="no finished replicate of a calibration"):
         finished(problem, 2, tmp_path / "none")
-    shutil.copytree(home, tmp_path / "a")
-    for k in (0, 2):
-        (tmp_path / "a" / REPLICATES / f"0000{k}.json").unlink()
+    kept(home, tmp_path / "a", 1)
     found = finished(problem, 3, tmp_path / "a")
     assert found.replicates == {1: whole.replicates[1]}
     assert found.unfinished == (0, 2)
@@ -378,7 +363,7 @@ def test_the_command_from_end_to_end(tmp_path):
     done = call(*arguments, "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     assert "Too few replicates: 1 replicate (0 ran longer than 2000 steps, 1 did not converge and was" in done.stdout
-    made = {ASKED, MANIFEST, REPLICATES, RANKS, "coverage.csv", "verdict.txt", "ecdf.png", ".softness-bayes.json"}
+    made = {ASKED, MANIFEST, RANKS, "coverage.csv", "verdict.txt", "ecdf.png", ".softness-bayes.json"}
     assert {path.name for path in (tmp_path / "out").iterdir()} == made
     assert json.loads((tmp_path / "out" / MANIFEST).read_text())["goal"] == str(RANKED)
     other = call(*arguments, "--seed", 4, "--out", tmp_path / "out")
@@ -410,14 +395,12 @@ def test_what_a_design_can_tell_is_said_and_nothing_is_written(tmp_path, monkeyp
 @pytest.fixture
 def three_of_five(tmp_path):
     """Two from an earlier call, and one that took four seconds."""
-    (tmp_path / REPLICATES).mkdir()
     (tmp_path / MANIFEST).write_text("{}")
-    write_asked(tmp_path, 5)
+    write_asked(tmp_path, 5, 2)
+    write_replicates(tmp_path, {k: Replicate(("b",), (3,), (1.0,), 400, 5.0, k != 1) for k in range(3)})
     now = time.time()
     os.utime(tmp_path / ASKED, (now, now))
-    for index, after in enumerate((-20.0, -10.0, 4.0)):
-        write_replicate(tmp_path, index, Replicate(("b",), (3,), (1.0,), 400, 5.0, index != 1))
-        os.utime(tmp_path / REPLICATES / f"{index:05d}.json", (now + after, now + after))
+    os.utime(tmp_path / RANKS, (now + 4.0, now + 4.0))
     return tmp_path
 
 
@@ -431,7 +414,7 @@ def test_status_of_a_calibration(three_of_five):
     interrupted = call("status", three_of_five)
     assert interrupted.returncode == 0
     assert "no process is running it; the same 'softness-bayes calibrate' runs the other 2" in interrupted.stdout
-    write_asked(three_of_five, 3)
+    write_asked(three_of_five, 3, 3)
     said = call("status", three_of_five).stdout
     assert "3 of 3 replicates are finished" in said
     assert "interrupted" not in said

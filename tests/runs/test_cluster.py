@@ -23,6 +23,7 @@ from softness_bayes.model.simulation import simulate_compression
 from softness_bayes.provenance import versions
 from softness_bayes.runs import cluster as clusters
 from softness_bayes.runs.cluster import SCHEDULER, Worker, cluster, require_workers, strangers
+from softness_bayes.runs.rank_table import RANKS, read_replicates
 from softness_bayes.sampler.workers import Workers
 from softness_bayes.touch.readings import MENDED, NAMED_READINGS
 from support.command_line import call, refused
@@ -254,7 +255,7 @@ class WithDeadWorker:
 
 
 def test_workers_that_die_while_they_are_asked_are_left_out(tmp_path):
-    found = clusters._workers(WithDeadWorker("tcp://dead"), tmp_path)
+    found = clusters.reports(WithDeadWorker("tcp://dead"), tmp_path)
     assert {*found} == {SCHEDULER, "tcp://alive"}
     require_workers("s", found)
     assert not strangers(found)
@@ -318,7 +319,7 @@ def test_a_calibration_under_kills_at_random_times(real_cluster, tmp_path, seed)
         return started("softness_bayes", *asked, "--out", out, "--dask", file)
 
     workers, running = [worker(), worker()], client()
-    until(lambda: [*out.glob("replicates/*.json")])
+    until((out / RANKS).exists)
     kills, finished = 0, {}
     while running.poll() != 0:
         if running.poll() is not None:
@@ -326,9 +327,8 @@ def test_a_calibration_under_kills_at_random_times(real_cluster, tmp_path, seed)
             assert running.returncode in (-signal.SIGKILL, WorkersLostError.exit_code)
             running = client()
         time.sleep(rng.uniform(0.3, 2.5))  # short against the seconds that the eight replicates take
-        for path in out.glob("replicates/*.json"):
-            said = path.read_bytes()
-            assert finished.setdefault(path.name, said) == said
+        for index, one in read_replicates(out).items():
+            assert finished.setdefault(index, one) == one
         one = int(rng.integers(3))
         if kills < 12 and running.poll() is None:
             kills += 1

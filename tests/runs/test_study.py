@@ -172,7 +172,7 @@ def test_status_of_a_study(done):
     said = call("status", done.directory).stdout
     assert "3 runs ended (3 converged), 0 running, 0 interrupted, 0 not begun\n" in said
     assert "B: it has ended and its results are written" in said
-    write_asked(done.directory, 5)
+    write_asked(done.directory, 5, 1)
     try:
         assert "0 interrupted, 2 not begun" in call("status", done.directory).stdout
         end = time.time() - 4.0  # two of three ended since the call, within four seconds
@@ -185,13 +185,13 @@ def test_status_of_a_study(done):
                 call("status", done.directory).stdout
             )
     finally:
-        write_asked(done.directory, 3)
+        write_asked(done.directory, 3, 0)
 
 
 def test_status_names_refused_tables(tmp_path):
     (tmp_path / RUNS).mkdir()
     (tmp_path / "tables.csv").write_text("table,outcome,run,said\nA,refused,,no\nB,converged,runs/B,yes\n")
-    write_asked(tmp_path, 2)
+    write_asked(tmp_path, 2, 0)
     said = call("status", tmp_path).stdout
     assert "0 runs ended (0 converged), 0 running, 0 interrupted, 1 not begun; 1 table was refused (A)" in said
 
@@ -266,7 +266,7 @@ def test_a_folder_with_a_bad_table(tmp_path):
 def test_exit_codes(outcomes, error, tmp_path):
     tables = tuple(TableOutcome(f"P{k}", one, "") for k, one in enumerate(outcomes))
     with pytest.raises(error):
-        _end(Study(tables, {}, tmp_path, pd.DataFrame()))
+        _end(Study(tables, {}, tmp_path))
 
 
 def test_a_population_whose_weights_fail_is_refused(done, tmp_path):
@@ -274,7 +274,7 @@ def test_a_population_whose_weights_fail_is_refused(done, tmp_path):
     results = {name: Result.load(done.directory / RUNS / name) for name in TABLES}
     narrow = pool_results(results, ["b"], {"b": HalfNormal(1e-3)})
     assert narrow["b"].sentence().startswith("b: not pooled: ")
-    found = Study((), narrow, tmp_path, pd.DataFrame())
+    found = Study((), narrow, tmp_path)
     assert found.population["median"].isna().all()
     with pytest.raises(NumericalError, match="not pooled: b"):
         _end(found)
