@@ -88,7 +88,8 @@ class AggregatedRatings(LogRatings):
 
     def _law(self, mean_rate: FloatArray, parameters: Parameters) -> EffectLaw:
         """Return the normal law of the log means."""
-        return super()._law(mean_rate, self.model.of_means(parameters))
+        law = super()._law(mean_rate, parameters)
+        return law._replace(participant=law.participant / math.sqrt(self.model.raters))
 
     @property
     def raters(self) -> int:

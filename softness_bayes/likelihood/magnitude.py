@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,12 +14,11 @@ from scipy.special import ndtr
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import Parameters, RowsLeftOut
-from softness_bayes.likelihood.design import Design, Stated
+from softness_bayes.likelihood.design import Design, IndexArray, Stated
 from softness_bayes.likelihood.directions import RISES, RatingDirection
 from softness_bayes.likelihood.effects import Effects
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.normal_rows import EffectLaw, LeaveOneOut, NormalRows
-from softness_bayes.likelihood.pieces import left_out_in_pieces
 from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.scales import MAGNITUDE, Scale
 from softness_bayes.parameters.laws import Normal, Prior
@@ -223,16 +222,25 @@ class LogRatings(RatingsLikelihood):
 
     @cached_property
     def _rows(self) -> NormalRows:
-        return NormalRows(self.design, self._log, math.log(self.model.centre), self.model.spread)
+        return NormalRows(self.design, self._log, self.model.level.mean)
 
     def _law(self, mean_rate: FloatArray, parameters: Parameters) -> EffectLaw:
         """Return the normal law of the log ratings."""
-        return self._law_of(self.drive(mean_rate, parameters), parameters)
+        variance = self.model.error_sd(parameters)[..., None] ** 2
+        shared = self._shared(self.design.fabric, parameters)
+        return EffectLaw.of(self.drive(mean_rate, parameters), variance, parameters.tau, shared)
 
-    def _law_of(self, drive: FloatArray, parameters: Parameters) -> EffectLaw:
-        """Return the normal law of the log ratings for a drive of each condition, shape (..., conditions)."""
-        variance = np.asarray(parameters.varsigma, float)[..., None] ** 2
-        return EffectLaw.of(drive, variance, parameters.tau, parameters.omega)
+    def _shared(self, fabric: IndexArray, parameters: Parameters, *more: FloatArray) -> FloatArray:
+        """Return the weights of shared effects, (..., conditions, effects): level, fabrics if they deviate, and more.
+
+        `fabric` is the fabric of each condition of `_rows`.
+        """
+        parts = [np.full((fabric.size, 1), self.model.spread), *more]
+        omega = np.asarray(parameters.omega, float)[..., None, None]
+        if (omega > 0).any():
+            parts.insert(1, omega * np.eye(self.design.n_fabrics)[fabric])
+        shape = np.broadcast_shapes(*(part.shape[:-1] for part in parts))
+        return np.concatenate([np.broadcast_to(part, (*shape, part.shape[-1])) for part in parts], axis=-1)
 
     def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of all ratings together, shape (...)."""
@@ -244,22 +252,27 @@ class LogRatings(RatingsLikelihood):
 
     def left_out(self, mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
         """Return the law of each rating given all the others at its observation, arrays of shape (..., rows)."""
-
-        def alone(mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
-            mean, sd = self.leave_one_out(mean_rate, parameters)
-            score = (self._log - mean) / sd
-            return RowsLeftOut(-0.5 * score**2 - np.log(sd) - _LOG_ROOT_TWO_PI - self._log, ndtr(score))
-
-        return left_out_in_pieces(alone, self._rows.width, mean_rate, parameters)
+        mean, sd = self.leave_one_out(mean_rate, parameters)
+        score = (self._log - mean) / sd
+        return RowsLeftOut(-0.5 * score**2 - np.log(sd) - _LOG_ROOT_TWO_PI - self._log, ndtr(score))
 
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of each participant's ratings given all others', shape (..., participants)."""
-        density = self._rows.log_density_participants(self._law(mean_rate, parameters))
+        density = self._rows.without_participants(self._law(mean_rate, parameters)).log_density
         return density - np.bincount(self.design.participant, self._log, self.design.n_participants)
 
-    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
+    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: Parameters) -> Any:
         """Return exact draws of mu, participants and fabrics given the ratings, one for each point of the batch."""
-        return self._rows.draw_effects(rng, self._law(mean_rate, parameters))
+        return self._drawn(rng, self._law(mean_rate, parameters), parameters)[0]
+
+    def _drawn(self, rng: np.random.Generator, law: EffectLaw, parameters: Parameters) -> tuple[Effects, FloatArray]:
+        """Return draws of the effects under a law, and those of further shared effects."""
+        u, participant = self._rows.draw(rng, law)
+        mu, others = self.model.level.mean + self.model.spread * u[..., 0], u[..., 1:]
+        omega, size = np.asarray(parameters.omega, float)[..., None], self.design.n_fabrics
+        if not (omega > 0).any():
+            return Effects(mu, participant, np.zeros((*mu.shape, size))), others
+        return Effects(mu, participant, omega * others[..., :size]), others[..., size:]
 
     def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return the residual of each log rating given the effects, shape (..., rows)."""

@@ -21,11 +21,11 @@ from scipy.interpolate import CubicSpline
 from scipy.special import log_ndtr, logsumexp, ndtri, ndtri_exp
 from scipy.stats import qmc
 
-from softness_bayes.likelihood.contract import Effects, Likelihood, Parameters
+from softness_bayes.likelihood.contract import Effects, Parameters
 from softness_bayes.likelihood.design import Design, IndexArray, LoadErrors
 from softness_bayes.likelihood.error_laws import NormalLaw
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
-from softness_bayes.likelihood.normal_rows import EffectLaw, LeaveOneOut, NormalRows
+from softness_bayes.likelihood.normal_rows import EffectLaw, NormalRows
 from softness_bayes.likelihood.pieces import over_draws
 from softness_bayes.likelihood.quadrature import Integrals
 from softness_bayes.likelihood.rater_effects import Given, Table
@@ -53,14 +53,6 @@ class LoadEffects(NamedTuple):
     """z of each shared error, shape (..., loads); without columns if errors are independent."""
 
 
-class _Factors(NamedTuple):
-    """The normal law of the z of shared errors given all rows."""
-
-    mean: FloatArray  # (..., loads)
-    covariance: FloatArray  # (..., loads, loads)
-    log_density: FloatArray  # of the log ratings, (...)
-
-
 class UncertainLoads(LogRatings):
     """Positive ratings under a `RatingModel`, with mu, participants, fabrics and errors of loads integrated out.
 
@@ -82,7 +74,7 @@ class UncertainLoads(LogRatings):
     def _rows(self) -> NormalRows:
         errors, design = self.errors, self.design
         touches = Design(errors.of_row, design.participant, design.fabric[errors.condition], design.n_participants)
-        return NormalRows(touches, self._log, math.log(self.model.centre), self.model.spread, design.n_fabrics)
+        return NormalRows(touches, self._log, self.model.level.mean)
 
     @property
     def load_errors(self) -> LoadErrors:
@@ -121,31 +113,6 @@ class UncertainLoads(LogRatings):
         """Return log(N/N_ref + eps) at the stated loads, shape (..., conditions)."""
         return super().predictor(self._stated(mean_rate), parameters)
 
-    def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return the log density of all ratings together, shape (...)."""
-        if self.errors.load is None:
-            return super().log_likelihood(mean_rate, parameters)
-        return self._factors(mean_rate, parameters).log_density + self._jacobian
-
-    def leave_one_out(self, mean_rate: FloatArray, parameters: Parameters) -> LeaveOneOut:
-        """Return the normal law of each log rating given all the others, arrays of shape (..., rows)."""
-        if self.errors.load is None:
-            return super().leave_one_out(mean_rate, parameters)
-        law, slope, z = *self._laws(mean_rate, parameters), self._factors(mean_rate, parameters)
-        moved = np.concatenate([np.zeros_like(slope[:1]), slope])
-        mean, sd = self._rows.leave_one_out(law._replace(offset=law.offset + moved))
-        # the rows' inverse covariance times their residuals, and times the effects of z
-        solved = (self._log - mean) * sd**-2
-        reach = np.moveaxis(solved[0] - solved[1:], 0, -1)
-        diagonal = sd[0] ** -2 - np.einsum("...ri,...ij,...rj->...r", reach, z.covariance, reach)
-        left = solved[0] - (reach * z.mean[..., None, :]).sum(axis=-1)
-        return LeaveOneOut(self._log - left / diagonal, diagonal**-0.5)
-
-    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return the log density of each participant's ratings given all others', shape (..., participants)."""
-        alone = LogRatings if self.errors.load is None else Likelihood
-        return alone.log_likelihood_participants(self, mean_rate, parameters)
-
     def new_effects(
         self,
         rng: np.random.Generator,
@@ -159,11 +126,9 @@ class UncertainLoads(LogRatings):
         return LoadEffects(effects.mu, effects.participant, effects.fabric, z)
 
     def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
-        """Return exact draws of all effects given the ratings, one for each point of the batch; z come first."""
-        law, slope, z = *self._laws(mean_rate, parameters), self._factors(mean_rate, parameters)
-        drawn = z.mean + (np.linalg.cholesky(z.covariance) @ rng.standard_normal((*z.mean.shape, 1)))[..., 0]
-        moved = law._replace(offset=law.offset + (np.moveaxis(drawn, -1, 0)[..., None] * slope).sum(axis=0))
-        return LoadEffects(*self._rows.draw_effects(rng, moved), drawn)
+        """Return exact draws of all effects given the ratings, one for each point of the batch."""
+        effects, z = self._drawn(rng, self._law(mean_rate, parameters), parameters)
+        return LoadEffects(*effects, z)
 
     def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return the residual of each log rating given the effects, shape (..., rows), scaled for the checks.
@@ -213,49 +178,26 @@ class UncertainLoads(LogRatings):
         middle = errors.knots.index(0.0)
         return np.insert(np.moveaxis(others, -2, 0), middle, stated[..., errors.condition], axis=0)
 
-    def _laws(self, mean_rate: FloatArray, parameters: Parameters) -> tuple[EffectLaw, FloatArray]:
-        """Return the law of the log ratings where the z of shared errors are 0, and slopes in z.
-
-        The slopes of the expectations have shape (loads, ..., touches).
-        """
+    def _law(self, mean_rate: FloatArray, parameters: Parameters) -> EffectLaw:
+        """Return the law of the log ratings; the z of shared errors are the last shared effects."""
         drives, errors = self._drives(mean_rate, parameters), self.errors
-        mean, along = (np.tensordot(weights, drives, 1) for weights in (errors.weights, errors.weights * errors.knots))
+        mean, slope = (np.tensordot(weights, drives, 1) for weights in (errors.weights, errors.weights * errors.knots))
         variance = self.model.error_sd(parameters)[..., None] ** 2
         if errors.load is None:
             variance = variance + np.tensordot(errors.weights, (drives - mean) ** 2, 1)
-        slope = np.einsum("...t,lt->l...t", along, errors.member)
-        return EffectLaw.of(mean, variance, parameters.tau, parameters.omega), slope
-
-    def _law(self, mean_rate: FloatArray, parameters: Parameters) -> EffectLaw:
-        return self._laws(mean_rate, parameters)[0]
+        along = slope[..., None] * errors.member.T
+        shared = self._shared(self.design.fabric[errors.condition], parameters, along)
+        return EffectLaw.of(mean, variance, parameters.tau, shared)
 
     def _touched(
         self, mean_rate: FloatArray, parameters: Parameters, effects: Effects
     ) -> tuple[FloatArray, FloatArray]:
         """Return the drive of each row for the z in `effects`, and the standard deviation of its error."""
-        law, slope = self._laws(mean_rate, parameters)
-        touched = law.offset + (np.moveaxis(effects.load, -1, 0)[..., None] * slope).sum(axis=0)
+        law, loads = self._law(mean_rate, parameters), len(self.errors.member)
+        slope = law.shared[..., law.shared.shape[-1] - loads :]
+        touched = law.offset + (slope * effects.load[..., None, :]).sum(axis=-1)
         sd = np.broadcast_to(np.sqrt(law.variance), (*law.variance.shape[:-1], touched.shape[-1]))
         return touched[..., self.errors.of_row], sd[..., self.errors.of_row]
-
-    def _factors(self, mean_rate: FloatArray, parameters: Parameters) -> _Factors:
-        """Return the law of z.
-
-        The log density is quadratic in z, so values at 0, at each unit vector and at pairs of them determine it.
-        """
-        law, slope = self._laws(mean_rate, parameters)
-        loads = len(slope)
-        i, j = np.tril_indices(loads)
-        moves = np.concatenate([np.zeros_like(law.offset)[None], slope, -slope, slope[i] + slope[j]])
-        values = self._rows.log_density(law._replace(offset=law.offset + moves))
-        base, up, down, both = np.split(values, np.cumsum([1, loads, loads]))
-        information = np.zeros((*base.shape[1:], loads, loads))
-        information[..., i, j] = information[..., j, i] = np.moveaxis(up[i] + up[j] - base - both, 0, -1)
-        covariance = np.asarray(np.linalg.inv(np.eye(loads) + information), float)
-        pull = np.moveaxis(up - down, 0, -1) / 2.0
-        mean = (covariance @ pull[..., None])[..., 0]
-        explained = 0.5 * ((pull * mean).sum(axis=-1) + np.linalg.slogdet(covariance)[1])
-        return _Factors(mean, covariance, base[0] + explained)
 
 
 class OverLoads(UncertainLoads):
@@ -297,15 +239,20 @@ class OverLoads(UncertainLoads):
 
         They follow the normal law of z under the linear approximation; if the response is linear, the sum is exact.
         """
-        drives, law = self._drives(mean_rate, parameters), self._law(mean_rate, parameters)
-        z = self._factors(mean_rate, parameters)
-        root = np.linalg.cholesky(z.covariance)
+        drives, law, loads = (
+            self._drives(mean_rate, parameters),
+            self._law(mean_rate, parameters),
+            len(self.errors.member),
+        )
+        given_all = self._rows.shared(law)
+        centre, root = given_all.mean[..., -loads:], np.linalg.cholesky(given_all.covariance[..., -loads:, -loads:])
         terms = []
-        for step in ndtri(qmc.Sobol(root.shape[-1], seed=1).random(VECTORS)):
-            factor = z.mean + root @ step
-            given = law._replace(offset=self._between(drives, factor[..., self.errors.load]))
+        for step in ndtri(qmc.Sobol(loads, seed=1).random(VECTORS)):
+            z = centre + root @ step
+            drive = self._between(drives, z[..., self.errors.load])
             # ratio of the prior of z to its sampling density
-            weight = 0.5 * (step**2).sum() - 0.5 * (factor**2).sum(axis=-1)
+            weight = 0.5 * (step**2).sum() - 0.5 * (z**2).sum(axis=-1)
+            given = law._replace(offset=drive, shared=law.shared[..., :-loads])
             terms.append(self._rows.log_density(given) + weight)
         total = logsumexp(terms, axis=0) - math.log(VECTORS)
         return np.asarray(total + np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(axis=-1))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -16,8 +17,8 @@ from softness_bayes.likelihood.contract import Parameters, RowsLeftOut
 from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.directions import RISES, RatingDirection
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
-from softness_bayes.likelihood.normal_rows import given_the_others, summing
-from softness_bayes.likelihood.pieces import in_pieces, left_out_in_pieces
+from softness_bayes.likelihood.normal_rows import EffectLaw, NormalRows
+from softness_bayes.likelihood.pieces import left_out_in_pieces
 from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.scales import STANDARDISED, Scale
 from softness_bayes.parameters.laws import HalfNormal, Normal, Prior
@@ -25,7 +26,6 @@ from softness_bayes.parameters.laws import HalfNormal, Normal, Prior
 FloatArray = NDArray[np.float64]
 
 _LOG_TWO_PI = math.log(2.0 * math.pi)
-_LEAST_VARIANCE = 1e-100  # far below any spread of ratings, but its inverse square is still finite
 _CONSTANT = 1e-9  # relative differences of rates below this are rounding errors
 
 
@@ -171,20 +171,15 @@ class StandardisedRatings(RatingsLikelihood):
         super().__init__(ratings, design, model, over)
         if not np.isfinite(self.values).all():
             raise InputError(f"ratings: {(~np.isfinite(self.values)).sum()} are not finite numbers")
-        self._count = design.cells.sum(axis=0)
-        self._total = np.bincount(design.condition, self.values, design.n_conditions)
-        self._average = self._total / np.maximum(self._count, 1.0)
-        self._within = float(((self.values - self._average[design.condition]) ** 2).sum())
+
+    @cached_property
+    def _rows(self) -> NormalRows:
+        return NormalRows(self.design, self.values, 0.0)
 
     def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of all ratings together, shape (...); only varsigma is used of the parameters."""
         fit = self._fit(mean_rate, parameters)
-        n, variance = self.design.n_rows, fit.variance
-        log_determinant = n * np.log(variance) - np.linalg.slogdet(fit.covariance).logabsdet
-        # at the most probable line the quadratic form is a sum of squares, so errors enter only squared
-        squares = self._within + (self._average - fit.fitted) ** 2 @ self._count
-        quadratic = squares / variance + (fit.line**2).sum(axis=-1)
-        return -0.5 * (n * _LOG_TWO_PI + log_determinant + quadratic) + math.log(2.0) + log_ndtr(fit.deviate)
+        return self._rows.log_density(fit.law) + math.log(2.0) + log_ndtr(fit.deviate)
 
     def left_out(self, mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
         """Return the law of each rating given all the others at its observation, arrays of shape (..., rows).
@@ -194,10 +189,14 @@ class StandardisedRatings(RatingsLikelihood):
         """
 
         def alone(mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
-            fit = self._fit(mean_rate, parameters)
-            one = self._without_one(fit)
-            normal, positive = -0.5 * one.deviate**2 - np.log(one.sd) - 0.5 * _LOG_TWO_PI, log_ndtr(one.without)
-            joint = bivariate_below(one.deviate, one.without, -one.correlation)
+            fit, row = self._fit(mean_rate, parameters), self.design.condition
+            mean, sd = self._rows.leave_one_out(fit.law)
+            # rating and c1 given the others: their covariance follows from that given all
+            along = (fit.law.shared @ fit.covariance)[..., 1][..., row] * (sd**2 / fit.law.variance)
+            score, spread = (self.values - mean) / sd, np.sqrt(fit.covariance[..., 1, 1, None] + (along / sd) ** 2)
+            without = (fit.line[..., 1, None] - along * score / sd) / spread
+            normal, positive = -0.5 * score**2 - np.log(sd) - 0.5 * _LOG_TWO_PI, log_ndtr(without)
+            joint = bivariate_below(score, without, -along / (sd * spread))
             density = normal + log_ndtr(fit.deviate)[..., None] - positive
             return RowsLeftOut(density, np.clip(joint * np.exp(-positive), 0.0, 1.0))
 
@@ -208,23 +207,11 @@ class StandardisedRatings(RatingsLikelihood):
 
         It is the normal one for c1 of either sign, times Phi(t) / Phi(t without the participant).
         """
-        cells, row = self.design.cells, self.design.condition
-        summed = summing(self.design.participant, len(cells))
-
-        def density(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-            fit = self._fit(mean_rate, parameters)
-            variance = fit.variance[:, None]
-            left = self.values - fit.fitted[:, row]
-            slopes = [(summed @ part.T).T for part in (left, left * fit.basis[:, row, 1])]
-            products = fit.basis[..., :, None] * fit.basis[..., None, :]
-            hessian = np.einsum("pc,dcij->dpij", cells, products) / variance[..., None, None]
-            misfit = 0.5 * ((summed @ (left**2).T).T / variance + cells.sum(axis=1) * np.log(2.0 * np.pi * variance))
-            given = given_the_others(misfit, -np.stack(slopes, axis=-1) / variance[..., None], hessian)
-            covariance = np.linalg.inv(given.precision)
-            without = (fit.line[:, None, 1] + given.moved[..., 1]) / np.sqrt(covariance[..., 1, 1])
-            return given.log_density + log_ndtr(fit.deviate)[:, None] - log_ndtr(without)
-
-        return in_pieces(density, self.design.n_rows, mean_rate, parameters)
+        fit = self._fit(mean_rate, parameters)
+        given = self._rows.without_participants(fit.law)
+        covariance = np.linalg.inv(given.precision)
+        without = (fit.line[..., None, 1] + given.moved[..., 1]) / np.sqrt(covariance[..., 1, 1])
+        return given.log_density + log_ndtr(fit.deviate)[..., None] - log_ndtr(without)
 
     def predictor(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return ± x, shape (..., conditions): a slope is in z-scores per standard deviation of the response."""
@@ -251,45 +238,21 @@ class StandardisedRatings(RatingsLikelihood):
         """Return the law of a line whose c1 may have either sign."""
         drive = self.drive(mean_rate, parameters)
         shape = np.broadcast_shapes(drive.shape[:-1], np.shape(parameters.varsigma))
-        variance = np.broadcast_to(np.maximum(np.asarray(parameters.varsigma, float) ** 2, _LEAST_VARIANCE), shape)
         basis = np.ones((*shape, drive.shape[-1], 2))
         basis[..., 1] = drive
-        weighted = np.swapaxes(basis, -1, -2) / variance[..., None, None]
-        covariance = np.linalg.inv(np.eye(2) + (weighted * self._count) @ basis)
-        line = (covariance @ (weighted @ self._total)[..., None])[..., 0]
-        fitted = (basis @ line[..., None])[..., 0]
-        return _Fit(basis, variance, covariance, line, fitted, line[..., 1] / np.sqrt(covariance[..., 1, 1]))
-
-    def _without_one(self, fit: _Fit) -> _Alone:
-        """Return the law of each rating and c1 given all the other ratings, for c1 of either sign."""
-        row, variance = self.design.condition, fit.variance[..., None]
-        reach = fit.basis @ fit.covariance  # covariances of a row's expectation with the line
-        along = reach[..., 1][..., row]
-        left = variance - (reach * fit.basis).sum(axis=-1)[..., row]
-        residual = self.values - fit.fitted[..., row]
-        sd, spread = variance / np.sqrt(left), np.sqrt(fit.covariance[..., 1, 1, None] + along**2 / left)
-        without = (fit.line[..., 1, None] - along * residual / left) / spread
-        return _Alone(residual / np.sqrt(left), sd, without, along * variance / left / (sd * spread))
+        variance = np.broadcast_to(np.square(parameters.varsigma), shape)[..., None]
+        law = EffectLaw.of(np.zeros(drive.shape[-1]), variance, 0.0, basis)
+        line, covariance = self._rows.shared(law)
+        return _Fit(law, line, covariance, line[..., 1] / np.sqrt(covariance[..., 1, 1]))
 
 
 class _Fit(NamedTuple):
     """The normal law of the line given the ratings, before truncation to positive c1."""
 
-    basis: FloatArray  # 1 and ± x of each condition, (..., conditions, 2)
-    variance: FloatArray  # varsigma², (...)
-    covariance: FloatArray  # of c0 and c1, (..., 2, 2)
-    line: FloatArray  # their means, (..., 2)
-    fitted: FloatArray  # expectation of each condition on this line, (..., conditions)
+    law: EffectLaw  # of the ratings, c0 and c1 being shared effects with the weights 1 and ± x
+    line: FloatArray  # means of c0 and c1, (..., 2)
+    covariance: FloatArray  # (..., 2, 2)
     deviate: FloatArray  # mean of c1 in standard deviations, (...)
-
-
-class _Alone(NamedTuple):
-    """The law of each rating and c1 given all the other ratings; fields are (..., rows)."""
-
-    deviate: FloatArray  # rating, in standard deviations from its mean
-    sd: FloatArray  # of the rating
-    without: FloatArray  # mean of c1 in standard deviations
-    correlation: FloatArray  # correlation of both
 
 
 def bivariate_below(h: FloatArray, k: FloatArray, correlation: FloatArray) -> FloatArray:

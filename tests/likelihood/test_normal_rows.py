@@ -1,4 +1,4 @@
-"""Normal rows with effects of participants and fabrics against the dense normal law of small tables."""
+"""Normal rows with effects of participants and shared ones against the dense normal law of small tables."""
 
 import numpy as np
 import pytest
@@ -41,11 +41,25 @@ def design_of(cells, fabrics=5):
     )
 
 
+def level(rng, design):
+    return np.full((design.n_conditions, 1), SD)
+
+
+def fabrics(rng, design):
+    """The level, and fabrics with another spread at each draw."""
+    of_fabric = rng.uniform(0.1, 1.0, (4, 1, 1)) * np.eye(design.n_fabrics)[design.fabric]
+    return np.concatenate([np.broadcast_to(level(rng, design), (4, design.n_conditions, 1)), of_fabric], axis=-1)
+
+
+def slopes(rng, design):
+    return np.concatenate([fabrics(rng, design), rng.standard_normal((4, design.n_conditions, 2))], axis=-1)
+
+
 def dense(design, law, k):
     """The normal law of all rows at a draw, as mean and covariance."""
-    person, fabric = np.eye(design.n_participants)[design.participant], design.fabric[design.condition]
-    covariance = SD**2 + law.participant[k] ** 2 * person @ person.T
-    covariance += law.fabric[k] ** 2 * (fabric[:, None] == fabric)
+    person = np.eye(design.n_participants)[design.participant]
+    shared = np.broadcast_to(law.shared, (4, *law.shared.shape[-2:]))[k, design.condition]
+    covariance = shared @ shared.T + law.participant[k] ** 2 * person @ person.T
     variance = np.broadcast_to(law.variance[k], law.offset[k].shape)
     return MEAN + law.offset[k, design.condition], covariance + np.diag(variance[design.condition])
 
@@ -58,16 +72,16 @@ def given(mean, covariance, values, part):
 
 
 @pytest.mark.parametrize("uneven", [False, True])
-@pytest.mark.parametrize("omega", [0.0, 0.3])
+@pytest.mark.parametrize("effects", [level, fabrics, slopes])
 @pytest.mark.parametrize("table", [complete, gaps, apart, alike])
-def test_every_density_is_that_of_the_dense_law(rng, table, omega, uneven):
+def test_every_density_is_that_of_the_dense_law(rng, table, effects, uneven):
     design = design_of(table(rng))
     values = 3.0 + 0.8 * rng.standard_normal(design.n_rows)
     variance = rng.uniform(0.1, 1.0, (4, design.n_conditions if uneven else 1)) ** 2
     offset = 5.0 + rng.standard_normal((4, design.n_conditions))
-    law = EffectLaw.of(offset, variance, rng.uniform(0.1, 1.0, 4), np.full(4, omega))
-    rows = NormalRows(design, values, MEAN, SD)
-    density, one, people = rows.log_density(law), rows.leave_one_out(law), rows.log_density_participants(law)
+    law = EffectLaw.of(offset, variance, rng.uniform(0.1, 1.0, 4), effects(rng, design))
+    rows = NormalRows(design, values, MEAN)
+    density, one, people = rows.log_density(law), rows.leave_one_out(law), rows.without_participants(law).log_density
     for k in range(4):
         mean, covariance = dense(design, law, k)
         assert density[k] == pytest.approx(multivariate_normal(mean, covariance).logpdf(values), rel=1e-10)
@@ -87,8 +101,8 @@ def test_the_density_from_sums_is_that_of_single_variances(rng):
     for error in (1e-5, 1e-3, 0.3):
         values = MEAN + expected[design.condition] + 0.5 * (design.participant % 2)
         values = values + error * rng.standard_normal(values.size)
-        rows = NormalRows(design, values, MEAN, SD)
-        law = EffectLaw.of(expected[None], np.full((1, 1), error**2), np.full(1, 0.4), np.zeros(1))
+        rows = NormalRows(design, values, MEAN)
+        law = EffectLaw.of(expected[None], np.full((1, 1), error**2), np.full(1, 0.4), level(rng, design))
         each = law._replace(variance=np.full((1, 20), error**2))
         assert_allclose(rows.log_density(law), rows.log_density(each), rtol=1e-7)
         assert abs(rows.log_density(law._replace(variance=law.variance * 1.2)) - rows.log_density(each)) > 1e-3
@@ -97,5 +111,5 @@ def test_the_density_from_sums_is_that_of_single_variances(rng):
 def test_nothing_is_of_the_size_of_conditions_by_conditions(rng):
     """For 4000 conditions such a matrix would have 16 million numbers."""
     design = design_of(np.tile(gaps(rng), 200))
-    held = vars(NormalRows(design, np.zeros(design.n_rows), MEAN, SD))
-    assert max(value.size for value in held.values() if isinstance(value, np.ndarray)) < 1e5
+    held = vars(NormalRows(design, np.zeros(design.n_rows), MEAN))
+    assert max(np.size(value) for value in (*held.values(), *held["_alike"]) if not isinstance(value, tuple)) < 1e5
