@@ -19,7 +19,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.files.json_text import as_json, parse_json
 from softness_bayes.likelihood.directions import FREE, RatingDirection, direction_named
 from softness_bayes.likelihood.scales import MAGNITUDE, SLIDER, Scale, name_of_scale, scale_named, slider_between
-from softness_bayes.parameters.declared import UNKNOWN_MODULUS
+from softness_bayes.parameters.declared import PARAMETERS, UNKNOWN_MODULUS
 from softness_bayes.parameters.laws import Prior
 from softness_bayes.parameters.priors import parse_prior
 from softness_bayes.readable import chance, with_error
@@ -332,7 +332,13 @@ class Provenance:
     @property
     def held_eps(self) -> str:
         """Consequence of a fixed eps, in words; empty if eps was sampled or is not in the model."""
-        return str(self.attributes.get("held_eps", ""))
+        held = self.asked.options["fix"].get("eps")
+        if held is None:
+            return ""
+        return (
+            f"eps is fixed at {held:g} Hz: all intervals treat it as known, although it cannot be measured; omit "
+            f"'--fix eps={held:g}' to sample it with its prior {PARAMETERS['eps'].prior}"
+        )
 
     def _family(self, begin: str) -> dict[str, str]:
         found = {str(name): value for name, value in self.attributes.items()}

@@ -82,7 +82,7 @@ def test_what_runs_without_ratings_lack_has_a_default_and_all_else_is_missed():
     assert np.isnan([former.direction.direction_rises, former.direction.direction_rises_se]).all()
     assert former.rating_model.rating_errors == "normal"
     assert former.silence.posterior_silent_everywhere == 0.0
-    assert (former.verdict, former.held_eps) == ("", "")
+    assert former.verdict == ""
     with pytest.raises(MissingError, match=r"old\.nc: no attribute 'verdict'"):
         _ = former.ending
 

@@ -24,6 +24,13 @@ IndexArray = NDArray[np.intp]
 RATING_VALUE = "rating_value"
 """Variable of `constant_data` with `ratings_in`, where these are not the ratings as filed."""
 
+RATING_LINE = "rating_line"
+"""Variable with the line of each rating in its file; a line of a wide table has several."""
+
+RATING_AS_FILED, RATING_LOW, RATING_HIGH = "rating_as_filed", "rating_low", "rating_high"
+"""Variables with ranks and answers as in the file, whose ratings are shares of a list, and with the ends of the
+intervals that ratings represent, in the units of the file."""
+
 LOAD_GROUP = "load_group"
 """Axis of variables stored for groups of many loads; with few loads, the axis is `load`."""
 

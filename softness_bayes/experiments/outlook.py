@@ -30,7 +30,6 @@ from softness_bayes.model.posterior import Posterior
 from softness_bayes.model.scenes import fabric_moduli, scene_of
 from softness_bayes.results.fitted import Fitted
 from softness_bayes.touch.contact import HERTZ_LIMIT, Load
-from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Scene
 
 Array = NDArray[np.float64]
@@ -183,7 +182,7 @@ class Outlook:
         at_draws = np.broadcast_to(scene.fabric_modulus, (len(self.theta), len(fabrics))) if drawn is None else drawn
         sampled = at_draws.std(axis=0) > 0
         cv = np.where(sampled, 0.0, default_cv if modulus_cv is None else modulus_cv)
-        touch = TouchParameters(*(np.broadcast_to(v, len(self.theta)) for v in posterior.space.touch(self.theta)))
+        touch = posterior.space.touch(self.theta).broadcast(len(self.theta))
         parameters, rated = posterior.rating_parameters(self.theta), posterior.mean_rate(self.theta)
         rates = [
             np.asarray(scene.total_rate(touch, at_draws * np.exp(step)) / scene.n_receptors)
@@ -213,7 +212,7 @@ class Outlook:
 
     def turning(self, load: Load) -> Array:
         """Return the log of E_fab [Pa] at the turning point under a load, (draws,); NaN where there is none."""
-        touch = TouchParameters(*(np.broadcast_to(v, len(self.theta)) for v in self.posterior.space.touch(self.theta)))
+        touch = self.posterior.space.touch(self.theta).broadcast(len(self.theta))
         turn = turning_points(self.model.scene, touch, 0.0, loads=[load])
         return np.where(turn.outcome == CurveShape.INTERIOR, np.log(turn.modulus), np.nan)[:, 0]
 

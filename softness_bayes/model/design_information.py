@@ -32,7 +32,6 @@ from softness_bayes.model.posterior import Posterior
 from softness_bayes.ranges import Range
 from softness_bayes.readable import number
 from softness_bayes.touch.contact import Force, Indentation, Load, held
-from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Scene
 
 Array = NDArray[np.float64]
@@ -299,9 +298,7 @@ class _Foresight:
         return tuple(map(str, loads)), turns, place, np.exp(ndtri(0.95) * width)
 
     def _log_place(self, scene: Scene, theta: Array) -> Array:
-        one = self.space.touch(theta)
-        touch = TouchParameters(*(np.broadcast_to(value, len(theta)) for value in one))
-        found = turning_points(scene, touch, 0.0)
+        found = turning_points(scene, self.space.touch(theta).broadcast(len(theta)), 0.0)
         return np.where(found.outcome == CurveShape.INTERIOR, np.log(found.modulus), np.nan)
 
     def _information(self, centre: Array, root: Array) -> Array:

@@ -218,8 +218,7 @@ def prior_draws(space: ParameterSpace, size: int = DRAWS, seed: int = 0) -> Draw
     priors = {p.name: p.prior for p in space.sampled}
     usual = all(priors.get(name) == PARAMETERS[name].prior for name in Channels._fields)
     eps = values.get("eps")
-    whole = TouchParameters(*(np.broadcast_to(value, (size,)) for value in parameters))
-    return Draws(whole, None if eps is None else float(eps), usual)
+    return Draws(parameters.broadcast(size), None if eps is None else float(eps), usual)
 
 
 def fabric_moduli(

@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.checking.agreement import TYPICAL, fabric_rating_table
-from softness_bayes.checking.check_table import NEW_PARTICIPANTS, check_table
+from softness_bayes.checking.agreement import fabric_rating_table
+from softness_bayes.checking.check_table import check_table
 from softness_bayes.checking.checks import (
     MODULUS_STEP,
     SKIN_STEP,
     Residuals,
-    check_exponent,
     check_exponents,
     check_fabrics,
     check_fingers,
@@ -36,12 +35,9 @@ from softness_bayes.files.run_files import ANSWERS, FABRIC_RATINGS, FINGERS, MOD
 from softness_bayes.likelihood.effects import RATER_EFFECTS
 from softness_bayes.likelihood.error_laws import LAPSES, STUDENT
 from softness_bayes.likelihood.models import OF_DIFFERENT_RATERS
-from softness_bayes.likelihood.scales import Scale
 from softness_bayes.likelihood.spreads import SPREADS
 from softness_bayes.model.posterior import Density, Posterior
 from softness_bayes.model.prediction import drive_slope, rates_of_other_moduli, rates_of_other_skins
-from softness_bayes.parameters.declared import PARAMETERS
-from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.provenance import (
     PRIOR,
     Finding,
@@ -52,7 +48,7 @@ from softness_bayes.provenance import (
     attributes_of,
     family_of,
 )
-from softness_bayes.results.constants import constant_group, coordinates, held_parameters, observed
+from softness_bayes.results.constants import coordinates, data_groups, held_parameters
 from softness_bayes.results.draws import (
     CURVES,
     DRAWS_PER_WALKER,
@@ -62,7 +58,6 @@ from softness_bayes.results.draws import (
     Groups,
     RatedDraws,
     Variable,
-    draws_of,
     draws_per_walker,
     evenly,
     merged,
@@ -72,20 +67,10 @@ from softness_bayes.results.draws import (
 )
 from softness_bayes.results.exact import compare_exactly, exactness_stats, unchecked
 from softness_bayes.results.predictions import illustration_groups, modulus_shifts, prediction_group, turning_groups
-from softness_bayes.results.replicates import (
-    Replicates,
-    draw_plate,
-    draw_replicates,
-    plate_attributes,
-    plate_coordinates,
-    plate_groups,
-    predictive_groups,
-    prior_groups,
-)
+from softness_bayes.results.replicates import ROWS, plate_results, replicated_groups
 from softness_bayes.results.summary import rater_table, reweighted, summarise, with_covariates
 from softness_bayes.sampler.chains import Chains
 from softness_bayes.sampler.workers import Workers
-from softness_bayes.touch.scene import Scene
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -95,14 +80,6 @@ Array = NDArray[np.float64]
 
 ERROR_DRAWS = 32
 """Posterior draws at which the scene is compared with a finer one."""
-
-
-RATINGS = {
-    "posterior_predictive": ("rating", NEW_PARTICIPANTS),
-    "prior_predictive": ("rating",),
-    "predictions": (TYPICAL, "typical_rating"),
-}
-"""Variables with ratings, which are stored in the units of the file."""
 
 
 class Stage(Enum):
@@ -117,13 +94,8 @@ class Stage(Enum):
     FILES = "files"
     FIGURES = "figures"
 
-    @property
-    def number(self) -> int:
-        """Number of the stage, from 1."""
-        return [*Stage].index(self) + 1
-
     def __str__(self) -> str:
-        return f"after sampling, {self.number} of {len(Stage)}: {self.value}"
+        return f"after sampling, {[*Stage].index(self) + 1} of {len(Stage)}: {self.value}"
 
     def log(self) -> None:
         """Log the start of the stage with the logger of this module, at the level INFO."""
@@ -175,48 +147,83 @@ def assembled(
     Stage.EXACT.log()
     kept = chains.kept(burn_in, draws_per_walker(posterior, chains, share))
     theta = kept.by_walker(posterior.natural(kept.coordinates))
-    draws = draws_of(experiment, posterior, kept, theta, rng, share)
+    scale = Provenance(attributes).rating_model.rating_scale
+    draws = RatedDraws.of(experiment, posterior, scale, kept, theta, rng, share)
     exactness = compare_exactly(posterior, theta, workers, reweight) if exact else unchecked()
     if reweight:
         draws = replace(draws, log_weight=exactness.log_weight)
     Stage.REPLICATES.log()
-    drawn = draw_replicates(rng, draws)
-    error, grid = numerical_error(draws), curve_scene(draws.scene, loads=draws.shown_loads)
-    groups = _groups(draws, drawn, error, grid, Provenance(attributes).rating_model.rating_scale)
-    turn = groups["predictions"]["inflection_e_fab_kpa"].values[0] * 1e3
-    shown, axes = illustration_groups(draws, drawn.receptors, drawn.trains, turn)
+    few, curves = draws.subset(draws.replicates), draws.subset(draws.curves)
+    replicated, prior = replicated_groups(rng, draws), draws.prior[: draws.replicates]
+    plate, axes, pressed = plate_results(rng, experiment.compression, posterior, theta, few.theta, prior, curves.theta)
+    Stage.LEFT_OUT.log()
+    left_out = draws.ratings.left_out(few.mean_rate, few.parameters)
+    Stage.PREDICTIONS.log()
+    errors, grid = numerical_errors(draws), curve_scene(draws.scene, loads=draws.shown_loads)
+    predicted = {"predictions": prediction_group(draws, grid, errors[0]), **turning_groups(draws, errors[0])}
+    shown, along = illustration_groups(rng, draws, predicted["predictions"]["inflection_e_fab_kpa"].values[0] * 1e3)
     Stage.CHECKS.log()
-    plate, plate_found = _plate(draws, drawn)
-    found = {
-        **_checks(draws, error, exactness),
-        **_held_eps(posterior.space),
-        **({} if np.isnan(draws.rises) else {"direction_rises": draws.rises, "direction_rises_se": draws.rises_error}),
-        **plate_found,
-    }
-    posterior_groups = merged(_posterior_groups(draws), {"sample_stats": exactness_stats(exactness, theta.shape)})
+    sampled = sampled_groups(posterior, kept, theta, "ratings_and_compression" if plate else "ratings")
+    own: Groups = {"posterior": _effects(draws), "sample_stats": exactness_stats(exactness, theta.shape)}
+    densities = _densities(draws, left_out.log_density)
+    data = data_groups(draws, loo_pit(left_out, draws.ratings.discrete))
     tree = tree_of(
-        merged(posterior_groups, groups, plate, shown),
-        {**coordinates(draws, grid), **axes},
-        {**attributes, **family_of(PRIOR, draws.model.levels), **found},
+        merged(sampled, own, replicated, densities, predicted, data, plate, shown),
+        {**coordinates(draws, grid), **axes, **along},
+        {**attributes, **family_of(PRIOR, draws.model.levels), **_checks(draws, errors, exactness), **pressed},
     )
     Stage.TABLES.log()
-    shifts = modulus_shifts(draws, groups["inflection"])
-    return Assembled(tree, summary_of(draws, exactness), _tables(experiment, tree, shifts))
+    return Assembled(tree, summary_of(draws, exactness), _tables(draws, tree, predicted["inflection"]))
 
 
-def _tables(experiment: Experiment, tree: xr.DataTree, shifts: pd.DataFrame | None) -> dict[str, pd.DataFrame]:
-    """Return the tables of a result by name, apart from its summary; `shifts` are the effects of errors in moduli."""
-    raters = {FINGERS: finger_table(tree), ANSWERS: answer_table(tree)}
-    found = {
+def _effects(draws: RatedDraws) -> dict[str, Variable]:
+    """Return the effects of participants and fabrics, those of fabrics only if their spread is sampled."""
+    named_effects = draws.model.named_effects(draws.effects).items()
+    absent = () if "omega" in draws.posterior.names else ("fabric_effect",)
+    return {name: Variable(values, dims) for name, (values, dims) in named_effects if name not in absent}
+
+
+def _densities(draws: RatedDraws, alone: Array) -> Groups:
+    """Return the log densities of each rating given all others, and of each participant's ratings."""
+    few = draws.subset(draws.replicates)
+    whole = draws.ratings.log_likelihood_participants(few.mean_rate, few.parameters)
+    return {
+        "log_likelihood": {"rating": Variable(alone[None], ROWS)},
+        # not named like the rating, which has a different axis
+        "log_likelihood_participant": {"ratings_of_participant": Variable(whole[None], ("participant",))},
+    }
+
+
+def _checks(draws: RatedDraws, errors: tuple[float, float], exactness: Exactness) -> dict[str, Any]:
+    """Return the provenance of `numerical_errors`, of the checks of residuals, of silence and of the direction."""
+    numerical = NumericalErrors(
+        numerical_error=errors[0],
+        inflection_least_drop=max(LEAST_DROP, 3.0 * errors[0]),
+        firing_error=errors[1],
+        exactness=exactness_sentence(exactness),
+        exactness_sd=exactness.sd,
+        exactness_largest=exactness.largest,
+        exactness_efficiency=exactness.efficiency,
+        exactness_pareto_k=exactness.pareto_k,
+        exact_reweight=draws.log_weight is not None,
+    )
+    direction = dict(zip(("direction_rises", "direction_rises_se"), draws.rises, strict=True))
+    return attributes_of(numerical, ResidualChecks(_findings(draws)), _silence(draws)) | direction
+
+
+def _tables(draws: RatedDraws, tree: xr.DataTree, inflection: Mapping[str, Variable]) -> dict[str, pd.DataFrame]:
+    """Return the tables of a result by name, apart from its summary; `inflection` is the group of that name."""
+    ratings, raters = draws.experiment.ratings, {FINGERS: finger_table(tree), ANSWERS: answer_table(tree)}
+    tables = {
         "directions": direction_table(tree),
         "predictive_checks": check_table(tree),
         FABRIC_RATINGS: fabric_rating_table(tree),
         MODULI: modulus_table(tree),
-        **{name: None if one is None else with_covariates(one, experiment.ratings) for name, one in raters.items()},
-        RATERS: rater_table(tree, experiment.ratings),
-        MODULUS_ERRORS: shifts,
+        **{name: None if one is None else with_covariates(one, ratings) for name, one in raters.items()},
+        RATERS: rater_table(tree, ratings),
+        MODULUS_ERRORS: modulus_shifts(draws, inflection),
     }
-    return {name: table for name, table in found.items() if table is not None}
+    return {name: table for name, table in tables.items() if table is not None}
 
 
 def assembled_skin(
@@ -231,28 +238,13 @@ def assembled_skin(
     Stage.REPLICATES.log()
     kept = chains.kept(burn_in, DRAWS_PER_WALKER)
     natural = posterior.natural(kept.coordinates)
-    theta = kept.by_walker(natural)
-    prior, forces = posterior.space.draw_prior(rng, PRIOR_DRAWS), posterior.compression
-    drawn = draw_plate(rng, posterior, theta, theta[evenly(theta.shape, REPLICATES)], prior[:REPLICATES])
-    assert forces is not None
-    assert drawn is not None
-    typical = posterior.skin_parameters(theta[evenly(theta.shape, CURVES)])
+    theta, prior = kept.by_walker(natural), posterior.space.draw_prior(rng, PRIOR_DRAWS)
+    some, curves = theta[evenly(theta.shape, REPLICATES)], theta[evenly(theta.shape, CURVES)]
+    plate, axes, pressed = plate_results(rng, compression, posterior, theta, some, prior[:REPLICATES], curves)
     own = {"prior": named(posterior.space, prior[None]), "constant_data": held_parameters(posterior.space)}
-    tree = tree_of(
-        merged(
-            sampled_groups(posterior, kept, theta, "compression"),
-            plate_groups(compression, forces, typical, drawn),
-            own,
-        ),
-        plate_coordinates(compression),
-        {**attributes, **plate_attributes(compression, check_exponent(forces, drawn.again))},
-    )
+    sampled = sampled_groups(posterior, kept, theta, "compression")
+    tree = tree_of(merged(sampled, plate, own), axes, {**attributes, **pressed})
     return Assembled(tree, summarise(posterior.names, natural), {"directions": direction_table(tree)})
-
-
-def numerical_error(draws: RatedDraws) -> float:
-    """Return the largest numerical error of the response over some draws, relative to the peak of each draw."""
-    return float(draws.scene.error(*draws.touches(draws.subset(ERROR_DRAWS).theta)).max())
 
 
 def summary_of(draws: RatedDraws, exactness: Exactness) -> pd.DataFrame:
@@ -267,48 +259,23 @@ def summary_of(draws: RatedDraws, exactness: Exactness) -> pd.DataFrame:
     return reweighted(table, values[evenly(draws.theta.shape, REWEIGHT_DRAWS)], exactness.log_weight)
 
 
-def _groups(draws: RatedDraws, drawn: Replicates, error: float, grid: Scene, scale: Scale) -> Groups:
-    """Return all groups except those of the posterior."""
-    Stage.LEFT_OUT.log()
-    few = draws.subset(draws.replicates)
-    left_out = draws.ratings.left_out(few.mean_rate, few.parameters)
-    pit = loo_pit(left_out, draws.ratings.discrete)
-    predicted = predictive_groups(draws, drawn, left_out.log_density)
-    Stage.PREDICTIONS.log()
-    groups: Groups = {
-        **prior_groups(draws, drawn),
-        "predictions": prediction_group(draws, grid, error),
-        **turning_groups(draws, error),
-    }
-    groups = merged(groups, predicted)
-    for group, names in RATINGS.items():
-        groups[group] |= {n: groups[group][n]._replace(values=scale.filed(groups[group][n].values)) for n in names}
-    data: Groups = {"observed_data": observed(draws, scale), "constant_data": constant_group(draws, pit, scale)}
-    return merged(groups, data)
+def numerical_errors(draws: RatedDraws) -> tuple[float, float]:
+    """Return the largest numerical error of the response over some draws, relative to the peak of each.
 
-
-def _posterior_groups(draws: RatedDraws) -> Groups:
-    data = "ratings" if draws.posterior.compression is None else "ratings_and_compression"
-    groups = sampled_groups(draws.posterior, draws.kept, draws.theta, data)
-    effects = {n: Variable(v, dims) for n, (v, dims) in draws.model.named_effects(draws.effects).items()}
-    if "omega" not in draws.posterior.names:
-        effects.pop("fabric_effect", None)
-    return merged(groups, {"posterior": effects})
-
-
-def _plate(draws: RatedDraws, drawn: Replicates) -> tuple[Groups, dict[str, Any]]:
-    """Return the groups and the provenance added by compression data; empty without such data."""
-    data, forces = draws.experiment.compression, draws.posterior.compression
-    if data is None or forces is None or drawn.plate is None:
-        return {}, {}
-    skin = draws.posterior.skin_parameters(draws.subset(draws.curves).theta)
-    attributes = plate_attributes(data, check_exponent(forces, drawn.plate.again))
-    return plate_groups(data, forces, skin, drawn.plate), attributes
+    The second number is a bound on the part due to the measured error of the rate curves.
+    """
+    touch, modulus = draws.touches(draws.subset(ERROR_DRAWS).theta)
+    response = draws.scene.respond(touch, modulus)
+    peak = response.total_rate.max(axis=-1)
+    hertz = draws.scene.firing.curves(touch.channels, touch.alpha).error.hertz
+    fires = peak > 0
+    of_firing = float((hertz * response.responding.max(axis=-1)[fires] / peak[fires]).max(initial=0.0))
+    return float(draws.scene.error(touch, modulus).max()), of_firing
 
 
 def _findings(draws: RatedDraws) -> tuple[Finding, ...]:
     """Return the findings of the checks of residuals."""
-    few, model = draws.subset(draws.replicates), draws.model
+    few, model, ratings = draws.subset(draws.replicates), draws.model, draws.experiment.ratings
     residuals = Residuals(draws.ratings, few.mean_rate, few.parameters, few.effects)
     moduli, skins = (
         drive_slope(draws.posterior, few.theta, rates_of_others(draws.posterior, few.theta, step), step)
@@ -316,8 +283,9 @@ def _findings(draws: RatedDraws) -> tuple[Finding, ...]:
     )
     effects, available = model.named_effects(few.effects), model.scale in OF_DIFFERENT_RATERS
     modelled = {name for name, effect in RATER_EFFECTS.items() if effect in effects}
+    at = zip(ratings.conditions.fabric, ratings.conditions.load, strict=True)
     found = [
-        *check_fabrics(residuals, _condition_names(draws.experiment)),
+        *check_fabrics(residuals, [f"{ratings.fabrics[fabric]} under {ratings.loads[load]}" for fabric, load in at]),
         check_exponents(residuals, "gamma" in modelled, available),
         check_noise(residuals, "varsigma" in modelled, available, model.error in (STUDENT, LAPSES)),
         check_moduli(residuals, moduli, draws.posterior.space.moduli is not None),
@@ -328,39 +296,6 @@ def _findings(draws: RatedDraws) -> tuple[Finding, ...]:
         parameters = draws.posterior.parameters_of(term, few.theta)
         found.append(check_spreads(term, few.mean_rate, parameters, np.random.default_rng(0)))
     return tuple(found)
-
-
-def _checks(draws: RatedDraws, error: float, exactness: Exactness) -> dict[str, Any]:
-    """Return the provenance of numerical errors, of the checks of residuals and of silence."""
-    errors = NumericalErrors(
-        numerical_error=error,
-        inflection_least_drop=max(LEAST_DROP, 3.0 * error),
-        firing_error=_firing_error(draws),
-        exactness=exactness_sentence(exactness),
-        exactness_sd=exactness.sd,
-        exactness_largest=exactness.largest,
-        exactness_efficiency=exactness.efficiency,
-        exactness_pareto_k=exactness.pareto_k,
-        exact_reweight=draws.log_weight is not None,
-    )
-    return attributes_of(errors, ResidualChecks(_findings(draws)), _silence(draws))
-
-
-def _condition_names(experiment: Experiment) -> list[str]:
-    """Return labels of all conditions, with fabric and load."""
-    ratings = experiment.ratings
-    at = zip(ratings.conditions.fabric, ratings.conditions.load, strict=True)
-    return [f"{ratings.fabrics[fabric]} under {ratings.loads[load]}" for fabric, load in at]
-
-
-def _firing_error(draws: RatedDraws) -> float:
-    """Return a bound on the error of a draw's peak response due to the measured error of the rate curves."""
-    touch, modulus = draws.touches(draws.subset(ERROR_DRAWS).theta)
-    response = draws.scene.respond(touch, modulus)
-    peak = response.total_rate.max(axis=-1)
-    hertz = draws.scene.firing.curves(touch.channels, touch.alpha).error.hertz
-    fires = peak > 0
-    return float((hertz * response.responding.max(axis=-1)[fires] / peak[fires]).max(initial=0.0))
 
 
 def _silence(draws: RatedDraws) -> Silence:
@@ -376,14 +311,3 @@ def _silence(draws: RatedDraws) -> Silence:
         contact_beyond_half_radius=beyond.questionable,
         contact_beyond_radius=beyond.meaningless,
     )
-
-
-def _held_eps(space: ParameterSpace) -> dict[str, str]:
-    """Return the note on a fixed eps, as an attribute; empty if eps is sampled or absent."""
-    if "eps" not in space.held:
-        return {}
-    held, prior = space.held["eps"], PARAMETERS["eps"].prior
-    return {
-        "held_eps": f"eps is fixed at {held:g} Hz: all intervals treat it as known, although it cannot be "
-        f"measured; omit '--fix eps={held:g}' to sample it with its prior {prior}"
-    }

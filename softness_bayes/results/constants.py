@@ -11,14 +11,19 @@ from softness_bayes.checking.agreement import RATERS_OF_CELLS
 from softness_bayes.checking.check_table import LOO_PIT, PARETO_K
 from softness_bayes.checking.checks import LooPit
 from softness_bayes.checking.individual import MODULUS_LAW, UNCERTAIN
-from softness_bayes.checking.layout import LOAD_GROUP, RATING_VALUE
+from softness_bayes.checking.layout import (
+    LOAD_GROUP,
+    RATING_AS_FILED,
+    RATING_HIGH,
+    RATING_LINE,
+    RATING_LOW,
+    RATING_VALUE,
+)
 from softness_bayes.data.columns import EFFECTIVE_MODULUS, GEOMETRIC_SD, LOAD_CV, POISSON_RATIO, RESOLUTION
 from softness_bayes.data.ratings import LOAD_COLUMNS
-from softness_bayes.likelihood.scales import Scale
 from softness_bayes.parameters.declared import EVERY_PARAMETER
-from softness_bayes.parameters.space import FabricModuli, ParameterSpace
-from softness_bayes.results.draws import RatedDraws, Variable
-from softness_bayes.results.replicates import plate_coordinates
+from softness_bayes.parameters.space import ParameterSpace
+from softness_bayes.results.draws import Groups, RatedDraws, Variable
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels, make_known
 from softness_bayes.touch.neuron.membrane import Channels, Membrane
 from softness_bayes.touch.neuron.rate_curve import CurveError, Firing, RateCurve
@@ -27,17 +32,9 @@ from softness_bayes.touch.scene import Scene
 if TYPE_CHECKING:
     import xarray as xr
 
-RATING_LINE = "rating_line"
-"""Name of the variable with the line of each rating in its file; a line of a wide table has several."""
-
-RATING_AS_FILED, RATING_LOW, RATING_HIGH = "rating_as_filed", "rating_low", "rating_high"
-"""Names of the variables for ranks and answers as in the file, whose ratings are shares of a list, and for the ends of
-the intervals that ratings represent, in the units of the file."""
-
 COEFFICIENTS = "noise_curve_coefficients"
 """Name of the variable with the coefficients of the curves, in `constant_data`; the others are named in `_UNITS`."""
 
-_AXIS = "noise_curve"
 _UNITS = {
     "noise_curve_rheobase": "µA/cm²",
     "noise_curve_onset_rate": "Hz",
@@ -53,107 +50,75 @@ def held_parameters(space: ParameterSpace) -> dict[str, Variable]:
     return {n: Variable(np.array(value), units=EVERY_PARAMETER[n].unit) for n, value in space.held.items()}
 
 
-def _modulus_laws(space: ParameterSpace) -> dict[str, Variable]:
-    """Return the prior laws of uncertain moduli [kPa], in written form."""
-    if space.moduli is None or not space.moduli.uncertain:
-        return {}
-    laws = np.array([str(space.moduli.laws[k]) for k in space.moduli.uncertain])
-    return {MODULUS_LAW: Variable(laws, (UNCERTAIN,))}
+def data_groups(draws: RatedDraws, pit: LooPit) -> Groups:
+    """Return the ratings, and constants: fixed parameters, fabrics, loads, participant, fabric and load of each rating.
 
-
-def constant_group(draws: RatedDraws, pit: LooPit, scale: Scale) -> dict[str, Variable]:
-    """Return the fixed parameters, the fabrics, the loads, and the participant, fabric and load of each rating."""
-    ratings, fabrics = draws.experiment.ratings, draws.experiment.fabrics
-    modulus = draws.scene.fabric_modulus / EFFECTIVE_MODULUS.factor
-    return {
-        **held_parameters(draws.posterior.space),
-        **_modulus_laws(draws.posterior.space),
-        "finger_radius_mm": Variable(np.array(_finger_radius(draws) * 1e3), units="mm"),
-        LOO_PIT: Variable(pit.value, ("rating_row",)),
-        PARETO_K: Variable(pit.pareto_k, ("rating_row",)),
-        EFFECTIVE_MODULUS.name: Variable(modulus, ("fabric",), EFFECTIVE_MODULUS.unit),
-        POISSON_RATIO.name: Variable(fabrics.poisson_ratio, ("fabric",)),
-        **{
-            column.name: Variable(
-                np.array([value(x) / column.factor if isinstance(x, kind) else np.nan for x in ratings.loads]),
-                ("load",),
-                column.unit,
-            )
-            for column, kind, value in LOAD_COLUMNS
-        },
-        **({} if ratings.load_cv is None else {LOAD_CV.name: Variable(ratings.load_cv, ("rating_row",))}),
-        **({} if ratings.resolution is None else {RESOLUTION.name: Variable(ratings.resolution, ("rating_row",))}),
-        **({} if ratings.lists is None else {"list_index": Variable(ratings.lists, ("rating_row",))}),
-        **stored_curves(draws.scene.firing),
-        **_of_cells(draws),
-        **_in_the_model(draws, scale),
-        **{
-            f"{what}_index": Variable(getattr(ratings, what), ("rating_row",))
-            for what in ("participant", "fabric", "load")
-        },
-        RATING_LINE: Variable(ratings.rows, ("rating_row",)),
-        **_picks(draws),
+    Ratings are those of the file; ranks and pairs are as the model has them, as replicates are. Where the model has
+    something other than exact numbers, its values in means and the ends of its intervals are among the constants.
+    """
+    (ratings, fabrics, *_), space, scale = draws.experiment, draws.posterior.space, draws.scale
+    modelled, filed, ends, cells = scale.filed(draws.ratings.values), ratings.rating, draws.ratings.ends, ratings.cells
+    modelled = np.where(np.isclose(modelled, filed, rtol=1e-12), filed, modelled)  # rounding of shares
+    same = np.array_equal(modelled, filed)
+    laws = [str(law) for law in (() if space.moduli is None else space.moduli.laws) if law is not None]
+    sampled = np.asarray(space.touch(draws.theta).radius)
+    radius = float(np.median(sampled)) if sampled.any() else draws.scene.finger.radius
+    rows = {
+        LOO_PIT: pit.value,
+        PARETO_K: pit.pareto_k,
+        LOAD_CV.name: ratings.load_cv,
+        RESOLUTION.name: ratings.resolution,
+        "list_index": ratings.lists,
+        GEOMETRIC_SD.name: None if cells is None else cells.geometric_sd,
+        RATING_AS_FILED if scale.answer else RATING_VALUE: None if same else filed if scale.answer else modelled,
+        RATING_LOW: None if ends is None else scale.filed(ends[0]),
+        RATING_HIGH: None if ends is None else scale.filed(ends[1]),
+        "participant_index": ratings.participant,
+        "fabric_index": ratings.fabric,
+        "load_index": ratings.load,
+        RATING_LINE: ratings.rows,
     }
-
-
-def _picks(draws: RatedDraws) -> dict[str, Variable]:
-    """Return chain and draw, in the posterior, of the draws of groups that have only some of them."""
-    found = {}
-    for group, size in draws.picks.items():
+    constant = {
+        **held_parameters(space),
+        "finger_radius_mm": Variable(np.array(radius * 1e3), units="mm"),
+        EFFECTIVE_MODULUS.name: Variable(
+            draws.scene.fabric_modulus / EFFECTIVE_MODULUS.factor, ("fabric",), EFFECTIVE_MODULUS.unit
+        ),
+        POISSON_RATIO.name: Variable(fabrics.poisson_ratio, ("fabric",)),
+        **stored_curves(draws.scene.firing),
+        **{name: Variable(np.asarray(values), ("rating_row",)) for name, values in rows.items() if values is not None},
+    }
+    for column, kind, value in LOAD_COLUMNS:
+        held = [value(load) / column.factor if isinstance(load, kind) else np.nan for load in ratings.loads]
+        constant[column.name] = Variable(np.array(held), ("load",), column.unit)
+    if laws:
+        constant[MODULUS_LAW] = Variable(np.array(laws), (UNCERTAIN,))
+    if cells is not None:
+        constant[RATERS_OF_CELLS] = Variable(np.array(cells.raters))
+    # chain and draw, in the posterior, of the draws of groups that have only some of them
+    for group, size in {"posterior_predictive": draws.replicates, "predictions": draws.curves}.items():
         for what, values in zip(("chain", "draw"), draws.picked(size), strict=True):
-            found[f"{group}_{what}"] = Variable(values, (f"draw_of_{group}",))
-    return found
-
-
-def _of_cells(draws: RatedDraws) -> dict[str, Variable]:
-    """Return the numbers of raters and the standard deviations between them, if ratings are cell means."""
-    cells = draws.experiment.ratings.cells
-    if cells is None:
-        return {}
-    known = {} if cells.geometric_sd is None else {GEOMETRIC_SD.name: Variable(cells.geometric_sd, ("rating_row",))}
-    return {RATERS_OF_CELLS: Variable(np.array(cells.raters)), **known}
-
-
-def observed(draws: RatedDraws, scale: Scale) -> dict[str, Variable]:
-    """Return the ratings as in the file; ranks and pairs as the model has them, as replicates are."""
-    filed = draws.experiment.ratings.rating
-    return {"rating": Variable(scale.filed(draws.ratings.values) if scale.answer else filed, ("rating_row",))}
-
-
-def _in_the_model(draws: RatedDraws, scale: Scale) -> dict[str, Variable]:
-    """Return what the model has instead of ratings that are no exact numbers: values in means, ends of intervals."""
-    ends, filed, values = draws.ratings.ends, draws.experiment.ratings.rating, scale.filed(draws.ratings.values)
-    values = np.where(np.isclose(values, filed, rtol=1e-12), filed, values)  # rounding of shares
-    other = filed if scale.answer else values
-    found = {} if np.array_equal(filed, values) else {RATING_AS_FILED if scale.answer else RATING_VALUE: other}
-    found |= {} if ends is None else {RATING_LOW: scale.filed(ends[0]), RATING_HIGH: scale.filed(ends[1])}
-    return {name: Variable(values, ("rating_row",)) for name, values in found.items()}
-
-
-def _finger_radius(draws: RatedDraws) -> float:
-    """Return the finger's radius [m], or its posterior median if it is sampled."""
-    sampled = np.asarray(draws.posterior.space.touch(draws.theta).radius)
-    return float(np.median(sampled)) if sampled.any() else draws.scene.finger.radius
+            constant[f"{group}_{what}"] = Variable(values, (f"draw_of_{group}",))
+    return {
+        "observed_data": {"rating": Variable(modelled if scale.answer else filed, ("rating_row",))},
+        "constant_data": constant,
+    }
 
 
 def coordinates(draws: RatedDraws, grid: Scene) -> dict[str, NDArray[Any]]:
     """Return the coordinates of the axes; `grid` is the scene of the response curves."""
-    ratings, compression = draws.experiment.ratings, draws.experiment.compression
-    points, moduli = grid.n_conditions // len(grid.loads), draws.posterior.space.moduli
-    return {
+    ratings, moduli = draws.experiment.ratings, draws.posterior.space.moduli
+    axes = {
         "participant": np.array(ratings.participants),
         "fabric": np.array(ratings.fabrics),
-        **({UNCERTAIN: _uncertain(moduli)} if moduli is not None and moduli.uncertain else {}),
         "load": np.array([str(load) for load in ratings.loads]),
-        **({LOAD_GROUP: np.array(draws.load_groups.names)} if draws.load_groups.merged else {}),
-        "e_fab_kpa": grid.modulus[:points] * 1e-3,
-        **({} if compression is None else plate_coordinates(compression)),
+        "e_fab_kpa": grid.modulus[: grid.n_conditions // len(grid.loads)] * 1e-3,
     }
-
-
-def _uncertain(moduli: FabricModuli) -> NDArray[Any]:
-    """Return the names of the fabrics whose modulus is sampled."""
-    return np.array([moduli.names[k] for k in moduli.uncertain])
+    if moduli is not None and moduli.uncertain:
+        axes[UNCERTAIN] = np.array([moduli.names[k] for k in moduli.uncertain])
+    if draws.load_groups.merged:
+        axes[LOAD_GROUP] = np.array(draws.load_groups.names)
+    return axes
 
 
 def stored_curves(firing: Firing) -> dict[str, Variable]:
@@ -163,9 +128,9 @@ def stored_curves(firing: Firing) -> dict[str, Variable]:
         return {}
     rows = [(curve.rheobase, curve.onset_rate, curve.max_current, *curve.error) for curve in curves]
     columns = zip(_UNITS.items(), np.array(rows, dtype=float).T, strict=True)
-    found = {name: Variable(column, (_AXIS,), unit) for (name, unit), column in columns}
+    found = {name: Variable(column, ("noise_curve",), unit) for (name, unit), column in columns}
     coefficients = np.stack([curve.coefficients for curve in curves])
-    return {**found, COEFFICIENTS: Variable(coefficients, (_AXIS, "noise_curve_term"))}
+    return {**found, COEFFICIENTS: Variable(coefficients, ("noise_curve", "noise_curve_term"))}
 
 
 def restore_curves(constant: xr.Dataset, noise: float, membrane: Membrane) -> None:

@@ -20,6 +20,7 @@ from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.directions import FREE
 from softness_bayes.likelihood.pieces import pieces
 from softness_bayes.likelihood.ratings import RatingsLikelihood, RatingsModel
+from softness_bayes.likelihood.scales import Scale
 from softness_bayes.model.posterior import Density, Posterior
 from softness_bayes.parameters.declared import FABRIC_MODULUS
 from softness_bayes.parameters.space import ParameterSpace
@@ -78,8 +79,8 @@ class RatedDraws:
     ----------
     experiment, posterior
         The data, and the density that was sampled.
-    scene, ratings
-        The posterior's compiled scene and its observed ratings.
+    scale
+        Scale of the ratings, with the ends of a slider.
     kept
         The chains without their burn-in, thinned.
     theta
@@ -90,23 +91,59 @@ class RatedDraws:
         Effects drawn given each point, as the rating model draws them.
     prior
         Draws of the prior, shape (`PRIOR_DRAWS`, dimension).
-    log_weight
-        Log weights of `REWEIGHT_DRAWS` evenly spaced draws, if the result is that of weighted draws.
     share
         Share of the usual numbers of replicates and curves.
+    log_weight
+        Log weights of `REWEIGHT_DRAWS` evenly spaced draws, if the result is that of weighted draws.
     """
 
     experiment: Experiment
     posterior: Posterior
-    scene: Scene
-    ratings: RatingsLikelihood
+    scale: Scale
     kept: Chains
     theta: Array
     mean_rate: Array
     effects: Any
     prior: Array
-    log_weight: Array | None = None
     share: float = 1.0
+    log_weight: Array | None = None
+
+    @classmethod
+    def of(
+        cls,
+        experiment: Experiment,
+        posterior: Posterior,
+        scale: Scale,
+        kept: Chains,
+        theta: Array,
+        rng: np.random.Generator,
+        share: float = 1.0,
+    ) -> RatedDraws:
+        """Return the draws of a run with effects given each draw and prior draws, both from `rng` in this order.
+
+        Effects are drawn in chunks, because the responses of individual fingers are large.
+        """
+        ratings, flat = posterior.observation, theta.reshape(-1, theta.shape[-1])
+        width = ratings.fabric_of_rate.size
+        width += 0 if posterior.fingers is None else posterior.fingers.grid.size * ratings.design.n_participants
+        parts = [
+            ratings.draw_effects(rng, posterior.response(flat[k]), posterior.rating_parameters(flat[k]))
+            for k in pieces(len(flat), width)
+        ]
+        joined = (np.concatenate(each) for each in zip(*parts, strict=True))
+        effects = type(parts[0])(*(each.reshape(*theta.shape[:-1], *each.shape[1:]) for each in joined))
+        prior = posterior.space.draw_prior(rng, int(share * PRIOR_DRAWS))
+        return cls(experiment, posterior, scale, kept, theta, posterior.mean_rate(theta), effects, prior, share)
+
+    @property
+    def scene(self) -> Scene:
+        """The posterior's compiled scene."""
+        return self.posterior.scene
+
+    @property
+    def ratings(self) -> RatingsLikelihood:
+        """The likelihood of the ratings."""
+        return self.posterior.observation
 
     @property
     def model(self) -> RatingsModel:
@@ -119,24 +156,6 @@ class RatedDraws:
         return groups_of(self.experiment.ratings.loads)
 
     @property
-    def replicates(self) -> int:
-        """Number of draws with replicated ratings: `REPLICATES`, or as many as fit into `ROOM`."""
-        return min(int(self.share * REPLICATES), max(LEAST_REPLICATES, ROOM // self.ratings.design.n_rows))
-
-    @property
-    def curves(self) -> int:
-        """Number of draws with stored response curves."""
-        return int(self.share * CURVES)
-
-    @property
-    def picks(self) -> dict[str, int]:
-        """Groups with a subset of the posterior draws, and its size; `log_likelihood` has the first one's."""
-        return {
-            "posterior_predictive": self.replicates,
-            "predictions": self.curves,
-        }
-
-    @property
     def load_axis(self) -> str:
         """Name of the axis of variables stored for each of these groups."""
         return LOAD_GROUP if self.load_groups.merged else "load"
@@ -147,26 +166,27 @@ class RatedDraws:
         return [self.scene.loads[k] for k in self.load_groups.at]
 
     @property
-    def rises(self) -> float:
-        """Posterior probability that ratings rise with firing if both directions were sampled, otherwise NaN."""
-        if self.model.direction is not FREE:
-            return np.nan
-        return float((np.asarray(self.posterior.space.value("gamma", self.theta)) > 0).mean())
+    def replicates(self) -> int:
+        """Number of draws with replicated ratings: `REPLICATES`, or as many as fit into `ROOM`."""
+        return min(int(self.share * REPLICATES), max(LEAST_REPLICATES, ROOM // self.ratings.design.n_rows))
 
     @property
-    def rises_error(self) -> float:
-        """Monte-Carlo standard error of `rises`, from the independent ensembles."""
+    def curves(self) -> int:
+        """Number of draws with stored response curves."""
+        return int(self.share * CURVES)
+
+    @cached_property
+    def rises(self) -> tuple[float, float]:
+        """Posterior probability that ratings rise with firing, and its Monte-Carlo standard error from the ensembles.
+
+        NaN if only one direction was sampled, and the error also if there is one ensemble.
+        """
         if self.model.direction is not FREE:
-            return np.nan
+            return np.nan, np.nan
         rises = (np.asarray(self.posterior.space.value("gamma", self.theta)) > 0).mean(axis=1)
         shares = [rises[self.kept.ensemble == one].mean() for one in np.unique(self.kept.ensemble)]
-        return float(np.std(shares, ddof=1) / np.sqrt(len(shares))) if len(shares) > 1 else np.nan
-
-    @property
-    def sign(self) -> float:
-        """As `provenance.DirectionTaken.sign`."""
-        rises = self.rises
-        return self.model.direction.sign if np.isnan(rises) else (1.0 if rises >= 0.5 else -1.0)
+        error = float(np.std(shares, ddof=1) / np.sqrt(len(shares))) if len(shares) > 1 else np.nan
+        return float(rises.mean()), error
 
     def picked(self, size: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return chain and draw indices of evenly spaced draws, or of draws resampled by their exact weights."""
@@ -179,7 +199,14 @@ class RatedDraws:
     def subset(self, size: int) -> Subset:
         """Return the draws at `picked`."""
         if size not in self._subsets:
-            self._subsets[size] = self._subset(size)
+            index = self.picked(size)
+            theta = self.theta[index]
+            self._subsets[size] = Subset(
+                theta,
+                self.posterior.response(theta) if self.posterior.fingers else self.mean_rate[index],
+                self.posterior.rating_parameters(theta),
+                type(self.effects)(*(effect[index] for effect in self.effects)),
+            )
         return self._subsets[size]
 
     @cached_property
@@ -187,18 +214,9 @@ class RatedDraws:
         """Cache of subsets by size, because responses of individual fingers take a second."""
         return {}
 
-    def _subset(self, size: int) -> Subset:
-        index = self.picked(size)
-        return Subset(
-            self.theta[index],
-            self.posterior.response(self.theta[index]) if self.posterior.fingers else self.mean_rate[index],
-            self.posterior.rating_parameters(self.theta[index]),
-            type(self.effects)(*(effect[index] for effect in self.effects)),
-        )
-
     def touch(self, theta: Array) -> TouchParameters:
         """Return the parameters of the forward model at theta, fixed ones broadcast to the shape of sampled ones."""
-        return TouchParameters(*(np.broadcast_to(v, theta.shape[:-1]) for v in self.posterior.space.touch(theta)))
+        return self.posterior.space.touch(theta).broadcast(theta.shape[:-1])
 
     def touches(self, theta: Array) -> tuple[TouchParameters, Array | None]:
         """Return the arguments for a scene at theta: parameters of the forward model, and moduli if uncertain."""
@@ -216,36 +234,6 @@ def draws_per_walker(posterior: Posterior, chains: Chains, share: float = 1.0) -
     width = max(design.n_conditions, design.n_participants, design.n_fabrics)
     ensembles, _, walkers = chains.log_density.shape
     return min(int(share * DRAWS_PER_WALKER), max(LEAST_PER_WALKER, ROOM // (ensembles * walkers * width)))
-
-
-def draws_of(
-    experiment: Experiment,
-    posterior: Posterior,
-    kept: Chains,
-    theta: Array,
-    rng: np.random.Generator,
-    share: float = 1.0,
-) -> RatedDraws:
-    """Return the draws of a run with effects given each draw and prior draws, both from `rng` in this order."""
-    scene, ratings = posterior.scene, posterior.observation
-    mean_rate = posterior.mean_rate(theta)
-    effects = _effects(posterior, theta, mean_rate, rng)
-    prior = posterior.space.draw_prior(rng, int(share * PRIOR_DRAWS))
-    return RatedDraws(experiment, posterior, scene, ratings, kept, theta, mean_rate, effects, prior, share=share)
-
-
-def _effects(posterior: Posterior, theta: Array, mean_rate: Array, rng: np.random.Generator) -> Any:
-    """Return effects drawn given each point; for individual fingers in chunks, because their responses are large."""
-    ratings = posterior.observation
-    if posterior.fingers is None:
-        return ratings.draw_effects(rng, mean_rate, posterior.rating_parameters(theta))
-    flat = theta.reshape(-1, theta.shape[-1])
-    width = ratings.fabric_of_rate.size + posterior.fingers.grid.size * ratings.design.n_participants
-    parts = []
-    for k in pieces(len(flat), width):
-        parts.append(ratings.draw_effects(rng, posterior.response(flat[k]), posterior.rating_parameters(flat[k])))
-    joined = (np.concatenate(each) for each in zip(*parts, strict=True))
-    return type(parts[0])(*(each.reshape(*theta.shape[:-1], *each.shape[1:]) for each in joined))
 
 
 class Variable(NamedTuple):
@@ -278,14 +266,13 @@ def merged(*parts: Groups) -> Groups:
     return {group: {n: v for part in parts for n, v in part.get(group, {}).items()} for group in names}
 
 
-def named(space: ParameterSpace, theta: Array) -> dict[str, Variable]:
-    """Return points theta (..., dimension) by parameter name; sampled moduli form one variable."""
-    return _by_name(space, theta, [p.unit for p in space.sampled])
+def named(space: ParameterSpace, values: Array, units: Sequence[str] | None = None) -> dict[str, Variable]:
+    """Return values at points (..., dimension) by parameter name; those of sampled moduli form one variable.
 
-
-def _by_name(space: ParameterSpace, values: Array, units: Sequence[str]) -> dict[str, Variable]:
-    chain = range(space.n_chain)
-    found = {space.names[k]: Variable(values[..., k], units=units[k]) for k in chain}
+    Their units are those of the parameters, unless others are given.
+    """
+    units = [p.unit for p in space.sampled] if units is None else units
+    found = {space.names[k]: Variable(values[..., k], units=units[k]) for k in range(space.n_chain)}
     if space.moduli is not None and space.moduli.uncertain:
         found[FABRIC_MODULUS] = Variable(values[..., space.n_chain :], (UNCERTAIN,), units[-1])
     return found
@@ -314,7 +301,7 @@ def sampled_groups(density: Density, kept: Chains, theta: Array, data: str) -> G
             "acceptance_rate": Variable(acceptance),
             arviz_bridge.ENSEMBLE: Variable(ensemble),
         },
-        "log_prior": _by_name(density.space, log_prior, [""] * density.space.dimension),
+        "log_prior": named(density.space, log_prior, [""] * density.space.dimension),
         "log_likelihood_joint": {data: Variable(height - log_prior.sum(axis=-1))},
     }
 

@@ -59,8 +59,8 @@ def _other_loads(exact: Scene, posterior: Posterior) -> Scene:
     return at_other_loads(exact, errors)
 
 
-def compare_exactly(posterior: Posterior, theta: Array, workers: Workers, reweight: bool) -> Exactness:
-    """Compare the sampled log-likelihood with the exact one at evenly spaced draws.
+def compare_exactly(posterior: Posterior, theta: Array, workers: Workers | None, reweight: bool = False) -> Exactness:
+    """Compare the sampled log-likelihood with its reference at evenly spaced draws.
 
     The comparison stops after the first draws if these show clearly that the fast likelihood is accurate enough.
 
@@ -71,35 +71,21 @@ def compare_exactly(posterior: Posterior, theta: Array, workers: Workers, reweig
     theta
         All draws, shape (chains, draws, dimension).
     workers
-        Processes with `posterior` as their resident object, which compute the exact likelihood in parallel.
+        Processes with `posterior` as their resident object, which compute the exact likelihood in parallel. None for
+        the reference of the integrals over raters' effects, with the same fast response.
     reweight
         Whether to compare at `REWEIGHT_DRAWS` draws, for reweighting, instead of `EXACT_DRAWS`.
     """
     rates = SAME_RATES if posterior.scene.firing.noise else EXACT_RATES
     for number in (REWEIGHT_DRAWS,) if reweight else (FIRST_DRAWS, EXACT_DRAWS):
         some = theta[evenly(theta.shape, number)]
-        # the division does not depend on the number of processes, so that results agree to the last bit
-        parts = np.array_split(some, min(EXACT_PARTS, -(-len(some) // FIRST_DRAWS)))
-        exact = np.concatenate(workers.map(exact_log_likelihood, [(part, posterior.scene) for part in parts]))
-        fast = posterior.for_sampling.log_likelihood(some)
-        found = compare_likelihoods(posterior.names, some, fast, exact, rates)
-        if found.certain:
-            break
-    return found
-
-
-def compare_integrals(posterior: Posterior, theta: Array) -> Exactness:
-    """Compare the log-likelihood that was sampled with its reference for raters' effects, at evenly spaced draws.
-
-    Both have the fast response, so that only the integrals differ; arguments are those of `compare_exactly`.
-    """
-    sampled = posterior.for_sampling
-    for number in (FIRST_DRAWS, EXACT_DRAWS):
-        some = theta[evenly(theta.shape, number)]
-        same = "the same firing rates"
-        found = compare_likelihoods(
-            posterior.names, some, sampled.log_likelihood(some), posterior.log_likelihood(some), same
-        )
+        if workers is None:
+            exact = posterior.log_likelihood(some)
+        else:
+            # the division does not depend on the number of processes, so that results agree to the last bit
+            parts = np.array_split(some, min(EXACT_PARTS, -(-len(some) // FIRST_DRAWS)))
+            exact = np.concatenate(workers.map(exact_log_likelihood, [(part, posterior.scene) for part in parts]))
+        found = compare_likelihoods(posterior.names, some, posterior.for_sampling.log_likelihood(some), exact, rates)
         if found.certain:
             break
     return found
@@ -121,13 +107,9 @@ def exactness_stats(exactness: Exactness, shape: tuple[int, ...]) -> dict[str, V
     shape
         Shape of all draws, (chains, draws, ...).
     """
-    index = evenly(shape, exactness.difference.size)
     found = {}
-    for name, values in (
-        ("exact_difference", exactness.difference),
-        ("exact_log_weight", exactness.log_weight),
-    ):
+    for name in ("difference", "log_weight"):
         everywhere = np.full(shape[:2], np.nan)
-        everywhere[index] = values
-        found[name] = Variable(everywhere)
+        everywhere[evenly(shape, exactness.difference.size)] = getattr(exactness, name)
+        found[f"exact_{name}"] = Variable(everywhere)
     return found

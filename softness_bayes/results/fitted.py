@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.checking.agreement import RATERS_OF_CELLS
 from softness_bayes.checking.individual import modulus_laws
+from softness_bayes.checking.layout import RATING_AS_FILED, RATING_LINE
 from softness_bayes.data import Compression, Experiment, Fabrics, Ratings
 from softness_bayes.data.columns import GEOMETRIC_SD, LOAD_CV, RESOLUTION
 from softness_bayes.data.forms import AggregatedCells
@@ -27,7 +28,6 @@ from softness_bayes.parameters.choice import require_values
 from softness_bayes.parameters.declared import EVERY_PARAMETER, FABRIC_MODULUS, KPA, MODULUS_SCALE
 from softness_bayes.parameters.laws import LogNormal, LogUniform
 from softness_bayes.parameters.space import FabricModuli
-from softness_bayes.results.constants import RATING_AS_FILED, RATING_LINE
 from softness_bayes.results.request import Request
 from softness_bayes.results.stored import Stored
 from softness_bayes.touch.contact import Load
@@ -99,8 +99,7 @@ class Fitted:
     @property
     def touch(self) -> TouchParameters:
         """Parameters of the forward model at the draws [SI], each of shape (draws,)."""
-        values = self.posterior.space.touch(self.theta)
-        return TouchParameters(*(np.broadcast_to(value, len(self.theta)) for value in values))
+        return self.posterior.space.touch(self.theta).broadcast(len(self.theta))
 
     def scene(
         self, fabrics: Fabrics, loads: tuple[Load, ...], discretisation: Discretisation = Discretisation()

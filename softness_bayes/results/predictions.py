@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,12 +23,11 @@ from softness_bayes.results.draws import (
     named,
     turning_variables,
 )
-from softness_bayes.touch.contact import Load
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.neuron.spikes import spike_times
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.profiles import touch_profiles
-from softness_bayes.touch.receptors import kink_distances
+from softness_bayes.touch.receptors import draw_receptors, kink_distances
 from softness_bayes.touch.scene import Discretisation, Scene
 
 if TYPE_CHECKING:
@@ -77,15 +76,6 @@ TRAIN_TOLERANCE = 1e-5
 """Tolerance of their integration: spikes are within 0.02 ms, which no figure shows."""
 
 
-class Trains(NamedTuple):
-    """Example spike trains at the draws' median parameters."""
-
-    current: Array
-    """Current of each train [µA/cm²], shape (trains,)."""
-    spikes: tuple[Array, ...]
-    """Times of each train's spikes [ms]."""
-
-
 def prediction_group(draws: RatedDraws, grid: Scene, error: float) -> dict[str, Variable]:
     """Return response and rating as functions of E_fab under each shown load, with their turning points.
 
@@ -100,37 +90,30 @@ def prediction_group(draws: RatedDraws, grid: Scene, error: float) -> dict[str, 
     """
     few, scene, ratings = draws.subset(draws.curves), draws.scene, draws.ratings
     curves = response_curves(grid, draws.touch(few.theta))
-    fabrics = float(scene.modulus.min()), float(scene.modulus.max())
-    turn = find_inflection(curves, error, fabrics)
-    shape = curves.total_rate.shape
-    everywhere = curves.total_rate.reshape(shape[0], -1) / scene.n_receptors
-    drive = ratings.drive_at(everywhere, few.mean_rate, few.parameters)
+    turn = find_inflection(curves, error, (float(scene.modulus.min()), float(scene.modulus.max())))
+    everywhere = curves.total_rate.reshape(len(few.theta), -1) / scene.n_receptors
+    drive = ratings.drive_at(everywhere, few.mean_rate, few.parameters).reshape(curves.total_rate.shape)
+    typical = [
+        ratings.typical(
+            few.mean_rate, few.parameters, few.effects, drive[:, k], np.flatnonzero(draws.scene.load == load)
+        )
+        for k, load in enumerate(draws.load_groups.at)
+    ]
     lines = {
         "total_rate": (curves.total_rate, "Hz"),
-        "typical_rating": (_typical(draws, few, drive.reshape(shape)), ""),
+        "typical_rating": (draws.scale.filed(np.stack(typical, axis=1)), ""),
         "e_skin_kpa": (curves.skin_modulus * 1e-3, "kPa"),
         "contact_radius_mm": (curves.radius * 1e3, "mm"),
         "contact_force_n": (curves.force, "N"),
     }
     along = (draws.load_axis, "e_fab_kpa")
-    rated = ratings.expected(few.mean_rate, few.parameters, few.effects)
+    rated = draws.scale.filed(ratings.expected(few.mean_rate, few.parameters, few.effects))
     return {
         TYPICAL: Variable(rated[None], ("condition",)),
         **{n: Variable(v[None].astype(np.float32), along, unit) for n, (v, unit) in lines.items()},
         **turning_variables(turn, (1, -1), draws.load_axis),
         **{f"at_{n}": v for n, v in named(draws.posterior.space, few.theta[None]).items()},
     }
-
-
-def _typical(draws: RatedDraws, few: Any, drive: Array) -> Array:
-    """Return the typical rating for these drives, shape (draws, loads, points)."""
-    found = [
-        draws.ratings.typical(
-            few.mean_rate, few.parameters, few.effects, drive[:, k], np.flatnonzero(draws.scene.load == load)
-        )
-        for k, load in enumerate(draws.load_groups.at)
-    ]
-    return np.stack(found, axis=1)
 
 
 def turning_draws(draws: RatedDraws) -> Array:
@@ -144,31 +127,30 @@ def turning_draws(draws: RatedDraws) -> Array:
 def turning_groups(draws: RatedDraws, error: float) -> Groups:
     """Return turning points for many posterior and prior draws; arguments as for `prediction_group`."""
     found: Groups = {}
-    loads = draws.shown_loads
     for group, points in {"inflection": turning_draws(draws), "prior_inflection": draws.prior[None]}.items():
-        flat = points.reshape(-1, points.shape[-1])
-        turn = turning_points(draws.scene, draws.touch(flat), error, loads=loads)
+        touch = draws.touch(points.reshape(-1, points.shape[-1]))
+        turn = turning_points(draws.scene, touch, error, loads=draws.shown_loads)
         found[group] = turning_variables(turn, points.shape[:2], draws.load_axis)
     return found
 
 
 def illustration_groups(
-    draws: RatedDraws, receptors: Array, trains: Trains, turn: Array
+    rng: np.random.Generator, draws: RatedDraws, turn: Array
 ) -> tuple[Groups, dict[str, NDArray[Any]]]:
     """Return the data for the figures of touch and membrane, and coordinates of their axes.
 
     Parameters
     ----------
+    rng
+        Random generator of the pad's receptors and of membrane noise.
     draws
         The draws of the run.
-    receptors, trains
-        The pad's receptors and example spike trains, drawn after the run.
     turn
         E_fab at the turning points of the draws with curves [Pa], shape (draws, loads), NaN where there is none.
     """
     touched, fired = (draws.touch(draws.subset(size).theta) for size in (ILLUSTRATED, draws.curves))
-    touch, along = touch_illustration(receptors, draws.scene, touched, turn)
-    membrane, currents = membrane_illustration(trains, draws.scene, fired)
+    touch, along = touch_illustration(rng, draws.scene, touched, turn)
+    membrane, currents = membrane_illustration(rng, draws.scene, fired)
     return merged(touch, membrane), {**along, **currents}
 
 
@@ -204,36 +186,18 @@ def modulus_shifts(draws: RatedDraws, inflection: Mapping[str, Variable]) -> pd.
     return shift_table([*quantities], [posterior_shift(values, score, share) for values in quantities.values()])
 
 
-def illustrated_loads(loads: tuple[Load, ...]) -> NDArray[np.intp]:
-    """Return the indices of at most `MOST_LOADS` loads, evenly over their order."""
-    return np.unique(np.linspace(0, len(loads) - 1, MOST_LOADS).round().astype(np.intp))
-
-
-def illustrated_fabrics(scene: Scene, inflection: Array) -> tuple[list[str], Array]:
-    """Return names and moduli [Pa] of three fabrics in increasing order: lowest, intermediate, highest.
-
-    The intermediate one is at the typical turning point of the response, under the load with the most turning points;
-    without any, it is halfway in the logarithm.
-    """
-    low, high = float(scene.modulus.min()), float(scene.modulus.max())
-    column = inflection[:, (~np.isnan(inflection)).sum(axis=0).argmax()]
-    known = column[~np.isnan(column)]
-    between = (
-        ("at the turning point", float(np.median(known))) if known.size else ("halfway", float(np.sqrt(low * high)))
-    )
-    chosen = sorted([("lowest modulus", low), between, ("highest modulus", high)], key=lambda each: each[1])
-    return [name for name, _ in chosen], np.array([modulus for _, modulus in chosen])
-
-
 def touch_illustration(
-    receptors: Array, scene: Scene, parameters: TouchParameters, inflection: Array
-) -> tuple[Groups, dict[str, NDArray[np.generic]]]:
+    rng: np.random.Generator, scene: Scene, parameters: TouchParameters, inflection: Array
+) -> tuple[Groups, dict[str, NDArray[Any]]]:
     """Return pressure, stress and rate along the pad for three fabrics and some loads, and the pad's receptors.
+
+    The fabrics are the lowest modulus, the highest, and the typical turning point of the response under the load with
+    the most turning points; without any, half the way between the others in the logarithm.
 
     Parameters
     ----------
-    receptors
-        Positions of the pad's receptors [m], shape (receptors, 2), from `draw_receptors`.
+    rng
+        Random generator of the receptors' positions.
     scene
         The scene of the data.
     parameters
@@ -246,19 +210,28 @@ def touch_illustration(
     groups, coordinates
         The group `ILLUSTRATIONS`, and coordinates of its axes.
     """
-    names, moduli = illustrated_fabrics(scene, inflection)
-    loads = illustrated_loads(scene.loads)
+    finger = scene.finger
+    receptors = draw_receptors(rng, finger, scene.readings.receptor_density)
+    low, high = float(scene.modulus.min()), float(scene.modulus.max())
+    turns = inflection[:, (~np.isnan(inflection)).sum(axis=0).argmax()]
+    known = turns[~np.isnan(turns)]
+    middle = (
+        ("at the turning point", float(np.median(known))) if known.size else ("halfway", float(np.sqrt(low * high)))
+    )
+    chosen = sorted([("lowest modulus", low), middle, ("highest modulus", high)], key=lambda one: one[1])
+    moduli = np.array([modulus for _, modulus in chosen])
+    loads = np.unique(np.linspace(0, len(scene.loads) - 1, MOST_LOADS).round().astype(np.intp))
     few = Scene(
         moduli,
         np.median(scene.poisson),
         [scene.loads[k] for k in loads],
         scene.firing,
-        finger=scene.finger,
+        finger=finger,
         readings=scene.readings,
         discretisation=UNTABLED,
         finger_box=scene.finger_box,
     )
-    contact, farthest = few.contact(parameters), float(kink_distances(scene.finger)[-1])
+    contact, farthest = few.contact(parameters), float(kink_distances(finger)[-1])
     near = min(REACH * float(np.median(contact.radius, axis=0).max()), 0.9 * farthest)
     distance = np.append(np.linspace(0.0, near, NEAR), np.geomspace(near, farthest, FAR + 1)[1:])
     profiles = touch_profiles(few, parameters, distance)
@@ -269,7 +242,6 @@ def touch_illustration(
 
     at = ("quantile", "touch_load", "touch_fabric")
     along = (*at, "distance_mm")
-    finger = scene.finger
     variables = {
         "touch_pressure_kpa": Variable(limits(profiles.pressure * 1e-3), along, "kPa"),
         "touch_stress_kpa": Variable(limits(profiles.stress * 1e-3), along, "kPa"),
@@ -284,14 +256,19 @@ def touch_illustration(
     coordinates = {
         "quantile": np.array(QUANTILES),
         "touch_load": np.array([str(scene.loads[k]) for k in loads]),
-        "touch_fabric": np.array(names),
+        "touch_fabric": np.array([name for name, _ in chosen]),
         "distance_mm": distance * 1e3,
     }
     return {ILLUSTRATIONS: variables}, coordinates
 
 
-def example_trains(rng: np.random.Generator, scene: Scene, parameters: TouchParameters) -> Trains:
-    """Simulate trains at `EXCESSES` of the way from median rheobase to median alpha.
+def membrane_illustration(
+    rng: np.random.Generator, scene: Scene, parameters: TouchParameters
+) -> tuple[Groups, dict[str, NDArray[Any]]]:
+    """Return firing rate as a function of current for every draw, and example trains at the draws' medians.
+
+    The currents go from below the lowest rheobase to the largest alpha of the draws' central 95 %; those of the trains
+    lie at `EXCESSES` of the way from median rheobase to median alpha.
 
     Parameters
     ----------
@@ -302,40 +279,24 @@ def example_trains(rng: np.random.Generator, scene: Scene, parameters: TouchPara
     parameters
         Draws of the parameters of the forward model, shape (draws,).
     """
-    alpha, least = float(np.median(parameters.alpha)), float(np.median(_rheobase(scene, parameters)))
-    channels = Channels(*(float(np.median(getattr(parameters, name))) for name in Channels._fields))
+    curve = scene.firing.curves(parameters.channels, parameters.alpha)
+    rheobase = np.broadcast_to(curve.rheobase, np.shape(parameters.alpha))
+    alpha, least = float(np.median(parameters.alpha)), float(np.median(rheobase))
+    channels = Channels(*(float(np.median(value)) for value in parameters.channels))
     given = least + np.array(EXCESSES) * (alpha - least) if least < alpha else np.array([alpha])
     how = channels, scene.readings.membrane, DURATION, scene.firing.noise, rng, TRAIN_TOLERANCE
-    return Trains(given, tuple(spike_times(float(each), *how) for each in given))
-
-
-def membrane_illustration(
-    trains: Trains, scene: Scene, parameters: TouchParameters
-) -> tuple[Groups, dict[str, NDArray[np.generic]]]:
-    """Return firing rate as a function of current for every draw, and example trains.
-
-    The currents go from below the lowest rheobase to the largest alpha of the draws' central 95 %.
-
-    Parameters
-    ----------
-    trains
-        Trains from `example_trains`.
-    scene
-        The scene of the data.
-    parameters
-        Draws of the parameters of the forward model, shape (draws,).
-    """
-    curve, rheobase = scene.firing.curves(parameters.channels, parameters.alpha), _rheobase(scene, parameters)
+    trains = [spike_times(float(each), *how) for each in given]
+    spikes = np.full((len(trains), max(1, *(train.size for train in trains))), np.nan)
+    for row, train in zip(spikes, trains, strict=True):
+        row[: train.size] = train
     top = min(float(np.quantile(parameters.alpha, 0.975)), float(np.min(curve.max_current)))
     begin = min(float(rheobase.min()), top)
     current = np.linspace(max(0.0, begin - 0.25 * (top - begin)) if begin < top else 0.0, top, CURRENTS)
-    rate = np.broadcast_to(curve.rate(np.broadcast_to(current, (rheobase.size, CURRENTS))), (rheobase.size, CURRENTS))
-    spikes = np.full((len(trains.spikes), max(1, *(train.size for train in trains.spikes))), np.nan)
-    for row, train in zip(spikes, trains.spikes, strict=True):
-        row[: train.size] = train
+    shape = rheobase.size, CURRENTS
+    rate = np.broadcast_to(curve.rate(np.broadcast_to(current, shape)), shape)
     examples = {
         "spike_time_ms": Variable(spikes, ("train", "spike"), "ms"),
-        "train_current_ua_cm2": Variable(trains.current, ("train",), "µA/cm²"),
+        "train_current_ua_cm2": Variable(given, ("train",), "µA/cm²"),
         "train_duration_ms": Variable(np.array(DURATION), (), "ms"),
     }
     curves = {
@@ -344,9 +305,3 @@ def membrane_illustration(
         "largest_current_ua_cm2": Variable(np.array(parameters.alpha)[None], (), "µA/cm²"),
     }
     return {ILLUSTRATIONS: examples, "predictions": curves}, {"current_ua_cm2": current}
-
-
-def _rheobase(scene: Scene, parameters: TouchParameters) -> Array:
-    """Return the rheobase of every draw [µA/cm²], shape (draws,)."""
-    curve = scene.firing.curves(parameters.channels, parameters.alpha)
-    return np.broadcast_to(curve.rheobase, np.shape(parameters.alpha))

@@ -144,7 +144,9 @@ class Result(Stored):
         self._require_ratings()
         names = self.load_groups.names
         drawn, prior = (self._turning(name) for name in ("inflection", "prior_inflection"))
-        return turning_table(drawn, names, prior, np.unique(self.group("sample_stats")[arviz_bridge.ENSEMBLE]).size)
+        ensembles = np.unique(self.group("sample_stats")[arviz_bridge.ENSEMBLE]).size
+        # weighted draws are one chain
+        return turning_table(drawn, names, prior, min(ensembles, len(drawn.outcome)))
 
     @property
     def moduli_assumed(self) -> bool:

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checking.exactness import largest_pareto_k
+from softness_bayes.checking.layout import RATING_HIGH, RATING_LOW
 from softness_bayes.errors import InputError
 from softness_bayes.ranges import require_kind, require_mapping
-from softness_bayes.results.constants import RATING_HIGH, RATING_LOW
 from softness_bayes.results.fitted import differences, experiment_of
 from softness_bayes.results.result import Result
 from softness_bayes.runs.left_out import LEAVE, Leave, LeftOut

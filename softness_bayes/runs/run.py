@@ -38,7 +38,7 @@ from softness_bayes.provenance import (
 )
 from softness_bayes.results.assembly import Stage, assembled, assembled_skin
 from softness_bayes.results.draws import FIRST_SHARE
-from softness_bayes.results.exact import compare_integrals
+from softness_bayes.results.exact import compare_exactly
 from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
 from softness_bayes.results.result_file import SCHEMA
@@ -356,4 +356,4 @@ def _integrals(posterior: Posterior, sampled: Sampled) -> Exactness | None:
     if posterior.observation.for_sampling() is posterior.observation:
         return None
     kept = sampled.chains.kept(sampled.verdict.burn_in)
-    return compare_integrals(posterior, kept.by_walker(posterior.natural(kept.coordinates)))
+    return compare_exactly(posterior, kept.by_walker(posterior.natural(kept.coordinates)), None)

@@ -275,7 +275,7 @@ def given_draws(values: Mapping[str, ArrayLike], parameters: TouchParameters) ->
     """Return the parameter vectors of a command that evaluates the model only at these."""
     shape = np.broadcast_shapes(*(np.shape(v) for v in parameters), (1,))
     eps = float(np.median(np.asarray(values["eps"], float))) if "eps" in values else None
-    whole = TouchParameters(*(np.broadcast_to(v, shape) for v in parameters))
+    whole = parameters.broadcast(shape)
     return Draws(first(whole, min(DRAWS, shape[0])), eps, False)
 
 

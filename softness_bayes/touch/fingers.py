@@ -137,7 +137,7 @@ class FingerFamily:
         """
         batch = (np.shape(value) for value in (*parameters, *spreads))
         shape = np.broadcast_shapes(*batch, () if modulus is None else modulus.shape[:-1])
-        parameters = TouchParameters(*(np.broadcast_to(value, shape) for value in parameters))
+        parameters = parameters.broadcast(shape)
         spread = FingerSpreads(*(np.broadcast_to(np.asarray(value, float), shape).reshape(-1) for value in spreads))
         _, flat = checked_rows(parameters)
         if modulus is not None:

@@ -44,6 +44,10 @@ class TouchParameters(NamedTuple):
         """Multipliers of all conductances [-]."""
         return Channels(self.c_Na, self.c_K, self.c_L, self.c_A)
 
+    def broadcast(self, shape: int | tuple[int, ...]) -> TouchParameters:
+        """Return the parameters as arrays of one shape, which those that do not vary lack."""
+        return TouchParameters(*(np.broadcast_to(value, shape) for value in self))
+
 
 _POSITIVE = [TouchParameters._fields.index(name) for name in ("b", "alpha", "beta", *Channels._fields)]
 _FROM_ZERO = [TouchParameters._fields.index(name) for name in ("radius", "receptor_depth")]

@@ -392,7 +392,7 @@ class Scene:
         require_members("parameters", parameters, ("b", "m"), "TouchParameters, as touch_parameters(values) returns")
         if modulus is not None:
             shape = np.broadcast_shapes(*(np.shape(value) for value in parameters), modulus.shape[:-1])
-            parameters = TouchParameters(*(np.broadcast_to(value, shape) for value in parameters))
+            parameters = parameters.broadcast(shape)
             modulus = np.broadcast_to(modulus, (*shape, modulus.shape[-1])).reshape(-1, modulus.shape[-1])
         shape, flat = checked_rows(parameters)
         rows = max(LEAST_ROWS, CHUNK // (self.n_conditions * self.discretisation.nodes))

@@ -157,7 +157,7 @@ def test_an_interrupt_ends_a_run_quietly_at_any_time(tmp_path, seed):
 @pytest.mark.parametrize(
     "place",
     [
-        "softness_bayes.results.assembly:draw_replicates",  # all that follows the walk
+        "softness_bayes.results.assembly:replicated_groups",  # all that follows the walk
         pytest.param("softness_bayes.runs.drawing:draw_run_figures", marks=pytest.mark.slow),  # workers are drawing
         "softness_bayes.model.build:choose",
     ],

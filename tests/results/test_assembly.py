@@ -5,6 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from softness_bayes.checking.turning_check import EXCESS
+from softness_bayes.likelihood.scales import MAGNITUDE
 from softness_bayes.model.build import build
 from softness_bayes.results import draws as draws_module
 from softness_bayes.results.draws import (
@@ -13,10 +15,10 @@ from softness_bayes.results.draws import (
     LEAST_PER_WALKER,
     LEAST_REPLICATES,
     REPLICATES,
-    draws_of,
+    RatedDraws,
     draws_per_walker,
 )
-from softness_bayes.results.replicates import draw_replicates
+from softness_bayes.results.replicates import replicated_groups
 from softness_bayes.results.request import Request
 from softness_bayes.sampler.chains import Chains
 from support.report_runs import OPTIONS, experiment, quickly
@@ -30,7 +32,7 @@ def draws():
         posterior = build(data, Request().with_options(**OPTIONS).model).posterior
     theta = posterior.space.draw_prior(rng, 12).reshape(6, 2, -1)
     kept = Chains(np.zeros((2, 2, 3, theta.shape[-1])), np.zeros((2, 2, 3)), np.full((2, 3), 0.3), 2, 1)
-    return draws_of(data, posterior, kept, theta, rng)
+    return RatedDraws.of(data, posterior, MAGNITUDE, kept, theta, rng)
 
 
 def arrays(value):
@@ -49,19 +51,18 @@ def same(one, other):
 
 
 def test_what_is_drawn_depends_on_the_seed_alone(draws):
-    first, again, other = (draw_replicates(np.random.default_rng(seed), draws) for seed in (1, 1, 2))
+    first, again, other = (replicated_groups(np.random.default_rng(seed), draws) for seed in (1, 1, 2))
     assert same(first, again)
     assert not same(first, other)
     # the response at its peak shares its noise: where it is not beyond the peak, ratings are the same
-    assert (first.plateau == first.again).any()
-    assert not (first.plateau == first.again).all()
+    excess = np.abs(first["constant_data"][EXCESS].values)
+    assert excess.min() < 1e-9 < excess.max()
 
 
 def test_a_first_look_stores_fewer_draws(draws):
     first = dataclasses.replace(draws, share=FIRST_SHARE)
     assert 4 * first.replicates > REPLICATES > 3 * first.replicates
     assert 4 * first.curves > draws.curves > 3 * first.curves
-    assert first.picks["predictions"] == first.curves
     per_walker = draws_per_walker(draws.posterior, draws.kept, FIRST_SHARE)
     assert 4 * per_walker > DRAWS_PER_WALKER > 3 * per_walker
 
@@ -71,9 +72,8 @@ def test_large_tables_store_fewer_draws(draws, monkeypatch):
     design, chains = draws.posterior.observation.design, draws.kept
     ensembles, _, walkers = chains.log_density.shape
     assert (draws.replicates, draws_per_walker(draws.posterior, chains)) == (REPLICATES, DRAWS_PER_WALKER)
-    assert draws.picks["posterior_predictive"] == REPLICATES
     monkeypatch.setattr(draws_module, "ROOM", 200 * design.n_rows)
-    assert draws.replicates == draws.picks["posterior_predictive"] == 200
+    assert draws.replicates == 200
     widest = max(design.n_conditions, design.n_participants, design.n_fabrics)
     monkeypatch.setattr(draws_module, "ROOM", 30 * ensembles * walkers * widest)
     assert draws_per_walker(draws.posterior, chains) == 30

@@ -8,7 +8,6 @@ from scipy.stats import kstest, norm
 from softness_bayes.results.predictions import (
     EXCESSES,
     ILLUSTRATIONS,
-    example_trains,
     membrane_illustration,
     touch_illustration,
 )
@@ -78,8 +77,7 @@ def test_receptors_are_drawn_from_their_density(rng, density):
 def test_a_touch_is_kept_as_quantiles_over_the_draws(scene, draws, rng):
     turn = np.full((12, len(LOADS)), np.nan)
     turn[:9, 3] = 6e5
-    places = draw_receptors(rng, scene.finger, scene.readings.receptor_density)
-    groups, axes = touch_illustration(places, scene, draws, turn)
+    groups, axes = touch_illustration(rng, scene, draws, turn)
     stored = {name: variable.values for name, variable in groups[ILLUSTRATIONS].items()}
     assert axes["touch_load"].tolist() == ["1 mm", "2 mm", "1 N"]
     assert axes["touch_fabric"].tolist() == ["lowest modulus", "at the turning point", "highest modulus"]
@@ -101,7 +99,7 @@ def test_a_touch_is_kept_as_quantiles_over_the_draws(scene, draws, rng):
 
 
 def test_rate_curves_and_trains_are_those_of_the_membrane(scene, draws, rng):
-    groups, axes = membrane_illustration(example_trains(rng, scene, draws), scene, draws)
+    groups, axes = membrane_illustration(rng, scene, draws)
     current, rate = axes["current_ua_cm2"], groups["predictions"]["firing_rate_hz"].values
     curve = scene.firing.curve
     assert rate.shape == (1, 12, current.size)
@@ -119,7 +117,7 @@ def test_rate_curves_and_trains_are_those_of_the_membrane(scene, draws, rng):
 
 def test_a_silent_membrane_has_an_empty_train(scene, draws, rng):
     quiet = draws._replace(alpha=np.full(12, 5.0))
-    groups, axes = membrane_illustration(example_trains(rng, scene, quiet), scene, quiet)
+    groups, axes = membrane_illustration(rng, scene, quiet)
     assert np.isnan(groups[ILLUSTRATIONS]["spike_time_ms"].values).all()
     assert groups["predictions"]["firing_rate_hz"].values.max() == 0
     assert axes["current_ua_cm2"][[0, -1]].tolist() == [0.0, 5.0]

@@ -20,7 +20,6 @@ from softness_bayes.results.request import Request
 from softness_bayes.runs.run import sample
 from softness_bayes.touch.contact import Force
 from softness_bayes.touch.load_groups import groups_of
-from softness_bayes.touch.parameters import TouchParameters
 from support.report_runs import CLOTH, OPTIONS, quickly
 
 MEANT, TOUCHES = (0.5, 1.0, 2.0), 8
@@ -96,7 +95,7 @@ def test_a_group_is_shown_as_its_middle_load_among_curves_of_every_load(run):
         posterior = build.build(experiment_of(result), options_of(result)).posterior
     drawn, at = result.group("predictions").isel(chain=0, draw=slice(5)), result.load_groups.at
     theta = np.stack([drawn[f"at_{name}"].values for name in posterior.names], axis=-1)
-    touch = TouchParameters(*(np.broadcast_to(value, 5) for value in posterior.space.touch(theta)))
+    touch = posterior.space.touch(theta).broadcast(5)
     every = inflection.response_curves(inflection.curve_scene(posterior.scene), touch).total_rate
     assert every.shape[1] == len(result.loads)
     shown = result.curves().total_rate[:5]

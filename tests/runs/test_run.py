@@ -188,7 +188,7 @@ def test_provenance(result):
     assert 0 < found["numerical_error"] < 1e-3
     assert "accuracy" in found
     assert found["discretisation"] == str(COARSE)
-    assert "held_eps" not in found
+    assert result.provenance.held_eps == ""
     assert result.group("constant_data")["finger_radius_mm"] == 8
 
 
@@ -547,6 +547,8 @@ def test_the_options_in_the_file_repeat_the_run_and_exact_weights_leave_it_as_it
     assert (np.abs(table["mean"] - plain["mean"]) < 0.2 * plain["sd"]).all()
     assert_allclose(table["sd"], plain["sd"], rtol=0.2)
     assert (table["ess_bulk"] <= 1000).all()
+    turns = (one.inflection()["p_interior"] for one in (weighted, result))
+    assert_allclose(*turns, atol=0.1)
 
 
 def test_the_dense_normal_notices_an_error(result, posterior, experiment):
