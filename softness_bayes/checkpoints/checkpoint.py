@@ -1,14 +1,14 @@
-"""Checkpoint of a run: pieces of its chains, its last state, and a manifest that names the valid files.
+"""Checkpoint of a run: files of its states, and a manifest that names those of the last one.
 
-A piece is written once and never changed; the manifest is replaced last, atomically. Whenever the process is killed,
-the manifest on disk therefore lists complete files, and readers need only the manifest. It contains the checksums of
-these files and of itself, so that damaged, exchanged or reordered files raise an error.
+The file of a state is written once and never changed; it holds the steps since the file before. The manifest is
+replaced last, atomically. Whenever the process is killed, the manifest on disk therefore lists complete files, and
+readers need only the manifest. It contains the checksums of these files and of itself, so that damaged, exchanged or
+reordered files raise an error.
 """
 
 from __future__ import annotations
 
 import csv
-import hashlib
 import io
 import time
 from collections.abc import Callable, Iterable, Mapping
@@ -18,27 +18,18 @@ from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from softness_bayes.checkpoints.identity import differences
-from softness_bayes.checkpoints.manifest import EarlierState, Whole, kept_states, last_whole, read_manifest, sealed
+from softness_bayes.checkpoints.manifest import Whole, last_whole, name_of, read_manifest, sealed
+from softness_bayes.checkpoints.state_file import digest_of, read_state_file, state_file, state_of
 from softness_bayes.checkpoints.status import Status, present_status, status_of
-from softness_bayes.checkpoints.stored_state import piece_file, state_file, state_of, unpacked
-from softness_bayes.checkpoints.vacancy import is_kept, remove_run, require_vacant
+from softness_bayes.checkpoints.vacancy import is_state_file, remove_run, require_vacant
 from softness_bayes.errors import InputError
 from softness_bayes.files.json_text import as_json
 from softness_bayes.files.lock import Lock, require_free
 from softness_bayes.files.outputs import require_outputs, write_outputs
 from softness_bayes.files.records import to_json
-from softness_bayes.files.run_files import (
-    CHECKPOINT,
-    FILES,
-    LOCK,
-    MANIFEST,
-    MANIFEST_COPY,
-    NONFINITE,
-    RUN,
-)
+from softness_bayes.files.run_files import CHECKPOINT, FILES, LOCK, MANIFEST, NONFINITE, RUN
 from softness_bayes.files.whole import write_whole
 from softness_bayes.sampler.chains import RunState
 from softness_bayes.sampler.schedule import Schedule
@@ -47,8 +38,11 @@ from softness_bayes.sampler.target import TargetDensity
 INTERVAL = 2.0
 """Time [s] between two writes."""
 
-MOST_PIECES = 64
-"""Number of pieces of the chains at which they are merged into one."""
+MOST_FILES = 64
+"""Number of files of a state at which the next one holds all steps.
+
+The files before that one are kept until the next such file: if it is damaged, the run continues from the state before.
+"""
 
 
 class Checkpoint:
@@ -86,12 +80,9 @@ class Checkpoint:
         self._home = directory / CHECKPOINT
         self._manifest, self._held = manifest, ExitStack()
         self._description: dict[str, str] = {}
-        self._saved: tuple[int, int, int] = (-1, 0, 0)  # phase, stride and number of the stored steps in the pieces
+        self._saved: tuple[int, int, int] = (-1, 0, 0)  # phase, stride and number of the stored steps in the files
         self._salvage, self.damage = salvage, ""  # damaged files and the resulting loss, as a sentence
-        self._pieces: list[str] = []
-        self._earlier: list[EarlierState] = []
-        self._digests: dict[str, str] = {}  # SHA-256 of every file by its name
-        self._serial, self._told, self._last = 0, 0, -np.inf
+        self._told, self._last = 0, -np.inf
         self._pending: Callable[[], None] | None = None
 
     @classmethod
@@ -168,9 +159,6 @@ class Checkpoint:
             else:
                 self._manifest, self.damage = _read(self.directory, self._salvage)  # as the last holder left it
                 require_outputs(self.directory, FILES, RUN)
-                self._serial, self._pieces = self._manifest["serial"], list(self._manifest["pieces"])
-                self._earlier = [EarlierState(*one) for one in self._manifest["earlier"]]
-                self._digests = dict(self._manifest["digests"])
                 if not self.damage:
                     self._tidy()
             self._held = stack.pop_all()
@@ -205,10 +193,9 @@ class Checkpoint:
             return None
         self._description = self._manifest["description"]
         self.require_same(description)
-        pieces = [self._unpacked(name) for name in self._pieces]
-        state = state_of(self._unpacked(self._manifest["arrays"]), pieces)
-        stored = state.chains.log_density.shape[1] if pieces else 0
-        self._saved, self._told = (state.phase, state.stride, stored), state.nonfinite.count
+        state = state_of([read_state_file(self._home / name, digest) for name, digest in self._manifest["files"]])
+        self._saved = (state.phase, state.stride, state.steps // state.stride)
+        self._told = state.nonfinite.count
         return state
 
     def require_same(self, description: Mapping[str, str]) -> None:
@@ -274,39 +261,26 @@ class Checkpoint:
         return None if self._manifest is None else status_of(self._manifest, True)
 
     def _write(self, state: RunState, schedule: Schedule, target: TargetDensity) -> None:
-        self._serial += 1
         if self._manifest is None:
             require_vacant(self.directory, self._replace, self._inputs)
             remove_run(self.directory, self._inputs)
-        phase, stride, stored = self._saved
-        if (phase, stride) != (state.phase, state.stride) or len(self._pieces) >= MOST_PIECES:
-            pieces, stored = [], 0
-        else:
-            pieces = list(self._pieces)
+        before = self._manifest or {"serial": 0, "files": [], "earlier": [], "written": None}
+        files, earlier, stored = before["files"], before["earlier"], self._saved[2]
+        if self._saved[:2] != (state.phase, state.stride) or len(files) >= MOST_FILES:
+            files, earlier, stored = [], files, 0
+        manifest = {
+            "serial": before["serial"] + 1,
+            "files": files,
+            "earlier": earlier,
+            "status": to_json(present_status(state, schedule, self.request)),
+            "written": before["written"],
+            "description": self._description,
+            "request": self.request,
+        }
+        name, content = name_of(manifest["serial"]), state_file(state, stored, manifest)
         try:
-            if state.steps // state.stride > stored:
-                pieces.append(f"piece-{self._serial:07d}.npz")
-                self._write_file(pieces[-1], piece_file(state, stored))
-            arrays = f"state-{self._serial:07d}.npz"
-            status = present_status(state, schedule, self.request)
-            self._write_file(arrays, state_file(state, status))
-            before = [] if self._manifest is None else [EarlierState(self._manifest["arrays"], self._pieces)]
-            earlier = kept_states([*self._earlier, *before], pieces)
-            names = {*pieces, arrays, *(name for one in earlier for name in (one.arrays, *one.pieces))}
-            self._replace_manifest(
-                {
-                    "serial": self._serial,
-                    "pieces": pieces,
-                    "arrays": arrays,
-                    "earlier": earlier,
-                    "digests": {name: self._digests[name] for name in sorted(names)},
-                    "status": to_json(status),
-                    "written": self._manifest["written"] if self._manifest is not None else None,
-                    "description": self._description,
-                    "request": self.request,
-                }
-            )
-            self._pieces, self._earlier = pieces, earlier
+            write_whole(self._home / name, content)
+            self._replace_manifest({**manifest, "files": [*files, [name, digest_of(content)]]})
             self._saved = (state.phase, state.stride, state.steps // state.stride)
         finally:
             self._tidy()
@@ -314,18 +288,9 @@ class Checkpoint:
             self._told = state.nonfinite.count
             write_outputs(self.directory, {NONFINITE: _failure_table(state, target)}, RUN)
 
-    def _unpacked(self, name: str) -> dict[str, NDArray[Any]]:
-        return unpacked(self._home / name, self._digests[name])
-
-    def _write_file(self, name: str, content: bytes) -> None:
-        write_whole(self._home / name, content)
-        self._digests[name] = hashlib.sha256(content).hexdigest()
-
     def _replace_manifest(self, manifest: dict[str, Any]) -> None:
-        content = sealed(manifest)
-        write_whole(self._home / MANIFEST, content)
+        write_whole(self._home / MANIFEST, sealed(manifest))
         self._manifest = manifest
-        write_whole(self._home / MANIFEST_COPY, content)
 
     def _tidy(self) -> None:
         """Remove files that are not in the manifest: leftovers of interrupted writes, and replaced files.
@@ -335,9 +300,9 @@ class Checkpoint:
         named: set[str] = set()
         if (self._home / MANIFEST).exists():
             manifest = read_manifest(self.directory)
-            named = {*manifest["digests"]}
+            named = {name for name, _ in (*manifest["files"], *manifest["earlier"])}
         for path in self._home.glob("*"):
-            if is_kept(path) and path.name not in named:
+            if is_state_file(path) and path.name not in named:
                 with suppress(OSError):
                     path.unlink()
 

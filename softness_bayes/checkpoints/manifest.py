@@ -1,27 +1,32 @@
-"""Manifest of a checkpoint: the valid files in order, with their checksums and that of the manifest.
+"""Manifest of a checkpoint: the files of its state in order, with their checksums and that of the manifest.
 
-It names earlier states too, from the last intact one of which a run is recovered after a file was damaged or lost.
+Each file holds the manifest of its own state, from which a run is recovered after later files, or the manifest itself,
+were damaged or lost.
 """
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Mapping, Sequence
+import io
+import zipfile
+from collections.abc import Mapping
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from softness_bayes.checkpoints.stored_state import changed, status_in, unpacked
+from softness_bayes.checkpoints.state_file import changed, digest_of, manifest_in, read_state_file, unpacked
 from softness_bayes.errors import InputError
 from softness_bayes.files.json_text import as_json, parse_json
-from softness_bayes.files.run_files import CHECKPOINT, MANIFEST, MANIFEST_COPY
+from softness_bayes.files.run_files import CHECKPOINT, MANIFEST
 
-FORMAT = 3
+FORMAT = 4
 """Version of the checkpoint's layout; other versions are rejected."""
 
 _DIGEST = "sha256"
 
-MOST_EARLIER = 8
-"""Number of earlier states with the first piece of the last state's chains above which every second one is dropped."""
+
+def name_of(serial: int) -> str:
+    """Return the name of a state's file."""
+    return f"state-{serial:07d}.npz"
 
 
 def sealed(manifest: Mapping[str, Any]) -> bytes:
@@ -32,26 +37,19 @@ def sealed(manifest: Mapping[str, Any]) -> bytes:
     InputError
         If it cannot be stored as JSON.
     """
-    content = {"format": FORMAT, **manifest}
+    content = {**manifest, "format": FORMAT}
     return as_json({**content, _DIGEST: _digest(content)}, MANIFEST, indent=1).encode()
 
 
-def read_manifest(directory: Path, name: str = MANIFEST) -> dict[str, Any]:
+def read_manifest(directory: Path) -> dict[str, Any]:
     """Return the manifest of the run in a directory of results.
-
-    Parameters
-    ----------
-    directory
-        The directory.
-    name
-        Name of the manifest's file or of its copy.
 
     Raises
     ------
     InputError
         If there is none, or it is of another version or damaged.
     """
-    path = directory / CHECKPOINT / name
+    path = directory / CHECKPOINT / MANIFEST
     try:
         manifest = parse_json(path.read_bytes())
     except FileNotFoundError:
@@ -70,7 +68,7 @@ def read_manifest(directory: Path, name: str = MANIFEST) -> dict[str, Any]:
 
 def _digest(content: Mapping[str, Any]) -> str:
     """Return the SHA-256 of the values, which does not depend on white space between them."""
-    return hashlib.sha256(as_json(content, MANIFEST).encode()).hexdigest()
+    return digest_of(as_json(content, MANIFEST).encode())
 
 
 class Whole(NamedTuple):
@@ -80,28 +78,6 @@ class Whole(NamedTuple):
     """Manifest of this state."""
     damage: str
     """Damaged files and the resulting loss, as a sentence; empty if nothing is damaged."""
-
-
-class EarlierState(NamedTuple):
-    """An earlier state in a checkpoint."""
-
-    arrays: str
-    """Its file."""
-    pieces: list[str]
-    """Required pieces of the chains, in order."""
-
-
-def kept_states(earlier: Sequence[EarlierState], pieces: Sequence[str]) -> list[EarlierState]:
-    """Return the earlier states to be kept in addition to a state with some pieces.
-
-    States whose chains begin with the same piece as those of this one are kept, but only every second one if there are
-    more than `MOST_EARLIER`. Of the others, from before the chains were thinned or restarted, the last state with
-    pieces is kept, and the first one without any.
-    """
-    own = [one for one in earlier if one.pieces and one.pieces[0] == pieces[0]] if pieces else []
-    others = [one for one in earlier if one not in own]
-    bare, full = [one for one in others if not one.pieces], [one for one in others if one.pieces]
-    return [*bare[:1], *full[-1:], *(own[::2] if len(own) > MOST_EARLIER else own)]
 
 
 def last_whole(directory: Path) -> Whole:
@@ -114,54 +90,56 @@ def last_whole(directory: Path) -> Whole:
     OSError
         If a file cannot be read for reasons other than damage.
     """
-    home, said = directory / CHECKPOINT, []
+    home, said, lost = directory / CHECKPOINT, [], ""
     try:
-        manifest = read_manifest(directory)
-    except InputError as error:
-        try:
-            manifest = read_manifest(directory, MANIFEST_COPY)
-        except InputError:
-            raise error from None
-        said.append(f"{home / MANIFEST}: damaged or missing, and read from its copy")
-    digests, broken = manifest["digests"], []
-    last = EarlierState(manifest["arrays"], manifest["pieces"])
-    for one in (last, *(EarlierState(*entry) for entry in reversed(manifest["earlier"]))):
-        names = (*one.pieces, one.arrays)
-        wrong = next((name for name in names if name in broken or not _is_whole(home / name, digests[name])), None)
-        if wrong is None:
-            found = manifest if one == last else _before(manifest, home, one)
-            return Whole(found, _sentence(said, manifest, found))
-        if wrong not in broken:
-            broken.append(wrong)
-            said.append(f"{home / wrong}: damaged or missing")
+        last = read_manifest(directory)
+    except InputError:
+        said.append(f"{home / MANIFEST}: damaged or missing")
+        newest = sorted(home.glob("state-*.npz"), reverse=True)
+        *broken, intact = next(((*newest[:k], path) for k, path in enumerate(newest) if _own_manifest(path)), (None,))
+        if intact is None:
+            raise
+        last = _own_manifest(intact)
+        said += [f"{path}: damaged" for path in broken]
+        lost = "the steps after it are lost" if broken else ""
+    for files in (last["files"], last["earlier"]):
+        whole = [*takewhile(lambda one: _is_whole(home / one[0], one[1]), files)]
+        said += [f"{home / name}: damaged or missing" for name, _ in files[len(whole) : len(whole) + 1]]
+        if whole:
+            name, digest = whole[-1]
+            found = last if whole == last["files"] else manifest_in(read_state_file(home / name, digest))
+            return Whole({**found, "files": whole}, _sentence(said, last["status"], found["status"], lost))
     raise InputError(
         f"{'; '.join(said)}; no intact state is left; restore the files from a copy, or start the run again in "
         "another directory"
     )
 
 
-def _before(manifest: Mapping[str, Any], home: Path, one: EarlierState) -> dict[str, Any]:
-    """Return the manifest as it was at an earlier state."""
-    status = status_in(unpacked(home / one.arrays, manifest["digests"][one.arrays]))
-    names = [name for name, _ in manifest["earlier"]]
-    return {**manifest, "status": status, **one._asdict(), "earlier": manifest["earlier"][: names.index(one.arrays)]}
+def _own_manifest(path: Path) -> dict[str, Any]:
+    """Return the manifest at the state of a file whose checksum is not known; empty if the file is damaged."""
+    content = path.read_bytes()
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:  # it has checksums of its own
+            manifest = {} if archive.testzip() else manifest_in(unpacked(content))
+    except Exception:  # the bytes may be anything
+        return {}
+    if path.name != name_of(manifest.get("serial", 0)):
+        return {}
+    return {**manifest, "files": [*manifest["files"], [path.name, digest_of(content)]]}
 
 
-def _sentence(said: list[str], manifest: Mapping[str, Any], found: Mapping[str, Any]) -> str:
+def _sentence(said: list[str], then: Mapping[str, Any], now: Mapping[str, Any], lost: str) -> str:
     if not said:
         return ""
-    then, now = manifest["status"], found["status"]
     where = "its pilot phase" if now["piloting"] else f"step {now['steps']}"
-    same = now["phase"] == then["phase"]
-    lost = (
-        f"{then['steps'] - now['steps']} steps are lost" if same else f"{then['steps']} steps of a later stage are lost"
-    )
+    if not lost and now["phase"] == then["phase"]:
+        lost = f"{then['steps'] - now['steps']} steps are lost"
+    lost = lost or f"{then['steps']} steps of a later stage are lost"
     return f"{'; '.join(said)}; the run continues from {where}, the last intact state: {lost}"
 
 
 def _is_whole(path: Path, digest: str) -> bool:
     try:
-        with open(path, "rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest() == digest
+        return digest_of(path.read_bytes()) == digest
     except (FileNotFoundError, IsADirectoryError):
         return False

@@ -10,13 +10,13 @@ from pathlib import Path
 from softness_bayes.errors import InputError
 from softness_bayes.files.json_text import parse_json
 from softness_bayes.files.outputs import Survey, remove, survey, told
-from softness_bayes.files.run_files import CHECKPOINT, LOCK, MANIFEST, MANIFEST_COPY, RUN
+from softness_bayes.files.run_files import CHECKPOINT, LOCK, MANIFEST, RUN
 from softness_bayes.files.whole import is_part
 
 OF_A_RUN = (RUN, "plot", "report", "rank")
 """Commands whose files are removed together with a replaced run."""
 
-_KEPT = re.compile(r"(?:piece|state)-([0-9]{7,})\.npz")
+_STATE = re.compile(r"state-[0-9]{7,}\.npz")
 
 
 def require_vacant(directory: Path, replace: bool, inputs: Iterable[Path] = ()) -> None:
@@ -40,8 +40,8 @@ def require_vacant(directory: Path, replace: bool, inputs: Iterable[Path] = ()) 
     for place in (directory, *directory.parents):
         if place.exists() and not place.is_dir():
             raise InputError(f"{place}: is a file, expected a directory for the results")
-    kept, beside = _kept(directory / CHECKPOINT), survey(directory, OF_A_RUN, inputs, but=(CHECKPOINT,))
-    others = {**kept.others, **beside.others}
+    states, beside = _states(directory / CHECKPOINT), survey(directory, OF_A_RUN, inputs, but=(CHECKPOINT,))
+    others = {**states.others, **beside.others}
     if replace and others:
         raise InputError(
             f"{directory}: --force replaces only an earlier run, but {told(others)}; move it away, or choose "
@@ -56,39 +56,37 @@ def require_vacant(directory: Path, replace: bool, inputs: Iterable[Path] = ()) 
 
 
 def remove_run(directory: Path, inputs: Iterable[Path] = ()) -> None:
-    """Remove an earlier run except for the lock, manifests first, so that no incomplete run can be continued."""
-    remove(_kept(directory / CHECKPOINT))
+    """Remove an earlier run except for the lock, its manifest first, so that no incomplete run can be continued."""
+    remove(_states(directory / CHECKPOINT))
     remove(survey(directory, OF_A_RUN, inputs, but=(CHECKPOINT,)))
 
 
-def is_kept(path: Path) -> bool:
-    """Return whether a file has the name of a piece or state of a checkpoint, staged or not."""
-    return is_part(path) or (_KEPT.fullmatch(path.name) is not None and path.is_file() and not path.is_symlink())
+def is_state_file(path: Path) -> bool:
+    """Return whether a file has the name of a state's file in a checkpoint, staged or not."""
+    return is_part(path) or (_STATE.fullmatch(path.name) is not None and path.is_file() and not path.is_symlink())
 
 
-def _kept(home: Path) -> Survey:
-    """Return the files of a checkpoint, its manifests first, and all other files in its directory."""
+def _states(home: Path) -> Survey:
+    """Return the files of a checkpoint, its manifest first, and all other files in its directory."""
     if home.is_symlink() or not home.is_dir():
         return Survey((), {home: "is not the directory of a checkpoint"} if os.path.lexists(home) else {})
-    last = _last_number(home / MANIFEST)
     ours: list[Path] = []
     others: dict[Path, str] = {}
-    for path in sorted(home.iterdir(), key=lambda path: (path.name != MANIFEST_COPY, path.name != MANIFEST, path.name)):
-        number = _KEPT.fullmatch(path.name)
-        if path.is_symlink() or not path.is_file():
-            others[path] = "was not written by this command"
-        elif path.name in (MANIFEST, MANIFEST_COPY) and last is None:
-            others[path] = "is not the manifest of a run"
-        elif path.name in (MANIFEST, MANIFEST_COPY) or is_part(path) or (number and int(number[1]) <= (last or 0) + 1):
+    for path in sorted(home.iterdir(), key=lambda path: (path.name != MANIFEST, path.name)):
+        if is_state_file(path):
             ours.append(path)
-        elif path.name != LOCK:
+        elif path.name == MANIFEST and path.is_file() and not path.is_symlink():
+            if _is_manifest(path):
+                ours.append(path)
+            else:
+                others[path] = "is not the manifest of a run"
+        elif path.name != LOCK or path.is_symlink() or not path.is_file():
             others[path] = "was not written by this command"
     return Survey(tuple(ours), others)
 
 
-def _last_number(manifest: Path) -> int | None:
-    """Return the number of states in a manifest; None if it is not the manifest of a run."""
+def _is_manifest(path: Path) -> bool:
     try:
-        return int(parse_json(manifest.read_bytes())["serial"])
-    except (OSError, ValueError, KeyError, TypeError, OverflowError):
-        return None
+        return isinstance(parse_json(path.read_bytes())["serial"], int)
+    except (OSError, ValueError, KeyError, TypeError):
+        return False

@@ -8,9 +8,6 @@ POSTERIOR, SUMMARY, NONFINITE = "posterior.nc", "summary.csv", "nonfinite.csv"
 CHECKPOINT, MANIFEST, LOCK = "checkpoint", "manifest.json", "lock"
 """Directory of a run's checkpoint inside that of its results, and two files in it."""
 
-MANIFEST_COPY = "manifest-copy.json"
-"""Copy of the manifest, in case it is damaged."""
-
 RUNS = "runs"
 """Folder of a study, in which each of its runs has a directory."""
 

@@ -1,15 +1,14 @@
 """What is left of a run after a file of its checkpoint was damaged, and what that costs."""
 
-import json
-
 import pytest
 
 from softness_bayes.checkpoints import checkpoint as storage
 from softness_bayes.checkpoints.checkpoint import Checkpoint
-from softness_bayes.checkpoints.manifest import MOST_EARLIER, EarlierState, kept_states, read_manifest
+from softness_bayes.checkpoints.manifest import read_manifest
 from softness_bayes.errors import InputError, LockedError
 from softness_bayes.files.lock import Lock
 from softness_bayes.sampler.sampling import walk
+from support.faults import named
 from support.killable import SEED, WHAT, fake_posterior, settings
 
 STEPS = 100
@@ -59,22 +58,21 @@ def same_draws(one, other):
 
 
 @pytest.mark.parametrize("damage", [cut, flip, lambda path: path.unlink()], ids=["cut", "flip", "gone"])
-@pytest.mark.parametrize("part", ["manifest.json", "arrays", "last piece", "second piece", "first piece"])
+@pytest.mark.parametrize("part", ["manifest.json", "last", "second", "first"])
 def test_a_run_goes_on_from_its_last_whole_state(run, states, part, damage):
-    kept, home = read_manifest(run), run / "checkpoint"
-    pieces = kept["pieces"]
-    assert len(pieces) > 2
-    lost = {"second piece": pieces[1], "first piece": pieces[0], "last piece": pieces[-1], "arrays": kept["arrays"]}
-    path = home / lost.get(part, part)
+    manifest, home = read_manifest(run), run / "checkpoint"
+    files = [name for name, _ in manifest["files"]]
+    assert len(files) > 2
+    path = home / {"second": files[1], "first": files[0], "last": files[-1]}.get(part, part)
     damage(path)
     before = {file.name: file.read_bytes() for file in home.iterdir()}
     opened = Checkpoint.open(run, salvage=True)
     assert {file.name: file.read_bytes() for file in home.iterdir()} == before  # looking changes nothing
     assert str(path) in opened.damage
-    reached, left = kept["status"]["steps"], opened.status.steps
+    reached, left = manifest["status"]["steps"], opened.status.steps
     assert f"continues from step {left}" in opened.damage
-    if part == "first piece":  # of the last stage nothing is left, of the one before all
-        assert opened.status.phase < kept["status"]["phase"]
+    if part == "first":  # of the last stage nothing is left, of the one before all
+        assert opened.status.phase < manifest["status"]["phase"]
         assert f"the last intact state: {reached} steps of a later stage are lost" in opened.damage
     else:
         assert f": {reached - left} steps are lost" in opened.damage
@@ -86,24 +84,24 @@ def test_a_run_goes_on_from_its_last_whole_state(run, states, part, damage):
 
 
 def test_several_damaged_files_cost_as_much_as_the_worst(run, states):
-    kept, home = read_manifest(run), run / "checkpoint"
-    earlier = next(name for name, pieces in reversed(kept["earlier"]) if kept["pieces"][-1] not in pieces)
-    for name in (kept["pieces"][-1], earlier, "manifest.json"):
+    names, home = named(run), run / "checkpoint"
+    for name in (names[-1], names[-3], "manifest.json"):
         flip(home / name)
-    said, _, last = continued(run)
-    assert all(name in said for name in (kept["pieces"][-1], earlier, "manifest.json"))
+    said, begun, last = continued(run)
+    assert all(name in said for name in (names[-1], names[-3], "manifest.json"))
+    assert f"continues from step {begun.steps}, the last intact state: the steps after it are lost" in said
     same_draws(last, states[-1])
 
 
 def test_where_nothing_is_whole_the_run_is_refused_by_name(run):
     home = run / "checkpoint"
+    first = read_manifest(run)["files"][0][0]
     for path in home.glob("state-*"):
         flip(path)
     with pytest.raises(InputError, match=r"state-\d+\.npz: damaged or missing; no intact state is left") as error:
         Checkpoint.open(run, salvage=True)
-    assert str(home / read_manifest(run)["arrays"]) in str(error.value)
-    for name in ("manifest.json", "manifest-copy.json"):
-        cut(home / name)
+    assert str(home / first) in str(error.value)
+    cut(home / "manifest.json")
     with pytest.raises(InputError, match=r"manifest\.json: not a manifest"):
         Checkpoint.open(run, salvage=True)
 
@@ -114,25 +112,5 @@ def test_a_run_that_another_process_holds_is_not_looked_at(run):
         Checkpoint.open(run, salvage=True)
 
 
-def test_few_earlier_states_are_kept():
-    earlier, pieces = [], []
-    for k in range(100):
-        before, pieces = pieces, [f"piece-{k}"] if k in (10, 60) else [*pieces, f"piece-{k}"] if k else []
-        if k:
-            earlier = kept_states([*earlier, EarlierState(f"state-{k - 1}", before)], pieces)
-        own = [one for one in earlier if one.pieces[:1] == pieces[:1]]
-        assert len(own) <= MOST_EARLIER
-        assert len(earlier) <= len(own) + 2
-        assert all(one.pieces == pieces[: len(one.pieces)] for one in own)
-        if k:
-            assert earlier[0] == EarlierState("state-0", [])
-        if k > 60:  # the first with these pieces, and the last with the ones before
-            assert own[0].arrays == "state-60"
-            assert earlier[1].arrays == "state-59"
-
-
-def test_the_copy_is_that_of_the_manifest_and_every_file_is_named(run):
-    home = run / "checkpoint"
-    assert (home / "manifest-copy.json").read_bytes() == (home / "manifest.json").read_bytes()
-    named = {*json.loads((home / "manifest.json").read_bytes())["digests"]}
-    assert {path.name for path in home.iterdir()} == {*named, "manifest.json", "manifest-copy.json", "lock"}
+def test_every_file_is_named(run):
+    assert {path.name for path in (run / "checkpoint").iterdir()} == {*named(run), "manifest.json", "lock"}

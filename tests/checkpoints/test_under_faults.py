@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from softness_bayes.checkpoints import checkpoint as storage
-from softness_bayes.checkpoints.manifest import read_manifest
 from softness_bayes.errors import SoftnessError
 from softness_bayes.sampler.sampling import walk
-from support.faults import STOPS, Killed, read_back, spoilt, stopped, written
+from support.faults import STOPS, Killed, named, read_back, spoilt, stopped, written
 from support.killable import SEED, fake_posterior, settings
 from support.randomness import SEED as TEST_SEED
 
@@ -100,8 +99,7 @@ def interrupted(how, states, directory, random):
     assert place(state) == place(states[-2])
     assert not said
     known(state, states)
-    named = {*read_manifest(directory)["digests"], "manifest.json", "manifest-copy.json", "lock"}
-    assert {path.name for path in (directory / "checkpoint").iterdir()} == named
+    assert {path.name for path in (directory / "checkpoint").iterdir()} == {*named(directory), "manifest.json", "lock"}
     return end
 
 

@@ -9,6 +9,7 @@ import pytest
 
 from softness_bayes.checkpoints import checkpoint as storage
 from softness_bayes.checkpoints.checkpoint import Checkpoint
+from softness_bayes.checkpoints.manifest import read_manifest
 from softness_bayes.errors import InputError
 from softness_bayes.files import whole
 from support.killable import WHAT, fake_posterior, settings
@@ -76,6 +77,12 @@ def written(directory, states, steps):
         for one in states:
             if state is None or (one.phase, one.steps) > (state.phase, state.steps):
                 checkpoint.keep(one, settings(steps), fake_posterior())
+
+
+def named(directory):
+    """Return the names of the files in the manifest of a run."""
+    manifest = read_manifest(directory)
+    return [name for name, _ in (*manifest["earlier"], *manifest["files"])]
 
 
 def read_back(directory):
