@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +17,14 @@ from scipy.special import logsumexp
 
 from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError
-from softness_bayes.experiments.design import USUAL_CV, candidates_of, quantities_of, require_run
-from softness_bayes.experiments.information import Histograms, rank_bins, single_gains
+from softness_bayes.experiments.design import candidates_of, quantities_of, require_run
+from softness_bayes.experiments.information import Histograms, gains_about, rank_bins
 from softness_bayes.experiments.outlook import Outlook, Touches, outlook_of_run
 from softness_bayes.likelihood.row_laws import Rows, log_probability
 from softness_bayes.touch.contact import Force, Indentation, Load, held
 
 Array = NDArray[np.float64]
+Key = tuple[str, str]
 
 WORN = 0.1
 """Share of effective draws below which the draws are worn, and a new run of all ratings is due."""
@@ -33,6 +34,15 @@ MOST_IN_A_ROW = 2
 
 NODES = 7
 """Points of the sum over a rater's level."""
+
+
+class Answer(NamedTuple):
+    """A rating that was given."""
+
+    rater: str
+    fabric: str
+    load: Load
+    rating: float
 
 
 @dataclass(frozen=True)
@@ -57,11 +67,12 @@ class Adaptive:
     touches: Touches
     bins: list[NDArray[np.intp]]
     request: dict[str, Any]
-    answers: list[dict[str, Any]] = field(default_factory=list)
+    """Arguments of `start`, after the run."""
+    origin: dict[str, str]
+    """The run from which it began: its file and the digest of its ratings."""
+    answers: list[Answer] = field(default_factory=list)
     log_weight: Array = field(default_factory=lambda: np.empty(0))
-    candidates: Fabrics | None = None
-    _laws: dict[tuple[str, str], tuple[Array, Array]] = field(default_factory=dict)
-    _others: dict[tuple[str, Load], Touches] = field(default_factory=dict)
+    _laws: dict[Key, tuple[Array, Array]] = field(default_factory=dict)
 
     @classmethod
     def start(
@@ -73,7 +84,6 @@ class Adaptive:
         moduli: Sequence[float] | None = None,
         loads: Sequence[Load] | None = None,
         modulus_cv: float | None = None,
-        seed: int = 0,
     ) -> Self:
         """Return an experiment that begins with the draws of a finished run; arguments as for `design`.
 
@@ -83,25 +93,23 @@ class Adaptive:
             As `design` does.
         """
         require_run(result)
-        outlook = outlook_of_run(result, np.random.default_rng(seed))
-        fabrics = candidates_of(outlook, candidates, moduli)
+        outlook = outlook_of_run(result)
         pressed = tuple(outlook.model.experiment.ratings.loads if loads is None else loads)
-        touches = outlook.touches(fabrics, pressed, modulus_cv, USUAL_CV)
-        if not touches.within.any():
+        touches = outlook.touches(candidates_of(outlook, candidates, moduli), pressed, modulus_cv)
+        if not touches.table["within"].any():
             raise InputError("adaptive: no candidate is within the model's range; choose smaller loads")
         quantities = quantities_of(outlook, about)
         request = {
-            "source": str(result.source),
-            "digest": result.provenance.rating_data.digest_ratings,
-            "about": list(about),
+            "about": tuple(about),
+            "candidates": candidates,
             "moduli": None if moduli is None else [float(value) for value in moduli],
-            "loads": [_written(load) for load in pressed],
+            "loads": pressed,
             "modulus_cv": modulus_cv,
-            "seed": seed,
         }
-        found = cls(outlook, touches.take(touches.within), [rank_bins(quantities[name]) for name in about], request)
-        found.log_weight, found.candidates = np.zeros(len(outlook.theta)), candidates
-        return found
+        origin = {"source": str(result.source), "digest": result.provenance.rating_data.digest_ratings}
+        bins = [rank_bins(quantities[name]) for name in about]
+        kept = touches.take(touches.table["within"].to_numpy())
+        return cls(outlook, kept, bins, request, origin, log_weight=np.zeros(len(outlook.theta)))
 
     @property
     def weight(self) -> Array:
@@ -120,20 +128,15 @@ class Adaptive:
 
     def next(self, rater: str) -> Suggestion:
         """Return the touch of which one rating by this rater would tell most."""
-        t = self.touches
-        expected, variance = np.empty_like(t.response), np.empty_like(t.response)
-        for k, fabric in enumerate(t.fabric):
-            expected[:, k], variance[:, k], _ = self._expected(rater, fabric, t, k)
-        sd = np.sqrt(variance + self.outlook.noise[:, None] ** 2)
-        histograms = Histograms(expected, sd, self.weight)
-        if self.bins:
-            gain = np.sum([single_gains(histograms, bins) for bins in self.bins], axis=0)
-        else:
-            gain = single_gains(histograms)
-        last = [(one["fabric"], _load(one["load"])) for one in self.answers if one["rater"] == rater][-MOST_IN_A_ROW:]
-        allowed = np.array([last.count(touch) < MOST_IN_A_ROW for touch in zip(t.fabric, t.load, strict=True)])
-        k = int(np.where(allowed, gain, -np.inf).argmax())
-        return Suggestion(t.fabric[k], t.load[k], float(gain[k]))
+        table = self.touches.table
+        expected = [self._expected(rater, self.touches, k) for k in range(len(table))]
+        mean, variance = (np.stack(part, axis=1) for part in zip(*expected, strict=True))
+        histograms = Histograms(mean, np.sqrt(variance + self.outlook.noise[:, None] ** 2), self.weight)
+        gain = gains_about(histograms, self.bins)
+        last = [(one.fabric, one.load) for one in self.answers if one.rater == rater][-MOST_IN_A_ROW:]
+        often = [last.count(touch) for touch in zip(table["fabric"], table["load"], strict=True)]
+        k = int(np.where(np.array(often) < MOST_IN_A_ROW, gain, -np.inf).argmax())
+        return Suggestion(table["fabric"][k], table["load"][k], float(gain[k]))
 
     def tell(self, rater: str, fabric: str, load: Load, rating: float) -> None:
         """Take an answer into account.
@@ -154,20 +157,12 @@ class Adaptive:
         InputError
             If there is no such fabric, or the rating is not on the scale.
         """
-        model = self.outlook.model
-        scale = model.options.scale
-        end = model.interpretation.intervals.end
-        if not (np.isfinite(rating) and 0 < rating < end):
-            limit = f" and below {end:g}" if np.isfinite(end) else ""
-            raise InputError(f"adaptive: expected a rating above 0{limit}, got {rating:g}")
-        touch, k = self._touch(fabric, load)
-        mean, variance, effects = self._expected(rater, fabric, touch, k)
-        parameters = self.outlook.posterior.rating_parameters(self.outlook.theta)
-        value = float(scale.additive(np.array(rating)))
+        touches, k = self._touch(fabric, load)
+        rows, parameters = self._rows(rating), self.outlook.parameters
+        mean, variance = self._expected(rater, touches, k)
         at, weights = np.polynomial.hermite_e.hermegauss(NODES)
         expected = mean[:, None] + np.sqrt(variance)[:, None] * at
-        law = model.posterior.observation.model.error
-        rows = Rows(*(np.full(NODES, part) for part in (value, value, _log_lapse(model))))
+        law = self.outlook.posterior.observation.model.error
         spread = np.broadcast_to(np.asarray(parameters.varsigma, float), mean.shape)[:, None]
         likely = log_probability(law, rows, expected, spread, parameters) + np.log(weights / weights.sum())
         total = logsumexp(likely, axis=1)
@@ -176,23 +171,15 @@ class Adaptive:
         share = np.exp(likely - total[:, None])
         moved = share @ at
         left = np.maximum(share @ at**2 - moved**2, 1e-12)
-        for key, loading in effects:
-            own, own_variance = self._law(key)
+        for key, loading in _effects(rater, touches, k):
+            own, own_variance = self._law(key, touches, k)
             pull = own_variance * loading / np.sqrt(variance)
             self._laws[key] = own + pull * moved, own_variance - pull**2 * (1.0 - left)
-        self.answers.append({"rater": rater, "fabric": fabric, "load": _written(load), "rating": float(rating)})
+        self.answers.append(Answer(rater, fabric, load, float(rating)))
 
     def refresh(self, result: Any) -> Self:
         """Return an experiment with the draws of a new run of all ratings, these answers among them."""
-        again = type(self).start(
-            result,
-            self.request["about"],
-            candidates=self.candidates,
-            moduli=self.request["moduli"],
-            loads=[_load(one) for one in self.request["loads"]],
-            modulus_cv=self.request["modulus_cv"],
-            seed=self.request["seed"],
-        )
+        again = type(self).start(result, **self.request)
         again.answers = list(self.answers)
         return again
 
@@ -201,9 +188,10 @@ class Adaptive:
         from softness_bayes.files.json_text import as_json
         from softness_bayes.files.whole import write_whole
 
-        kept = {"adaptive": 1, "request": self.request, "answers": self.answers}
-        text = as_json(kept, "adaptive experiment", indent=1)
-        write_whole(Path(path), text.encode())
+        request = self.request | {"loads": [_written(load) for load in self.request["loads"]], "candidates": None}
+        answers = [one._asdict() | {"load": _written(one.load)} for one in self.answers]
+        kept = {"adaptive": 1, **self.origin, "request": request, "answers": answers}
+        write_whole(Path(path), as_json(kept, "adaptive experiment", indent=1).encode())
 
     @classmethod
     def load(cls, path: str | Path, result: Any, candidates: Fabrics | None = None) -> Self:
@@ -226,74 +214,65 @@ class Adaptive:
         kept = parse_json(Path(path).read_bytes())
         if not isinstance(kept, dict) or kept.get("adaptive") != 1:
             raise InputError(f"{path}: this is no adaptive experiment")
-        request = kept["request"]
-        if request["digest"] != result.provenance.rating_data.digest_ratings:
-            raise InputError(f"{path}: the experiment began with {request['source']}, a run of other ratings")
-        found = cls.start(
-            result,
-            request["about"],
-            candidates=candidates,
-            moduli=request["moduli"],
-            loads=[_load(one) for one in request["loads"]],
-            modulus_cv=request["modulus_cv"],
-            seed=request["seed"],
-        )
+        if kept["digest"] != result.provenance.rating_data.digest_ratings:
+            raise InputError(f"{path}: the experiment began with {kept['source']}, a run of other ratings")
+        request = kept["request"] | {"candidates": candidates}
+        again = cls.start(result, **request | {"loads": [_load(one) for one in request["loads"]]})
         for one in kept["answers"]:
-            found.tell(one["rater"], one["fabric"], _load(one["load"]), one["rating"])
-        return found
+            again.tell(**one | {"load": _load(one["load"])})
+        return again
 
-    def _law(self, key: tuple[str, str]) -> tuple[Array, Array]:
+    def _rows(self, rating: float) -> Rows:
+        """Return a rating as the interval that ratings of this run represent, once for each node."""
+        model, stated = self.outlook.model, self.outlook.model.interpretation.intervals
+        start, end = model.options.slider_ends
+        share, half = (rating - start) / (end - start), 0.5 * float(np.median(stated.step))
+        if not 0 < share < stated.end:
+            limit = f" and below {end:g}" if np.isfinite(stated.end) else ""
+            raise InputError(f"adaptive: expected a rating above {start:g}{limit}, got {rating:g}")
+        additive = model.options.scale.additive
+        with np.errstate(divide="ignore"):
+            low, high = additive(np.array([max(share - half, 0.0), min(share + half, stated.end)]))
+        known = additive(np.maximum(stated.values, 1e-12))
+        # a lapse is uniform over twice the range of the ratings
+        lapse = -np.log(max(np.ptp(known), 1.0) + np.log(4.0)) + (np.log(min(high - low, 1e3)) if high > low else 0.0)
+        return Rows(*(np.full(NODES, part) for part in (low, high, lapse)))
+
+    def _law(self, key: Key, touches: Touches, k: int) -> tuple[Array, Array]:
         """Return mean and variance at each draw of a rater's level, or of a fabric's error or deviation."""
-        if key not in self._laws:
-            what, name = key
-            zero, levels = np.zeros(self.log_weight.size), self.outlook.levels
-            names = self.outlook.model.experiment.ratings.participants
-            k = self.touches.fabric.index(name) if what != "rater" else -1
-            if what == "modulus":
-                law = zero, zero + self.touches.modulus_sd[k] ** 2
-            elif what == "deviation":
-                law = zero, self.touches.deviation[:, k]
-            elif name in names:
-                law = levels.mean[:, names.index(name)], levels.variance[:, names.index(name)]
-            else:
-                law = levels.new_mean, levels.new_variance + levels.spread**2
-            self._laws[key] = law
-        return self._laws[key]
+        if key in self._laws:
+            return self._laws[key]
+        zero = np.zeros(self.log_weight.size)
+        if key[0] == "modulus":
+            return zero, zero + touches.table["modulus_sd"][k] ** 2
+        return (zero, touches.deviation[:, k]) if key[0] == "deviation" else self.outlook.level(key[1])
 
-    def _expected(
-        self, rater: str, fabric: str, touch: Touches, k: int
-    ) -> tuple[Array, Array, list[tuple[tuple[str, str], Array]]]:
-        """Return mean and variance of a rating without its own error, and the effects in it with their loadings.
-
-        Effects are treated as independent given the draw.
-        """
-        one = np.ones(self.log_weight.size)
-        effects = [(("rater", rater), one), (("modulus", fabric), touch.slope[:, k]), (("deviation", fabric), one)]
-        laws = [(loading, *self._law(key)) for key, loading in effects]
-        mean = touch.response[:, k] + sum(loading * own for loading, own, _ in laws)
-        return mean, sum(loading**2 * variance for loading, _, variance in laws) + np.zeros(one.size), effects
+    def _expected(self, rater: str, touches: Touches, k: int) -> tuple[Array, Array]:
+        """Return mean and variance of a rating without its own error; effects are independent given the draw."""
+        mean, variance = touches.response[:, k], np.zeros(self.log_weight.size)
+        for key, loading in _effects(rater, touches, k):
+            own, own_variance = self._law(key, touches, k)
+            mean, variance = mean + loading * own, variance + loading**2 * own_variance
+        return mean, variance
 
     def _touch(self, fabric: str, load: Load) -> tuple[Touches, int]:
         """Return the touches that contain one of a fabric under a load, and its index among them."""
-        t = self.touches
-        here = [k for k, name in enumerate(t.fabric) if name == fabric]
-        if not here:
-            raise InputError(
-                f"adaptive: {fabric!r} is no candidate, expected one of {', '.join(sorted(set(t.fabric)))}"
-            )
+        table = self.touches.table
+        here = np.flatnonzero(table["fabric"] == fabric)
+        if not here.size:
+            known = ", ".join(sorted(set(table["fabric"])))
+            raise InputError(f"adaptive: {fabric!r} is no candidate, expected one of {known}")
         for k in here:
-            if t.load[k] == load:
-                return t, k
-        if (fabric, load) not in self._others:
-            alone = Fabrics((fabric,), effective_modulus=t.modulus[here[:1]])
-            self._others[fabric, load] = self.outlook.touches(alone, (load,), self.request["modulus_cv"], USUAL_CV)
-        return self._others[fabric, load], 0
+            if table["load"][k] == load:
+                return self.touches, int(k)
+        alone = Fabrics((fabric,), effective_modulus=1e3 * table["e_fab_kpa"].to_numpy()[here[:1]])
+        return self.outlook.touches(alone, (load,), self.request["modulus_cv"]), 0
 
 
-def _log_lapse(model: Any) -> float:
-    """Return the log density of a lapse on the additive scale: uniform over twice the range of the ratings."""
-    values = model.options.scale.additive(np.maximum(model.interpretation.intervals.values, 1e-12))
-    return float(-np.log(max(values.max() - values.min(), 1.0) + np.log(4.0)))
+def _effects(rater: str, touches: Touches, k: int) -> list[tuple[Key, Array]]:
+    """Return what a rating of a touch shares with others, by name, with its loadings at the draws."""
+    one, fabric = np.ones(len(touches.slope)), touches.table["fabric"][k]
+    return [(("rater", rater), one), (("modulus", fabric), touches.slope[:, k]), (("deviation", fabric), one)]
 
 
 def _written(load: Load) -> list[Any]:
@@ -301,5 +280,4 @@ def _written(load: Load) -> list[Any]:
 
 
 def _load(written: Sequence[Any]) -> Load:
-    kind, value = written
-    return Force(value) if kind == "force_n" else Indentation(value)
+    return (Force if written[0] == "force_n" else Indentation)(written[1])

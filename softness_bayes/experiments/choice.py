@@ -7,12 +7,13 @@ two nested estimates.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError
@@ -20,17 +21,13 @@ from softness_bayes.experiments.information import (
     BINS,
     Bracket,
     Histograms,
+    gains_about,
     linear_gain,
     nested_gain,
     rank_bins,
     rank_scores,
-    single_gains,
 )
 from softness_bayes.experiments.outlook import Touches
-from softness_bayes.touch.contact import Force, Load, held
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Array = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
@@ -44,6 +41,8 @@ LEAST_EFFECTIVE = 20.0
 WIDE_BRACKET = 0.2
 """Distance between both estimates of the information from which the plan says so [nats]."""
 
+TOUCH = ["fabric", "to_obtain", "e_fab_kpa", "indentation_mm", "force_n"]
+
 
 class Costs(NamedTuple):
     """Costs of a batch in any unit, and the budget."""
@@ -56,12 +55,79 @@ class Costs(NamedTuple):
     rating: float = 1.0
     """Cost of one rating."""
 
+    def of(self, touches: pd.DataFrame, raters: int) -> float:
+        """Return the cost of some touches that a number of raters rate once each."""
+        bought = touches.loc[touches["to_obtain"], "fabric"].nunique()
+        return self.fabric * bought + self.load * touches["load"].nunique() + self.rating * raters * len(touches)
 
-class Panel(NamedTuple):
-    """Raters who rate every chosen touch once."""
 
-    number: int
-    new: bool
+@dataclass(frozen=True)
+class PanelRatings:
+    """Mean ratings of touches by a panel, normal given a draw.
+
+    Parameters
+    ----------
+    touches
+        The touches.
+    level, level_variance
+        Mean and variance of the mean level of the raters at each draw, shape (draws,).
+    noise
+        Standard deviation of the error of one rating at each draw, shape (draws,).
+    raters
+        Number of raters.
+    """
+
+    touches: Touches
+    level: Array
+    level_variance: Array
+    noise: Array
+    raters: int
+
+    @cached_property
+    def mean(self) -> Array:
+        """Expected mean rating of each touch at each draw, shape (draws, touches)."""
+        return self.touches.response + self.level[:, None]
+
+    @property
+    def noise2(self) -> Array:
+        """Variance of the errors of the mean rating, shape (draws,)."""
+        return np.asarray(self.noise**2 / self.raters)
+
+    @cached_property
+    def _effects(self) -> list[tuple[IndexArray, Array]]:
+        """Errors that ratings share: the group of each touch, and the sd of its effect, shape (draws, touches)."""
+        t = self.touches
+        fabric = pd.factorize(t.table["fabric"])[0]
+        level = np.broadcast_to(np.sqrt(self.level_variance)[:, None], self.mean.shape)
+        modulus = t.slope * t.table["modulus_sd"].to_numpy()
+        return [(np.zeros_like(fabric), level), (fabric, modulus), (fabric, np.sqrt(t.deviation))]
+
+    @cached_property
+    def _average(self) -> Array:
+        """Mean over the draws of the covariance that ratings of all touches share, shape (touches, touches)."""
+        shared = [(sd.T @ sd / len(sd)) * (group[:, None] == group) for group, sd in self._effects]
+        return np.asarray(sum(shared))
+
+    @cached_property
+    def covariance_of_means(self) -> Array:
+        """Covariance of the expected ratings over the draws, shape (touches, touches)."""
+        return np.atleast_2d(np.cov(self.mean.T, bias=True))
+
+    def sd(self) -> Array:
+        """Return the standard deviation of each touch's rating at each draw, shape (draws, touches)."""
+        return np.sqrt(self.noise2[:, None] + sum(sd**2 for _, sd in self._effects))
+
+    def errors(self, index: IndexArray) -> Array:
+        """Return the covariance of ratings of some touches at each draw, shape (draws, k, k)."""
+        found = self.noise2[:, None, None] * np.eye(index.size)
+        for group, sd in self._effects:
+            some = sd[:, index]
+            found = found + some[:, :, None] * some[:, None, :] * (group[index][:, None] == group[index])
+        return np.asarray(found)
+
+    def average_errors(self, index: IndexArray) -> Array:
+        """Return the mean of `errors` over the draws, shape (k, k)."""
+        return np.asarray(self._average[np.ix_(index, index)] + self.noise2.mean() * np.eye(index.size))
 
 
 @dataclass(frozen=True)
@@ -77,268 +143,165 @@ class Plan:
     chosen
         Indices of the chosen candidates, in the order of choice.
     step
-        Information that each adds to those before, by the normal law [nats].
+        Information that each adds to those before, by the normal law [nats]; their sum is that of the batch.
+    cost
+        Cost that each adds.
     bracket
         Information of the whole batch.
-    normal_gain
-        That information by the normal law.
     sd_ratio
         Expected posterior sd relative to the present one, of each quantity, after the whole batch.
-    costs, panel, about
-        The request.
+    about
+        What is to be learnt.
+    raters, new
+        Number of raters, and whether they are new ones.
     """
 
     touches: Touches
     gain: Array
     chosen: tuple[int, ...]
     step: Array
+    cost: Array
     bracket: Bracket
-    normal_gain: float
-    sd_ratio: dict[str, float]
-    costs: Costs
-    panel: Panel
+    sd_ratio: Mapping[str, float]
     about: tuple[str, ...]
-
-    @cached_property
-    def table(self) -> pd.DataFrame:
-        """Chosen touches in order: fabric, to_obtain, e_fab_kpa, load, raters, gain_nats (alone), step_nats, cost."""
-        import pandas as pd
-
-        index, touches = np.array(self.chosen, np.intp), self.touches
-        return pd.DataFrame(
-            {
-                "order": np.arange(1, index.size + 1),
-                **_columns(touches, index),
-                "raters": self.panel.number,
-                "gain_nats": self.gain[index],
-                "step_nats": self.step,
-                "cost": np.diff(_cumulative_cost(touches, self.chosen, self.costs, self.panel), prepend=0.0),
-            }
-        )
-
-    @cached_property
-    def gains(self) -> pd.DataFrame:
-        """Every candidate with the information that it would give alone, and how often it was chosen."""
-        import pandas as pd
-
-        index = np.arange(len(self.touches.load))
-        return pd.DataFrame(
-            {
-                **_columns(self.touches, index),
-                "gain_nats": self.gain,
-                "p_silent": self.touches.silent,
-                "chosen": np.bincount(np.array(self.chosen, np.intp), minlength=index.size),
-            }
-        )
+    raters: int
+    new: bool
 
     @property
-    def record(self) -> dict[str, object]:
+    def table(self) -> pd.DataFrame:
+        """Chosen touches in order: fabric, to_obtain, e_fab_kpa, load, raters, gain_nats (alone), step_nats, cost."""
+        index = list(self.chosen)
+        table = self.touches.table.loc[index, TOUCH].reset_index(drop=True)
+        table.insert(0, "order", np.arange(1, len(index) + 1))
+        return table.assign(raters=self.raters, gain_nats=self.gain[index], step_nats=self.step, cost=self.cost)
+
+    @property
+    def gains(self) -> pd.DataFrame:
+        """Every candidate with the information that it would give alone, and how often it was chosen."""
+        table = self.touches.table
+        often = np.bincount(np.array(self.chosen, np.intp), minlength=len(table))
+        return table[TOUCH].assign(gain_nats=self.gain, p_silent=table["p_silent"], chosen=often)
+
+    @property
+    def record(self) -> dict[str, Any]:
         """The batch in numbers, for a file."""
         b = self.bracket
         return {
             "about": list(self.about),
-            "raters": {"number": self.panel.number, "new": self.panel.new},
-            "gain_nats": {"low": b.low, "high": b.high, "mcse": b.se, "normal_law": self.normal_gain},
+            "raters": {"number": self.raters, "new": self.new},
+            "gain_nats": {"low": b.low, "high": b.high, "mcse": b.se, "normal_law": float(self.step.sum())},
             "effective_draws": b.effective,
-            "sd_ratio": self.sd_ratio,
-            "cost": float(_cumulative_cost(self.touches, self.chosen, self.costs, self.panel)[-1]),
-            "candidates": len(self.touches.load),
+            "sd_ratio": dict(self.sd_ratio),
+            "cost": float(self.cost.sum()),
+            "candidates": len(self.touches.table),
         }
 
     @property
     def notes(self) -> list[str]:
         """Sentences on what the plan cannot promise."""
-        found = []
+        notes = []
         width = self.bracket.high - self.bracket.low
         if width > WIDE_BRACKET:
-            found.append(f"the gain is known only within {width:.1f} nats: too few draws explain so many ratings")
+            notes.append(f"the gain is known only within {width:.1f} nats: too few draws explain so many ratings")
         if self.bracket.effective < LEAST_EFFECTIVE:
-            found.append("predicted standard deviations are those of a normal law, for the same reason")
-        return found
+            notes.append("predicted standard deviations are those of a normal law, for the same reason")
+        return notes
 
 
 def choose(
-    touches: Touches,
-    level: Array,
-    level_variance: Array,
-    noise: Array,
-    quantities: dict[str, Array],
+    panel: PanelRatings,
+    quantities: Mapping[str, Array],
     about: Sequence[str],
     conditions: int,
-    panel: Panel,
     costs: Costs,
     rng: np.random.Generator,
+    new: bool,
 ) -> Plan:
     """Choose touches to rate.
 
     Parameters
     ----------
-    touches
-        The candidates.
-    level, level_variance
-        Mean and variance of the mean level of the raters at each draw, shape (draws,).
-    noise
-        Standard deviation of one rating's error at each draw, shape (draws,).
+    panel
+        Ratings of the candidates.
     quantities
         Quantities by name, each (draws,), NaN where a draw has none.
     about
         Names of those to be learnt; none for everything.
     conditions
         Largest number of touches.
-    panel
-        The raters.
     costs
         Costs and budget: a touch is chosen by what it adds for each unit of its cost, while the budget lasts.
     rng
         Random generator of simulated outcomes.
+    new
+        Whether the raters are new ones.
 
     Raises
     ------
     InputError
         If the budget does not pay for a single touch.
     """
-    noise2 = noise**2 / panel.number
-    mean = touches.response + level[:, None]
+    mean, touches = panel.mean, panel.touches.table
     wanted = [quantities[name] for name in about]
-    gain = _single(touches, mean, noise2, level_variance, wanted)
-    covariance = np.atleast_2d(np.cov(mean.T, bias=True))
     scores = _whitened(wanted)
     with_scores = None if scores is None else (mean - mean.mean(axis=0)).T @ scores / len(mean)
-    errors = _Errors(touches, noise2, level_variance)
-    average = errors.average()
+
+    def information(index: IndexArray) -> float:
+        covariance = panel.covariance_of_means[np.ix_(index, index)]
+        return linear_gain(covariance, panel.average_errors(index), None if with_scores is None else with_scores[index])
+
     chosen: list[int] = []
-    steps, before = [], 0.0
+    gained, spent = [0.0], [0.0]
     while len(chosen) < conditions:
-        costs_now = _cumulative_cost(touches, chosen, costs, panel)[-1] if chosen else 0.0
-        best, best_step, best_rate = -1, 0.0, -np.inf
-        for k in range(len(touches.load)):
-            if chosen.count(k) >= MOST_REPEATS:
-                continue
+        best: tuple[float, int, float, float] | None = None
+        for k in range(len(touches)):
             tried = [*chosen, k]
-            cost = _cumulative_cost(touches, tried, costs, panel)[-1]
-            if costs.budget is not None and cost > costs.budget:
+            cost = costs.of(touches.loc[tried], panel.raters)
+            if chosen.count(k) >= MOST_REPEATS or (costs.budget is not None and cost > costs.budget):
                 continue
-            index = np.array(tried)
-            whole = linear_gain(
-                covariance[np.ix_(index, index)],
-                _of_repeats(average, noise2.mean(), index),
-                None if with_scores is None else with_scores[index],
-            )
-            rate = (whole - before) / (max(cost - costs_now, 1e-12) if costs.budget is not None else 1.0)
-            if rate > best_rate:
-                best, best_step, best_rate = k, whole - before, rate
-        if best < 0:
+            whole = information(np.array(tried))
+            rate = (whole - gained[-1]) / (1.0 if costs.budget is None else max(cost - spent[-1], 1e-12))
+            if best is None or rate > best[0]:
+                best = rate, k, whole, cost
+        if best is None:
             break
-        chosen.append(best)
-        steps.append(best_step)
-        before += best_step
+        chosen.append(best[1])
+        gained.append(best[2])
+        spent.append(best[3])
     if not chosen:
-        least = min(_cumulative_cost(touches, [k], costs, panel)[-1] for k in range(len(touches.load)))
+        least = min(costs.of(touches.loc[[k]], panel.raters) for k in range(len(touches)))
         raise InputError(f"design: a budget of {costs.budget:g} pays for no touch; the cheapest costs {least:g}")
     index = np.array(chosen)
-    label = _joint_bins(wanted)
-    bracket = nested_gain(rng, mean[:, index], errors.of(index), quantities, label, scores)
-    ratios = dict(bracket.sd_ratio)
+    bracket = nested_gain(rng, mean[:, index], panel.errors(index), quantities, _joint_bins(wanted), scores)
+    ratios = bracket.sd_ratio
     if bracket.effective < LEAST_EFFECTIVE:
-        whole_inverse = np.linalg.inv(covariance[np.ix_(index, index)] + _of_repeats(average, noise2.mean(), index))
+        whole = panel.covariance_of_means[np.ix_(index, index)] + panel.average_errors(index)
         centred = mean[:, index] - mean[:, index].mean(axis=0)
-        for name, values in quantities.items():
-            slope = centred.T @ rank_scores(values) / len(mean)
-            ratios[name] = float(np.sqrt(max(1.0 - slope @ whole_inverse @ slope, 0.0)))
+        slopes = {name: centred.T @ rank_scores(values) / len(mean) for name, values in quantities.items()}
+        ratios = {n: float(np.sqrt(max(1.0 - s @ np.linalg.solve(whole, s), 0.0))) for n, s in slopes.items()}
+    gain = gains_about(Histograms(mean, panel.sd()), [rank_bins(values) for values in wanted])
+    steps = np.diff(gained), np.diff(spent)
     return Plan(
-        touches, gain, tuple(chosen), np.array(steps), bracket, before, ratios, costs, panel, tuple(about) or ("all",)
+        panel.touches, gain, tuple(chosen), *steps, bracket, ratios, tuple(about) or ("all",), panel.raters, new
     )
 
 
-def _single(touches: Touches, mean: Array, noise2: Array, level_variance: Array, wanted: list[Array]) -> Array:
-    """Return the information of one rating of each touch by every rater, about all or the sum over the quantities."""
-    variance = noise2[:, None] + level_variance[:, None] + (touches.slope * touches.modulus_sd) ** 2 + touches.deviation
-    histograms = Histograms(mean, np.sqrt(variance))
-    if not wanted:
-        return single_gains(histograms)
-    return np.sum([single_gains(histograms, rank_bins(values)) for values in wanted], axis=0)
-
-
-class _Errors:
-    """Covariances of ratings given a draw: noise, the raters' common level, and what touches of a fabric share."""
-
-    def __init__(self, touches: Touches, noise2: Array, level_variance: Array) -> None:
-        self.touches, self.noise2, self.level_variance = touches, noise2, level_variance
-        self.alike = np.array(touches.fabric)[:, None] == np.array(touches.fabric)
-
-    def of(self, index: IndexArray) -> Array:
-        """Return the covariance of ratings of some touches at each draw, shape (draws, k, k)."""
-        t = self.touches
-        slope = t.slope[:, index] * t.modulus_sd[index]
-        shared = slope[:, :, None] * slope[:, None, :] + t.deviation[:, index, None]
-        shared = shared * self.alike[np.ix_(index, index)] + self.level_variance[:, None, None]
-        return np.asarray(shared + self.noise2[:, None, None] * np.eye(index.size))
-
-    def average(self) -> Array:
-        """Return the mean covariance without noise of all touches, shape (touches, touches)."""
-        t = self.touches
-        slope = t.slope * t.modulus_sd
-        shared = slope.T @ slope / len(slope) + t.deviation.mean(axis=0)[:, None]
-        return np.asarray(shared * self.alike + self.level_variance.mean())
-
-
-def _of_repeats(average: Array, noise2: float, index: IndexArray) -> Array:
-    """Return the mean covariance of ratings of some touches, each with a noise of its own."""
-    return np.asarray(average[np.ix_(index, index)] + noise2 * np.eye(index.size))
-
-
-def _whitened(wanted: list[Array]) -> Array | None:
+def _whitened(wanted: Sequence[Array]) -> Array | None:
     """Return uncorrelated scores of unit variance of some quantities and of whether draws have them; None if none."""
     if not wanted:
         return None
-    columns = []
-    for values in wanted:
-        columns.append(rank_scores(values))
-        there = np.isfinite(values)
-        if not there.all() and there.any():
-            columns.append(there.astype(float))
+    there = [np.isfinite(values) for values in wanted]
+    columns = [rank_scores(values) for values in wanted]
+    columns += [one.astype(float) for one in there if one.any() and not one.all()]
     scores = np.stack(columns, axis=1)
     left, size, _ = np.linalg.svd(scores - scores.mean(axis=0), full_matrices=False)
-    kept = size > 1e-6 * size[0]
-    return np.asarray(left[:, kept] * np.sqrt(len(scores)))
+    return np.asarray(left[:, size > 1e-6 * size[0]] * np.sqrt(len(scores)))
 
 
-def _joint_bins(wanted: list[Array]) -> IndexArray | None:
+def _joint_bins(wanted: Sequence[Array]) -> IndexArray | None:
     """Return the bin of each draw by one quantity, or by several together, each with fewer bins."""
     if not wanted:
         return None
-    each = {1: BINS, 2: 5}.get(len(wanted), 3 if len(wanted) == 3 else 2)
-    label = np.zeros(wanted[0].size, np.intp)
-    for values in wanted:
-        bins = rank_bins(values, each)
-        label = label * (int(bins.max()) + 1) + bins
-    return np.unique(label, return_inverse=True)[1].astype(np.intp)
-
-
-def _columns(touches: Touches, index: IndexArray) -> dict[str, object]:
-    forces = [isinstance(touches.load[k], Force) for k in index]
-    value = [held(touches.load[k]) for k in index]
-    return {
-        "fabric": [touches.fabric[k] for k in index],
-        "to_obtain": ~touches.owned[index],
-        "e_fab_kpa": touches.modulus[index] * 1e-3,
-        "indentation_mm": [np.nan if f else v * 1e3 for f, v in zip(forces, value, strict=True)],
-        "force_n": [v if f else np.nan for f, v in zip(forces, value, strict=True)],
-    }
-
-
-def _cumulative_cost(touches: Touches, chosen: Sequence[int], costs: Costs, panel: Panel) -> Array:
-    """Return the cost of the first chosen touches, of any number, shape (chosen,)."""
-    bought: set[str] = set()
-    loads: set[Load] = set()
-    total, found = 0.0, []
-    for k in chosen:
-        if not touches.owned[k] and touches.fabric[k] not in bought:
-            bought.add(touches.fabric[k])
-            total += costs.fabric
-        if touches.load[k] not in loads:
-            loads.add(touches.load[k])
-            total += costs.load
-        total += costs.rating * panel.number
-        found.append(total)
-    return np.array(found)
+    each = {1: BINS, 2: 5, 3: 3}.get(len(wanted), 2)
+    bins = np.stack([rank_bins(values, each) for values in wanted])
+    return np.unique(bins, axis=1, return_inverse=True)[1].astype(np.intp).ravel()

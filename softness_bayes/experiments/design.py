@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -12,16 +12,13 @@ from numpy.typing import NDArray
 
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.errors import InputError
-from softness_bayes.experiments.choice import Costs, Panel, Plan, choose
+from softness_bayes.experiments.choice import Costs, PanelRatings, Plan, choose
 from softness_bayes.experiments.outlook import DRAWS, Outlook, Touches, outlook_of_prior, outlook_of_run
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.ranges import PANEL, require_kind
 from softness_bayes.touch.contact import Force, Indentation, Load, held, require_loads
 
 Array = NDArray[np.float64]
-
-USUAL_CV = 0.15
-"""Relative standard error of moduli that a run took as exact."""
 
 GRID = 12
 """Number of moduli to obtain, over the range of the rated ones."""
@@ -104,27 +101,32 @@ def design(
         pressed = tuple(load for load in pressed if held(load) <= largest_load * (1.0 + 1e-9))
         if not pressed:
             raise InputError(f"largest load: every load is larger than {largest_load:g}; choose a larger one")
-    parts = [one.touches(fabrics, pressed, modulus_cv, USUAL_CV) for one in outlooks]
-    within = np.all([part.within for part in parts], axis=0)
+    parts = [one.touches(fabrics, pressed, modulus_cv) for one in outlooks]
+    within = np.all([part.table["within"] for part in parts], axis=0)
     if not within.any():
         raise InputError(
             "design: no candidate is within the model's range: under every load the contact radius exceeds half the "
             "fingertip's radius; choose smaller loads"
         )
-    quantities = _joined([quantities_of(one, about) for one in outlooks])
+    each = [quantities_of(one, about) for one in outlooks]
+    quantities = {name: np.concatenate([one[name] for one in each]) for name in each[0] if all(name in q for q in each)}
     if len(outlooks) > 1:
         quantities[WHICH] = np.repeat(np.arange(float(len(outlooks))), [len(one.theta) for one in outlooks])
     for name in about:
         if name not in quantities:
             known = ", ".join([*quantities, "turning@2mm"])
             raise InputError(f"about: {name!r} is no quantity of this run, expected one of {known}")
+    number = len(experiment.ratings.participants) if raters is None else raters
     new = raters is not None or not first.rated
-    panel = Panel(len(experiment.ratings.participants) if raters is None else raters, new)
-    levels = [one.levels.of_panel(panel.number if new else None) for one in outlooks]
-    mean, variance = (np.concatenate(part) for part in zip(*levels, strict=True))
+    level = zip(*(one.level(number if new else None) for one in outlooks), strict=True)
+    touches = Touches(
+        parts[0].table.assign(p_silent=np.mean([part.table["p_silent"] for part in parts], axis=0)),
+        *(np.concatenate([getattr(p, name) for p in parts]) for name in ("response", "slope", "deviation")),
+    )
+    mean, variance = (np.concatenate(part) for part in level)
     noise = np.concatenate([one.noise for one in outlooks])
-    touches = _side_by_side(parts).take(within)
-    return choose(touches, mean, variance, noise, quantities, about, conditions, panel, costs or Costs(), rng)
+    panel = PanelRatings(touches.take(within), mean, variance, noise, number)
+    return choose(panel, quantities, about, conditions, costs or Costs(), rng, new)
 
 
 def _outlooks(source: Any, options: ModelOptions, rng: np.random.Generator) -> list[Outlook]:
@@ -136,7 +138,7 @@ def _outlooks(source: Any, options: ModelOptions, rng: np.random.Generator) -> l
         require_run(one)
     if len({one.provenance.rating_data.digest_ratings for one in every}) > 1:
         raise InputError("design: the runs are of different tables of ratings; expected runs of the same")
-    return [outlook_of_run(one, rng, DRAWS // len(every)) for one in every]
+    return [outlook_of_run(one, DRAWS // len(every)) for one in every]
 
 
 def require_run(result: Any) -> None:
@@ -161,35 +163,30 @@ def require_run(result: Any) -> None:
 
 def candidates_of(outlook: Outlook, candidates: Fabrics | None, moduli: Sequence[float] | None) -> Fabrics:
     """Return the fabrics that could be rated: given or owned ones, and those of moduli to obtain."""
-    own = outlook.model.experiment.fabrics
-    base = own if candidates is None else candidates
-    scene = outlook.model.scene.fabric_modulus
+    base = outlook.model.experiment.fabrics if candidates is None else candidates
     if moduli is None:
-        wanted = np.geomspace(scene.min(), scene.max(), GRID) if candidates is None else np.empty(0)
+        rated = outlook.model.scene.fabric_modulus
+        wanted = np.geomspace(rated.min(), rated.max(), GRID if candidates is None else 0)
     else:
         wanted = np.asarray(moduli, float)
         if not ((wanted > 0) & np.isfinite(wanted)).all():
             raise InputError("moduli: expected numbers above 0 [Pa]")
-    if not wanted.size:
-        return base
-    named = [f"E_fab {value / 1e3:.3g} kPa" for value in wanted]
-    blank = np.full(len(base) + wanted.size, np.nan)
-    fields: dict[str, Any] = {}
-    for name in Fabrics.__dataclass_fields__:
-        value = getattr(base, name)
-        if isinstance(value, np.ndarray):
-            fields[name] = np.concatenate([value, blank[len(base) :]])
-    fields["effective_modulus"][len(base) :] = wanted
-    return replace(base, names=(*base.names, *named), rows=(), **fields)
+    names = (*base.names, *(f"E_fab {value / 1e3:.3g} kPa" for value in wanted))
+    measured = {one.name: getattr(base, one.name) for one in fields(base)}
+    arrays: dict[str, Any] = {
+        name: np.append(value, np.full(wanted.size, np.nan))
+        for name, value in measured.items()
+        if isinstance(value, np.ndarray)
+    }
+    arrays["effective_modulus"][len(base) :] = wanted
+    return replace(base, names=names, rows=(), **arrays)
 
 
 def quantities_of(outlook: Outlook, about: Sequence[str]) -> dict[str, Array]:
     """Return sampled parameters (their logs if all are positive) and the turning points that are asked for."""
-    found = {}
     space = outlook.posterior.space
-    for k in (k for k in range(space.n_chain) if space.names[k] not in SPREADS):
-        values = outlook.theta[:, k]
-        found[space.names[k]] = np.log(values) if (values > 0).all() else values
+    found = dict(zip(space.names[: space.n_chain], outlook.theta.T, strict=False))
+    found = {k: np.log(v) if (v > 0).all() else v for k, v in found.items() if k not in SPREADS}
     for name in about:
         if name.startswith(TURNING):
             load = load_named(name.removeprefix(f"{TURNING}@"))
@@ -211,23 +208,3 @@ def load_named(text: str) -> Load | None:
     if match is None or not 0 < value < float("inf"):
         return None
     return Indentation(value * 1e-3) if match[2] == "mm" else Force(value)
-
-
-def _joined(every: Sequence[dict[str, Array]]) -> dict[str, Array]:
-    """Return the quantities that all outlooks have, with the draws of one after the other."""
-    names = [name for name in every[0] if all(name in one for one in every)]
-    return {name: np.concatenate([one[name] for one in every]) for name in names}
-
-
-def _side_by_side(parts: Sequence[Touches]) -> Touches:
-    """Return the same touches at the draws of all outlooks."""
-    first = parts[0]
-    if len(parts) == 1:
-        return first
-    return replace(
-        first,
-        response=np.concatenate([part.response for part in parts]),
-        slope=np.concatenate([part.slope for part in parts]),
-        deviation=np.concatenate([part.deviation for part in parts]),
-        silent=np.mean([part.silent for part in parts], axis=0),
-    )

@@ -9,7 +9,7 @@ from nested sums over draws, which bracket the true value.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -126,6 +126,13 @@ def single_gains(histograms: Histograms, bins: IndexArray | None = None) -> Arra
     return _entropy_within(histograms, unrelated) - _entropy_within(histograms, bins)
 
 
+def gains_about(histograms: Histograms, quantities: Sequence[IndexArray]) -> Array:
+    """Return `single_gains` about the bins of several quantities, summed; about all that the draws hold if none."""
+    if not quantities:
+        return single_gains(histograms)
+    return np.asarray(sum(single_gains(histograms, bins) for bins in quantities))
+
+
 def _entropy_within(histograms: Histograms, bins: IndexArray) -> Array:
     """Return the mean entropy of each touch's mixture within the bins, shape (touches,)."""
     within = np.zeros(histograms.mean.shape[1])
@@ -202,7 +209,10 @@ def nested_gain(
     root = np.linalg.cholesky(errors)
     inverse = np.linalg.inv(root)
     log_det = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
-    origin = rng.permutation(draws)[: min(outcomes, draws)]
+    origin = rng.permutation(draws)
+    if bins is not None:  # without the draw that made an outcome, its bin must hold others
+        origin = origin[np.bincount(bins)[bins[origin]] > 1]
+    origin = origin[:outcomes]
     outcome = mean[origin] + np.einsum("oij,oj->oi", root[origin], rng.standard_normal((origin.size, k)))
     white_mean = np.einsum("sij,sj->si", inverse, mean)
     log_density = np.empty((origin.size, draws))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -47,12 +47,15 @@ def moduli_of(result: Stored, fabrics: Fabrics) -> FabricModuli:
 
 def rated_among(result: Stored, fabrics: Fabrics) -> NDArray[np.intp]:
     """Return the index of each fabric among the rated ones; -1 if none has its name and modulus."""
-    rated = result.fabrics
-    place = {name: k for k, name in enumerate(rated.names)}
-    index = np.array([place.get(name, -1) for name in fabrics.names], np.intp)
-    modulus = np.array(moduli_of(result, fabrics).middle)
-    same = np.isclose(modulus, rated.effective_modulus[index], rtol=_SAME, atol=0.0)
-    return np.where(same, index, -1)
+    rated, modulus = result.fabrics, np.array(moduli_of(result, fabrics).middle)
+    return same_fabrics(fabrics.names, modulus, rated.names, rated.effective_modulus)
+
+
+def same_fabrics(names: Sequence[str], modulus: Array, among: Sequence[str], their_modulus: Array) -> NDArray[np.intp]:
+    """Return the index of each fabric among others by name and modulus [Pa]; -1 for none."""
+    place = {name: k for k, name in enumerate(among)}
+    index = np.array([place.get(name, -1) for name in names], np.intp)
+    return np.where(np.isclose(modulus, their_modulus[index], rtol=_SAME, atol=0.0) & (index >= 0), index, -1)
 
 
 class Fitted:

@@ -9,9 +9,11 @@ from numpy.testing import assert_allclose
 from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError
 from softness_bayes.experiments import design as module
+from softness_bayes.experiments import outlook
 from softness_bayes.experiments.adaptive import MOST_IN_A_ROW, Adaptive
 from softness_bayes.experiments.choice import MOST_REPEATS, Costs
-from softness_bayes.experiments.design import design
+from softness_bayes.experiments.design import candidates_of, design
+from softness_bayes.experiments.outlook import USUAL_CV, outlook_of_run
 from softness_bayes.likelihood.design import Design
 from softness_bayes.touch.contact import Indentation
 from support.command_line import call, refused
@@ -28,7 +30,8 @@ def result(report_run):
 def few_draws(monkeypatch):
     """Few draws, of a run that need not have converged."""
     monkeypatch.setattr(module, "DRAWS", DRAWS)
-    monkeypatch.setattr("softness_bayes.experiments.outlook.DRAWS", DRAWS)
+    monkeypatch.setattr(outlook, "DRAWS", DRAWS)
+    monkeypatch.setattr(outlook.outlook_of_run, "__defaults__", (DRAWS,))
     monkeypatch.setattr(module, "require_run", lambda result: None)
     monkeypatch.setattr("softness_bayes.experiments.adaptive.require_run", lambda result: None)
 
@@ -43,13 +46,13 @@ def test_answers_weight_the_draws_as_the_joint_density_of_all_ratings_does(resul
     conditions = rng.choice(observed.design.n_conditions, 5)
     scene = outlook.model.scene
     fabrics, loads = outlook.model.experiment.fabrics.names, scene.loads
-    level, drive = outlook.levels.mean.mean(axis=1), observed.drive(outlook.posterior.mean_rate(theta), parameters)
+    level, drive = outlook.level(None)[0], observed.drive(outlook.posterior.mean_rate(theta), parameters)
     ratings = np.exp(np.median(level[:, None] + drive[:, conditions], axis=0) + rng.normal(0, 0.3, 5))
     touches = [(fabrics[scene.fabric[c]], loads[scene.load[c]]) for c in conditions]
     known = [
         k
         for k, touch in enumerate(touches)
-        if touch in zip(experiment.touches.fabric, experiment.touches.load, strict=False)
+        if touch in zip(experiment.touches.table["fabric"], experiment.touches.table["load"], strict=True)
     ]
     assert known
     for k in known:
@@ -67,7 +70,7 @@ def test_answers_weight_the_draws_as_the_joint_density_of_all_ratings_does(resul
     # the control: a level that is the same at every draw
     stiff = Adaptive.start(result, modulus_cv=0.0)
     for name in {names[k % 2] for k in known}:
-        mean, variance = stiff._law(("rater", name))
+        mean, variance = stiff.outlook.level(name)
         stiff._laws["rater", name] = np.full_like(mean, mean.mean()), variance
     for k in known:
         stiff.tell(names[k % 2], *touches[k], ratings[k])
@@ -85,9 +88,24 @@ def test_what_is_chosen(result):
     assert one.bracket.low - 4 * one.bracket.se < one.gain[one.chosen[0]] < one.bracket.high + 4 * one.bracket.se
 
 
+def test_errors_of_moduli_are_those_of_the_request(result):
+    """Of every candidate; moduli at the draws are equal but for rounding, which is no error that the draws have."""
+    outlook = outlook_of_run(result, DRAWS)
+    own = outlook.model.experiment.fabrics
+    for cv, expected in ((None, USUAL_CV), (0.3, 0.3), (0.0, 0.0)):
+        errors = outlook.touches(candidates_of(outlook, None, None), (Indentation(2e-3),), cv).table["modulus_sd"]
+        assert_allclose(errors, np.sqrt(np.log1p(expected**2)), atol=1e-12)
+    # a table's own errors stand, and a fabric of the same name with another modulus is not the rated one
+    other = Fabrics(own.names[:2], effective_modulus=own.effective_modulus[:2] * [1.0, 2.0],
+                    effective_modulus_cv=np.array([np.nan, 0.5]))  # fmt: skip
+    table = outlook.touches(other, (Indentation(2e-3),), 0.1).table
+    assert table["to_obtain"].tolist() == [False, True]
+    assert_allclose(table["modulus_sd"], np.sqrt(np.log1p(np.array([0.1, 0.5]) ** 2)), rtol=1e-6)
+
+
 def test_errors_of_moduli_lower_the_gain(result):
     exact, wrong = (design(result, ("sigma_0",), conditions=4, modulus_cv=cv) for cv in (0.0, 0.3))
-    assert wrong.normal_gain < exact.normal_gain
+    assert wrong.step.sum() < exact.step.sum()
     assert wrong.sd_ratio["sigma_0"] > exact.sd_ratio["sigma_0"]
 
 
@@ -134,7 +152,7 @@ def test_before_any_rating(result):
     from softness_bayes.results.fitted import experiment_of, options_of
 
     plan = design(experiment_of(result), conditions=2, options=options_of(result), raters=10)
-    assert plan.panel.new
+    assert plan.new
     assert plan.bracket.high > 0
 
 
@@ -148,7 +166,7 @@ def test_an_experiment_is_continued_with_the_same_suggestions(result, tmp_path):
     for trial in range(5):
         touch = begun.next("new")
         begun.tell("new", touch.fabric, touch.load, 20.0 + trial)
-    shown = [(one["fabric"], tuple(one["load"])) for one in begun.answers]
+    shown = [(one.fabric, one.load) for one in begun.answers]
     assert all(len(set(shown[k : k + MOST_IN_A_ROW + 1])) > 1 for k in range(len(shown) - MOST_IN_A_ROW))
     begun.tell("other", shown[0][0], Indentation(1.3e-3), 12.0)  # a load that no candidate has
     begun.save(tmp_path / "kept.json")
@@ -159,11 +177,23 @@ def test_an_experiment_is_continued_with_the_same_suggestions(result, tmp_path):
     assert 0 < begun.effective <= 1
 
 
+def test_answers_on_a_slider_are_numbers_of_its_file(report_run):
+    """Whole numbers from 0 to 100 are intervals of 1: a narrower one, of probability in proportion, weights alike."""
+    experiment = Adaptive.start(report_run("slider"))
+    touch = experiment.next("new")
+    experiment.tell("new", touch.fabric, touch.load, 62.0)
+    assert experiment.answers[0].rating == 62.0
+    rows = experiment._rows(62.0)
+    assert_allclose(1.0 / (1.0 + np.exp([-rows.low[0], -rows.high[0]])), [0.615, 0.625])
+    with pytest.raises(InputError, match="above 0 and below 100, got 100"):
+        experiment.tell("new", touch.fabric, touch.load, 100.0)
+
+
 def test_what_an_experiment_refuses(result, tmp_path):
     experiment = Adaptive.start(result)
     with pytest.raises(InputError, match="is no candidate"):
         experiment.tell("one", "no such cloth", Indentation(1e-3), 3.0)
-    fabric = experiment.touches.fabric[0]
+    fabric = experiment.touches.table["fabric"][0]
     with pytest.raises(InputError, match="expected a rating above 0"):
         experiment.tell("one", fabric, Indentation(1e-3), -1.0)
     (tmp_path / "other.json").write_text(json.dumps({"a": 1}))
