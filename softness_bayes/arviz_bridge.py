@@ -31,7 +31,6 @@ GROUPS = (
     "log_likelihood_joint",
     "log_likelihood_participant",
     "posterior_predictive",
-    "levelled_predictive",
     "predictions",
     "inflection",
     "prior_inflection",

@@ -8,16 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.checking.checks import (
-    ALONG,
-    CONDITIONS,
-    DEVIATIONS,
-    EXPONENTS,
-    FABRICS,
-    FINGERS,
-    LOADS,
-    NOISE,
-)
+from softness_bayes.checking.checks import LOADS
 from softness_bayes.checking.layout import groups_in, layout_of, ratings_in, values_in
 from softness_bayes.checking.quantities import (
     DROP,
@@ -29,7 +20,7 @@ from softness_bayes.checking.quantities import (
     QuantityCheck,
     check_values,
 )
-from softness_bayes.checking.turning_check import DOUBTFUL, FALL, check_plateau, fall_p_value
+from softness_bayes.checking.turning_check import DOUBTFUL, EXCESS, FALL, fall, fall_p_value, power
 from softness_bayes.checking.uniformity import uniformity_p_value
 from softness_bayes.likelihood.layout import Additive, Layout
 from softness_bayes.provenance import Provenance
@@ -53,10 +44,6 @@ LOO_PIT, PARETO_K = "loo_pit", "loo_pareto_k"
 
 PIT = "LOO-PIT"
 """Name of the check of LOO-PIT values in the table."""
-
-ONE_SIDED = (CONDITIONS, FABRICS, EXPONENTS, NOISE, ALONG, FINGERS, DEVIATIONS, PIT)
-"""Checks whose p-value is the probability of larger deviations: large p-values indicate small deviations, not a
-fault."""
 
 PIT_POINTS = np.arange(1, 100) / 100
 """Points at which the distribution function of LOO-PIT values is evaluated."""
@@ -102,9 +89,10 @@ def check_table(tree: xr.DataTree) -> pd.DataFrame:
         Columns: law (whose replicates: prior or posterior), quantity, participants (same: those who
         rated; new: drawn from the model), load, fabric, participant (or all of them), observed,
         replicated (median; share for "turns over"), low, high (limits of 90 % of the replicates, joint
-        over the rows of one quantity), p_value: probability of a replicate above the observed value; power, on the
-        rows of "turns over": share of tables from a response that levels off at its peak in which presence, place,
-        drop or fall would lie outside the range of the replicates, and its Monte-Carlo standard error, power_mcse.
+        over the rows of one quantity), p_value: probability of a replicate above the observed value; p_adjusted:
+        probability that a correct model deviates as much in any check (`adjusted`), which decides; power, on the rows
+        of the fall beyond the turning point: probability that it rejects a response that levels off at its peak, with
+        its Monte-Carlo standard error, power_mcse.
         Posterior p-values are conservative, because the replicates come from a fit to the data. The p-value of
         the LOO-PIT treats its values as independent; their dependence makes it conservative too.
     """
@@ -119,13 +107,45 @@ def check_table(tree: xr.DataTree) -> pd.DataFrame:
             kind = "new" if one.quantity.new_participants or law == "prior" else "same"
             each = zip(one.labels, one.findings, strict=True)
             rows += [_row(law, one.quantity.name, kind, label, finding) for label, finding in each]
-    rows += _plateau_rows(tree, layout, data, posterior[False], rows)
+    rows += _fall_rows(tree, layout, data, posterior[False])
     for finding in Provenance(tree.attrs).findings.values():
         if finding.quantity != LOADS:
             rows.append(_whole(finding.quantity, finding.estimate, np.nan, finding.p_value))
     pit = values_in(tree, "constant_data", LOO_PIT)
     rows.append(_whole(PIT, pit.mean(), 0.5, uniformity_p_value(pit, PIT_POINTS)))
-    return pd.DataFrame(rows).set_index(["law", "quantity"])
+    table = pd.DataFrame(rows)
+    return table.assign(p_adjusted=adjusted(table)).drop(columns="p_joint").set_index(["law", "quantity"])
+
+
+def adjusted(table: pd.DataFrame) -> pd.Series:
+    """Return the p-value of each row, adjusted so that a correct model fails any check with probability `DOUBTFUL`.
+
+    Quantities are combined by Holm's method (Scand. J. Stat. 6, 65, 1979). The turning points, whose check has a level
+    of its own, count as one test for each load: of the fall beyond the peak or, where the model predicts none, of the
+    presence of a turn.
+
+    Parameters
+    ----------
+    table
+        Columns law, quantity, load and p_joint.
+
+    Returns
+    -------
+    Series
+        NaN for rows that do not decide anything: those of the prior, and of place and drop of the turning point.
+    """
+    p_value, name = table["p_joint"], table["quantity"]
+    checked = (table["law"] == "posterior") & np.isfinite(p_value)
+    falls = (name == FALL) & checked
+    turns = (name == TURNS_OVER) & checked & ~table["load"].isin(table["load"][falls])
+    others = checked & ~name.isin([TURNS_OVER, PLACE, DROP, FALL])
+    found = p_value.where(falls | turns | others)
+    for family, of in ((falls | turns, table["load"]), (others, name)):
+        least = p_value[family].groupby(of[family]).min().sort_values()
+        for rank, (group, floor) in enumerate((least * np.arange(len(least), 0, -1)).cummax().items()):
+            rows = family & (of == group)
+            found[rows] = (p_value[rows] * (len(least) - rank)).clip(floor).clip(upper=1.0)
+    return found
 
 
 def doubts(table: pd.DataFrame) -> list[str]:
@@ -137,17 +157,12 @@ def doubts(table: pd.DataFrame) -> list[str]:
         From `check_table`.
     """
     checks = table[table.index.get_level_values("law") == "posterior"].droplevel("law")
-    others = checks[~checks.index.isin([TURNS_OVER, PLACE, DROP, FALL]) & np.isfinite(checks["p_value"])]
+    failed = checks[(checks["p_adjusted"] < DOUBTFUL) & ~checks.index.isin([TURNS_OVER, FALL])]
     found = []
-    for name in dict.fromkeys(others.index):
-        rows = others.loc[[name]]
-        p_values = rows["p_value"].to_numpy()
-        if name not in ONE_SIDED:
-            p_values = 2.0 * np.minimum(p_values, 1.0 - p_values)
-        if p_values.min() < DOUBTFUL / len(rows):
-            worst = rows.iloc[int(p_values.argmin())]
-            where = " ".join(str(worst[k]) for k in ("fabric", "load", "participant") if worst[k] != ALL)
-            found.append(f"{name}{f' ({where})' if where else ''}")
+    for name, rows in failed.groupby(level=0, sort=False):
+        worst = rows.iloc[int(rows["p_adjusted"].to_numpy().argmin())]
+        where = " ".join(str(worst[k]) for k in ("fabric", "load", "participant") if worst[k] != ALL)
+        found.append(f"{name}{f' ({where})' if where else ''}")
     return found
 
 
@@ -172,25 +187,25 @@ def _checked(
     return found
 
 
-def _plateau_rows(
-    tree: xr.DataTree, layout: Layout, data: Additive, replicates: Additive, rows: list[dict[str, Any]]
-) -> list[dict[str, Any]]:
-    """Return the rows of fall beyond the turning point; the power of their check is added to the rows of presence."""
-    check, labels = check_plateau(tree, layout, data, replicates), _labels(tree, layout, Columns.LOAD)
-    powers = {load: one for (load, _, _), one in zip(labels, check.power, strict=True)}
-    for row in rows:
-        if row["law"] == "posterior" and row["quantity"] == TURNS_OVER:
-            row["power"], row["power_mcse"] = powers[str(row["load"])]
-    found = []
-    for k, one in enumerate(check_values(check.observed, check.replicated)):
-        p_value = float(fall_p_value(check.observed[[k]], check.replicated[:, k])[0])
-        found.append(_row("posterior", FALL, "same", labels[k], one._replace(p_value=p_value)))
+def _fall_rows(tree: xr.DataTree, layout: Layout, data: Additive, replicates: Additive) -> list[dict[str, Any]]:
+    """Return the rows of the fall beyond the turning point under each load, with the power of their check."""
+    excess = np.zeros(layout.design.n_conditions)
+    excess[layout.design.condition] = values_in(tree, "constant_data", EXCESS)
+    expected = replicates.condition.mean(axis=0)
+    observed, again = (fall(layout, one.condition, expected, excess) for one in (data, replicates))
+    level = DOUBTFUL / max(int(np.isfinite(observed).sum()), 1)
+    found, labels = [], _labels(tree, layout, Columns.LOAD)
+    for label, value, others, one in zip(labels, observed, again.T, check_values(observed, again), strict=True):
+        p_value = fall_p_value(value, others)
+        # a fall that is too large is no evidence against a turn
+        row = _row("posterior", FALL, "same", label, one._replace(p_value=p_value, p_joint=1.0 - p_value))
+        found.append({**row, **dict(zip(("power", "power_mcse"), power(others, level), strict=True))})
     return found
 
 
 def _whole(quantity: str, observed: float, replicated: float, p_value: float) -> dict[str, Any]:
     """Return the row of a check over all ratings."""
-    finding = QuantityCheck(observed, replicated, np.nan, np.nan, p_value)
+    finding = QuantityCheck(observed, replicated, np.nan, np.nan, p_value, p_value)
     return _row("posterior", quantity, "same", (ALL, ALL, ALL), finding)
 
 

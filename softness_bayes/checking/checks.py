@@ -22,12 +22,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
-from scipy.special import chdtrc, chdtri, polygamma
+from scipy.special import chdtrc, chdtri, ndtri, polygamma
 
 from softness_bayes import arviz_bridge
 from softness_bayes.likelihood.contract import Effects, Likelihood, Parameters, RowsLeftOut
+from softness_bayes.likelihood.layout import Layout
 from softness_bayes.likelihood.pieces import part_of, pieces
 from softness_bayes.likelihood.plate import CompressionForces
+from softness_bayes.likelihood.scales import STANDARDISED
 from softness_bayes.provenance import Finding
 
 Array = NDArray[np.float64]
@@ -40,6 +42,7 @@ CONDITIONS, FABRICS, LOADS = (
 )
 EXPONENTS, NOISE, DEVIATIONS = "participants' own exponents", "participants' own noise", "standard deviations of cells"
 ALONG, FINGERS = "deviations along the response's slope", "raters' deviations along the skin's slope"
+DRIFT = "drift over trials"
 """Names of the checks in tables."""
 
 MODULUS_STEP, SKIN_STEP = 0.05, 0.1
@@ -54,6 +57,9 @@ NOTICED = 0.8
 
 LEVEL = 0.05
 """Predictive p-value below which deviations are considered real."""
+
+CHECKS = 14
+"""Number of checks that share this level, for the power of each."""
 
 FEWEST = 3
 """Smallest number of ratings of a rater whose scatter is checked."""
@@ -83,7 +89,9 @@ class Residuals:
         """Standard deviation of single residuals, shape (draws,)."""
         return np.broadcast_to(self.observation.model.error_sd(self.parameters), len(self.mean_rate))
 
-    def sums(self, group: IndexArray, size: int, regressor: Array | None = None, power: int = 1) -> Array:
+    def sums(
+        self, group: IndexArray, size: int, regressor: Array | None = None, power: int = 1, weight: Array | None = None
+    ) -> Array:
         """Return sums of residuals over the ratings of each group, shape (draws, groups).
 
         Parameters
@@ -96,9 +104,11 @@ class Residuals:
             Value that multiplies the residuals of each condition, shape (draws, conditions); by default 1.
         power
             Power of the residuals.
+        weight
+            Value that multiplies each residual, shape (rows,); by default 1.
         """
         rows, condition = group.size, self.observation.design.condition
-        member = csr_array((np.ones(rows), (group, np.arange(rows))), shape=(size, rows))
+        member = csr_array((np.ones(rows) if weight is None else weight, (group, np.arange(rows))), shape=(size, rows))
         found = np.empty((len(self.mean_rate), size))
         for k in pieces(len(found), rows):
             values = self.observation.residual(self.mean_rate[k], self.parameters.part(k), part_of(self.effects, k))
@@ -205,7 +215,7 @@ def check_fabrics(residuals: Residuals, names: Sequence[str]) -> tuple[Finding, 
     errors = (along / np.sqrt(count) / sd[:, None]).mean(axis=0)
     worst = int(np.abs(errors).argmax())
     # a deviation's variance, times n/varsigma², is added to the scale of the law
-    scale = chdtri(rated.size, LEVEL) / chdtri(rated.size, NOTICED)
+    scale = chdtri(rated.size, LEVEL / CHECKS) / chdtri(rated.size, NOTICED)
     advice = ("--prior omega='halfnormal(0.5)'",) if "omega" in model.needs else ()
     within = each.freedom - fabrics.freedom
     return (
@@ -287,6 +297,35 @@ def check_fingers(residuals: Residuals, slope: Array, modelled: bool = False) ->
     found = residuals.project(design.participant, design.n_participants, slope, centred=True)
     advice = () if modelled else ("--individual b",)
     return Finding(FINGERS, found.p_value_of_difference, modelled=modelled, advice=advice)
+
+
+def check_drift(residuals: Residuals, order: Array) -> Finding:
+    """Compare the slope of the residuals along the order of trials with noise.
+
+    Only the part of the order that raters and conditions do not determine shows a drift: where loads came in blocks,
+    the model absorbs the rest. The estimate is the change of ratings from the first to the last trial of a rater.
+
+    Parameters
+    ----------
+    residuals
+        Residuals at draws of the posterior.
+    order
+        `Ratings.order`.
+    """
+    design = residuals.observation.design
+    raters = np.unique(np.stack([design.participant, np.round(order, 9)]), axis=1).shape[1] > design.n_participants
+    fit = Layout(design, np.ones(design.n_conditions), np.zeros(design.n_conditions, np.intp), scale=STANDARDISED)
+    found = fit.fit(order)
+    left = order - found.condition[design.condition] - found.participant[design.participant]
+    weight = float(left @ left)
+    if not raters or weight < FLAT * order.size:
+        return Finding(DRIFT, np.nan)
+    along = residuals.sums(np.zeros(order.size, np.intp), 1, weight=left)[:, 0]
+    p_value = float(chdtrc(1.0, along**2 / weight / residuals.sd**2).mean())
+    seen = float(np.median(residuals.sd)) / np.sqrt(weight) * (ndtri(1.0 - LEVEL / CHECKS / 2.0) + ndtri(NOTICED))
+    unit = residuals.observation.model.scale.unit
+    slope = float(along.mean() / weight)
+    return Finding(DRIFT, p_value, slope, noticed=float(seen), unit=unit, advice=("--drift",))
 
 
 def check_noise(residuals: Residuals, modelled: bool = False, available: bool = True, robust: bool = False) -> Finding:

@@ -19,6 +19,9 @@ from softness_bayes.likelihood.layout import ROUNDING, Additive, Layout
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
+TAIL = 0.9
+"""Share of the replicates' largest deviations beyond which the probability of larger ones is extrapolated."""
+
 CLEAR = 2.0
 """Number of standard errors by which an interior maximum of mean ratings must exceed both ends."""
 
@@ -144,6 +147,8 @@ class QuantityCheck(NamedTuple):
     """Limits of the replicates, joint over the columns."""
     p_value: float
     """P(replicate > observed) + P(equal) / 2 among replicates with a value; NaN if the data or replicates have none."""
+    p_joint: float
+    """Probability that any column of a replicate deviates as much (`joint_p_values`)."""
 
 
 def check_values(
@@ -165,23 +170,43 @@ def check_values(
     probability
         Share of replicates with all columns within the limits.
     """
-    low, high = joint_limits(replicated, probability)
     found = []
-    for value, each, *limits in zip(observed, replicated.T, low, high, strict=True):
+    columns = observed, replicated.T, *joint_limits(replicated, probability), joint_p_values(observed, replicated)
+    for value, each, low, high, p_joint in zip(*columns, strict=True):
         known = each[np.isfinite(each)]
         middle = float(centre(known)) if known.size else np.nan
-        p_value = float(above(np.array([value]), known)[0])
-        found.append(QuantityCheck(float(value), middle, float(limits[0]), float(limits[1]), p_value))
+        above = 0.5 * ((known > value).mean() + (known >= value).mean()) if known.size else np.nan
+        p_value = float(above) if np.isfinite(value) else np.nan
+        found.append(QuantityCheck(float(value), middle, float(low), float(high), p_value, float(p_joint)))
     return found
 
 
-def above(values: FloatArray, replicates: FloatArray) -> FloatArray:
-    """Return P(replicate > value) + P(equal) / 2 among replicates with a value; NaN if the value or all are missing."""
-    known = np.sort(replicates[np.isfinite(replicates)])
-    if known.size == 0:
-        return np.full(values.shape, np.nan)
-    below, up_to = (np.searchsorted(known, values, side) for side in ("left", "right"))
-    return np.where(np.isfinite(values), 1.0 - 0.5 * (below + up_to) / known.size, np.nan)
+def joint_p_values(observed: FloatArray, replicated: FloatArray) -> FloatArray:
+    """Return the probability that any column of a replicate deviates as much as each of the data, shape (columns,).
+
+    Deviations are in standard deviations of the replicates, about their mean. Beyond nine tenths of the replicates'
+    largest deviations, whose tail is exponential or lighter, the probability falls off by their mean excess. NaN for
+    columns without a value.
+    """
+    known = np.isfinite(observed) & np.isfinite(replicated).any(axis=0)
+    found = np.full(observed.shape, np.nan)
+    if not known.any():
+        return found
+    mean, sd = np.nanmean(replicated[:, known], axis=0), np.nanstd(replicated[:, known], axis=0)
+
+    def deviation(values: FloatArray) -> FloatArray:
+        apart = np.abs(values - mean)
+        return np.asarray(np.divide(apart, sd, out=np.where(apart > 0, np.inf, 0.0), where=sd > ROUNDING))
+
+    largest = np.sort(np.nan_to_num(deviation(replicated[:, known])).max(axis=1))
+    size = largest.size
+    limit = largest[int(TAIL * size)]
+    excess = max(float((largest[int(TAIL * size) :] - limit).mean()), ROUNDING)
+    own = deviation(observed[known])
+    counted = (size - np.searchsorted(largest, own * (1.0 - 1e-9)) + 1.0) / (size + 1.0)
+    beyond = (1.0 - TAIL) * np.exp(-np.maximum(own - limit, 0.0) / excess)
+    found[known] = np.where(own > limit, beyond, counted)
+    return found
 
 
 def joint_limits(replicated: FloatArray, probability: float) -> tuple[FloatArray, FloatArray]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Collection, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -11,8 +11,10 @@ from softness_bayes.checking import sensitivity
 from softness_bayes.checking.agreement import Explained, Fit
 from softness_bayes.checking.check_table import doubts
 from softness_bayes.checking.checks import (
+    ALONG,
     CONDITIONS,
     DEVIATIONS,
+    DRIFT,
     EXPONENTS,
     FABRICS,
     FINGERS,
@@ -46,44 +48,109 @@ HERTZ_EXPONENT = 1.5
 # checks of residuals
 
 
-def residual_sentences(findings: dict[str, Finding]) -> tuple[str, ...]:
+class Wording(NamedTuple):
+    """Words about one check of residuals."""
+
+    subject: str
+    unknown: str
+    """Why nothing is compared."""
+    agrees: str
+    deviates: str
+    """With the place of the estimate."""
+    remedy: str
+    beyond: str = ""
+    """Remedy if the model includes such deviations already."""
+    caution: str = ""
+    """Added if nothing deviates."""
+
+
+WORDINGS = {
+    EXPONENTS: Wording(
+        "participants",
+        "exponents cannot be compared, because the response varies for fewer than two participants",
+        "no evidence that their exponents differ",
+        "their exponents differ by about {size} (standard deviation)",
+        "the model assumes one exponent for all",
+    ),
+    NOISE: Wording(
+        "noise",
+        "the raters' scatter cannot be compared, because fewer than two gave three ratings or more",
+        "no evidence that raters' noise differs",
+        "some raters scatter more than others, by about {size} (sd of its log)",
+        "the model treats their ratings as equally reliable, and single outliers look the same",
+        "look for single outliers",
+    ),
+    DRIFT: Wording(
+        "drift",
+        "the table has no order of trials, or no two ratings by one rater in that order",
+        "the ratings do not drift with the order of trials",
+        "ratings drift by {size} over the trials of a rater",
+        "the model has no drift, and mistakes it for effects of loads and fabrics that came late",
+        "a smooth drift remains: divide sessions more finely (a column session)",
+    ),
+    ALONG: Wording(
+        "moduli",
+        "where no receptor fires, the ratings do not show errors of the moduli",
+        "the ratings show no errors of the moduli",
+        "mean ratings deviate along the response as if moduli were wrong",
+        "give the errors of your measurement",
+        "they may be larger than stated, or the response may be wrong",
+        ". This check has little power, because the fit absorbs most effects of wrong moduli",
+    ),
+    FINGERS: Wording(
+        "fingers",
+        "cannot be compared, because the response depends on the skin for fewer than two raters",
+        "the ratings do not show that the raters' skin differs",
+        "raters deviate as if their skin differed",
+        "the model has one skin for all",
+        "add more of b, m and sigma_0 to --individual",
+    ),
+    DEVIATIONS: Wording(
+        "spreads",
+        "the cells' standard deviations cannot be compared",
+        "the cells' standard deviations differ no more than they should",
+        "the cells' standard deviations scatter {size} times as much as they should",
+        "noise may depend on the fabric or the load, or n may differ between cells",
+    ),
+}
+"""Words about the checks of residuals, in the order in which they are printed; those of fabrics follow them."""
+
+
+def residual_sentences(findings: Mapping[str, Finding], doubted: Collection[str]) -> tuple[str, ...]:
     """Describe what the residuals of raters and fabrics show, one line for each check that was made.
 
     Parameters
     ----------
     findings
         Findings by quantity.
+    doubted
+        Quantities that the model does not reproduce, from `doubts`.
     """
-    said = {EXPONENTS: _exponents, NOISE: _noise, FINGERS: _fingers, DEVIATIONS: _spreads}
-    lines = {name: say(findings[name]) for name, say in said.items() if name in findings}
+    lines = [residual_sentence(findings[name], doubted) for name in WORDINGS if name in findings]
     if CONDITIONS in findings:
-        lines[CONDITIONS] = _fabrics(findings[CONDITIONS], findings[FABRICS], findings[LOADS])
-    order = (EXPONENTS, NOISE, CONDITIONS, FINGERS, DEVIATIONS)
-    return tuple(lines[name] for name in order if name in lines)
+        lines.append(_fabrics(findings[CONDITIONS], findings[FABRICS], findings[LOADS], doubted))
+    return tuple(lines)
 
 
-def modulus_sentence(one: Finding) -> str:
-    """Describe whether mean ratings deviate as if moduli were wrong."""
-    if not np.isfinite(one.p_value):
-        return "moduli: where no receptor fires, the ratings do not show errors of the moduli"
-    beyond = " beyond those given" if one.modelled else ""
-    if one.p_value >= LEVEL:
-        return (
-            f"moduli: the ratings show no errors{beyond} (p = {one.p_value:.2g}). This check has little "
-            "power, because the fit absorbs most effects of wrong moduli"
-        )
-    remedy = "they may be larger than stated, or the response may be wrong"
-    if one.advice:
-        remedy = f"give the errors of your measurement ({one.advice[0]}, or a column effective_modulus_cv)"
-    return (
-        f"moduli: mean ratings deviate along the response as if moduli were wrong{beyond} (p = "
-        f"{one.p_value:.2g}); {remedy}"
-    )
+def residual_sentence(one: Finding, doubted: Collection[str]) -> str:
+    """Describe one finding of a check of residuals; arguments as for `residual_sentences`."""
+    words = WORDINGS[one.quantity]
+    if np.isnan(one.p_value):
+        return f"{words.subject}: {words.unknown}"
+    p, beyond = f"(p = {one.p_value:.2g})", " more than the model allows" * one.modelled
+    if one.quantity not in doubted:
+        power = ""
+        if np.isfinite(one.noticed):
+            power = f"; {one.noticed:.1g} (sd in the {one.unit}) would be detected in {percent(NOTICED)} of such tables"
+        return f"{words.subject}: {words.agrees}{beyond} {p}{power}{words.caution}"
+    add = f": add {' or '.join(one.advice)}" if one.advice else ""
+    remedy = words.beyond if one.modelled and words.beyond else words.remedy + add
+    return f"{words.subject}: {words.deviates.format(size=f'{one.estimate:.2g}')}{beyond} {p}; {remedy}"
 
 
-def _fabrics(conditions: Finding, fabrics: Finding, loads: Finding) -> str:
+def _fabrics(conditions: Finding, fabrics: Finding, loads: Finding, doubted: Collection[str]) -> str:
     unit = conditions.unit
-    if min(conditions.p_value, fabrics.p_value) >= LEVEL:
+    if not {CONDITIONS, FABRICS} & {*doubted}:
         return (
             "fabrics: no mean rating deviates from the response by more than noise explains (p = "
             f"{conditions.p_value:.2g}, {conditions.groups} means; power: deviations of about "
@@ -95,7 +162,7 @@ def _fabrics(conditions: Finding, fabrics: Finding, loads: Finding) -> str:
         add = f": add {fabrics.advice[0]}" if fabrics.advice else f", and {unit}s have none"
         alone = "" if np.isfinite(loads.p_value) else " (with one load per fabric the response may be wrong instead)"
         remedy = f"without an effect per fabric the intervals are too narrow{add}{alone}"
-    if conditions.p_value >= LEVEL:
+    if CONDITIONS not in doubted:
         return (
             f"fabrics: deviate from the response alike under every load, by about {fabrics.estimate:.2g} (sd) in the "
             f"{unit}, more than noise explains (p = {fabrics.p_value:.2g}); {remedy}"
@@ -106,66 +173,6 @@ def _fabrics(conditions: Finding, fabrics: Finding, loads: Finding) -> str:
         f"{unit}, more than noise explains (p = {conditions.p_value:.2g}); most of all {conditions.worst}, "
         f"{abs(conditions.worst_estimate):.2g} {side} it ({abs(conditions.worst_errors):.1f} standard errors); {remedy}"
     )
-
-
-def _exponents(one: Finding) -> str:
-    if np.isnan(one.p_value):
-        return "participants: exponents cannot be compared, because the response varies for fewer than two participants"
-    if one.p_value >= LEVEL:
-        return f"participants: no evidence that their exponents differ{_more(one)} (p = {one.p_value:.2g})"
-    advice = f": {one.advice[0]} gives each a separate exponent" if one.advice else ""
-    return (
-        f"participants: their exponents differ by about {one.estimate:.2g} (standard deviation), more "
-        f"than {'the model allows' if one.modelled else 'noise explains'} (p = {one.p_value:.2g})"
-        + ("" if one.modelled else f"; the model assumes one exponent for all{advice}")
-    )
-
-
-def _noise(one: Finding) -> str:
-    if np.isnan(one.p_value):
-        return "noise: the raters' scatter cannot be compared, because fewer than two gave three ratings or more"
-    if one.p_value >= LEVEL:
-        return f"noise: no evidence that raters' noise differs{_more(one)} (p = {one.p_value:.2g})"
-    size = f"by about {one.estimate:.2g} (sd of its log; p = {one.p_value:.2g})"
-    if one.modelled:
-        return f"noise: raters' noise differs {size} beyond what the model allows: look for single outliers"
-    own = [option for option in one.advice if option.startswith("--individual")]
-    advice = f"{own[0]} gives each a separate noise level" if own else "this model has the same noise for all"
-    others = [option for option in one.advice if option not in own]
-    return (
-        f"noise: some raters scatter more than others, {size}, but the model treats their ratings as "
-        f"equally reliable: {advice}{f'. Single outliers look the same ({others[0]})' if others else ''}"
-    )
-
-
-def _fingers(one: Finding) -> str:
-    if np.isnan(one.p_value):
-        return "fingers: cannot be compared, because the response depends on the skin for fewer than two raters"
-    if one.p_value >= LEVEL:
-        return f"fingers: the ratings do not show that the raters' skin differs{_more(one)} (p = {one.p_value:.2g})"
-    if one.modelled:
-        return (
-            "fingers: raters deviate as if their skin also differed in other parameters (p = "
-            f"{one.p_value:.2g}); add more of b, m and sigma_0 to --individual"
-        )
-    return (
-        f"fingers: raters deviate as if their skin differed (p = {one.p_value:.2g}); {one.advice[0]} samples by how "
-        "much"
-    )
-
-
-def _spreads(one: Finding) -> str:
-    if one.p_value >= LEVEL:
-        return f"spreads: the cells' standard deviations differ no more than the model allows (p = {one.p_value:.2g})"
-    return (
-        f"spreads: the cells' standard deviations differ more than the model allows (their scores spread "
-        f"{one.estimate:.2g} times as much, p = {one.p_value:.2g}): noise may depend on the fabric or the load, or "
-        "n may differ between cells"
-    )
-
-
-def _more(one: Finding) -> str:
-    return " more than the model allows" if one.modelled else ""
 
 
 # predictive checks
@@ -217,7 +224,7 @@ def turn_sentence(one: Reproduction) -> str:
         said += f"; {_fall(beyond)}"
     if np.isnan(beyond["replicated"]):
         return f"{said}; the model's response does not fall within the range of the fabrics"
-    power = f"{100 * row['power']:.3g} ± {100 * row['power_mcse']:.1g}%"
+    power = f"{100 * beyond['power']:.3g} ± {100 * beyond['power_mcse']:.1g}%"
     return f"{said}; a response that levels off would fail in {power} of simulated tables"
 
 

@@ -67,6 +67,7 @@ def _turning(result: Result) -> str:
 
 def _about_ratings(result: Result, fit: Fit) -> Iterator[str]:
     """Yield sentences on the checks of the ratings, and on numerical errors."""
+    from softness_bayes.checking.check_table import doubts
     from softness_bayes.checking.sentences import check_sentences, fit_sentence, residual_sentences
     from softness_bayes.provenance import NOT_ASKED
 
@@ -74,7 +75,10 @@ def _about_ratings(result: Result, fit: Fit) -> Iterator[str]:
     errors, silence, model = provenance.errors, provenance.silence, provenance.rating_model
     yield from (fit_sentence(fit), provenance.direction.said, *check_sentences(result.tables["predictive_checks"]))
     if not fit.direction.against_data:
-        yield from (*residual_sentences(provenance.findings), *result.said_of_moduli())
+        yield from (
+            *residual_sentences(provenance.findings, doubts(result.tables["predictive_checks"])),
+            *result.said_of_moduli(),
+        )
     if result.load_cv.any() or result.shared_load_cv:
         yield result.said_of_loads()
     yield from (model.rating_note, model.rating_errors_note)

@@ -33,7 +33,7 @@ from softness_bayes.data.fabrics import USUAL_POISSON_RATIO, Fabrics
 from softness_bayes.data.faults import TableError, identity, listing, together
 from softness_bayes.data.formats import TableSource, has_sheet
 from softness_bayes.data.headers import FABRICS, LOADED, PRESSED, RATED, either
-from softness_bayes.data.ratings import LOAD_COLUMNS, Ratings, loads_of, with_rounded_loads
+from softness_bayes.data.ratings import LOAD_COLUMNS, Ratings, loads_of, with_drift, with_rounded_loads
 from softness_bayes.data.reading import check_renames, read_table, with_hints
 from softness_bayes.data.shapes import Form
 from softness_bayes.data.tables import Marks, Table
@@ -91,6 +91,7 @@ def read_experiment(
     drop_zeros: bool = False,
     wide: bool = False,
     round_load: float | None = None,
+    drift: bool = False,
 ) -> Experiment:
     """Read ratings and their fabrics.
 
@@ -119,6 +120,8 @@ def read_experiment(
         is inferred from the titles.
     round_load
         Step to which loads are rounded, in N and mm; by default loads are used as measured.
+    drift
+        Whether the scale of a rater may differ between sessions or, without a column of these, quarters of the trials.
 
     Raises
     ------
@@ -138,6 +141,7 @@ def read_experiment(
             drop_zeros,
             wide,
             round_load,
+            drift,
         ),
         columns or {},
         wide,
@@ -155,6 +159,7 @@ def _experiment(
     drop_zeros: bool,
     wide: bool,
     round_load: float | None,
+    drift: bool,
 ) -> Experiment:
     """Read ratings and their fabrics, as `read_experiment` describes."""
     source, place = _separate_fabrics(ratings_path, fabrics_path, columns)
@@ -194,6 +199,7 @@ def _experiment(
         raise together(faults)
     if round_load is not None:
         ratings = with_rounded_loads(ratings, round_load)
+    ratings = with_drift(ratings) if drift else ratings
     rated = set(ratings.fabrics)
     unrated = [name for name in fabrics.names if name not in rated]
     if unrated:
@@ -221,6 +227,7 @@ def read_answers(
     decimal: Marks = None,
     drop_zeros: bool = False,
     wide: bool = False,
+    drift: bool = False,
 ) -> Ratings | None:
     """Read ratings of fabrics of which nothing was measured, under loads that may be unknown.
 
@@ -239,7 +246,8 @@ def read_answers(
     known = (text for column in MODULUS_SOURCES for text in described.cells.get(column.name, ()))
     if any(text.casefold() not in MISSING for text in known):
         return None
-    return Ratings.from_table(table, None, indentation_mm, force_n, drop_zeros, loads_needed=False)
+    ratings = Ratings.from_table(table, None, indentation_mm, force_n, drop_zeros, loads_needed=False)
+    return with_drift(ratings) if drift else ratings
 
 
 def _with_names_of(compression: Compression, raters: Sequence[str]) -> Compression:

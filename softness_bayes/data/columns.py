@@ -352,7 +352,7 @@ EFFECTIVE_MODULUS_HIGH = _number("effective_modulus_high_kpa", "largest modulus"
 
 SECOND_FABRIC = "fabric_2"
 """Column of the other fabric of a pair."""
-LABELS = ("participant", "fabric", SECOND_FABRIC, "trial", "list", "indentor", "direction")
+LABELS = ("participant", "fabric", SECOND_FABRIC, "session", "trial", "list", "indentor", "direction")
 """The columns of names."""
 OF_CELLS = frozenset({MEAN.name, GEOMETRIC_MEAN.name, SD.name, SE.name, GEOMETRIC_SD.name, RATERS.name})
 """Columns of cells of several raters, used instead of ratings."""
@@ -396,6 +396,7 @@ _WORDS: Mapping[str, str] = {
         "tejido, tessuto, tecido, stof, tyg, kangas, tkanina, látka, kumaş, ткань, материал, образец, 布, "
         "生地, 布地, 織物, 素材, 試料, 面料, 织物, 布料, 材料, 样品, 직물, 원단, 소재"
     ),
+    "session": "session number, session no, block, block number, Sitzung, séance, sesión, sessione, sessie, セッション",
     "trial": (
         "trial number, trial no, repetition, Durchgang, Wiederholung, essai, répétition, ensayo, repetición, "
         "prova, ripetizione, 試行, 試行番号, 试次, 시행"

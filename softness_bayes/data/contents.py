@@ -29,7 +29,7 @@ from softness_bayes.data.tables import FloatArray, Table
 from softness_bayes.errors import quoted
 from softness_bayes.readable import counted
 
-_DESIGN = ("fabric", SECOND_FABRIC, INDENTATION.name, FORCE.name, "trial", "list")
+_DESIGN = ("fabric", SECOND_FABRIC, INDENTATION.name, FORCE.name, "session", "trial", "list")
 """Columns that say what was touched."""
 
 

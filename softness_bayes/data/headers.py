@@ -89,7 +89,7 @@ _MODULI = (
 )
 _SCALES = _named("rating resolution rank") | OF_CELLS
 """Numerical columns without units."""
-_OF_RATINGS = _named("participant fabric fabric_2 trial list rating resolution load_cv")
+_OF_RATINGS = _named("participant fabric fabric_2 session trial list rating resolution load_cv")
 _OF_FABRICS = (frozenset(NUMBERS) | {"direction"}) - _SCALES - _HELD - _named("load_cv")
 
 _WIDE = (_named("participant"),)

@@ -172,6 +172,11 @@ class Ratings:
     """Grid step (n,) of the rater's numbers, NaN for rows without one; None if the table has no such column."""
     lists: IntArray | None = None
     """Index (n,) of the list in which each rating is a place; None if the table has no such column."""
+    order: FloatArray | None = None
+    """Place (n,) of each rating among those of its rater, from 0 for the first to 1 for the last trial, by the columns
+    `session` and `trial`; None if these do not number the trials."""
+    session: IntArray | None = None
+    """Index (n,) of the session of each rating; None if the table has no such column."""
     covariates: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Covariates by name, with one text per participant, as written; not used in any model."""
     simulated: bool = False
@@ -184,7 +189,8 @@ class Ratings:
         arrays = {"participant": int, "fabric": int, "load": int, "rating": float, "rows": int}
         own = {"load_cv": LOAD_CV, "resolution": RESOLUTION}
         arrays |= {name: float for name in own if getattr(self, name) is not None}
-        arrays |= {} if self.lists is None else {"lists": int}
+        arrays |= {name: int for name in ("lists", "session") if getattr(self, name) is not None}
+        arrays |= {} if self.order is None else {"order": float}
         freeze(self, self.source, arrays)
         for name in sorted(own.keys() & arrays.keys()):
             values = getattr(self, name)
@@ -362,6 +368,8 @@ class Ratings:
             load_cv=load_cv,
             resolution=resolution,
             lists=_lists_in(table, by),
+            order=_order_in(table, by),
+            session=_index(own := table.labels("session"), natural(own)) if "session" in table else None,
             covariates=covariates,
             cells=None if cells is None else cells.take(used),
         )
@@ -478,13 +486,29 @@ def _lists_in(table: Table, by: Sequence[str]) -> IntArray | None:
     return _index(own, list(dict.fromkeys(own)))
 
 
+def _order_in(table: Table, by: Sequence[str]) -> FloatArray | None:
+    """Return the place of each row among those of its rater, 0 to 1, by the numbers of sessions and trials."""
+    import pandas as pd
+
+    told = [pd.Series(table.cells[name]) for name in ("session", "trial") if name in table]
+    if not told:
+        return None
+    numbers = [pd.to_numeric(text, errors="coerce").fillna(np.nan) for text in told]
+    if any(values.isna().any() for values in numbers):
+        return None
+    every = pd.DataFrame(dict(enumerate(numbers)))
+    rater = pd.Series([*by])
+    place = every.apply(tuple, axis=1).rank(method="dense").groupby(rater).rank(method="dense") - 1.0
+    return (place / place.groupby(rater).transform("max").clip(lower=1.0)).to_numpy(float)
+
+
 def _repeats(table: Table, *keys: Sequence[object]) -> list[str]:
     """Return a note on ratings that repeat a participant, fabric and load (and trial, if there is such a column).
 
     It lists the unused columns that distinguish all of them.
     """
     trials = "trial" in table
-    told = [table.cells[name] for name in ("trial", "list") if name in table]
+    told = [table.cells[name] for name in ("session", "trial", "list") if name in table]
     cells = set(zip(*keys, *told, strict=True))
     repeated = len(table) - len(cells)
     if not repeated:
@@ -514,6 +538,38 @@ def with_few_loads(ratings: Ratings, most: int) -> Ratings:
             place[group] = len(loads)
             loads.append(kind(values[0] if len(values) == 1 else float(f"{np.exp(np.mean(np.log(values))):.4g}")))
     return replace(ratings, loads=tuple(loads), load=place[ratings.load])
+
+
+PARTS = 4
+"""Number of equal parts of a rater's trials whose scales may differ if the table names no sessions."""
+
+
+def with_drift(ratings: Ratings) -> Ratings:
+    """Return ratings in which each session of a rater, or each quarter of the trials, is a rater of its own.
+
+    The scale of a rater may then drift from one to the next, and only ratings of one of them are compared directly.
+
+    Raises
+    ------
+    InputError
+        If the table has neither sessions nor numbers of trials.
+    """
+    if ratings.session is None and ratings.order is None:
+        raise InputError(
+            f"{ratings.source}: drift needs the order of the ratings: a column 'session' or 'trial' with their numbers"
+        )
+    if ratings.session is not None:
+        part, what = ratings.session, "session"
+    else:
+        assert ratings.order is not None
+        part, what = np.minimum((PARTS * ratings.order).astype(int), PARTS - 1), "part"
+    own, index = np.unique(ratings.participant * (int(part.max()) + 1) + part, return_inverse=True)
+    who, which = np.divmod(own, int(part.max()) + 1)
+    names = tuple(f"{ratings.participants[k]}, {what} {part + 1}" for k, part in zip(who, which, strict=True))
+    covariates = {name: tuple(texts[k] for k in who) for name, texts in ratings.covariates.items()}
+    note = f"drift: {len(ratings.participants)} raters have a scale of their own in each {what}, {len(names)} in all"
+    notes = (*ratings.notes, note)
+    return replace(ratings, participants=names, participant=index, covariates=covariates, notes=notes)
 
 
 def with_rounded_loads(ratings: Ratings, step: float) -> Ratings:

@@ -99,7 +99,7 @@ def _rating_cards(result: Result) -> list[Card]:
     return [
         fast_model_card(exactness_of(result), provenance.errors),
         turning_card(turns_reproduced(checks), result.inflection()),
-        checks_card(doubts(checks), residual_sentences(provenance.findings)),
+        checks_card(doubts(checks), residual_sentences(provenance.findings, doubts(checks))),
         input_card(input_errors_of(result)),
     ]
 
@@ -219,8 +219,8 @@ class InputErrors(NamedTuple):
 
     assumed: bool
     """True if moduli were taken as exact without having been declared exact."""
-    p_value: float
-    """p-value of the check whether mean ratings deviate in the way that wrong moduli would cause."""
+    shown: bool
+    """True if mean ratings deviate in the way that wrong moduli would cause."""
     largest: MovedMost | None
     """The quantity that errors of the moduli would shift most; None if no shift exceeds its Monte-Carlo error."""
     remarks: tuple[str, ...]
@@ -237,7 +237,7 @@ def input_errors_of(result: Result) -> InputErrors:
     table = result.tables.get(MODULUS_ERRORS)
     return InputErrors(
         result.moduli_assumed,
-        result.provenance.findings[ALONG].p_value,
+        ALONG in doubts(result.tables["predictive_checks"]),
         None if table is None else moved_most(table),
         (*result.said_of_moduli(), result.said_of_loads()),
     )
@@ -245,7 +245,7 @@ def input_errors_of(result: Result) -> InputErrors:
 
 def input_card(errors: InputErrors) -> Card:
     """Return the card on errors of the moduli."""
-    if errors.p_value < LEVEL:
+    if errors.shown:
         answer, standing = "The ratings show errors", Standing.DOUBTFUL
     elif errors.sensitive:
         answer, standing = "Yes: the moduli are treated as exact", Standing.DOUBTFUL

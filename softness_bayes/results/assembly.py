@@ -17,6 +17,7 @@ from softness_bayes.checking.checks import (
     MODULUS_STEP,
     SKIN_STEP,
     Residuals,
+    check_drift,
     check_exponents,
     check_fabrics,
     check_fingers,
@@ -35,6 +36,7 @@ from softness_bayes.files.run_files import ANSWERS, FABRIC_RATINGS, FINGERS, MOD
 from softness_bayes.likelihood.effects import RATER_EFFECTS
 from softness_bayes.likelihood.error_laws import LAPSES, STUDENT
 from softness_bayes.likelihood.models import OF_DIFFERENT_RATERS
+from softness_bayes.likelihood.scales import PAIRS, RANKS
 from softness_bayes.likelihood.spreads import SPREADS
 from softness_bayes.model.posterior import Density, Posterior
 from softness_bayes.model.prediction import drive_slope, rates_of_other_moduli, rates_of_other_skins
@@ -291,6 +293,9 @@ def _findings(draws: RatedDraws) -> tuple[Finding, ...]:
         check_moduli(residuals, moduli, draws.posterior.space.moduli is not None),
         check_fingers(residuals, skins, draws.posterior.fingers is not None),
     ]
+    order = draws.experiment.ratings.order
+    if order is not None and model.scale not in (RANKS, PAIRS):
+        found.append(check_drift(residuals, order))
     term = draws.posterior.term(SPREADS)
     if term is not None:
         parameters = draws.posterior.parameters_of(term, few.theta)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.checking.check_table import NEW_PARTICIPANTS
 from softness_bayes.checking.checks import check_exponent
-from softness_bayes.checking.turning_check import EXCESS, PLATEAU, plateau, plateau_quantities
+from softness_bayes.checking.turning_check import EXCESS, excess_of_plateau, plateau
 from softness_bayes.data.columns import FORCE, INDENTATION
 from softness_bayes.data.compression import Compression
 from softness_bayes.likelihood.contract import NO_RESPONSE, Parameters
@@ -39,7 +39,7 @@ def replicated_groups(rng: np.random.Generator, draws: RatedDraws) -> Groups:
     """Draw replicated ratings of the same and of new participants, and those of the prior.
 
     Ratings of the same participants are also drawn, with the same noise, for a response that stays at its peak beyond
-    the turning point; their test quantities are stored.
+    the turning point; the excess of their means is stored.
     """
     few, ratings = draws.subset(draws.replicates), draws.ratings
     drive, twin = ratings.drive(few.mean_rate, few.parameters), copy.deepcopy(rng)
@@ -51,10 +51,7 @@ def replicated_groups(rng: np.random.Generator, draws: RatedDraws) -> Groups:
     held = _held_at_peak(draws, replace(layout, load=groups.of[layout.load]))
     level = ratings.drive_at(held, few.mean_rate, few.parameters)
     grouped = merge(layout, groups.of)[0]
-    quantities, excess = plateau_quantities(grouped, again, _rated(twin, draws, level, few))
-    shown = {name: np.full((len(again), groups.at.size), np.nan) for name in quantities._fields}
-    for name, values in shown.items():
-        values[:, grouped.loads] = getattr(quantities, name)
+    excess = excess_of_plateau(grouped, again, _rated(twin, draws, level, few))
     theta = draws.prior[: draws.replicates]
     rate, parameters = draws.posterior.response(theta), draws.posterior.rating_parameters(theta)
     before = Subset(theta, rate, parameters, ratings.new_effects(rng, parameters, theta.shape[:1]))
@@ -65,7 +62,6 @@ def replicated_groups(rng: np.random.Generator, draws: RatedDraws) -> Groups:
             "rating": Variable(filed(again)[None], ROWS),
             NEW_PARTICIPANTS: Variable(filed(anew)[None], ROWS),
         },
-        PLATEAU: {f"levelled_{name}": Variable(values[None], (draws.load_axis,)) for name, values in shown.items()},
         "constant_data": {EXCESS: Variable(excess[grouped.design.condition], ROWS)},
         "prior": named(draws.posterior.space, draws.prior[None]),
         "prior_predictive": {"rating": Variable(filed(prior)[None], ROWS)},

@@ -155,12 +155,10 @@ class Result(Stored):
         return self.has_ratings and asked is None and MODULI not in self.tables
 
     def said_of_moduli(self) -> tuple[str, ...]:
-        """Return sentences on the evidence for errors in the moduli, and on their effect on the conclusions."""
-        from softness_bayes.checking.checks import ALONG
-        from softness_bayes.checking.sentences import modulus_sentence, shift_sentences
+        """Return sentences on what errors of the moduli would do to the conclusions."""
+        from softness_bayes.checking.sentences import shift_sentences
 
-        shifts = shift_sentences(self.tables[MODULUS_ERRORS]) if MODULUS_ERRORS in self.tables else []
-        return (modulus_sentence(self.provenance.findings[ALONG]), *shifts)
+        return (*shift_sentences(self.tables[MODULUS_ERRORS]),) if MODULUS_ERRORS in self.tables else ()
 
     @property
     def load_cv(self) -> NDArray[np.float64]:

@@ -219,6 +219,14 @@ class DataFiles(Options):
         "Leave out ratings of 0 instead of treating them as censored.",
         needs_ratings=True,
     )
+    drift: bool = option(
+        Flag(),
+        False,
+        "--drift",
+        "Let the scale of a rater drift: one for each session (column session) or, without these, for each quarter of "
+        "the trials (column trial).",
+        needs_ratings=True,
+    )
     wide: bool = option(
         Flag(),
         False,

@@ -7,12 +7,12 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from softness_bayes.checking.check_table import ONE_SIDED, check_table, doubts
+from softness_bayes.checking.check_table import adjusted, check_table
 from softness_bayes.checking.checks import EXPONENTS
 from softness_bayes.checking.layout import layout_of
 from softness_bayes.checking.quantities import PLACE, QUANTITIES, TURNS_OVER
 from softness_bayes.checking.sentences import check_sentences, turn_sentence
-from softness_bayes.checking.turning_check import FALL, PLATEAU, Reproduction, turns_reproduced
+from softness_bayes.checking.turning_check import FALL, Reproduction, turns_reproduced
 from softness_bayes.parameters.declared import FABRIC_MODULUS
 from softness_bayes.provenance import Finding, ResidualChecks, attributes_of
 from support.made_ratings import LAY, MODULUS, SHALLOW, STEEP, tree
@@ -57,9 +57,9 @@ def test_the_table_has_every_quantity_under_both_laws(rng):
         "LOO-PIT",
         FALL,
     }
-    turns = table.loc[("posterior", "turns over")]
-    assert ((turns["power"] > 0) & (turns["power_mcse"] < 0.06)).all()
-    assert table.drop(index=("posterior", "turns over"))["power"].isna().all()
+    falls = table.loc[("posterior", FALL)]
+    assert ((falls["power"] > 0) & (falls["power_mcse"] < 0.06)).all()
+    assert table.drop(index=("posterior", FALL))["power"].isna().all()
     curve = table.loc[("posterior", "mean log rating")]
     assert curve[["load", "fabric"]].to_numpy().tolist() == [[x, f] for x in ("1 mm", "2 mm") for f in "abcdef"]
     assert (curve["participants"] == "same").all()
@@ -120,9 +120,6 @@ def test_deviations_are_named(rng):
 def test_two_fabrics_are_not_judged(rng):
     few = dataclasses.replace(LAY, load=np.arange(12) // 2)
     groups = tree(rng)
-    stored = groups[PLATEAU].to_dataset()
-    nothing = {name: (("chain", "draw", "load"), np.full((1, stored.draw.size, 6), np.nan)) for name in stored}
-    groups[PLATEAU] = xr.DataTree(xr.Dataset(nothing))
     groups["constant_data"]["load_index"][:] = few.load[LAY.design.condition]
     groups["constant_data"]["fabric_index"][:] = LAY.design.condition % 2
     groups["constant_data"] = (
@@ -137,16 +134,26 @@ def test_two_fabrics_are_not_judged(rng):
     assert all(load.endswith("not shown by the ratings; too few fabrics or ratings") for load in loads)
 
 
-@pytest.mark.parametrize("name", ONE_SIDED)
-def test_small_deviations_are_no_fault(name):
-    def table(p_value):
-        index = pd.MultiIndex.from_tuples([("posterior", name)], names=["law", "quantity"])
-        return pd.DataFrame({"p_value": [p_value], "fabric": "all", "load": "all", "participant": "all"}, index=index)
+def test_p_values_are_adjusted_by_holm_s_method():
+    """Two quantities of one and of two rows, and the turning points of two loads apart from them, by hand."""
+    rows = [("a", "all", 0.02), ("b", "1 mm", 0.04), ("b", "2 mm", 0.5), (EXPONENTS, "all", 0.9)]
+    rows += [(FALL, "1 mm", 0.02), (FALL, "2 mm", 0.99), (TURNS_OVER, "1 mm", 0.0), (PLACE, "1 mm", 0.0)]
+    table = pd.DataFrame(rows, columns=["quantity", "load", "p_joint"]).assign(law="posterior")
+    assert adjusted(table)[:6].to_list() == pytest.approx([0.06, 0.08, 1.0, 0.9, 0.04, 0.99])
+    assert adjusted(table)[6:].isna().all()
+    assert adjusted(table.assign(law="prior")).isna().all()
 
-    assert doubts(table(1.0 - 1e-9)) == []
-    assert doubts(table(1e-9)) == [name]
-    # of others either end is
-    assert doubts(table(1.0 - 1e-9).rename(index={name: "mean rating"})) == ["mean rating"]
+
+def test_a_correct_model_rarely_fails_any_check(rng):
+    """Of all quantities and loads together; unadjusted, about every second table would (the control)."""
+    alarms = []
+    for _ in range(40):
+        checks = check_table(tree(rng)).loc["posterior"]
+        plain = 1.0 - (2.0 * checks["p_value"] - 1.0).abs()
+        alarms.append([bool((checks["p_adjusted"] < 0.05).any()), bool((plain < 0.05).any())])
+    share = np.mean(alarms, axis=0)
+    assert share[0] <= 0.2
+    assert share[1] > 0.5
 
 
 @pytest.mark.parametrize(
@@ -158,7 +165,9 @@ def test_small_deviations_are_no_fault(name):
     ],
 )
 def test_a_fall_is_a_multiple_of_the_predicted_one_only_where_that_means_something(observed, low, high, said):
-    turns = pd.Series({"observed": 0.0, "replicated": 0.1, "power": 0.9, "power_mcse": 0.01})
-    beyond = pd.Series({"observed": observed, "replicated": 1.0, "low": low, "high": high})
+    turns = pd.Series({"observed": 0.0, "replicated": 0.1})
+    beyond = pd.Series(
+        {"observed": observed, "replicated": 1.0, "low": low, "high": high, "power": 0.9, "power_mcse": 0.01}
+    )
     one = Reproduction("1 mm", True, {TURNS_OVER: turns, PLACE: beyond, FALL: beyond})
     assert said in turn_sentence(one)

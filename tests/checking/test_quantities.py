@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.special import ndtr
 from scipy.stats import kstest
 
 from softness_bayes.checking.quantities import (
@@ -12,6 +13,7 @@ from softness_bayes.checking.quantities import (
     check_values,
     find_turn,
     joint_limits,
+    joint_p_values,
 )
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.layout import Additive, Layout
@@ -229,3 +231,19 @@ def test_complete_orders_have_no_spread_of_participants():
     fit = table.fit(shares.reshape(5, -1))
     assert (fit.participant == 0.0).all()
     assert np.isnan(BY_NAME["spread of participants"].of(table, fit)).all()
+
+
+def test_joint_p_values_are_those_of_the_largest_deviation(rng):
+    """Uniform for exchangeable curves, and in the tail within a factor of a few of the exact probability."""
+    found = []
+    for _ in range(300):
+        curves = rng.standard_normal((201, 1)) * 0.5 + rng.standard_normal((201, 8)) * [1, 1, 1, 1, 5, 5, 5, 5]
+        found.append(joint_p_values(curves[0], curves[1:]).min())
+    assert kstest(found, "uniform").pvalue > 1e-3
+    assert np.mean(np.array(found) < 0.01) < 0.035
+    curves = rng.standard_normal((500, 8))
+    for size in (3.5, 4.5):
+        exact = 1.0 - (1.0 - 2.0 * ndtr(-size)) ** 8
+        assert exact / 3 < joint_p_values(np.r_[size, np.zeros(7)], curves)[0] < 30 * exact
+    assert np.isnan(joint_p_values(np.array([np.nan, 0.0]), curves[:, :2]))[0]
+    assert joint_p_values(np.array([1.0]), np.zeros((99, 1)))[0] < 0.011  # no replicate turns over, but the data

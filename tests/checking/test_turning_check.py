@@ -1,4 +1,4 @@
-"""The power of the check of a turning point: against simulations of its own, and where there is nothing to notice."""
+"""The check of a turning point: its parts by definition, its power against simulations of its own."""
 
 import dataclasses
 
@@ -6,19 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from softness_bayes.checking.quantities import find_turn
-from softness_bayes.checking.turning_check import (
-    DOUBTFUL,
-    TurnQuantities,
-    departs,
-    fall,
-    fall_p_value,
-    plateau,
-    plateau_quantities,
-    power,
-)
-from softness_bayes.likelihood.layout import Additive
-from support.made_ratings import COUNT, LAY, LOAD, MODULUS, SHALLOW, STEEP, ratings, tables
+from softness_bayes.checking.turning_check import excess_of_plateau, fall, fall_p_value, plateau, power
+from support.made_ratings import LAY, LOAD, MODULUS, SHALLOW, STEEP, ratings, tables
 
 
 def test_a_levelled_response_stays_at_its_peak(rng):
@@ -47,87 +36,36 @@ def test_fall_is_a_slope_of_least_squares(rng):
     assert np.isnan(fall(LAY, condition, expected, np.where(LOAD == 0, 0.0, excess))[:, 0]).all()
 
 
-def test_departure_shares_its_level():
-    """Half for a fall that is too small; half, or all where there is no fall, for what else is known."""
-    nan, fine = np.nan, [0.5, 0.5, 0.5]
-    assert not departs(np.array(fine), np.array(0.97))
-    assert departs(np.array(fine), np.array(0.976))
-    assert not departs(np.array(fine), np.array(0.001))  # falling too far is left to the drop
-    limit = DOUBTFUL / 2 / 3 / 2
-    assert not departs(np.array([0.5, 0.5, 1.01 * limit]), np.array(0.5))
-    assert departs(np.array([0.5, 0.5, 0.99 * limit]), np.array(0.5))
-    assert departs(np.array([0.5, 1 - 0.99 * limit, 0.5]), np.array(0.5))
-    assert departs(np.array([0.5, 1 - 1.99 * limit, 0.5]), np.array(nan))
-    few = np.array([[nan, nan, 0.02], [nan, nan, 0.03], [nan] * 3])
-    assert departs(few, np.full(3, nan)).tolist() == [True, False, False]
-
-
 def test_p_of_the_fall_is_its_normal_tail(rng):
     many = rng.normal(1.0, 0.3, 4000)
-    assert fall_p_value(np.array([0.4, 1.0]), many) == pytest.approx(norm.sf([0.4, 1.0], 1.0, 0.3), abs=0.01)
-    assert np.isnan(fall_p_value(np.array([0.4]), np.full(50, np.nan))).all()
+    found = [fall_p_value(value, many) for value in (0.4, 1.0)]
+    assert found == pytest.approx(norm.sf([0.4, 1.0], 1.0, 0.3), abs=0.01)
+    assert np.isnan(fall_p_value(0.4, np.full(50, np.nan)))
+    assert np.isnan(power(np.full(50, np.nan), 0.05)).all()
 
 
-@pytest.mark.parametrize("rates", [STEEP, SHALLOW], ids=["steep", "shallow"])
-def test_power_is_the_share_of_new_tables_that_fail(rng, rates):
-    """Tables of a response that levels off, made anew and judged one by one, each p-value by counting."""
+@pytest.mark.parametrize("rates", [STEEP, SHALLOW, np.tile([0.0, 0.3, 1.2, 2.4, 2.2, 2.0], 2)])
+def test_power_is_the_share_of_tables_of_a_plateau_that_fail(rng, rates):
+    """New tables of the response that levels off and of the model, judged one by one by counting."""
     filed = ratings(rng, LAY.design, rates)
     same, other = tables(rng, LAY, filed, rates)
-    alternative, excess = plateau_quantities(LAY, same, other)
-    expected = LAY.fit(same).condition.mean(axis=0)
-    replicates = TurnQuantities.of(LAY, LAY.fit(same), expected, excess)
-    found = power(alternative, replicates)
-    anew = tables(rng, LAY, filed, rates, 200)[1]
-    failed = np.zeros((200, 2), bool)
-    for t, table in enumerate(anew):
-        fit = LAY.fit(table)
-        values = Additive(*(np.asarray(x) for x in fit))
-        shown = [*find_turn(LAY, values), fall(LAY, fit.condition, expected, excess)]
-        for k in range(2):
-            p_values = []
-            for value, many in list(zip(shown, replicates, strict=True))[:3]:
-                known = many[:, k][~np.isnan(many[:, k])]
-                if not np.isnan(value[k]) and known.size:
-                    p_values.append(np.mean(known > value[k]) + np.mean(known == value[k]) / 2)
-            small = norm.cdf(shown[3][k], replicates.fall[:, k].mean(), replicates.fall[:, k].std(ddof=1))
-            failed[t, k] = min(min(p, 1 - p) for p in p_values) < 0.025 / len(p_values) / 2 or small < 0.025
+    excess, expected = excess_of_plateau(LAY, same, other), LAY.fit(same).condition.mean(axis=0)
+    replicates = fall(LAY, LAY.fit(same).condition, expected, excess)
+    anew = [LAY.fit(made).condition for made in tables(rng, LAY, filed, rates, 300)]
     for k in range(2):
-        error = np.hypot(found[k].error, np.sqrt(0.25 / 200))
-        assert found[k].value == pytest.approx(failed[:, k].mean(), abs=3 * error)
-        assert (found[k].value > 0.9) == (rates is STEEP)
-        assert (found[k].value < 0.3) == (rates is SHALLOW)
-        least = np.sqrt(found[k].value * (1 - found[k].value) / COUNT)
-        assert 0 < found[k].error < 0.1
-        assert found[k].error > 0.99 * least
+        found = power(replicates[:, k], 0.025)
+        limit = np.quantile(replicates[:, k], 0.025)
+        right, wrong = ((fall(LAY, means, expected, excess)[:, k] < limit).mean() for means in anew)
+        assert found.value == pytest.approx(wrong, abs=0.02 + 3 * np.hypot(found.error, np.sqrt(0.25 / 300)))
+        assert right < 0.07  # the model itself hardly fails
+        assert 0 < found.error < 0.1
+        if rates is STEEP or rates is SHALLOW:
+            assert (found.value > 0.9) == (rates is STEEP)
+            assert (found.value < 0.3) == (rates is SHALLOW)
 
 
-def test_the_error_of_the_power_is_its_spread_over_replicates(rng):
-    rates = np.tile([0.0, 0.3, 1.2, 2.4, 2.2, 2.0], 2)
-    filed, found = ratings(rng, LAY.design, rates), []
-    for _ in range(25):
-        same, other = tables(rng, LAY, filed, rates, 200)
-        alternative, excess = plateau_quantities(LAY, same, other)
-        fit = LAY.fit(same)
-        found += power(alternative, TurnQuantities.of(LAY, fit, fit.condition.mean(axis=0), excess))[:1]
-    values, errors = np.transpose(found)
-    assert 0.1 < values.mean() < 0.9
-    assert np.sqrt(np.mean(errors**2)) == pytest.approx(values.std(), rel=0.5)
-
-
-def test_the_model_itself_hardly_fails_its_check(rng):
-    """And a response that never falls is its own alternative, so that its power is this share."""
-    for rates in (STEEP, np.tile(np.geomspace(0.2, 4.0, 6), 2)):
-        filed = ratings(rng, LAY.design, rates)
-        same, other = tables(rng, LAY, filed, rates)
-        _, excess = plateau_quantities(LAY, same, other)
-        fit = LAY.fit(same)
-        own = TurnQuantities.of(LAY, fit, fit.condition.mean(axis=0), excess)
-        assert all(one.value < 0.09 for one in power(own, own))
-        if rates is not STEEP:
-            np.testing.assert_array_equal(same, other)
-            assert np.isnan(own.fall).all()
-
-
-def test_too_few_fabrics_have_no_power():
-    nothing = TurnQuantities(*np.full((4, 20, 2), np.nan))
-    assert all(np.isnan(one.value) for one in power(nothing, nothing))
+def test_a_response_that_never_falls_is_its_own_alternative(rng):
+    rates = np.tile(np.geomspace(0.2, 4.0, 6), 2)
+    same, other = tables(rng, LAY, ratings(rng, LAY.design, rates), rates)
+    np.testing.assert_array_equal(same, other)
+    assert (excess_of_plateau(LAY, same, other) == 0.0).all()

@@ -16,6 +16,8 @@ from softness_bayes.data import (
     write_ratings,
 )
 from softness_bayes.data.columns import BENDING_RIGIDITY, NUMBERS, POISSON_RATIO, THICKNESS
+from softness_bayes.data.ratings import with_drift
+from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import MAGNITUDE
 from softness_bayes.touch.contact import PLATE_RIGIDITY, PRINTED_RIGIDITY, Force, Indentation
 from support.paths import SHARED
@@ -169,9 +171,28 @@ def test_repeats_are_announced(file):
     text = "fabric,trial,force_n,rating\na,1,1,2\na,2,1,3\na,2,1,3\n"
     told = Ratings.read(file(text.replace("3\n", "4\n", 1)))
     assert "1 ratings repeat a participant, fabric, load and trial" in told.notes[-1]
-    untold = Ratings.read(file(text.replace("trial", "block")))
+    untold = Ratings.read(file(text.replace("trial", "series")))
     assert any("2 ratings repeat a participant, fabric and load" in note for note in untold.notes)
-    assert "unused columns: block" in untold.notes[0]
+    assert "unused columns: series" in untold.notes[0]
+
+
+def test_the_order_of_trials_comes_from_sessions_and_trials(file):
+    """Trials that are numbered anew in every session follow those of the session before."""
+    text = "participant,fabric,block,trial,force_n,rating\np,a,2,1,1,4\np,b,1,2,1,3\np,a,1,1,1,2\n"
+    text += "q,a,1,7,1,2\nq,b,1,9,1,2\n"
+    read = Ratings.read(file(text))
+    assert read.order.tolist() == [1.0, 0.5, 0.0, 0.0, 1.0]
+    assert read.session.tolist() == [1, 0, 0, 0, 0]
+    parts = with_drift(read)
+    assert parts.participants == ("p, session 1", "p, session 2", "q, session 1")
+    assert parts.participant.tolist() == [1, 0, 0, 2, 2]
+    assert "2 raters have a scale of their own in each session, 3 in all" in parts.notes[-1]
+    plain = Ratings.read(file(text.replace("block", "posture")))
+    assert len(with_drift(plain).participants) == 4  # quarters of the trials that have any
+    named = Ratings.read(file(text.replace("block", "posture").replace("trial", "first")))
+    assert named.order is None
+    with pytest.raises(InputError, match="drift needs the order of the ratings: a column 'session' or 'trial'"):
+        with_drift(named)
 
 
 def test_repeats_that_differ_in_an_unused_column_are_not_called_copies(file):

@@ -67,10 +67,8 @@ def turning(*reproduced):
     return turning_card(judged, pd.DataFrame(0.5, index=loads, columns=[*columns]))
 
 
-def moduli(assumed, p_value, shift=None):
-    return input_card(
-        InputErrors(assumed, p_value, None if shift is None else MovedMost("b", shift), ("moduli: fine",))
-    )
+def moduli(assumed, shown, shift=None):
+    return input_card(InputErrors(assumed, shown, None if shift is None else MovedMost("b", shift), ("moduli: fine",)))
 
 
 def plate(exponent, p_value):
@@ -104,11 +102,11 @@ CASES = [
     (turning(False), BAD, "Not under 1 mm"),
     (checks_card((), ("participants: fine", "fabrics: fine")), GOOD, "No other discrepancy"),
     (checks_card(("nothing else",), ("participants: fine",)), DOUBTFUL, "Not everything"),
-    (moduli(True, 0.4, 1.5), DOUBTFUL, "Yes: the moduli are treated as exact"),
-    (moduli(True, 0.4, 0.1), GOOD, "Hardly"),
-    (moduli(True, 0.4), GOOD, "Hardly"),
-    (moduli(False, 0.4, 1.5), GOOD, "No: errors are included in the model"),
-    (moduli(False, 1e-3), DOUBTFUL, "The ratings show errors"),
+    (moduli(True, False, 1.5), DOUBTFUL, "Yes: the moduli are treated as exact"),
+    (moduli(True, False, 0.1), GOOD, "Hardly"),
+    (moduli(True, False), GOOD, "Hardly"),
+    (moduli(False, False, 1.5), GOOD, "No: errors are included in the model"),
+    (moduli(False, True), DOUBTFUL, "The ratings show errors"),
     (information_card(SUMMARY), NEUTRAL, "1 of 2"),
     (plate(2.2, 0.4), GOOD, "Yes"),
     (plate(2.2, 1e-3), BAD, "No"),

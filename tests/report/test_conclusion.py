@@ -173,10 +173,10 @@ def test_what_sample_prints_ends_with_the_three_lines_of_the_results_values(runs
 def test_facts_follow_the_values_of_the_result(runs):
     result = converged(runs["ratings"])
     table = result.tables["predictive_checks"].copy()
-    table.loc[("posterior", "LOO-PIT"), "p_value"] = 0.0
+    table.loc[("posterior", "LOO-PIT"), "p_adjusted"] = 0.0
     doubtful = facts_of(replace(result, tables={**result.tables, "predictive_checks": table}))
     assert "LOO-PIT" in doubtful.unreproduced
-    table.loc[("posterior", "LOO-PIT"), "p_value"] = 1.0
+    table.loc[("posterior", "LOO-PIT"), "p_adjusted"] = 1.0
     assert "LOO-PIT" not in facts_of(replace(result, tables={**result.tables, "predictive_checks": table})).unreproduced
     tree = result.tree.copy()
     tree.attrs = {**tree.attrs, "direction": "falls-with-firing", "direction_asked": 1}

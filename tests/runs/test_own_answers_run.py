@@ -50,7 +50,7 @@ def test_a_result_holds_the_raters_exponents_and_noise(result):
 
 def test_its_checks_and_its_error_are_said(result):
     findings = result.provenance.findings
-    exponents, noise, *_ = residual_sentences(findings)
+    exponents, noise, *_ = residual_sentences(findings, ())
     assert "more than the model allows" in exponents
     assert "more than the model allows" in noise
     table = result.tables["predictive_checks"]

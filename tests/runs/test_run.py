@@ -118,7 +118,6 @@ def test_groups_and_their_variables(result):
         "log_likelihood": {"rating"},
         "log_likelihood_participant": {"ratings_of_participant"},
         **dict.fromkeys(("inflection", "prior_inflection"), TURNING),
-        "levelled_predictive": {f"levelled_{name}" for name in ("turns_over", "e_fab_kpa", "drop", "fall")},
     }
     assert {*result.tree.children} == {
         *groups,

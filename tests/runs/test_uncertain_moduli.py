@@ -128,7 +128,6 @@ def test_an_unknown_fabric_that_no_one_rated_has_the_law_of_unknown_moduli(resul
 
 def test_sentences_and_page_say_what_became_of_the_moduli(result):
     assert any(line.startswith("fabric moduli: the ratings narrow") for line in result.learnt())
-    assert any(line.startswith("moduli: ") for line in result.said_of_moduli())
     assert not result.moduli_assumed
     assert "Would errors of the fabrics" in report_page(result)
 

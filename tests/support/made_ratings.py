@@ -7,7 +7,7 @@ import numpy as np
 from softness_bayes import arviz_bridge
 from softness_bayes.checking import checks
 from softness_bayes.checking.check_table import NEW_PARTICIPANTS
-from softness_bayes.checking.turning_check import EXCESS, PLATEAU, plateau, plateau_quantities
+from softness_bayes.checking.turning_check import EXCESS, excess_of_plateau, plateau
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.effects import Effects
 from softness_bayes.likelihood.layout import Layout
@@ -85,7 +85,6 @@ def tables(rng, lay, filed, assumed, count=COUNT):
 
 CHECKED = (checks.CONDITIONS, checks.FABRICS, checks.LOADS, checks.EXPONENTS, checks.ALONG)
 """Checks of residuals in `tree`, all passed."""
-LEVELLED_NAMES = [f"levelled_{name}" for name in ("turns_over", "e_fab_kpa", "drop", "fall")]
 BY_ROW = ("rating", NEW_PARTICIPANTS, "participant_index", "fabric_index", "load_index", "loo_pit", EXCESS)
 
 
@@ -93,14 +92,13 @@ def tree(rng, seen=STEEP, assumed=STEEP, direction="rises-with-firing"):
     """The groups of a result whose model assumes some rates, with data made at others."""
     filed = ratings(rng, LAY.design, seen)
     same, other = tables(rng, LAY, filed, assumed, REPLICATES)
-    shown, excess = plateau_quantities(LAY, same, other)
+    excess = excess_of_plateau(LAY, same, other)
     new = replicates(rng, LAY, filed, assumed, new=True)
     who = LAY.design
     return arviz_bridge.to_tree(
         {
             "log_likelihood_participant": {"ratings_of_participant": np.zeros((1, 1, 15))},
             "posterior_predictive": {"rating": same[None], NEW_PARTICIPANTS: new[None]},
-            PLATEAU: {name: values[None] for name, values in zip(LEVELLED_NAMES, shown, strict=True)},
             "prior_predictive": {"rating": np.exp(rng.normal(3, 3, (1, 50, who.n_rows)))},
             "observed_data": {"rating": filed},
             "constant_data": {
@@ -119,7 +117,6 @@ def tree(rng, seen=STEEP, assumed=STEEP, direction="rises-with-firing"):
             "effective_modulus_kpa": ["fabric"],
             "indentation_mm": ["load"],
             "force_n": ["load"],
-            **{name: ["load"] for name in LEVELLED_NAMES},
             **{name: ["rating_row"] for name in BY_ROW},
         },
         coords={"participant": [f"P{k}" for k in range(15)], "fabric": [*"abcdef"], "load": ["1 mm", "2 mm"]},
