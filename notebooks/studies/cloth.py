@@ -1,4 +1,4 @@
-"""Validity of the model for real cloth: ``python cloth.py FILE`` prints the guide's table.
+"""Validity of the model for real cloth: ``python cloth.py FILE [FIGURE]`` prints the guide's table and draws it.
 
 FILE is a table of bending rigidities of real fabrics, which is not part of this project (see docs/cloth.md).
 """
@@ -59,13 +59,38 @@ def lines_of(rows: Sequence[Sequence[str]]) -> list[str]:
     return [f"| {' | '.join(row)} |" for row in (HEAD, ["---"] * len(HEAD), *rows)]
 
 
+def draw(rows: Sequence[Sequence[str]], path: Path) -> None:
+    """Draw the share of fabrics within reach, and of those outside it, for each skin and load."""
+    import matplotlib.pyplot as plt
+
+    figure, panels = plt.subplots(1, len(SKINS), figsize=(7.5, 2.6), sharey=True, layout="constrained")
+    for axes, skin in zip(panels, SKINS, strict=True):
+        mine = [row for row in rows if row[0] == skin]
+        silent, within = (np.array([float(row[k].strip("<> %")) for row in mine]) for k in (2, 5))
+        bottom = np.zeros(len(mine))
+        for share, colour, label in (
+            (within, "#0072b2", "within reach"),
+            (np.maximum(100 - within - silent, 0), "#e69f00", "geometry meaningless"),
+            (silent, "#bbbbbb", "silent: no receptor fires"),
+        ):
+            axes.bar([row[1] for row in mine], share, bottom=bottom, color=colour, label=label)
+            bottom = bottom + share
+        axes.set(title=f"skin: priors '{skin}'", ylim=(0, 100))
+    panels[0].set_ylabel("fabrics [%]")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
+    figure.savefig(path, dpi=130)
+
+
 def main(arguments: Sequence[str]) -> None:
     """Print the table of a file, or a message if there is no file."""
     path = Path(arguments[0]) if arguments else Path("cloth.csv")
     if not path.is_file():
         print(f"{path}: no such file; skipped, since the table of real cloth is not part of this project")
         return
-    print(*lines_of(table_of(read_cloth(path))), sep="\n")
+    rows = table_of(read_cloth(path))
+    print(*lines_of(rows), sep="\n")
+    if len(arguments) > 1:
+        draw(rows, Path(arguments[1]))
 
 
 if __name__ == "__main__":
