@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from softness_bayes.data import Fabrics
-    from softness_bayes.data.tables import Marks
+    from softness_bayes.data.decimals import Marks
     from softness_bayes.results.result import Result
     from softness_bayes.touch.contact import Load
 

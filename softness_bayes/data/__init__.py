@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import os
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, partial
@@ -16,27 +17,32 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from softness_bayes.data.columns import (
+    FABRICS,
     FORCE,
+    FORCES_OF_A_PLATE,
     GEOMETRIC_MEAN,
     GEOMETRIC_SD,
     INDENTATION,
     LOAD_CV,
+    LOADED,
     MISSING,
     MODULUS_SOURCES,
     RATERS,
     RATING,
+    RATINGS,
     RESOLUTION,
     THICKNESS,
+    Column,
 )
 from softness_bayes.data.compression import Compression
+from softness_bayes.data.decimals import Marks
 from softness_bayes.data.fabrics import USUAL_POISSON_RATIO, Fabrics
 from softness_bayes.data.faults import TableError, identity, listing, together
-from softness_bayes.data.formats import TableSource, has_sheet
-from softness_bayes.data.headers import FABRICS, LOADED, PRESSED, RATED, either
+from softness_bayes.data.formats import TableSource
 from softness_bayes.data.ratings import LOAD_COLUMNS, Ratings, loads_of, with_drift, with_rounded_loads
-from softness_bayes.data.reading import check_renames, read_table, with_hints
-from softness_bayes.data.shapes import Form
-from softness_bayes.data.tables import Marks, Table
+from softness_bayes.data.reading import check_renames, has_sheet, read_table, with_hints
+from softness_bayes.data.shapes import Request
+from softness_bayes.data.tables import FloatArray
 from softness_bayes.files.outputs import write_outputs
 from softness_bayes.files.spreadsheet import escaped
 from softness_bayes.ranges import require_mapping
@@ -129,92 +135,69 @@ def read_experiment(
         Naming file, row, column and value.
     """
     require_mapping("columns", columns or {}, "{'rating': 'softness'}")
-    return with_hints(
-        lambda renames, wide: _experiment(
-            ratings_path,
-            fabrics_path,
-            renames,
-            indentation_mm,
-            force_n,
-            compression_path,
-            decimal,
-            drop_zeros,
-            wide,
-            round_load,
-            drift,
-        ),
-        columns or {},
-        wide,
-    )
+    given = loads_of(*([] if value is None else [value] for value in (indentation_mm, force_n)))
+    request = Request(LOADED if given else RATINGS, columns or {}, decimal, wide)
+    source, place = _separate_fabrics(ratings_path, fabrics_path, request)
+
+    def read(request: Request) -> Experiment:
+        described = None
+        if source is not None:
+            described = cache(partial(read_table, source, request._replace(kind=FABRICS)))
+            request = request._replace(fabrics=lambda: described().labels("fabric"))
+        else:
+            request = request._replace(kind=request.kind.and_also(FABRICS))
+        table = read_table(ratings_path, request)
+        own = [column.name for column in MODULUS_SOURCES if column.name in table]
+        fabric_table, notes = table, []
+        if described is not None and not (own and fabrics_path is None):
+            fabric_table = described()
+            if own:
+                notes.append(
+                    f"{table.label}: {listing(own)} not used, because properties of fabrics are read from "
+                    f"{fabric_table.place}"
+                )
+            elif place:
+                notes.append(f"properties of fabrics are read from {fabric_table.place}, found {place}")
+        elif not own:
+            table.faults.add_general(_NO_FABRICS)
+        tables = [table, fabric_table]
+        if compression_path is not None:
+            tables.append(read_table(compression_path, request._replace(kind=FORCES_OF_A_PLATE)))
+        check_renames(request.renames, *tables)
+        faults: list[TableError] = []
+        compression = _tried(faults, partial(Compression.from_table, tables[2])) if len(tables) > 2 else None
+        fabrics = None
+        if own or fabric_table is not table:
+            fabrics = _tried(faults, partial(Fabrics.from_table, fabric_table, repeated=fabric_table is table))
+        cloth = fabrics
+        if cloth is None and (names := tuple(dict.fromkeys(fabric_table.cells.get("fabric", ())))):
+            # so that the other faults of the ratings are found too
+            cloth = Fabrics(names, effective_modulus=np.ones(len(names)), source=fabric_table.place)
+        ratings = _tried(faults, partial(Ratings.from_table, table, cloth, given, drop_zeros))
+        if faults or fabrics is None or ratings is None:
+            raise together(faults)
+        if round_load is not None:
+            ratings = with_rounded_loads(ratings, round_load)
+        ratings = with_drift(ratings) if drift else ratings
+        if unrated := [name for name in fabrics.names if name not in ratings.fabrics]:
+            notes.append(f"fabrics without a rating, left out: {listing(unrated)}")
+        if isinstance(ratings_path, (str, Path)) and _is_simulated(Path(ratings_path), ratings.digest):
+            ratings = replace(ratings, simulated=True)
+        if compression is not None:
+            compression = _with_names_of(compression, ratings.participants)
+            notes += compression.notes
+        every = tuple(dict.fromkeys((*ratings.notes, *fabrics.notes, *notes)))
+        return Experiment(ratings, fabrics.take(ratings.fabrics), every, compression)
+
+    return with_hints(read, request)
 
 
-def _experiment(
-    ratings_path: TableSource,
-    fabrics_path: TableSource | None,
-    columns: Mapping[str, str],
-    indentation_mm: float | None,
-    force_n: float | None,
-    compression_path: TableSource | None,
-    decimal: Marks,
-    drop_zeros: bool,
-    wide: bool,
-    round_load: float | None,
-    drift: bool,
-) -> Experiment:
-    """Read ratings and their fabrics, as `read_experiment` describes."""
-    source, place = _separate_fabrics(ratings_path, fabrics_path, columns)
-    sought = RATED if indentation_mm is force_n is None else LOADED
-    sought = either(sought, FABRICS) if source is None else sought
-    described = None if source is None else cache(partial(read_table, source, FABRICS, columns, decimal))
-    form = Form(wide) if described is None else Form(wide, lambda: described().labels("fabric"))
-    table = read_table(ratings_path, sought, columns, decimal, form)
-    notes: list[str] = []
-    fabric_table, own = table, [column.name for column in MODULUS_SOURCES if column.name in table]
-    if described is not None and not (own and fabrics_path is None):
-        fabric_table = described()
-        if own:
-            notes.append(
-                f"{table.label}: {listing(own)} not used, because properties of fabrics are read from "
-                f"{fabric_table.place}"
-            )
-        elif place:
-            notes.append(f"properties of fabrics are read from {fabric_table.place}, found {place}")
-    elif not own:
-        table.faults.add_general(
-            f"the fabrics have no properties: name their table with --fabrics, put a {FABRICS_BESIDE} in the "
-            "folder of the ratings, or add to the ratings a column "
-            f"{', '.join(column.name for column in MODULUS_SOURCES)} (the last with {THICKNESS.name}); "
-            "what people said of them needs no properties: 'softness-bayes check' shows it"
-        )
-    plate_table = None if compression_path is None else read_table(compression_path, PRESSED, columns, decimal)
-    check_renames(columns, table, fabric_table, *([] if plate_table is None else [plate_table]))
-    faults: list[TableError] = []
-    compression = None if plate_table is None else _tried(faults, partial(Compression.from_table, plate_table))
-    fabrics = None
-    if own or fabric_table is not table:
-        fabrics = _tried(faults, partial(Fabrics.from_table, fabric_table, repeated=fabric_table is table))
-    cloth = fabrics or _unmeasured(fabric_table)
-    ratings = _tried(faults, partial(Ratings.from_table, table, cloth, indentation_mm, force_n, drop_zeros))
-    if faults or fabrics is None or ratings is None:
-        raise together(faults)
-    if round_load is not None:
-        ratings = with_rounded_loads(ratings, round_load)
-    ratings = with_drift(ratings) if drift else ratings
-    rated = set(ratings.fabrics)
-    unrated = [name for name in fabrics.names if name not in rated]
-    if unrated:
-        notes.append(f"fabrics without a rating, left out: {listing(unrated)}")
-    if isinstance(ratings_path, (str, Path)) and _is_simulated(Path(ratings_path), ratings.digest):
-        ratings = replace(ratings, simulated=True)
-    if compression is not None:
-        compression = _with_names_of(compression, ratings.participants)
-        notes += compression.notes
-    return Experiment(
-        ratings,
-        fabrics.take(ratings.fabrics),
-        tuple(dict.fromkeys((*ratings.notes, *fabrics.notes, *notes))),
-        compression,
-    )
+_NO_FABRICS = (
+    f"the fabrics have no properties: name their table with --fabrics, put a {FABRICS_BESIDE} in the "
+    "folder of the ratings, or add to the ratings a column "
+    f"{', '.join(column.name for column in MODULUS_SOURCES)} (the last with {THICKNESS.name}); "
+    "what people said of them needs no properties: 'softness-bayes check' shows it"
+)
 
 
 def read_answers(
@@ -238,15 +221,15 @@ def read_answers(
     InputError
         Naming file, row, column and value.
     """
-    columns = columns or {}
-    source, _ = _separate_fabrics(ratings_path, fabrics_path, columns)
-    sought = either(RATED if indentation_mm is force_n is None else LOADED, FABRICS)
-    table = read_table(ratings_path, sought, columns, decimal, Form(wide))
-    described = table if source is None else read_table(source, FABRICS, columns, decimal)
+    given = loads_of(*([] if value is None else [value] for value in (indentation_mm, force_n)))
+    request = Request((LOADED if given else RATINGS).and_also(FABRICS), columns or {}, decimal, wide)
+    source, _ = _separate_fabrics(ratings_path, fabrics_path, request)
+    table = read_table(ratings_path, request)
+    described = table if source is None else read_table(source, request._replace(kind=FABRICS))
     known = (text for column in MODULUS_SOURCES for text in described.cells.get(column.name, ()))
     if any(text.casefold() not in MISSING for text in known):
         return None
-    ratings = Ratings.from_table(table, None, indentation_mm, force_n, drop_zeros, loads_needed=False)
+    ratings = Ratings.from_table(table, None, given, drop_zeros, loads_needed=False)
     return with_drift(ratings) if drift else ratings
 
 
@@ -270,12 +253,6 @@ def _tried(faults: list[TableError], read: Callable[[], Read]) -> Read | None:
         return None
 
 
-def _unmeasured(table: Table) -> Fabrics | None:
-    """Return the fabrics of a table with names only and placeholder moduli; None if it has no fabrics."""
-    names = tuple(dict.fromkeys(table.cells.get("fabric", ())))
-    return Fabrics(names, effective_modulus=np.ones(len(names)), source=table.place) if names else None
-
-
 def _is_simulated(path: Path, digest: str) -> bool:
     """Return whether ratings are those of the example, or have the truth beside them that `simulate` writes."""
     example = files("softness_bayes") / "example" / "ratings.csv"
@@ -283,7 +260,7 @@ def _is_simulated(path: Path, digest: str) -> bool:
 
 
 def _separate_fabrics(
-    ratings: TableSource, fabrics: TableSource | None, columns: Mapping[str, str]
+    ratings: TableSource, fabrics: TableSource | None, request: Request
 ) -> tuple[TableSource | None, str]:
     """Return the table of fabrics apart from that of the ratings, and where it was found unless the user named it.
 
@@ -291,7 +268,7 @@ def _separate_fabrics(
     """
     if fabrics is not None or not isinstance(ratings, (str, Path)):
         return fabrics, ""
-    if has_sheet(ratings, FABRICS, columns):
+    if has_sheet(ratings, FABRICS, request.renames):
         return ratings, "in the workbook of the ratings"
     beside = Path(ratings).parent / FABRICS_BESIDE
     return (beside, "beside the ratings") if os.path.isfile(beside) else (None, "")
@@ -305,26 +282,30 @@ def fabrics_csv(fabrics: Fabrics) -> str:
 def ratings_csv(ratings: Ratings, fabrics: Fabrics | None = None) -> str:
     """Return a table of ratings from which exactly the same values are read, with the columns of `fabrics` if given."""
     touches = [ratings.loads[i] for i in ratings.load]
+    people = [ratings.participants[i] for i in ratings.participant]
     names = [ratings.fabrics[i] for i in ratings.fabric]
-    columns: dict[str, Sequence[str]] = {
-        "participant": [ratings.participants[i] for i in ratings.participant],
-        "fabric": names,
-    }
+    columns: dict[str, Sequence[str]] = {"participant": people, "fabric": names}
     for column, kind, value in LOAD_COLUMNS:
         filled = [column.write(value(load)) if isinstance(load, kind) else "" for load in touches]
         if any(filled):
             columns[column.name] = filled
-    if ratings.load_cv is not None:
-        columns[LOAD_CV.name] = [LOAD_CV.write(value) for value in ratings.load_cv]
-    if ratings.resolution is not None:
-        columns[RESOLUTION.name] = [RESOLUTION.write(value) for value in ratings.resolution]
-    if ratings.lists is not None:
+    if ratings.lists is None:
+        seen: Counter[object] = Counter()
+        trials = [seen.update([touch]) or seen[touch] for touch in zip(people, names, ratings.load, strict=True)]
+        if max(trials, default=1) > 1:  # without it, equal ratings could be copies
+            columns["trial"] = [*map(str, trials)]
+    else:
         columns["list"] = [str(number + 1) for number in ratings.lists]
-    column = RATING if ratings.cells is None else GEOMETRIC_MEAN
-    columns[column.name] = [RATING.write(value) for value in ratings.rating]
+
+    def add(column: Column, values: FloatArray | None) -> None:
+        if values is not None:
+            columns[column.name] = [column.write(value) for value in values]
+
+    add(LOAD_CV, ratings.load_cv)
+    add(RESOLUTION, ratings.resolution)
+    add(RATING if ratings.cells is None else GEOMETRIC_MEAN, ratings.rating)
     if ratings.cells is not None:
-        if ratings.cells.geometric_sd is not None:
-            columns[GEOMETRIC_SD.name] = [GEOMETRIC_SD.write(value) for value in ratings.cells.geometric_sd]
+        add(GEOMETRIC_SD, ratings.cells.geometric_sd)
         columns[RATERS.name] = [str(ratings.cells.raters)] * len(ratings)
     columns |= {name: [own[i] for i in ratings.participant] for name, own in ratings.covariates.items()}
     if fabrics is not None:

@@ -1,202 +1,17 @@
-"""Columns and units of files: names, also in other languages, bounds, and exact conversion to SI."""
+"""Columns of tables: names, also in other languages, ranges, and exact conversion to SI."""
 
 from __future__ import annotations
 
 import math
 import re
-import unicodedata
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from decimal import MAX_EMAX, MIN_EMIN, Context, Decimal
-from functools import lru_cache
 from typing import NamedTuple
 
+from softness_bayes.data.titles import Unit, analysed, bag, key
 from softness_bayes.errors import quoted
 from softness_bayes.ranges import ANY, FORCES, INDENTATIONS, LOAD_ERRORS, RELATIVE_ERRORS, RESOLUTIONS, Range
-
-
-class Unit(NamedTuple):
-    """A unit: its name, and the SI units in one of it."""
-
-    name: str
-    factor: Decimal
-
-
-class Spelt(NamedTuple):
-    """A unit as written in a header."""
-
-    text: str
-    """The unit, or whatever stands in brackets."""
-    bracketed: bool
-
-
-UNITS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
-    "length": {
-        "1": ("m", "metre", "metres", "meter", "meters"),
-        "1e-2": ("cm", "centimetre", "centimetres", "centimeter", "centimeters"),
-        "1e-3": ("mm", "millimetre", "millimetres", "millimeter", "millimeters"),
-        "1e-6": ("µm", "micron", "microns", "micrometre", "micrometres", "micrometer", "micrometers"),
-        "1e-9": ("nm", "nanometre", "nanometres", "nanometer", "nanometers"),
-        "0.0254": ("inch", "in", "inches"),
-        "2.54e-5": ("mil", "mils", "thou"),
-    },
-    "force": {
-        "1": ("N", "newton", "newtons"),
-        "1e-2": ("cN",),
-        "1e-3": ("mN", "millinewton", "millinewtons"),
-        "1e-6": ("µN",),
-        "1e3": ("kN",),
-        "1e-5": ("dyn", "dyne", "dynes"),
-        "9.80665e-3": ("gf", "g", "gram-force", "grams-force", "gram", "grams", "pond"),
-        "9.80665": ("kgf", "kg", "kp"),
-        "0.27801385095378125": ("ozf", "oz"),
-        "4.4482216152605": ("lbf", "lb"),
-    },
-    "pressure": {
-        "1": ("Pa", "N/m²", "pascal"),
-        "1e2": ("hPa",),
-        "1e3": ("kPa", "kN/m²", "mN/mm²"),
-        "1e6": ("MPa", "N/mm²", "MN/m²"),
-        "1e9": ("GPa", "kN/mm²"),
-        "1e-3": ("mPa",),
-        "1e4": ("N/cm²",),
-        "1e5": ("bar",),
-        "98.0665": ("gf/cm²", "g/cm²"),
-        "98066.5": ("kgf/cm²", "kg/cm²"),
-        "9806650": ("kgf/mm²", "kg/mm²"),
-        "6894.757293168361336722673445346890693781387562775": ("psi",),
-    },
-    "rigidity": {
-        "1": ("N·m", "Nm", "N·m²/m", "Nm²/m"),
-        "1e-3": ("mN·m", "mNm", "N·mm", "Nmm", "mN·m²/m"),
-        "1e-6": ("µN·m", "µNm", "mN·mm", "mNmm", "µN·m²/m"),
-        "1e-5": ("mN·cm", "mNcm", "mN·cm²/cm"),
-        "1e-4": ("cN·cm", "cNcm", "cN·cm²/cm"),
-        "1e-2": ("N·cm", "Ncm", "N·cm²/cm"),
-        "1e-7": ("dyn·cm", "dyn·cm²/cm"),
-        "9.80665e-5": ("gf·cm²/cm", "gfcm²/cm", "gf·cm·cm/cm", "g·cm²/cm", "gf·cm", "gfcm"),
-        "9.80665e-8": ("mgf·cm", "mg·cm", "mgcm"),
-    },
-    "ratio": {"1": ("-", "–", "1"), "1e-2": ("%", "percent", "per cent", "pct")},
-}
-"""Quantity -> SI units in one -> spellings, the name of the unit first.
-
-Kawabata's system gives the rigidity of a strip per width, gf·cm²/cm; grams of a force are grams-force."""
-
-LONGEST_TITLE = 200
-"""Largest number of characters of a title that is searched for a unit."""
-_BRACKETS = re.compile(r"(.*?)\s*[\[(【〔]([^\])】〕]*)[\])】〕]")
-_BEHIND = re.compile(r"(.*\S)(?:\s*[,;]\s*|\s+in\s+|\s+/\s*)(\S.*)")
-_ONLY_BRACKETED = frozenset({"in", "bar", "1", "-", "–"})
-"""Units that may be words or numbers where they do not stand in brackets."""
-
-_RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁺⁻", "0123456789+-")
-_EXPONENT = r"(?:\^|\*\*)\s*[({]?\s*"
-_POWER = (
-    rf"(?:10\s*(?:{_EXPONENT}(?P<e>[+-]?[0-9]{{1,2}})[)}}]?|(?P<s>[+-][0-9]{{1,2}}))"
-    r"|1?[eE](?P<x>[+-]?[0-9]{1,2})|(?P<z>10+))"
-)
-_SIGN = r"\s*[x×*·.]?\s*"
-_SCALED = tuple(
-    re.compile(text)
-    for text in (rf"{_SIGN}{_POWER}{_SIGN}(?P<unit>[^\W\d].*)", rf"(?P<unit>.*?[^\d\s]){_SIGN}{_POWER}")
-)
-_TIMES = r"(?:(?<![^\W\d_])[xX]|[×*·/÷])\s*"
-_IN_TITLE = re.compile(
-    rf"[\s(\[]*(?:{_TIMES}10+(?:\s*{_EXPONENT}[+-]?[0-9]{{1,2}}|[+-][0-9]{{1,2}})?|10\s*{_EXPONENT}[+-]?[0-9]{{1,2}}"
-    r"|\b1[eE][+-]?[0-9]{1,2})\b[)}\]]*"
-)
-"""A power of ten beside the words of a title."""
-
-
-def plain_text(text: str) -> str:
-    """Return a text in its Unicode normal form, with `^` before raised digits and one sign for minus."""
-    raised = re.sub("[⁰¹²³⁴-⁹⁺⁻]{2,}|(?<=10)[⁰¹²³⁴-⁹]", lambda match: f"^{match[0].translate(_RAISED)}", text)
-    return unicodedata.normalize("NFKC", raised).replace("\u2212", "-").strip()
-
-
-@lru_cache(2**16)
-def power_in(title: str) -> tuple[str, str]:
-    """Return a title without the power of ten in it, as in `B x 10^2`, and the power as written, empty if none."""
-    text = plain_text(title)
-    match = _IN_TITLE.search(text)
-    if match is None:
-        return title, ""
-    bracket = next((one for one in re.finditer(r"[\[(][^\])]*[\])]", text) if match[0].strip() in one[0]), match)
-    return f"{text[: bracket.start()]} {text[bracket.end() :]}".strip(), match[0].strip()
-
-
-@lru_cache(2**16)
-def _spelling(text: str) -> str:
-    """Return a unit in the one spelling that all of its ways of writing share."""
-    text = unicodedata.normalize("NFKC", text).replace("\u03bc", "u").replace("^", "").strip()
-    return re.sub(r"\s*[\u00b7\u22c5\u2219\u2022\u00d7*.]\s*|(?<=\w)\s+(?=\w)", ".", text).replace(" ", "")
-
-
-def _spellings(quantity: str) -> dict[str, Unit]:
-    """Return the units of a quantity by their spellings; in small letters too, of which the first one counts."""
-    exact = {
-        _spelling(text): Unit(texts[0], Decimal(factor)) for factor, texts in UNITS[quantity].items() for text in texts
-    }
-    folded: dict[str, Unit] = {}
-    for text, unit in exact.items():
-        folded.setdefault(text.casefold(), unit)
-    return folded | exact
-
-
-_KNOWN = {quantity: _spellings(quantity) for quantity in UNITS}
-
-
-@lru_cache(2**16)
-def unit_named(text: str, quantity: str) -> Unit | None:
-    """Return a unit of a quantity, which may have a power of ten (`10^-4 N m`), None if there is none of this name."""
-    spelt = _spelling(text)
-    if unit := _KNOWN[quantity].get(spelt) or _KNOWN[quantity].get(spelt.casefold()):
-        return unit
-    for pattern in _SCALED:
-        if (match := pattern.fullmatch(plain_text(text))) and (unit := unit_named(match["unit"], quantity)):
-            given = match["e"] or match["s"] or match["x"]
-            power = len(match["z"]) - 1 if given is None else int(given)
-            return Unit(f"10^{power} {unit.name}", unit.factor.scaleb(power))
-    return None
-
-
-@lru_cache(2**16)
-def is_unit(text: str) -> bool:
-    """Return whether some quantity has a unit of this name."""
-    return any(unit_named(text, quantity) for quantity in UNITS)
-
-
-def names_of(quantity: str) -> str:
-    """Return the names of a quantity's units, for a message."""
-    return ", ".join(texts[0] for texts in UNITS[quantity].values())
-
-
-@lru_cache(2**16)  # each title of a wide table is looked at for every column
-def title_and_unit(title: str) -> tuple[str, Spelt | None]:
-    """Return a column's title without its unit, and the unit as written.
-
-    A unit stands in brackets behind the title (`E (MPa)`, `depth [mm]`), behind a comma, a stroke or the word in
-    (`depth, mm`), or among the words (`depth_um`, `bending_N_m`, `modulus_kPa_low`). What stands in brackets need not
-    be one.
-    """
-    if len(title) > LONGEST_TITLE:
-        return title, None
-    title = plain_text(title)
-    if match := _BRACKETS.fullmatch(title):
-        return match[1], Spelt(match[2].strip(), bracketed=True)
-    if (match := _BEHIND.fullmatch(title)) and is_unit(match[2]) and match[2] not in _ONLY_BRACKETED:
-        return match[1], Spelt(match[2], bracketed=False)
-    words = re.split(r"[_\s]+", title)
-    for end in range(len(words), 1, -1):
-        for start in range(max(1, end - 3), end):
-            part = words[start:end]
-            for text in (" ".join(part), f"{' '.join(part[:-1])}/{part[-1]}"):
-                single = end < len(words) and len(text) < 2  # a letter among words is no unit
-                if is_unit(text) and text.casefold() not in _ONLY_BRACKETED and not single:
-                    return " ".join([*words[:start], *words[end:]]), Spelt(text, bracketed=False)
-    return title, None
-
 
 MISSING = frozenset({"", "na", "n/a", "n.a.", "#n/a", "nan", "null", "none", "-", "–", "—", "."})
 """Texts for a missing number, in any case. Only an empty name is missing: NA may be initials."""
@@ -221,9 +36,8 @@ class Column:
         Name in a CSV header; the unit is part of it.
     label, unit
         Text for axes and tables.
-    power
-        The unit is 10^power SI units. Reading and writing shift the decimal point instead of multiplying, so that a
-        value written and read again is bitwise identical.
+    quantity
+        What is measured, as in `titles.UNITS`; "scale" for numbers without units, whose brackets contain remarks.
     range
         Allowed values [SI].
     reason
@@ -233,9 +47,14 @@ class Column:
     name: str
     label: str
     unit: str
-    power: int = 0
+    quantity: str
     range: Range = ANY
     reason: str = ""
+
+    @property
+    def power(self) -> int:
+        """The unit is 10^power SI units; shifting the decimal point keeps each value bitwise when written and read."""
+        return _POWERS.get(self.unit, 0)
 
     @property
     def factor(self) -> float:
@@ -246,11 +65,6 @@ class Column:
     def axis(self) -> str:
         """Label of an axis."""
         return f"{self.label} ({self.unit})" if self.unit else self.label
-
-    @property
-    def quantity(self) -> str:
-        """The quantity that is measured, as in `units.UNITS`; a ratio if the column has no unit."""
-        return next((quantity for quantity in UNITS if self.unit and unit_named(self.unit, quantity)), "ratio")
 
     def expected(self, unit: Unit | None = None) -> str:
         """Return the allowed values in words, in the column's unit or another one."""
@@ -298,6 +112,9 @@ class Column:
         return f"{number:f}" if -6 < number.adjusted() < 16 else str(number)
 
 
+_POWERS = {"mm": -3, "kPa": 3, "MPa": 6}
+_QUANTITIES = {"mm": "length", "N": "force", "kPa": "pressure", "MPa": "pressure", "N m": "rigidity"}
+
 _POSITIVE = Range(0.0, above=True)
 _NOT_NEGATIVE = Range(0.0)
 
@@ -312,43 +129,44 @@ NUMBERS: dict[str, Column] = {}
 """The columns of numbers, by name."""
 
 
-def _number(name: str, label: str, unit: str, power: int = 0, range: Range = ANY, reason: str = "") -> Column:
+def _number(name: str, label: str, unit: str, range: Range = ANY, reason: str = "", quantity: str = "ratio") -> Column:
     """Declare a column of numbers."""
-    NUMBERS[name] = Column(name, label, unit, power, range, reason)
+    NUMBERS[name] = Column(name, label, unit, _QUANTITIES.get(unit, quantity), range, reason)
     return NUMBERS[name]
 
 
-INDENTATION = _number(
-    "indentation_mm", "indentation", "mm", power=-3, range=FINGERTIP, reason="a fingertip's radius is 8 mm"
-)
-FORCE = _number("force_n", "force", "N", range=BEARABLE, reason="a finger cannot bear more")
-LOAD_CV = _number("load_cv", "relative error of the load", "", range=LOAD_ERRORS)
-RESOLUTION = _number("resolution", "step of the rater's grid of numbers", "", range=RESOLUTIONS)
-RATING = _number("rating", "rating", "")
-RANK = _number("rank", "rank", "", range=_POSITIVE)
-MEAN = _number("mean", "arithmetic mean of a cell's ratings", "", range=_POSITIVE)
-GEOMETRIC_MEAN = _number("geometric_mean", "geometric mean of a cell's ratings", "", range=_POSITIVE)
-SD = _number("sd", "standard deviation of a cell's ratings", "", range=_POSITIVE)
-SE = _number("se", "standard error of a cell's mean", "", range=_POSITIVE)
-GEOMETRIC_SD = _number(
-    "geometric_sd", "geometric standard deviation of a cell's ratings", "", range=Range(1.0, above=True)
-)
-RATERS = _number("n", "number of raters of a cell", "", range=Range(2.0, 1e6))
-TENSILE_MODULUS = _number("tensile_modulus_mpa", "tensile modulus", "MPa", power=6, range=_POSITIVE)
-THICKNESS = _number("thickness_mm", "thickness", "mm", power=-3, range=_POSITIVE)
-POISSON_RATIO = _number("poisson_ratio", "Poisson ratio", "", range=Range(-1.0, 0.5, above=True))
-BENDING_RIGIDITY = _number("bending_rigidity_n_m", "bending rigidity", "N m", range=_POSITIVE)
-EFFECTIVE_MODULUS = _number("effective_modulus_kpa", "effective modulus", "kPa", power=3, range=_POSITIVE)
-TENSILE_MODULUS_CV = _number("tensile_modulus_cv", "relative error of the tensile modulus", "", range=RELATIVE_ERRORS)
-THICKNESS_CV = _number("thickness_cv", "relative error of the thickness", "", range=RELATIVE_ERRORS)
-BENDING_RIGIDITY_CV = _number("bending_rigidity_cv", "relative error of the rigidity", "", range=RELATIVE_ERRORS)
-EFFECTIVE_MODULUS_CV = _number("effective_modulus_cv", "relative error of the modulus", "", range=RELATIVE_ERRORS)
-TENSILE_MODULUS_SD = _number("tensile_modulus_sd_mpa", "standard error of the tensile modulus", "MPa", 6, _NOT_NEGATIVE)
-THICKNESS_SD = _number("thickness_sd_mm", "standard error of the thickness", "mm", -3, _NOT_NEGATIVE)
-BENDING_RIGIDITY_SD = _number("bending_rigidity_sd_n_m", "standard error of the rigidity", "N m", 0, _NOT_NEGATIVE)
-EFFECTIVE_MODULUS_SD = _number("effective_modulus_sd_kpa", "standard error of the modulus", "kPa", 3, _NOT_NEGATIVE)
-EFFECTIVE_MODULUS_LOW = _number("effective_modulus_low_kpa", "least modulus", "kPa", 3, _POSITIVE)
-EFFECTIVE_MODULUS_HIGH = _number("effective_modulus_high_kpa", "largest modulus", "kPa", 3, _POSITIVE)
+def _scale(name: str, label: str, range: Range = ANY) -> Column:
+    """Declare a column of numbers without units."""
+    return _number(name, label, "", range, quantity="scale")
+
+
+INDENTATION = _number("indentation_mm", "indentation", "mm", FINGERTIP, "a fingertip's radius is 8 mm")
+FORCE = _number("force_n", "force", "N", BEARABLE, "a finger cannot bear more")
+LOAD_CV = _number("load_cv", "relative error of the load", "", LOAD_ERRORS)
+RESOLUTION = _scale("resolution", "step of the rater's grid of numbers", RESOLUTIONS)
+RATING = _scale("rating", "rating")
+RANK = _scale("rank", "rank", _POSITIVE)
+MEAN = _scale("mean", "arithmetic mean of a cell's ratings", _POSITIVE)
+GEOMETRIC_MEAN = _scale("geometric_mean", "geometric mean of a cell's ratings", _POSITIVE)
+SD = _scale("sd", "standard deviation of a cell's ratings", _POSITIVE)
+SE = _scale("se", "standard error of a cell's mean", _POSITIVE)
+GEOMETRIC_SD = _scale("geometric_sd", "geometric standard deviation of a cell's ratings", Range(1.0, above=True))
+RATERS = _scale("n", "number of raters of a cell", Range(2.0, 1e6))
+TENSILE_MODULUS = _number("tensile_modulus_mpa", "tensile modulus", "MPa", _POSITIVE)
+THICKNESS = _number("thickness_mm", "thickness", "mm", _POSITIVE)
+POISSON_RATIO = _number("poisson_ratio", "Poisson ratio", "", Range(-1.0, 0.5, above=True))
+BENDING_RIGIDITY = _number("bending_rigidity_n_m", "bending rigidity", "N m", _POSITIVE)
+EFFECTIVE_MODULUS = _number("effective_modulus_kpa", "effective modulus", "kPa", _POSITIVE)
+TENSILE_MODULUS_CV = _number("tensile_modulus_cv", "relative error of the tensile modulus", "", RELATIVE_ERRORS)
+THICKNESS_CV = _number("thickness_cv", "relative error of the thickness", "", RELATIVE_ERRORS)
+BENDING_RIGIDITY_CV = _number("bending_rigidity_cv", "relative error of the rigidity", "", RELATIVE_ERRORS)
+EFFECTIVE_MODULUS_CV = _number("effective_modulus_cv", "relative error of the modulus", "", RELATIVE_ERRORS)
+TENSILE_MODULUS_SD = _number("tensile_modulus_sd_mpa", "standard error of the tensile modulus", "MPa", _NOT_NEGATIVE)
+THICKNESS_SD = _number("thickness_sd_mm", "standard error of the thickness", "mm", _NOT_NEGATIVE)
+BENDING_RIGIDITY_SD = _number("bending_rigidity_sd_n_m", "standard error of the rigidity", "N m", _NOT_NEGATIVE)
+EFFECTIVE_MODULUS_SD = _number("effective_modulus_sd_kpa", "standard error of the modulus", "kPa", _NOT_NEGATIVE)
+EFFECTIVE_MODULUS_LOW = _number("effective_modulus_low_kpa", "least modulus", "kPa", _POSITIVE)
+EFFECTIVE_MODULUS_HIGH = _number("effective_modulus_high_kpa", "largest modulus", "kPa", _POSITIVE)
 
 SECOND_FABRIC = "fabric_2"
 """Column of the other fabric of a pair."""
@@ -460,19 +278,100 @@ SYNONYMS: Mapping[str, tuple[str, ...]] = {name: tuple(words.split(", ")) for na
 """Name of a column here -> its names elsewhere, without units. Case, spaces, strokes and underlines do not matter; a
 name stands for one column only."""
 
+NAMES = (*LABELS, *NUMBERS)
+"""The names of all columns."""
+KNOWN_BY: Mapping[str, frozenset[str]] = {
+    name: frozenset(map(bag, (name, analysed(name).stem, *SYNONYMS.get(name, ())))) for name in NAMES
+}
+"""The sorted words of each column's standard name, with and without its unit, and of its synonyms."""
+OWNERS: Mapping[str, str] = {words: name for name in reversed(NAMES) for words in KNOWN_BY[name]}
+"""Sorted words of a title -> the column that they mean."""
 
-@lru_cache(2**16)
-def key(title: str) -> str:
-    """Return what a title shares with those that differ in case, Unicode form, spaces and punctuation only."""
-    text = unicodedata.normalize("NFKC", title).casefold()
-    return " ".join(re.sub(r"[\W_]+", " ", unicodedata.normalize("NFKC", text)).split())
+
+def quantity_of(name: str) -> str:
+    """Return the quantity of a column; empty for names and scales, whose brackets contain remarks."""
+    quantity = NUMBERS[name].quantity if name in NUMBERS else "scale"
+    return "" if quantity == "scale" else quantity
 
 
-@lru_cache(2**16)
-def bag(title: str) -> str:
-    """Return what a title shares with those of the same words in any order."""
-    return " ".join(sorted(key(title).split()))
+class Kind(NamedTuple):
+    """A kind of table, by the columns that it may have.
 
+    Standard names and those given by `--column` take precedence over others.
+    """
+
+    sheet: str
+    """The kind; the name of its sheet in a workbook."""
+    columns: frozenset[str]
+    """The columns that are read."""
+    marks: tuple[frozenset[str], ...]
+    """Alternative sets of columns that tell the sheet if none has the name."""
+    otherwise: tuple[frozenset[str], ...] = ()
+    """The same for sheets not told by these: a wide table has no column of ratings."""
+    enough: tuple[tuple[tuple[frozenset[str], ...], frozenset[str]], ...] = ()
+    """Alternative sets, one of which under standard names is enough, and columns then not sought by other names."""
+    given: frozenset[str] = frozenset()
+    """Columns whose values are given separately: columns that may contain them are reported but not read."""
+
+    def sought(self, present: Container[str]) -> list[str]:
+        """Return the columns to be sought by other names, in the order of declaration."""
+        done = {
+            name
+            for sets, others in self.enough
+            if any(all(name in present for name in one) for one in sets)
+            for name in others
+        }
+        return [name for name in NAMES if name in self.columns and name not in present and name not in done]
+
+    def needed(self, present: Container[str]) -> set[str]:
+        """Return the columns without which the table cannot be read, or says little, that are not there."""
+        basic = {"participant", "fabric", RATING.name, *(name for _, others in self.enough for name in others)}
+        return basic & {*self.sought(present)}
+
+    def and_also(self, other: Kind) -> Kind:
+        """Return this kind of table with the columns of another kind beside its own."""
+        return self._replace(columns=self.columns | other.columns, enough=self.enough + other.enough)
+
+
+def _named(names: str) -> frozenset[str]:
+    """Return the columns of these names, which must be declared."""
+    if unknown := {*names.split()} - {*NAMES}:
+        raise KeyError(unknown)
+    return frozenset(names.split())
+
+
+_LOADS = (_named(INDENTATION.name), _named(FORCE.name))
+_HELD = _LOADS[0] | _LOADS[1]
+_MODULI = (
+    _named("effective_modulus_kpa"),
+    _named("effective_modulus_low_kpa effective_modulus_high_kpa"),
+    _named("bending_rigidity_n_m"),
+    _named("tensile_modulus_mpa thickness_mm"),
+)
+_OF_RATINGS = _named("participant fabric fabric_2 session trial list rating resolution load_cv")
+_OF_FABRICS = {column.name for column in (*PROPERTIES.values(), *STANDARD_ERRORS.values())} | {"fabric", "direction"}
+_RATED = (_named("rating"),)
+_WIDE = (_named("participant"),)
+
+LOADED = Kind("ratings", _OF_RATINGS, _RATED, _WIDE, given=_HELD)
+"""Ratings under a load that is given separately."""
+RATINGS = Kind("ratings", _OF_RATINGS | _HELD, _RATED, _WIDE, ((_LOADS, _HELD),))
+"""Ratings with a load in each row."""
+FABRICS = Kind(
+    "fabrics",
+    frozenset(_OF_FABRICS),
+    _MODULI,
+    enough=(
+        # a measured rigidity takes precedence over tensile modulus and thickness, and is compared with them
+        (_MODULI, _MODULI[0] | _MODULI[1] | _MODULI[3]),
+        (_MODULI[:2], _MODULI[2]),
+    ),
+)
+"""Fabrics."""
+FORCES_OF_A_PLATE = Kind("compression", _named("participant indentor indentation_mm force_n"), (_HELD,))
+"""Forces of a rigid plate."""
+ORDER = Kind("ratings", _named("fabric"), _RATED)
+"""An observed order of fabrics."""
 
 WORDS_FOR_RATINGS = frozenset(
     {"rating", "ratings", "estimate", "estimates", "magnitude", "judgement", "judgment", "score", "feel", "response"}

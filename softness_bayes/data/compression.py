@@ -7,22 +7,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from softness_bayes.data.columns import FORCE, INDENTATION, Column
+from softness_bayes.data.columns import FORCE, FORCES_OF_A_PLATE, INDENTATION
+from softness_bayes.data.decimals import Marks
 from softness_bayes.data.faults import natural
 from softness_bayes.data.formats import TableSource
-from softness_bayes.data.headers import PRESSED
-from softness_bayes.data.reading import check_renames, read_table, with_hints
-from softness_bayes.data.tables import FloatArray, IntArray, Marks, Table, freeze
+from softness_bayes.data.reading import read_as
+from softness_bayes.data.shapes import Request
+from softness_bayes.data.tables import FloatArray, IntArray, Table, freeze
 from softness_bayes.errors import InputError
+from softness_bayes.ranges import ANY
 from softness_bayes.readable import counted, some_of
 
 FLAT_PLATE = ("flat_plate", "flat plate", "plate", "flat")
 """Names of a rigid flat plate in a column `indentor`, ignoring case; without the column, all rows refer to a plate."""
-
-# here 0 means that the plate does not yet touch the finger
-_INDENTATION = Column(INDENTATION.name, INDENTATION.label, INDENTATION.unit, power=INDENTATION.power)
-_FORCE = Column(FORCE.name, FORCE.label, FORCE.unit)
-
 
 SOLE_FINGER = "finger"
 """Name of the participant in a table without a column of participants."""
@@ -89,35 +86,29 @@ class Compression:
         InputError
             Naming file, row, column and value.
         """
-
-        def read(renames: Mapping[str, str], _: bool) -> Compression:
-            table = read_table(path, PRESSED, renames, decimal)
-            check_renames(renames, table)
-            return cls.from_table(table)
-
-        return with_hints(read, columns or {}, False)
+        return read_as(cls.from_table, path, Request(FORCES_OF_A_PLATE, columns or {}, decimal))
 
     @classmethod
     def from_table(cls, table: Table) -> Compression:
         """Return the rows of a table; its columns are those of `read`."""
         table.require(INDENTATION.name, FORCE.name)
-        notes = [f"{table.label}: {note}" for note in table.notes]
+        notes = list(table.notes)
         if "participant" not in table:
-            notes.append(f"{table.label}: no column 'participant': all forces are treated as those of one finger")
-            table = replace(table, cells={**table.cells, "participant": [SOLE_FINGER] * len(table)})
+            notes.append("no column 'participant': all forces are treated as those of one finger")
+            table = table.with_cells("participant", [SOLE_FINGER] * len(table))
         if "indentor" in table:
             flat = np.array([name.casefold() in FLAT_PLATE for name in table.labels("indentor")])
             if not flat.all():
                 others = some_of(int((~flat).sum()), len(table), "row", "has", "have")
-                notes.append(f"{table.label}: {others} another indentor than a flat plate; left out")
+                notes.append(f"{others} another indentor than a flat plate; left out")
             table = table.take(np.flatnonzero(flat))
-        by, depth, force = table.labels("participant"), table.numbers(_INDENTATION), table.numbers(_FORCE)
+        by = table.labels("participant")
+        # here 0 means that the plate does not yet touch the finger
+        depth, force = (table.numbers(replace(column, range=ANY, reason="")) for column in (INDENTATION, FORCE))
         for i in range(len(table)):
             if force[i] < 0:
                 table.fault(i, FORCE.name, f"expected 0 or a positive force, got {table.cells[FORCE.name][i]!r}")
-            if not force[i] > 0:
-                continue
-            for column, value in ((FORCE, force[i]), (INDENTATION, depth[i])):
+            for column, value in ((FORCE, force[i]), (INDENTATION, depth[i])) if force[i] > 0 else ():
                 if not column.holds(value):
                     found = table.cells[column.name][i]
                     expected = column.expected(table.units.get(column.name))
@@ -125,11 +116,9 @@ class Compression:
         table.check()
         zero, missing = int((force == 0).sum()), int(np.isnan(force).sum())
         if missing:
-            notes.append(f"{table.label}: {counted(missing, 'force is', 'forces are')} missing")
+            notes.append(f"{counted(missing, 'force is', 'forces are')} missing")
         if zero:
-            notes.append(
-                f"{table.label}: {zero} rows with a force of 0 are left out, because forces are fitted on a log scale"
-            )
+            notes.append(f"{zero} rows with a force of 0 are left out, because forces are fitted on a log scale")
         kept = np.flatnonzero(force > 0).tolist()
         if not kept:
             raise InputError(f"{table.place}: no row with a force above 0 on a flat plate")
@@ -144,5 +133,5 @@ class Compression:
             n_zero=zero,
             source=table.place,
             digest=table.digest,
-            notes=tuple(notes),
+            notes=tuple(f"{table.label}: {note}" for note in notes),
         )

@@ -33,24 +33,6 @@ _DESIGN = ("fabric", SECOND_FABRIC, INDENTATION.name, FORCE.name, "session", "tr
 """Columns that say what was touched."""
 
 
-def _noted(table: Table, *notes: str) -> Table:
-    return replace(table, notes=(*table.notes, *notes))
-
-
-def _without(table: Table, left: Sequence[int], note: str) -> Table:
-    """Return a table without some rows, by index; the note begins with the lines of these rows."""
-    kept = np.setdiff1d(np.arange(len(table)), np.asarray(left, dtype=np.intp))
-    return _noted(table.take(kept), f"{_rows(table, left)}: {note}")
-
-
-def _rows(table: Table, some: Sequence[int]) -> str:
-    """Return the lines of some rows in words, such as `rows 3 to 9, 12`."""
-    lines = np.unique(table.rows[[*some]])
-    runs = np.split(lines, np.flatnonzero(np.diff(lines) > 1) + 1)
-    told = [str(run[0]) if run.size == 1 else f"{run[0]} to {run[-1]}" for run in runs]
-    return f"row{'s' * (lines.size > 1)} {listing(told, 4)}"
-
-
 def without_namesakes(table: Table) -> Table:
     """Pass over a column `resolution` without numbers; say if one with numbers, or a column `load_cv`, is used.
 
@@ -67,9 +49,9 @@ def without_namesakes(table: Table) -> Table:
             titles = {other: text for other, text in table.titles.items() if other != name}
             others = {**table.others, title: table.cells[name]}
             note = f"column {quoted(title)} is not used: its cells, such as {quoted(filled[0])}, are not numbers"
-            table = _noted(replace(table, cells=cells, titles=titles, others=others), note)
+            table = table.noted(note, cells=cells, titles=titles, others=others)
         elif filled:
-            table = _noted(table, f"column {quoted(title)} is used: {column.label}")
+            table = table.noted(f"column {quoted(title)} is used: {column.label}")
     return table
 
 
@@ -81,16 +63,10 @@ def with_percentages(table: Table) -> Table:
         return table
     cells = [type(text)(text[:-1].rstrip()) if text.endswith("%") else text for text in texts]
     note = f"column {quoted(table.titles[RATING.name])}: ratings are percentages, so {filled[0]} is read as {cells[0]}"
-    return _noted(replace(table, cells={**table.cells, RATING.name: cells}), note)
+    return table.with_cells(RATING.name, cells, note)
 
 
 # rows of statistics
-
-
-def _keys(table: Table, *names: str) -> list[tuple[str, ...]]:
-    """Return the cells of some columns by row, those without a column left out."""
-    columns = [table.cells[name] for name in names if name in table]
-    return [*zip(*columns, strict=True)] if columns else [()] * len(table)
 
 
 _STATISTICS: Mapping[str, Callable[[FloatArray], float]] = {
@@ -117,11 +93,11 @@ def without_statistics(table: Table) -> Table:
         left = [i for i, text in enumerate(table.cells.get(name, ())) if summarises(text)]
         if 0 < len(left) < len(table):
             told = listing([quoted(text) for text in dict.fromkeys(table.cells[name][i] for i in left)])
-            table = _without(table, left, f"statistics of other rows ({name} {told}), left out")
+            table = table.without(left, f"statistics of other rows ({name} {told}), left out")
     if not {"participant", RATING.name} <= table.cells.keys():
         return table
     names, values = np.array(table.cells["participant"]), table.plainly(RATING.name)
-    keys, people = _keys(table, *_DESIGN), [*dict.fromkeys(names.tolist())]
+    keys, people = table.keys(*_DESIGN), [*dict.fromkeys(names.tolist())]
     unlikely = {RATING.name, "participant", SECOND_FABRIC} <= table.cells.keys() or len(people) < 4
     found: dict[str, str] = {}
     for who in [] if unlikely else reversed(people):
@@ -139,7 +115,7 @@ def without_statistics(table: Table) -> Table:
         return table
     told = listing([f"{quoted(who)} is the {what}" for who, what in found.items()])
     rows = np.flatnonzero(np.isin(names, [*found])).tolist()
-    return _without(table, rows, f"statistics of the other participants' ratings ({told}), left out")
+    return table.without(rows, f"statistics of the other participants' ratings ({told}), left out")
 
 
 def _statistic(
@@ -192,7 +168,7 @@ def with_one_spelling(table: Table) -> Table:
                 "of their own for the same touch: write them alike, or give them names that differ in more"
             )
             continue
-        table = _noted(joined, f"column {table.titles[present[0]]!r}: {listing(told)} are read as the same")
+        table = joined.noted(f"column {table.titles[present[0]]!r}: {listing(told)} are read as the same")
     return table
 
 
@@ -204,7 +180,7 @@ def _chosen(group: Sequence[str], count: Mapping[str, int]) -> str:
 def _may_be_two(table: Table, joined: Table, name: str, groups: Sequence[Sequence[str]]) -> Sequence[str]:
     """Return the spellings of a name that may belong to two people or fabrics, empty if there are none."""
     names = ("participant", *_DESIGN) if RATING.name in table else ("participant", "indentor", *_DESIGN, "direction")
-    keys, rows = _keys(joined, *names), table.cells[name]
+    keys, rows = joined.keys(*names), table.cells[name]
     told: dict[tuple[str, ...], set[str]] = {}
     for text, one in zip(rows, keys, strict=True):
         told.setdefault(one, set()).add(text)
@@ -225,8 +201,7 @@ def with_dates_named(table: Table) -> Table:
     for name in ("participant", "fabric"):
         days = [text for text in dict.fromkeys(table.cells.get(name, ())) if _DAY.fullmatch(text)]
         if days:
-            table = _noted(
-                table,
+            table = table.noted(
                 f"column {table.titles[name]!r}: {listing(days, 3)} are dates: did a spreadsheet program turn names "
                 "into dates?",
             )
@@ -238,7 +213,7 @@ def with_people_known(table: Table) -> Table:
     people = {*table.cells.get("participant", ())}
     if len(people) > 1 or holds_cells(table.cells) or len(table) < 2:
         return table
-    keys = _keys(table, *_DESIGN)
+    keys = table.keys(*_DESIGN)
     repeats = len(keys) - len({*keys})
     ranked = []
     for title, texts in table.others.items() if repeats else ():
@@ -262,48 +237,66 @@ def with_people_known(table: Table) -> Table:
 
 # copies
 
+BY_CHANCE = 1e-4
+"""Largest probability at which equal rows are repeats of a rater by chance, not copies."""
+
 
 def without_copies(table: Table) -> Table:
-    """Leave out rows that are equal to another one, trial included; refuse them where no trial tells repeats apart."""
+    """Leave out rows that are equal to another one, trial included; refuse copied blocks that no trial tells apart.
+
+    People repeat themselves on coarse scales. So without trials rows count as copies only if a block of consecutive
+    rows, or every row, is there again, and the numbers would hardly be equal by chance.
+    """
     if RATING.name not in table or holds_cells(table.cells) or SECOND_FABRIC in table:
         return table
-    told = _keys(table, "participant", *_DESIGN)
-    texts = [*table.cells.values(), *table.others.values()]
-    every = [*zip(*texts, strict=True)]
+    every = [*zip(*table.cells.values(), *table.others.values(), strict=True)]
     first: dict[tuple[str, ...], int] = {}
     copies = [i for i, row in enumerate(every) if first.setdefault(row, i) != i and table.cells[RATING.name][i]]
     if not copies or len(first) < 2:
         return table
-    repeats = len(told) - len({*told})
+    touches = table.keys("participant", *_DESIGN)
+    complete = len(copies) == len(touches) - len({*touches}) or min(Counter(every).values()) > 1
     trials = {*table.cells.get("trial", ())}
-    if len(trials) > 1 or (trials and len(copies) == repeats):
-        return _without(table, copies, "copies of other rows, with the same trial, left out")
-    longest, run = 0, 0
-    for i, row in enumerate(every):
-        after = first[row] != i and i > 0 and (run == 0 or first[row] == first[every[i - 1]] + 1)
-        run = run + 1 if after else int(first[row] != i)
-        longest = max(longest, run)
-    chances = [_chance_of_equal(table.cells[RATING.name][i]) for i in copies]
-    usual = float(np.exp(np.mean(np.log(chances))))
-    all_copied = len(copies) == repeats or min(Counter(every).values()) > 1
-    if not ((all_copied and np.prod(chances) < 1e-4) or usual**longest < 1e-6):
-        equal = f"{_rows(table, copies)}: equal to another row in all columns: are rows copied?"
-        return _noted(table, equal)
+    if len(trials) > 1 or (trials and complete):
+        return table.without(copies, "copies of other rows, with the same trial, left out")
+    chances = dict(zip(copies, _chances_of_equal(table, copies, [*first.values()]), strict=True))
+    blocks, last = [1.0], -2
+    for i in copies:
+        follows = last == i - 1 and first[every[i]] == first[every[i - 1]] + 1
+        blocks.append((blocks[-1] if follows else 1.0) * chances[i])
+        last = i
+    equal = table.lines(copies)
+    if min(blocks) > BY_CHANCE and not (complete and np.prod([*chances.values()]) < BY_CHANCE):
+        return table.noted(f"{equal}: equal to another row in all columns: are rows copied?")
     table.faults.add_general(
-        f"{counted(len(copies), 'row is a copy', 'rows are copies')} of other rows ({_rows(table, copies)}): "
-        "remove them; or, if they are further trials, number these in a column 'trial'"
+        f"{counted(len(copies), 'row is a copy', 'rows are copies')} of other rows ({equal}): remove them; or, if they "
+        "are further trials, number these in a column 'trial'"
     )
     return table
 
 
-def _chance_of_equal(text: str) -> float:
-    """Return the probability, roughly, of giving the same number for the same touch again, with an error of 30 %."""
-    decimals = len((re.split("[eE]", text.replace(",", "."))[0] + ".").split(".")[1])
-    try:
-        width = 10.0**-decimals / (0.75 * abs(float(text.replace(",", "."))))
-    except (ValueError, ZeroDivisionError, OverflowError):
-        width = 1.0
-    return min(0.6, max(width, 1e-3 if decimals else 0.1))
+def _chances_of_equal(table: Table, rows: Sequence[int], distinct: Sequence[int]) -> FloatArray:
+    """Return the probability, roughly, that a rating is given again for the same touch.
+
+    It is that of an error of 30 % that rounding hides, or twice that of two equal ratings of different touches, if
+    this is larger.
+    """
+    people = table.cells.get("participant", [""] * len(table))
+    texts = [text.replace(",", ".") for text in table.cells[RATING.name]]
+    values = np.nan_to_num(np.abs(table.plainly(RATING.name)))
+    by: dict[str, Counter[str]] = {}
+    for k in distinct:
+        by.setdefault(people[k], Counter())[texts[k]] += 1
+    alike = {}
+    for who, own in by.items():
+        pairs = own.total() * (own.total() - 1)
+        alike[who] = sum(n * (n - 1) for n in own.values()) / pairs if pairs else 0.0
+    found = []
+    for i in rows:
+        decimals = len((re.split("[eE]", texts[i])[0] + ".").split(".")[1])
+        rounding = 10.0**-decimals / (0.75 * values[i]) if values[i] else 1.0
+        found.append(min(0.6, max(rounding, 1e-3 if decimals else 0.1, 2.0 * alike[people[i]])))
+    return np.array(found)
 
 
 def with_true_steps(table: Table) -> Table:
@@ -333,7 +326,7 @@ def with_signs_of_pressing(table: Table) -> Table:
         if known.size > 2 and known.max() <= 0.02 * -known.min():
             cells = [_reversed(text) for text in table.cells[column.name]]
             note = f"column {quoted(table.titles[column.name])}: values are negative, and read with the sign reversed"
-            table = _noted(replace(table, cells={**table.cells, column.name: cells}), note)
+            table = table.with_cells(column.name, cells, note)
     return table
 
 
@@ -348,7 +341,7 @@ def without_noise(table: Table) -> Table:
     if np.isnan(force).all():
         return table
     noise = np.flatnonzero((force < 0) & (force >= -0.02 * np.nanmax(force))).tolist()
-    return _without(table, noise, "forces just below 0, noise before contact, left out") if noise else table
+    return table.without(noise, "forces just below 0, noise before contact, left out") if noise else table
 
 
 def without_unloading(table: Table) -> Table:
@@ -356,7 +349,7 @@ def without_unloading(table: Table) -> Table:
     depth = table.plainly(INDENTATION.name)
     left: list[int] = []
     presses: dict[tuple[str, ...], list[int]] = {}
-    for i, own in enumerate(_keys(table, "participant", "indentor")):
+    for i, own in enumerate(table.keys("participant", "indentor")):
         if not np.isnan(depth[i]):
             presses.setdefault(own, []).append(i)
     for rows in presses.values():
@@ -373,4 +366,4 @@ def without_unloading(table: Table) -> Table:
                 left.append(rows[k + 1])
     if not left:
         return table
-    return _without(table, sorted(left), "the plate moves back there; only forces of pressing in are used")
+    return table.without(sorted(left), "the plate moves back there; only forces of pressing in are used")

@@ -1,68 +1,15 @@
-"""Text files of tables: their content, encoding, separator and rows of cells."""
+"""Text files of tables: encoding, separator and rows of cells."""
 
 from __future__ import annotations
 
 import csv
 import io
-import os
 import re
-import stat
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from softness_bayes.data.sheets import Grid, grid_of
-from softness_bayes.errors import InputError, quoted
-
-LARGEST = 2**28
-"""Largest size of a table's file [bytes]."""
-
-PATIENCE = 2.0
-"""Time [s] to wait for the first data in a pipe."""
-
-_OPENED = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
-
-
-def content_of(path: Path) -> bytes:
-    """Return the bytes of a file, or of a pipe or device up to its end.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, is larger than `LARGEST`, or is a pipe without a writer.
-    """
-    try:
-        with os.fdopen(os.open(path, _OPENED), "rb", 0) as file:
-            return _all_of(file, path)
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror}") from None
-    except ValueError as error:  # a path with a NUL character
-        raise InputError(f"{quoted(str(path))}: {error}") from None
-
-
-def _all_of(file: io.FileIO, path: Path) -> bytes:
-    about = os.fstat(file.fileno())
-    content = io.BytesIO()
-    if not stat.S_ISREG(about.st_mode):
-        content.write(_beginning(file, path) if stat.S_ISFIFO(about.st_mode) else b"")
-        os.set_blocking(file.fileno(), True)
-    if about.st_size <= LARGEST:
-        while content.tell() <= LARGEST and (part := file.read(2**20)):
-            content.write(part)
-    if max(about.st_size, content.tell()) > LARGEST:
-        raise InputError(f"{path}: is larger than {LARGEST >> 20} MB, expected a table of ratings or fabrics")
-    return content.getvalue()
-
-
-def _beginning(pipe: io.FileIO, path: Path) -> bytes:
-    """Return the available content of a pipe, empty if its writer has not started."""
-    end = time.monotonic() + PATIENCE
-    while (found := pipe.read(2**16)) == b"":
-        if time.monotonic() > end:
-            raise InputError(f"{path}: is a pipe without data, expected a table")
-        time.sleep(0.02)
-    return found or b""
-
+from softness_bayes.data.sheets import Sheet, sheet_of
+from softness_bayes.errors import InputError
 
 _CONTROL = re.compile("[\x00-\x08\x0e-\x1f]")
 _JAPANESE = re.compile("[\u3041-\u30fe\u4e00-\u9fff]{2}")
@@ -70,7 +17,7 @@ _TOLD = re.compile('"?sep=([,;\t|])"?\n')  # Excel's own line before the header
 _END = "\x1f"  # end mark behind the last row, a character that occurs in no table
 
 
-def text_grid(path: Path, content: bytes, digest: str) -> Grid:
+def text_sheet(path: Path, content: bytes, digest: str) -> Sheet:
     """Return the rows of a text file with commas, semicolons, tabs, bars or spaces between cells.
 
     Raises
@@ -82,8 +29,8 @@ def text_grid(path: Path, content: bytes, digest: str) -> Grid:
     if told := _TOLD.match(text):
         text = f"\n{text[told.end() :]}"  # a blank row keeps the numbers of the others
     separator = told[1] if told else _separator(text)
-    lines = _rows(path, text, separator)
-    return grid_of(lines, str(path), path.name, digest, between_commas=separator == ",", notes=notes)
+    rows = _rows(path, text, separator)
+    return sheet_of(rows, str(path), path.name, digest, between_commas=separator == ",", notes=notes)
 
 
 def _decode(path: Path, content: bytes) -> tuple[str, list[str]]:
@@ -95,13 +42,9 @@ def _decode(path: Path, content: bytes) -> tuple[str, list[str]]:
     except UnicodeDecodeError as error:
         if wide:
             raise InputError(f"{path}: {error.reason} in UTF-16, expected a table saved as CSV") from None
-        if _is_shift_jis(content):
-            line = 1 + content.count(b"\n", 0, error.start)
-            raise InputError(
-                f"{path}: row {line}: the text is encoded in Shift-JIS, expected UTF-8; save the table as 'CSV UTF-8'"
-            ) from None
-        text = content.decode("latin-1")
-        notes.append("not UTF-8: read as Latin-1")
+        japanese = _is_shift_jis(content)
+        text = content.decode("cp932" if japanese else "latin-1")
+        notes.append(f"not UTF-8: read as {'Shift-JIS' if japanese else 'Latin-1'}")
     if control := _CONTROL.search(text):
         line = 1 + text.count("\n", 0, control.start())
         utf16 = content.count(0) > len(content) // 4
@@ -133,8 +76,7 @@ def _separator(text: str) -> str:
     """Return the separator of the cells: the one of the first lines, or spaces if every line has as many words."""
     lines = [re.sub(r'"[^"]*"', "", line) for line in text.split("\n", 200)[:200] if line.strip()]
     header = next((line for line in lines if not line.startswith("#")), lines[0])
-    there = [mark for mark in ",;\t" if mark in header]
-    if there:
+    if there := [mark for mark in ",;\t" if mark in header]:
         # of a comma in a title and the separator, the latter is in every line as often
         return max(
             there, key=lambda mark: (sum(line.count(mark) == header.count(mark) for line in lines), header.count(mark))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -14,6 +14,8 @@ from softness_bayes.data.columns import (
     EFFECTIVE_MODULUS,
     EFFECTIVE_MODULUS_HIGH,
     EFFECTIVE_MODULUS_LOW,
+    FABRICS,
+    KNOWN_BY,
     MODULUS_SOURCES,
     POISSON_RATIO,
     PROPERTIES,
@@ -22,17 +24,26 @@ from softness_bayes.data.columns import (
     TENSILE_MODULUS,
     THICKNESS,
     Column,
-    bag,
-    title_and_unit,
 )
+from softness_bayes.data.decimals import Marks
 from softness_bayes.data.faults import TableError, listing, natural
 from softness_bayes.data.formats import TableSource
-from softness_bayes.data.headers import FABRICS, keys_of
-from softness_bayes.data.reading import check_renames, read_table, with_hints
-from softness_bayes.data.tables import FloatArray, Marks, Table, read_only
+from softness_bayes.data.reading import read_as
+from softness_bayes.data.shapes import Request
+from softness_bayes.data.tables import FloatArray, Table, read_only
+from softness_bayes.data.titles import analysed
 from softness_bayes.errors import InputError, quoted
 from softness_bayes.ranges import RELATIVE_ERRORS, Range, numbers, refuse
 from softness_bayes.touch.contact import PLATE_LENGTH, PRINTED_RIGIDITY, FabricModulus
+
+USUAL_POISSON_RATIO = 0.3
+"""Poisson ratio [-] of a fabric for which none is given (model.md 10)."""
+
+_BOTH_LIMITS = f"{EFFECTIVE_MODULUS_LOW.name} and {EFFECTIVE_MODULUS_HIGH.name}"
+_EXPECTED = (
+    f"expected {EFFECTIVE_MODULUS.name}, or {BENDING_RIGIDITY.name}, or both {TENSILE_MODULUS.name} and "
+    f"{THICKNESS.name}, or both {_BOTH_LIMITS}"
+)
 
 
 def bases(properties: Mapping[str, FloatArray]) -> tuple[str, ...]:
@@ -47,56 +58,23 @@ def bases(properties: Mapping[str, FloatArray]) -> tuple[str, ...]:
     return tuple(np.select(measured, [column.name for column in MODULUS_SOURCES], "").tolist())
 
 
-def relative_errors(
-    table: Table, rows: Mapping[str, list[int]], name: str, value: FloatArray, cv: FloatArray
-) -> FloatArray:
-    """Return the relative errors of a property, each given as relative (`cv`) or in the unit of the property.
-
-    A row with both, an error without a value, or an error that is too large is a fault.
-    """
-    column, relative, absolute = PROPERTIES[name], PROPERTIES[f"{name}_cv"], STANDARD_ERRORS[name]
-    filed = table.numbers(absolute)
-    found = np.array(cv)
-    for k, own in enumerate(rows.values()):
-        sd, i = agreed(table, absolute, filed, own), own[0]
-        if any(table.is_faulty(j, c.name) for j in own for c in (column, relative, absolute) if c.name in table):
-            continue
-        in_units, as_ratio = not np.isnan(sd), not np.isnan(cv[k])
-        given = absolute if in_units else relative
-        if in_units and as_ratio:
-            table.fault(i, given.name, f"expected this or {relative.name}, but not both")
-        elif (in_units or as_ratio) and np.isnan(value[k]):
-            table.fault(i, given.name, f"an error of {column.name}, which has no value in this row")
-        elif in_units:
-            with np.errstate(over="ignore", under="ignore"):
-                found[k] = sd / value[k]
-            if not relative.holds(found[k]):
-                limit = f"expected at most {RELATIVE_ERRORS.high:g} times the value"
-                table.fault(i, given.name, f"{limit}, got {quoted(table.cells[given.name][i])}")
+def _incomplete(properties: Mapping[str, FloatArray]) -> dict[int, str]:
+    """Return the faults in the properties of fabrics: invalid limits, or too few properties for a modulus."""
+    basis = bases(properties)
+    found = {}
+    for i, source in enumerate(basis):
+        own = {name: values[i] for name, values in properties.items()}
+        low, high = own["effective_modulus_low"], own["effective_modulus_high"]
+        bracketed = not (np.isnan(low) and np.isnan(high))
+        half = not (np.isnan(own["tensile_modulus"]) and np.isnan(own["thickness"]))
+        if bracketed and not low < high:
+            low, high = (f"{value / EFFECTIVE_MODULUS.factor:g}" for value in (low, high))
+            found[i] = f"{_BOTH_LIMITS} are {low} and {high}, expected both, the first smaller than the second"
+        elif bracketed and not np.isnan(own["effective_modulus"]):
+            found[i] = f"expected {EFFECTIVE_MODULUS.name}, or {_BOTH_LIMITS}, but not all three"
+        elif not source and (half or not any(basis)):
+            found[i] = _EXPECTED
     return found
-
-
-def agreed(table: Table, column: Column, filed: FloatArray, own: list[int]) -> float:
-    """Return a fabric's value of a property, which must agree in all its rows; NaN if no row has one."""
-    given = [i for i in own if not np.isnan(filed[i])]
-    for i in given:
-        if filed[i] != filed[given[0]]:
-            value, first = (table.cells[column.name][j] for j in (i, given[0]))
-            fabric, row = table.cells["fabric"][i], table.rows[given[0]]
-            table.fault(i, column.name, f"{quoted(fabric)} has {quoted(value)} here and {quoted(first)} in row {row}")
-    return float(filed[given[0]]) if given else np.nan
-
-
-_DIRECTED = frozenset({"bending_rigidity", "tensile_modulus", "effective_modulus"})
-
-
-def _over_directions(table: Table, column: Column, filed: FloatArray, own: list[int]) -> float:
-    """Return the geometric mean of a property over the directions of a fabric, each of which must have one value."""
-    by_direction: dict[str, list[int]] = {}
-    for i in own:
-        by_direction.setdefault(table.cells["direction"][i].casefold(), []).append(i)
-    values = np.array([agreed(table, column, filed, rows) for rows in by_direction.values()])
-    return float(np.exp(np.log(values[~np.isnan(values)]).mean())) if (~np.isnan(values)).any() else np.nan
 
 
 CLOTH = {
@@ -182,15 +160,6 @@ def _beyond(names: Sequence[str], values: FloatArray, what: str, column: Column,
     return f"looks wrong: {what} of {len(strange)} of {len(names)} fabrics ({listing(shown, 3)}), expected {expected}"
 
 
-USUAL_POISSON_RATIO = 0.3
-"""Poisson ratio [-] of a fabric for which none is given (model.md 10)."""
-
-_EXPECTED = (
-    f"expected {EFFECTIVE_MODULUS.name}, or {BENDING_RIGIDITY.name}, or both {TENSILE_MODULUS.name} and "
-    f"{THICKNESS.name}, or both {EFFECTIVE_MODULUS_LOW.name} and {EFFECTIVE_MODULUS_HIGH.name}"
-)
-
-
 def _unmeasured() -> FloatArray:
     return np.array(np.nan)
 
@@ -256,23 +225,9 @@ class Fabrics:
                 if not (np.isnan(value) or column.holds(value)):
                     raise InputError(f"{self._place(i)}: {name} is {value}, expected {column.expected()}")
             object.__setattr__(self, name, read_only(values, float))
-        basis = self.basis
-        wrong = {i: self._wrong(i, basis) for i in range(len(self.names))}
-        if problems := [f"{self._spot(i)}: {problem}" for i, problem in wrong.items() if problem]:
-            raise TableError(self.source, problems)
-
-    def _wrong(self, i: int, basis: Sequence[str]) -> str:
-        """Describe the fault in the properties of a fabric: invalid limits, or too few properties for a modulus."""
-        half = not (np.isnan(self.tensile_modulus[i]) and np.isnan(self.thickness[i]))
-        low, high = self.effective_modulus_low[i], self.effective_modulus_high[i]
-        if not (np.isnan(low) and np.isnan(high)):
-            both = f"{EFFECTIVE_MODULUS_LOW.name} and {EFFECTIVE_MODULUS_HIGH.name}"
-            if not low < high:
-                low, high = (f"{value / EFFECTIVE_MODULUS.factor:g}" for value in (low, high))
-                return f"{both} are {low} and {high}, expected both, the first smaller than the second"
-            if not np.isnan(self.effective_modulus[i]):
-                return f"expected {EFFECTIVE_MODULUS.name}, or {both}, but not all three"
-        return _EXPECTED if not basis[i] and (half or not any(basis)) else ""
+        wrong = _incomplete({name: getattr(self, name) for name in PROPERTIES})
+        if wrong:
+            raise TableError(self.source, [f"{self._spot(i)}: {problem}" for i, problem in wrong.items()])
 
     def __len__(self) -> int:
         return len(self.names)
@@ -383,13 +338,7 @@ class Fabrics:
         InputError
             Naming file, row, column and value.
         """
-
-        def read(renames: Mapping[str, str], _: bool) -> Fabrics:
-            table = read_table(path, FABRICS, renames, decimal)
-            check_renames(renames, table)
-            return cls.from_table(table)
-
-        return with_hints(read, columns or {}, False)
+        return read_as(cls.from_table, path, Request(FABRICS, columns or {}, decimal))
 
     @classmethod
     def from_table(cls, table: Table, repeated: bool = False) -> Fabrics:
@@ -398,51 +347,47 @@ class Fabrics:
         if not any(column.name in table for column in MODULUS_SOURCES):
             table.lack(f"no column for moduli: {_EXPECTED}", *(column.name for column in (*MODULUS_SOURCES, THICKNESS)))
             table.check()
-        directed = "direction" in table and len(set(table.cells["direction"])) > 1
+        directions = table.cells.get("direction", [""] * len(table))
+        directed = len(set(directions)) > 1
         rows: dict[str, list[int]] = {name: [] for name in (natural(labels) if repeated else labels)}
         for i, name in enumerate(labels):
             if rows[name] and not (repeated or directed):
                 table.fault(i, "fabric", f"{quoted(name)} is already in row {table.rows[rows[name][0]]}")
             else:
                 rows[name].append(i)
-        properties: dict[str, Any] = {}
-        for name, column in PROPERTIES.items():
-            filed = table.numbers(column)
-            by = _over_directions if directed and name in _DIRECTED else agreed
-            properties[name] = np.array([by(table, column, filed, own) for own in rows.values()])
-        notes = [f"{table.label}: {note}" for note in table.notes]
+        properties: dict[str, Any] = {
+            name: _property(table, column, rows.values(), directions if name in _DIRECTED else [""] * len(table))
+            for name, column in PROPERTIES.items()
+        }
+        for name in STANDARD_ERRORS:
+            _take_standard_errors(table, rows.values(), name, properties)
+        first = np.array([own[0] for own in rows.values()], dtype=np.intp)
+        sound = [k for k, own in enumerate(rows.values()) if table.faults.rows.isdisjoint(table.rows[own].tolist())]
+        some = {name: values[sound] for name, values in properties.items()}
+        if not table.faults or any(bases(some)):
+            for k, problem in _incomplete(some).items():
+                i = first[sound[k]]
+                table.faults.add_general(f"row {table.rows[i]}, fabric {quoted(labels[i])}: {problem}")
+        table.check()
+        notes = list(table.notes)
         if directed:
-            notes.append(f"{table.label}: rigidities and moduli are geometric means over directions")
+            notes.append("rigidities and moduli are geometric means over directions")
         thick = [THICKNESS.name] * (THICKNESS.name in table)
-        thick += [title for title in table.others if bag(title_and_unit(title)[0]) in keys_of(THICKNESS.name)]
+        thick += [title for title in table.others if analysed(title).bags & KNOWN_BY[THICKNESS.name]]
         if thick and BENDING_RIGIDITY.name in table and EFFECTIVE_MODULUS.name not in table:
             notes.append(
-                f"{table.label}: {thick[0]} is not used where a rigidity D is measured: by the printed relation "
+                f"{thick[0]} is not used where a rigidity D is measured: by the printed relation "
                 "E_fab is D / l³ with a fixed length l (model.md 1)"
             )
-        for name in STANDARD_ERRORS:
-            properties[f"{name}_cv"] = relative_errors(table, rows, name, properties[name], properties[f"{name}_cv"])
-        first = tuple(int(table.rows[own[0]]) for own in rows.values())
-        if table.faults:
-            _find_more_faults(table, rows, properties, first)
-            table.check()
-        usual = np.isnan(properties["poisson_ratio"]).sum()
-        if usual:
+        if usual := np.isnan(properties["poisson_ratio"]).sum():
             notes.append(
-                f"{table.label}: poisson_ratio {USUAL_POISSON_RATIO} is used for {usual} of {len(rows)} "
-                "fabrics without a value"
+                f"poisson_ratio {USUAL_POISSON_RATIO} is used for {usual} of {len(rows)} fabrics without a value"
             )
-        found = cls(
-            tuple(rows),
-            **properties,
-            source=table.place,
-            rows=first,
-            digest=table.digest,
-        )
+        lines = tuple(int(row) for row in table.rows[first])
+        found = cls(tuple(rows), **properties, source=table.place, rows=lines, digest=table.digest)
         if unknown := [name for name, basis in zip(found.names, found.basis, strict=True) if not basis]:
-            notes.append(f"{table.label}: fabrics of unknown modulus: {listing(unknown)}")
-        notes += [f"{table.label}: {note}" for note in found.implausible()]
-        return replace(found, notes=tuple(notes))
+            notes.append(f"fabrics of unknown modulus: {listing(unknown)}")
+        return replace(found, notes=tuple(f"{table.label}: {note}" for note in (*notes, *found.implausible())))
 
     def implausible(self) -> list[str]:
         """Return notes on values that are implausible for cloth; raise an error for moduli outside the valid range."""
@@ -469,21 +414,55 @@ def warn_of_moduli(fabrics: Fabrics) -> None:
             warnings.warn(f"{fabrics.source}: {note}", stacklevel=4)
 
 
-def _find_more_faults(
-    table: Table, rows: Mapping[str, list[int]], properties: Mapping[str, Any], first: Sequence[int]
+_DIRECTED = frozenset({"bending_rigidity", "tensile_modulus", "effective_modulus"})
+
+
+def _property(table: Table, column: Column, rows: Iterable[Sequence[int]], directions: Sequence[str]) -> FloatArray:
+    """Return a property of each fabric [SI], the geometric mean over its directions; NaN without a value.
+
+    Values of one fabric and direction must agree.
+    """
+    filed = table.numbers(column)
+    found = []
+    for own in rows:
+        first: dict[str, int] = {}
+        for i in own:
+            if np.isnan(filed[i]):
+                continue
+            k = first.setdefault(directions[i].casefold(), i)
+            if filed[i] != filed[k]:
+                value, other = (quoted(table.cells[column.name][j]) for j in (i, k))
+                fabric = quoted(table.cells["fabric"][i])
+                table.fault(i, column.name, f"{fabric} has {value} here and {other} in row {table.rows[k]}")
+        values = filed[[*first.values()]]
+        found.append(values[0] if len(values) == 1 else np.exp(np.log(values).mean()) if len(values) else np.nan)
+    return np.array(found)
+
+
+def _take_standard_errors(
+    table: Table, rows: Iterable[Sequence[int]], name: str, properties: dict[str, FloatArray]
 ) -> None:
-    """Add faults of whole fabrics in a table whose single cells are valid."""
-    faulty = table.faults.rows
-    sound = [k for k, own in enumerate(rows.values()) if faulty.isdisjoint(table.rows[own].tolist())]
-    some = {name: values[sound] for name, values in properties.items()}
-    if not any(bases(some)):
-        return
-    try:
-        names = list(rows)
-        Fabrics(tuple(names[k] for k in sound), **some, rows=tuple(first[k] for k in sound))
-    except TableError as error:
-        for problem in error.problems:
-            table.faults.add_general(str(problem))
+    """Add the errors of a property in its own unit to the relative ones.
+
+    A row with both, an error without a value, or an error that is too large is a fault.
+    """
+    column, relative, absolute = PROPERTIES[name], PROPERTIES[f"{name}_cv"], STANDARD_ERRORS[name]
+    value, cv = properties[name], properties[f"{name}_cv"]
+    sd = _property(table, absolute, rows, [""] * len(table))
+    for k, own in enumerate(rows):
+        if any(table.is_faulty(j, c.name) for j in own for c in (column, relative, absolute) if c.name in table):
+            continue
+        given = relative if np.isnan(sd[k]) else absolute
+        if not (np.isnan(sd[k]) or np.isnan(cv[k])):
+            table.fault(own[0], given.name, f"expected this or {relative.name}, but not both")
+        elif np.isnan(value[k]) and not (np.isnan(sd[k]) and np.isnan(cv[k])):
+            table.fault(own[0], given.name, f"an error of {column.name}, which has no value in this row")
+        elif not np.isnan(sd[k]):
+            with np.errstate(over="ignore", under="ignore"):
+                cv[k] = sd[k] / value[k]
+            if not relative.holds(cv[k]):
+                limit = f"expected at most {RELATIVE_ERRORS.high:g} times the value"
+                table.fault(own[0], given.name, f"{limit}, got {quoted(table.cells[given.name][own[0]])}")
 
 
 def log_sd(cv: FloatArray) -> FloatArray:

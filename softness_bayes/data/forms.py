@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from softness_bayes.data.columns import (
     GEOMETRIC_MEAN,
     GEOMETRIC_SD,
-    LABELS,
     MEAN,
     MISSING,
-    NUMBERS,
+    NAMES,
     OF_CELLS,
     RATERS,
     RATING,
@@ -26,7 +24,7 @@ from softness_bayes.data.columns import (
 from softness_bayes.data.faults import listing
 from softness_bayes.data.headers import holds_cells
 from softness_bayes.data.sheets import SheetNumber
-from softness_bayes.data.tables import Table, unused_note
+from softness_bayes.data.tables import FloatArray, IntArray, Table, unused_note
 from softness_bayes.errors import quoted
 from softness_bayes.files.spreadsheet import unescaped
 from softness_bayes.readable import counted
@@ -74,22 +72,15 @@ def unpaired(table: Table) -> Table:
 
 def _catch_note(answers: Sequence[str]) -> list[str]:
     """Return a note on pairs of a fabric with itself: how often they were answered at all, and with the first one."""
-    from scipy.special import betaincinv
-
     if not answers:
         return []
-    told = [text for text in answers if float(text) != 0.5]
-    rates = []
-    for count, total in ((sum(float(text) == 1.0 for text in told), len(told)), (len(told), len(answers))):
-        low, high = betaincinv(count + 0.5, total - count + 0.5, (0.05, 0.95))  # Jeffreys' interval
-        rates.append(f"{count} of {total} (90 % interval {100 * low:.0f} to {100 * high:.0f} %)")
+    told = [float(text) for text in answers if float(text) != 0.5]
     return [
         f"{counted(len(answers), 'catch trial')} (a fabric with itself), which the model does not use: one was called "
-        f"softer in {rates[1]}, the rate of false alarms; the first one in {rates[0]}, beyond 50 % a bias towards it"
+        f"softer in {len(told)} of {len(answers)}, the rate of false alarms; the first one in {told.count(1.0)} of "
+        f"{len(told)}, beyond half of them a bias towards it"
     ]
 
-
-FloatArray = NDArray[np.float64]
 
 PANEL = "raters"
 """Name of the panel in a table without a column of participants."""
@@ -109,7 +100,7 @@ class AggregatedCells(NamedTuple):
     geometric_sd: FloatArray | None
     """Geometric standard deviation of the raters' ratings, (n,), NaN for cells without one; None if no cell has one."""
 
-    def take(self, rows: NDArray[np.intp]) -> AggregatedCells:
+    def take(self, rows: IntArray) -> AggregatedCells:
         """Return a selection of the cells."""
         kept = None if self.geometric_sd is None else self.geometric_sd[rows]
         return self._replace(geometric_sd=None if kept is None or np.isnan(kept).all() else kept)
@@ -189,46 +180,30 @@ def _converted(table: Table, raters: int) -> tuple[FloatArray, FloatArray]:
     return np.log(mean) - 0.5 * variance, np.sqrt(variance)
 
 
-class ConversionError(NamedTuple):
-    """Errors of the converted values of a cell, measured on simulated raters."""
-
-    mean: float
-    """Relative error of the geometric mean (root mean square)."""
-    of_standard_error: float
-    """Relative error of its standard error."""
-    spread: float
-    """Relative error of the standard deviation of log ratings (root mean square)."""
-    bias: float
-    """Relative bias of the standard deviation of log ratings."""
-
-
-def conversion_error(raters: int, log_sd: float) -> ConversionError:
-    """Return the error of converted means and standard deviations for log-normal raters of given number and scatter."""
+def conversion_error(raters: int, log_sd: float) -> tuple[float, float]:
+    """Return the relative errors (rms) of a converted mean and standard deviation, of simulated log-normal raters."""
     log = log_sd * np.random.default_rng(0).standard_normal((SIMULATED_CELLS, min(raters, 1000)))
     rating = np.exp(log)
-    mean, spread = rating.mean(axis=1), log.std(axis=1, ddof=1)
+    mean = rating.mean(axis=1)
     variance = np.log1p((rating.std(axis=1, ddof=1) / mean) ** 2)
     off = np.log(mean) - 0.5 * variance - log.mean(axis=1)
-    ratio = np.sqrt(variance) / spread - 1.0
-    size = float(np.sqrt((off**2).mean()))
-    return ConversionError(
-        size, size * np.sqrt(log.shape[1]) / log_sd, float(np.sqrt((ratio**2).mean())), float(ratio.mean())
-    )
+    ratio = np.sqrt(variance) / log.std(axis=1, ddof=1) - 1.0
+    return float(np.sqrt((off**2).mean())), float(np.sqrt((ratio**2).mean()))
 
 
 def conversion_note(raters: int, log_sd: float) -> str:
     """Return the note that a conversion is an approximation, with its measured error."""
-    found = conversion_error(raters, log_sd)
+    mean, spread = conversion_error(raters, log_sd)
     return (
         "arithmetic means and standard deviations are converted as if ratings were log-normal, an approximation: for "
-        f"{raters} simulated raters as scattered as these a converted mean is off by {100 * found.mean:.1f} % (rms, "
-        f"{found.of_standard_error:.2f} of its standard error), a converted standard deviation of log ratings by "
-        f"{100 * found.spread:.0f} %, with a bias of {100 * found.bias:+.0f} %"
+        f"{raters} simulated raters as scattered as these a converted mean is off by {100 * mean:.1f} % (rms, "
+        f"{mean * np.sqrt(raters) / log_sd:.2f} of its standard error), a converted standard deviation of log ratings "
+        f"by {100 * spread:.0f} %"
     )
 
 
 OWN_COLUMNS = frozenset(
-    {*LABELS, *NUMBERS, "finger", "ratings", "effect", "effect_low", "effect_high", "quantity", "median", "low", "high"}
+    {*NAMES, "finger", "ratings", "effect", "effect_low", "effect_high", "quantity", "median", "low", "high"}
     | {"ratio"}
 )
 """Names of columns next to covariates in the tables of a run, and names of columns in tables of ratings."""
@@ -248,11 +223,10 @@ def covariates_in(table: Table, participants: Sequence[str]) -> tuple[dict[str, 
     participants
         Names of the participants to keep.
     """
-    if "participant" not in table or not table.others:
-        return {}, [*table.notes]
-    by = table.cells["participant"]
-    if len(set(by)) == len(by):
-        return {}, [*table.notes]
+    notes = list(table.notes)
+    by = table.cells.get("participant", ())
+    if not table.others or len(set(by)) == len(by):
+        return {}, notes
     found, varying = {}, []
     for title, texts in table.others.items():
         told: dict[str, dict[str, None]] = {name: {} for name in by}
@@ -260,43 +234,28 @@ def covariates_in(table: Table, participants: Sequence[str]) -> tuple[dict[str, 
             told[name].setdefault(text)
         known = {name: [text for text in own if text.casefold() not in MISSING] for name, own in told.items()}
         several = [name for name, own in known.items() if len(own) > 1]
-        if not any(known.values()):
-            continue  # an empty column
-        if several:
-            varying += [(title, several[0])] if 2 * len(several) < len(known) else []
-            continue
-        found[title] = tuple((known[name] or [*told[name]])[0] for name in participants)
-    return _named(found, table.others), _noted(table, found, varying)
+        if several and 2 * len(several) < len(known):
+            varying.append(f"column {quoted(title)} is not a covariate: it varies within {quoted(several[0])}")
+        elif not several and any(known.values()):
+            found[title] = tuple((known[name] or [*told[name]])[0] for name in participants)
+    # what is a covariate is not unused
+    unused = unused_note([title for title in table.others if title not in found])
+    notes = [note for note in notes if note not in unused_note([*table.others])] + unused
+    if found:
+        notes.append(f"copied to the results as covariates of participants (no model uses them): {listing([*found])}")
+    others = {title.casefold() for title in table.others}
+    names = {title: _kept_name(title, others) for title in found}
+    notes += [
+        f"covariate {quoted(title)} is renamed {quoted(name)}, because tables of the run have a column of that name"
+        for title, name in names.items()
+        if name != unescaped(title)
+    ]
+    return {names[title]: texts for title, texts in found.items()}, notes + varying
 
 
-def _named(found: Mapping[str, tuple[str, ...]], titles: Mapping[str, Sequence[str]]) -> dict[str, tuple[str, ...]]:
-    others = {title.casefold() for title in titles}
-    return {kept_name(title, others): texts for title, texts in found.items()}
-
-
-def kept_name(title: str, others: Collection[str]) -> str:
-    """Return the name under which a covariate is stored, changed only if a table of a run has a column of that name.
-
-    The titles of all `others` are in small letters.
-    """
+def _kept_name(title: str, others: Collection[str]) -> str:
+    """Return the name under which a covariate is stored, changed only if a table of a run has a column of that name."""
     own = name = unescaped(title)
     while name.casefold() in OWN_COLUMNS or (name != own and name.casefold() in others):
         name += " (covariate)"
     return name
-
-
-def _noted(table: Table, found: Mapping[str, tuple[str, ...]], varying: Sequence[tuple[str, str]]) -> list[str]:
-    """Return the notes of a table, without covariates among the unused columns."""
-    left = unused_note([title for title in table.others if title not in found])
-    notes = [note for note in table.notes if note not in unused_note([*table.others])] + left
-    if found:
-        notes.append(f"copied to the results as covariates of participants (no model uses them): {listing([*found])}")
-    others = {title.casefold() for title in table.others}
-    for title in found:
-        if (name := kept_name(title, others)) != unescaped(title):
-            notes.append(
-                f"covariate {quoted(title)} is renamed {quoted(name)}, because tables of the run have a column "
-                "of that name"
-            )
-    notes += [f"column {quoted(title)} is not a covariate: it varies within {quoted(name)}" for title, name in varying]
-    return notes

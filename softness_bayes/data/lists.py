@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from softness_bayes.data import FABRICS_BESIDE
-from softness_bayes.data.columns import RANK, RATING
-from softness_bayes.data.formats import TableSource, read_sheet
-from softness_bayes.data.headers import RANKED
-from softness_bayes.data.reading import read_table
-from softness_bayes.data.tables import Marks
+from softness_bayes.data.columns import ORDER, RANK, RATING
+from softness_bayes.data.decimals import Marks
+from softness_bayes.data.formats import TableSource
+from softness_bayes.data.reading import read_sheet, read_table
+from softness_bayes.data.shapes import Request
 from softness_bayes.errors import InputError, quoted
 
 COLUMNS = ("table", "data", "fabrics", "compression")
@@ -85,14 +85,14 @@ def _of_folder(folder: Path) -> list[Listed]:
 
 
 def _of_file(path: Path) -> list[Listed]:
-    sheet = read_sheet(path, RANKED, {})
+    sheet = read_sheet(path, ORDER, {})
     titles = [title.strip().casefold() for title in sheet.header]
     if unknown := [title for title in titles if title and title not in COLUMNS]:
         raise InputError(f"{sheet.titled}: column {quoted(unknown[0])}; expected some of {', '.join(COLUMNS)}")
     if not {"data", "compression"} & {*titles}:
         raise InputError(f"{sheet.titled}: no column 'data'; expected some of {', '.join(COLUMNS)}")
     found = []
-    for cells, row in zip(sheet.body, sheet.rows, strict=True):
+    for cells, row in zip(sheet.body, sheet.lines[1:], strict=True):
         texts = dict(zip(titles, (str(cell) for cell in cells), strict=True))
         paths = {name: path.parent / texts[name] if texts.get(name) else None for name in COLUMNS[1:]}
         given = paths["data"] or paths["compression"]
@@ -117,7 +117,7 @@ def read_order(path: TableSource, decimal: Marks = None) -> dict[str, float]:
     InputError
         If a column or a cell is missing, or there are both ranks and ratings.
     """
-    table = read_table(path, RANKED, {}, decimal)
+    table = read_table(path, Request(ORDER, {}, decimal))
     table.require("fabric")
     given = [column for column in (RANK, RATING) if column.name in table]
     if len(given) != 1:

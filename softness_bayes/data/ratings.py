@@ -13,15 +13,25 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from softness_bayes.data.columns import FORCE, INDENTATION, LOAD_CV, MISSING, RATING, RESOLUTION, Column
+from softness_bayes.data.columns import (
+    FORCE,
+    INDENTATION,
+    LOAD_CV,
+    LOADED,
+    MISSING,
+    RATING,
+    RATINGS,
+    RESOLUTION,
+    Column,
+)
+from softness_bayes.data.decimals import Marks
 from softness_bayes.data.fabrics import Fabrics, log_sd
 from softness_bayes.data.faults import Guesses, identity, listing, natural
 from softness_bayes.data.formats import TableSource
 from softness_bayes.data.forms import PANEL, AggregatedCells, cells_of, covariates_in, unpaired
-from softness_bayes.data.headers import LOADED, RATED
-from softness_bayes.data.reading import check_renames, read_table, with_hints
-from softness_bayes.data.shapes import Form
-from softness_bayes.data.tables import FloatArray, IntArray, Marks, Table, freeze
+from softness_bayes.data.reading import read_as
+from softness_bayes.data.shapes import Request
+from softness_bayes.data.tables import FloatArray, IntArray, Table, freeze
 from softness_bayes.errors import InputError, quoted
 from softness_bayes.ranges import LOAD_STEPS
 from softness_bayes.readable import counted, some_of
@@ -64,10 +74,9 @@ def rank(load: Load) -> tuple[int, float]:
     return next((k, entry.value(load)) for k, entry in enumerate(LOAD_COLUMNS) if isinstance(load, entry.kind))
 
 
-def given_load(table: Table, indentation_mm: float | None, force_n: float | None) -> Load | None:
+def _given_load(table: Table, given: Sequence[Load]) -> Load | None:
     """Return the load given for all rows, or None if there is a column; having neither or both is a fault."""
     filed = [entry.column.name for entry in LOAD_COLUMNS if entry.column.name in table]
-    given = loads_of(*([] if value is None else [value] for value in (indentation_mm, force_n)))
     if not filed and len(given) != 1:
         table.lack(
             f"no load column ({INDENTATION.name} or {FORCE.name}); give the load of all "
@@ -79,33 +88,28 @@ def given_load(table: Table, indentation_mm: float | None, force_n: float | None
             "--indentation-mm and --force-n apply only to tables without a load column; this one has "
             f"{' and '.join(repr(table.titles[name]) for name in filed)}"
         )
-    elif len(filed) > 1:
-        cells = zip(*(table.cells[name] for name in filed), strict=True)
-        if all(all(text.casefold() not in MISSING for text in row) for row in cells):
-            ways = " or ".join(f"--column {name}={quoted(table.titles[name])}" for name in filed)
-            remedy = f"{ways} takes only one of them"
-            if any(table.titles[name].casefold() == name for name in filed):
-                remedy = f"remove the column that was measured rather than controlled ({' or '.join(filed)})"
-            table.faults.add_general(f"every row has an indentation and a force, expected one load; {remedy}")
-            table.check()
+    elif len(filed) > 1 and all(text.casefold() not in MISSING for name in filed for text in table.cells[name]):
+        ways = " or ".join(f"--column {name}={quoted(table.titles[name])}" for name in filed)
+        remedy = f"{ways} takes only one of them"
+        if any(table.titles[name].casefold() == name for name in filed):
+            remedy = f"remove the column that was measured rather than controlled ({' or '.join(filed)})"
+        table.faults.add_general(f"every row has an indentation and a force, expected one load; {remedy}")
+        table.check()
     return given[0] if given else None
 
 
-def loads_in(table: Table, given: Load | None) -> list[Load | None]:
+def _loads_in(table: Table, given: Load | None) -> list[Load | None]:
     """Return each row's load, from its columns or the given one; rows without a load are faults."""
-    filed = {entry: table.numbers(entry.column) for entry in LOAD_COLUMNS if entry.column.name in table}
-    if not filed:
-        return [given] * len(table)
-    touches: list[Load | None] = []
-    present = {entry: ~np.isnan(values) for entry, values in filed.items()}
-    for i in range(len(table)):
-        values = {entry: float(values[i]) for entry, values in filed.items() if present[entry][i]}
-        if len(values) != 1 and not any(table.is_faulty(i, entry.column.name) for entry in filed):
+    filed = {entry: table.numbers(entry.column).tolist() for entry in LOAD_COLUMNS if entry.column.name in table}
+    touches: list[Load | None] = [given] * len(table)
+    for i in range(len(table) if filed else 0):
+        held = [entry.kind(values[i]) for entry, values in filed.items() if values[i] == values[i]]
+        if len(held) != 1 and not any(table.is_faulty(i, entry.column.name) for entry in filed):
             last = next(reversed(filed)).column.name
             found = " and ".join(quoted(table.cells[entry.column.name][i]) for entry in filed)
             expected = "a load" if len(filed) == 1 else "one load: an indentation or a force"
             table.fault(i, last, f"expected {expected}, got {found}")
-        touches.append(next((entry.kind(value) for entry, value in values.items()), None))
+        touches[i] = held[0] if held else None
     return touches
 
 
@@ -296,45 +300,42 @@ class Ratings:
         InputError
             Naming file, row, column and value.
         """
-        sought = RATED if indentation_mm is force_n is None else LOADED
-
-        def read(renames: Mapping[str, str], wide: bool) -> Ratings:
-            form = Form(wide, lambda: None if fabrics is None else fabrics.names)
-            table = read_table(path, sought, renames, decimal, form)
-            check_renames(renames, table)
-            return cls.from_table(table, fabrics, indentation_mm, force_n)
-
-        return with_hints(read, columns or {}, wide)
+        given = loads_of(*([] if value is None else [value] for value in (indentation_mm, force_n)))
+        names = (lambda: None) if fabrics is None else (lambda: fabrics.names)
+        request = Request(LOADED if given else RATINGS, columns or {}, decimal, wide, names)
+        return read_as(lambda table: cls.from_table(table, fabrics, given), path, request)
 
     @classmethod
     def from_table(
         cls,
         table: Table,
         fabrics: Fabrics | None = None,
-        indentation_mm: float | None = None,
-        force_n: float | None = None,
+        given: Sequence[Load] = (),
         drop_zeros: bool = False,
         loads_needed: bool = True,
     ) -> Ratings:
-        """Return the ratings of a table, optionally without those of 0; other arguments as for `read`.
+        """Return the ratings of a table of some fabrics, optionally without those of 0.
 
-        If loads are not needed, ratings without any have no `loads`.
+        The load may be given for all rows. If loads are not needed, ratings without any have no `loads`.
         """
-        unknown = not loads_needed and indentation_mm is force_n is None
-        unknown &= not any(entry.column.name in table for entry in LOAD_COLUMNS)
-        given = None if unknown else given_load(table, indentation_mm, force_n)
+        unknown = not (loads_needed or given or any(entry.column.name in table for entry in LOAD_COLUMNS))
+        load = None if unknown else _given_load(table, given)
         table, cells = cells_of(table)
         table.require("fabric", RATING.name)
         table = unpaired(table)
         filed = table.numbers(RATING)
         whole, (rated, used, notes) = table, _rated_rows(table, filed, drop_zeros)
         table = table.take(used)
-        by = table.labels("participant") if "participant" in table else _one_participant(table, cells, notes)
+        if "participant" in table:
+            by = table.labels("participant")
+        else:
+            by = [SOLE_PARTICIPANT if cells is None else PANEL] * len(table)
+            if cells is None:
+                notes.append("no column 'participant': all ratings are treated as those of one participant")
         what = _fabrics_in(table, fabrics, notes)
-        loads = loads_in(table, given)
+        loads = _loads_in(table, load)
         load_cv, resolution = (table.numbers(c) if c.name in table else None for c in (LOAD_CV, RESOLUTION))
         table.check()
-        touches = [load for load in loads if load is not None]
         notes += _repeats(table, by, what, loads)
         if cells is not None and len(set(zip(by, what, loads, strict=True))) < len(table):
             table.faults.add_general("a cell of one fabric and load is in several rows, expected one")
@@ -346,40 +347,33 @@ class Ratings:
             )
         participants = natural(by)
         covariates, noted = covariates_in(whole, participants)
-        notes = [*noted, *notes]
-        rated_fabrics = set(what)
-        names = natural(what) if fabrics is None else [name for name in fabrics.names if name in rated_fabrics]
-        distinct = sorted(set(touches), key=rank)
+        names = natural(what) if fabrics is None else [name for name in fabrics.names if name in {*what}]
+        distinct = [] if unknown else sorted({load for load in loads if load is not None}, key=rank)
+        lists = [*zip(by, table.labels("list"), strict=True)] if "list" in table else []
         return cls(
             tuple(participants),
             tuple(names),
             tuple(distinct),
             participant=_index(by, participants),
             fabric=_index(what, names),
-            load=_index(touches, distinct) if distinct else np.zeros(len(by), np.intp),
+            load=_index(loads, distinct or [None]),
             rating=filed[rated],
             rows=table.rows,
             n_missing=len(filed) - rated.size,
             source=table.place,
             rating_column=table.titles[RATING.name],
             digest=table.digest,
-            notes=tuple(f"{table.label}: {note}" for note in notes),
+            notes=tuple(f"{table.label}: {note}" for note in (*noted, *notes)),
             not_positive=table.cells[RATING.name][wrong[0]] if wrong.size else "",
             load_cv=load_cv,
             resolution=resolution,
-            lists=_lists_in(table, by),
+            # lists with equal names but different participants are different
+            lists=_index(lists, [*dict.fromkeys(lists)]) if lists else None,
             order=_order_in(table, by),
             session=_index(own := table.labels("session"), natural(own)) if "session" in table else None,
             covariates=covariates,
             cells=None if cells is None else cells.take(used),
         )
-
-
-def _one_participant(table: Table, cells: AggregatedCells | None, notes: list[str]) -> list[str]:
-    """Return the participant of each row of a table without a column of participants, with a note for ratings."""
-    if cells is None:
-        notes.append("no column 'participant': all ratings are treated as those of one participant")
-    return [SOLE_PARTICIPANT if cells is None else PANEL] * len(table)
 
 
 def _index(values: Sequence[object], distinct: Sequence[object]) -> IntArray:
@@ -476,14 +470,6 @@ def _fabrics_in(table: Table, fabrics: Fabrics | None, notes: list[str]) -> Sequ
         told = listing([f"{name!a} as {own!a}" for name, own in same.items()])
         notes.append(f"column {table.titles['fabric']!r}: {told}, as in {fabrics.source}")
     return [same.get(name, name) for name in labels]
-
-
-def _lists_in(table: Table, by: Sequence[str]) -> IntArray | None:
-    """Return the index of each row's list; lists with equal names but different participants are different."""
-    if "list" not in table:
-        return None
-    own = list(zip(by, table.labels("list"), strict=True))
-    return _index(own, list(dict.fromkeys(own)))
 
 
 def _order_in(table: Table, by: Sequence[str]) -> FloatArray | None:

@@ -12,25 +12,37 @@ from softness_bayes.data.columns import (
     DIRECTIONS,
     FORCE,
     INDENTATION,
-    LONGEST_TITLE,
+    KNOWN_BY,
     MISSING,
     RATING,
     SECOND_FABRIC,
-    UNITS,
     Column,
-    bag,
-    is_unit,
-    key,
+    Kind,
     looks_numeric,
     summarises,
-    title_and_unit,
-    unit_named,
 )
+from softness_bayes.data.decimals import Marks
 from softness_bayes.data.faults import Guesses, identity, listing
-from softness_bayes.data.headers import Sought, keys_of, understood
-from softness_bayes.data.sheets import Grid, Sheet, SheetNumber
+from softness_bayes.data.headers import Header
+from softness_bayes.data.sheets import Sheet, SheetNumber
+from softness_bayes.data.titles import LONGEST_TITLE, UNITS, analysed, bag, is_unit, key, unit_named
 from softness_bayes.errors import InputError, quoted
 from softness_bayes.files.json_text import parse_json
+
+
+class Request(NamedTuple):
+    """How a table is to be read: its kind, and what the user says about it."""
+
+    kind: Kind
+    renames: Mapping[str, str]
+    """Name of a column here -> its name in the file; names that the file lacks are ignored."""
+    decimal: Marks = None
+    """Mark before decimals, or marks by table; None if the numbers tell."""
+    wide: bool = False
+    """True if the user called a table of ratings wide."""
+    fabrics: Callable[[], Collection[str] | None] = lambda: None
+    """Returns the names of the fabrics, None where they are not known."""
+
 
 # rows, before it is known which of them is the header
 
@@ -40,102 +52,97 @@ def _used(record: Sequence[str]) -> int:
     return max((j + 1 for j, cell in enumerate(record) if cell), default=0)
 
 
-def _usual_width(grid: Grid) -> int:
+def _usual_width(sheet: Sheet) -> int:
     """Return the most frequent width of the rows, the larger one of two."""
-    widths = Counter(map(_used, grid.records))
+    widths = Counter(map(_used, sheet.records))
     return max(widths, key=lambda width: (widths[width], width), default=0)
 
 
-def _without(grid: Grid, rows: Collection[int], note: str) -> Grid:
-    """Return a grid without some rows, by index."""
-    kept = [i for i in range(len(grid.records)) if i not in rows]
-    told = listing([quoted(" ".join(filter(None, grid.records[i]))) for i in sorted(rows)], 3)
-    return replace(
-        grid,
-        records=[grid.records[i] for i in kept],
-        lines=[grid.lines[i] for i in kept],
-        notes=(*grid.notes, f"{note}: {told}"),
-    )
+def _without(sheet: Sheet, rows: Collection[int], note: str) -> Sheet:
+    """Return a sheet without some rows, by index; as it is if there are none."""
+    if not rows:
+        return sheet
+    kept = [i for i in range(len(sheet.records)) if i not in rows]
+    told = listing([quoted(" ".join(filter(None, sheet.records[i]))) for i in sorted(rows)], 3)
+    records, lines = ([own[i] for i in kept] for own in (sheet.records, sheet.lines))
+    return sheet.noted(f"{note}: {told}", records=records, lines=lines)
 
 
-def without_comments(grid: Grid) -> Grid:
+def without_comments(sheet: Sheet) -> Sheet:
     """Leave out lines that begin with #; a header that does so loses it."""
-    width, records = _usual_width(grid), grid.records
+    width, records = _usual_width(sheet), sheet.records
     marked = [i for i, record in enumerate(records) if record[0].startswith("#")]
     if width < 2 or not marked:
-        return grid
+        return sheet
     above = next(i for i in range(len(records) + 1) if i not in marked)
     alone = {i for i in marked if _used(records[i]) == 1}
     header = above - 1 if above and _used(records[above - 1]) == width else None
-    left = {*range(above)} - {header} | alone
     if header is not None and not any(map(looks_numeric, records[header])):
         first = records[header][0].lstrip("# ")
-        grid = replace(grid, records=[[first, *r[1:]] if i == header else r for i, r in enumerate(records)])
-    return _without(grid, left, "lines that begin with # are left out") if left else grid
+        sheet = replace(sheet, records=[[first, *r[1:]] if i == header else r for i, r in enumerate(records)])
+    return _without(sheet, {*range(above)} - {header} | alone, "lines that begin with # are left out")
 
 
-def without_preamble(grid: Grid) -> Grid:
+def without_preamble(sheet: Sheet) -> Sheet:
     """Leave out lines of one or two cells above a header of more."""
-    width = _usual_width(grid)
+    width = _usual_width(sheet)
     narrow = min(2, width - 1)
-    if not grid.records or _used(grid.records[0]) > narrow:
-        return grid
-    for i, record in enumerate(grid.records[:50]):
+    for i, record in enumerate(sheet.records[:50]):
         filled = [cell for cell in record if cell]
-        if _used(record) >= width and len({*filled}) == len(filled) and not any(map(looks_numeric, filled)):
-            return _without(grid, {*range(i)}, f"lines above the header in row {grid.lines[i]} are left out")
+        if i and _used(record) >= width and len({*filled}) == len(filled) and not any(map(looks_numeric, filled)):
+            return _without(sheet, {*range(i)}, f"lines above the header in row {sheet.lines[i]} are left out")
         if _used(record) > narrow:
             break
-    return grid
+    return sheet
 
 
 _REMARK = re.compile(r"[*†‡§].*|(?:notes?|source|remark|comment|legend|anmerkung|quelle)\b.*|.{12,}\s.*", re.IGNORECASE)
 
 
-def without_remarks(grid: Grid) -> Grid:
+def without_remarks(sheet: Sheet) -> Sheet:
     """Leave out lines of text below the table."""
-    last = len(grid.records)
-    wide = _usual_width(grid) > 2
-    while wide and last > 2 and _used(grid.records[last - 1]) == 1 and _REMARK.fullmatch(grid.records[last - 1][0]):
+    records = sheet.records
+    last = len(records)
+    while _usual_width(sheet) > 2 < last and _used(records[last - 1]) == 1 and _REMARK.fullmatch(records[last - 1][0]):
         last -= 1
-    below = {*range(last, len(grid.records))}
-    return _without(grid, below, "lines below the table are left out") if below else grid
+    return _without(sheet, {*range(last, len(records))}, "lines below the table are left out")
 
 
-def without_survey_rows(grid: Grid) -> Grid:
+def without_survey_rows(sheet: Sheet) -> Sheet:
     """Leave out the rows of questions and of import codes that Qualtrics writes below the header."""
-    codes = next((i for i in (1, 2) if sum('"ImportId"' in cell for cell in [*grid.records, [], [], []][i]) > 1), None)
+    records = sheet.records
+    codes = next((i for i in (1, 2) if sum('"ImportId"' in cell for cell in [*records, [], [], []][i]) > 1), None)
     if codes is None:
-        return grid
-    titles = list(grid.records[0])
-    questions = grid.records[1] if codes == 2 else []
+        return sheet
+    titles = list(records[0])
+    questions = records[1] if codes == 2 else []
     stems = Counter(text.rpartition(" - ")[0] for text in questions)
     for j, text in enumerate(questions[: len(titles)]):
         stem, _, option = text.rpartition(" - ")
         if option and stems[stem] > 1 and re.fullmatch(r"Q?[0-9]+(?:[._#][0-9A-Za-z]+)*", titles[j]):
             titles[j] = option
-    grid = replace(grid, records=[titles, *grid.records[1:]])
-    return _without(grid, {*range(1, codes + 1)}, "rows of questions and import codes below the header are left out")
+    left = {*range(1, codes + 1)}
+    sheet = _without(sheet, left, "rows of questions and import codes below the header are left out")
+    return replace(sheet, records=[titles, *sheet.body])
 
 
-def with_one_row_of_titles(grid: Grid) -> Grid:
+def with_one_row_of_titles(sheet: Sheet) -> Sheet:
     """Join the rows of titles: groups above the titles, units or loads below them."""
     for joined in (_with_groups, _with_units, _with_loads):
-        if len(grid.records) < 3:
-            return grid
-        width = max(len(grid.records[0]), len(grid.records[1]))
-        titles, second = ([*row, *[""] * (width - len(row))] for row in grid.records[:2])
+        if len(sheet.records) < 3:
+            return sheet
+        width = max(len(sheet.records[0]), len(sheet.records[1]))
+        titles, second = ([*row, *[""] * (width - len(row))] for row in sheet.records[:2])
         if joined is not _with_groups:
             # a title that is merged over both rows stands in each
             second = ["" if b and key(a) == key(b) else b for a, b in zip(titles, second, strict=True)]
-        if found := joined(titles, second, grid.records[2:8]):
-            records, lines = [found[0], *grid.records[2:]], [grid.lines[0], *grid.lines[2:]]
-            notes = (*grid.notes, found[1])
-            grid = replace(grid, records=records, lines=lines, notes=notes)
-    return grid
+        if found := joined(titles, second, sheet.records[2:8]):
+            records, lines = [found[0], *sheet.records[2:]], [sheet.lines[0], *sheet.lines[2:]]
+            sheet = sheet.noted(found[1], records=records, lines=lines)
+    return sheet
 
 
-_LABELS = keys_of("participant") | keys_of("fabric") | keys_of("list")
+_NAMES = KNOWN_BY["participant"] | KNOWN_BY["fabric"] | KNOWN_BY["list"]
 _NO_UNIT = frozenset({"-", "–", "1"})
 _LIKE_A_UNIT = re.compile(
     r"(?=.{1,16}$)(?:(?=.*[/·⋅.*^²³%°])[^\W\d][\w/·⋅.*^²³%°-]*|[%°]C?|m?s|min|h|Hz|deg|rad|[ck]?m\^?[23²³])"
@@ -178,7 +185,7 @@ def _with_units(titles: list[str], units: list[str], below: Rows) -> Joined:
         return None
     for j in filled:
         like = is_unit(bare[j]) or _LIKE_A_UNIT.fullmatch(bare[j])
-        if not (titles[j] and bag(titles[j]) not in _LABELS and like):
+        if not (titles[j] and bag(titles[j]) not in _NAMES and like):
             return None
     if len(filled) == len(titles) and not all(_numeric(below, j) for j in named):
         return None
@@ -190,16 +197,15 @@ def _with_units(titles: list[str], units: list[str], below: Rows) -> Joined:
 
 def _has(title: str, unit: str) -> bool:
     """Return whether a title ends in a unit."""
-    spelt = title_and_unit(title)[1]
+    spelt = analysed(title).unit
     return spelt is not None and any(
-        (one := unit_named(unit, quantity)) is not None and one == unit_named(spelt.text, quantity)
-        for quantity in UNITS
+        (one := unit_named(unit, quantity)) is not None and one == unit_named(spelt, quantity) for quantity in UNITS
     )
 
 
 def _is_load(text: str) -> bool:
     match = _LOAD.fullmatch(text)
-    return match is not None and any(unit_named(match["unit"], quantity) for quantity in ("length", "force"))
+    return match is not None and any(unit_named(match["unit"], quantity) for quantity in _LOADS)
 
 
 def _with_loads(titles: list[str], second: list[str], below: Rows) -> Joined:
@@ -223,23 +229,6 @@ def _with_loads(titles: list[str], second: list[str], below: Rows) -> Joined:
 # columns, where the header is known
 
 
-class Form(NamedTuple):
-    """The form of a table of ratings, as far as it is known."""
-
-    wide: bool = False
-    """True if the user called it wide."""
-    fabrics: Callable[[], Collection[str] | None] = lambda: None
-    """Returns the names of the fabrics, None where they are not known."""
-
-
-class Request(NamedTuple):
-    """The columns sought in a table, their names in the file, and its form."""
-
-    sought: Sought
-    renames: Mapping[str, str]
-    form: Form = Form()
-
-
 def _column(sheet: Sheet, j: int) -> list[str]:
     return [row[j] for row in sheet.body]
 
@@ -247,31 +236,29 @@ def _column(sheet: Sheet, j: int) -> list[str]:
 def _with_column(sheet: Sheet, j: int, cells: Sequence[str], note: str) -> Sheet:
     """Return a sheet with other cells in a column."""
     body = [[*row[:j], cell, *row[j + 1 :]] for row, cell in zip(sheet.body, cells, strict=True)]
-    return replace(sheet, body=body, notes=(*sheet.notes, note))
+    return sheet.noted(note, records=[sheet.header, *body])
 
 
-def with_json_cells(sheet: Sheet, request: Request) -> Sheet:
+def with_json_cells(sheet: Sheet, header: Header, request: Request) -> Sheet:
     """Read cells such as {"Q0": "28.5"}, which hold the answers of a trial in jsPsych."""
     for j, title in enumerate(sheet.header):
         cells = _column(sheet, j)
+        if not any(cell.startswith("{") for cell in cells):
+            continue
         objects = [_object(cell) for cell in cells]
-        found = [one for one in objects if one]
-        if not found or any(cell and not one for cell, one in zip(cells, objects, strict=True)):
-            continue
-        if len({key for one in found for key in one}) > 1:
-            continue
-        name = next(iter(found[0]))
-        texts = ["" if not one or one[name] is None else str(one[name]) for one in objects]
-        sheet = _with_column(sheet, j, texts, f"column {quoted(title)}: its cells are JSON, of which {name!r} is read")
+        names = {name for one in objects for name in one}
+        if len(names) == 1 and all(one or not cell for cell, one in zip(cells, objects, strict=True)):
+            (name,) = names
+            texts = ["" if one.get(name) is None else str(one[name]) for one in objects]
+            note = f"column {quoted(title)}: its cells are JSON, of which {name!r} is read"
+            sheet = _with_column(sheet, j, texts, note)
     return sheet
 
 
 def _object(cell: str) -> dict[str, object]:
     """Return the JSON object in a cell, empty if it has none."""
-    if not (cell.startswith("{") and cell.endswith("}")):
-        return {}
     try:
-        found = parse_json(cell)
+        found = parse_json(cell) if cell.startswith("{") else {}
     except ValueError:
         return {}
     return found if isinstance(found, dict) else {}
@@ -282,7 +269,7 @@ _WITH_ERROR = re.compile(
 )
 
 
-def with_values_alone(sheet: Sheet, request: Request) -> Sheet:
+def with_values_alone(sheet: Sheet, header: Header, request: Request) -> Sheet:
     """Read the value of cells such as 0.030 ± 0.003."""
     for j, title in enumerate(sheet.header):
         found = [_WITH_ERROR.fullmatch(cell) for cell in _column(sheet, j)]
@@ -293,14 +280,13 @@ def with_values_alone(sheet: Sheet, request: Request) -> Sheet:
     return sheet
 
 
-def with_a_title_of_names(sheet: Sheet, request: Request) -> Sheet:
+def with_a_title_of_names(sheet: Sheet, header: Header, request: Request) -> Sheet:
     """Take a first column of names without a title as the fabrics."""
-    titled = sheet.header[0] or "fabric" in understood(sheet, request.renames, request.sought).at
     names = _column(sheet, 0)
-    if titled or len({*names}) < len(names) or any(map(looks_numeric, names)):
+    if sheet.header[0] or "fabric" in header.at or len({*names}) < len(names) or any(map(looks_numeric, names)):
         return sheet
     note = "the first column has no title and is read as fabric"
-    return replace(sheet, header=["fabric", *sheet.header[1:]], notes=(*sheet.notes, note))
+    return sheet.noted(note, records=[["fabric", *sheet.header[1:]], *sheet.body])
 
 
 class _Part(NamedTuple):
@@ -321,40 +307,35 @@ def _melted(sheet: Sheet, parts: Sequence[_Part], value: str, note: str) -> Shee
         for row in sheet.body
         for part in parts
     ]
-    places = {j: k for k, j in enumerate(kept)}
-    padded = {(places[j], text): len(parts) * n for (j, text), n in sheet.padded.items() if j in places}
-    return replace(
-        sheet,
-        header=[*(sheet.header[j] for j in kept), *names, value],
-        body=body,
-        rows=[line for line in sheet.rows for _ in parts],
-        columns=[title for _ in sheet.rows for title in titles],
+    return sheet.noted(
+        f"{note}: {listing(titles)}",
+        records=[[*(sheet.header[j] for j in kept), *names, value], *body],
+        lines=[sheet.lines[0], *(line for line in sheet.lines[1:] for _ in parts)],
+        columns=titles * len(sheet.body),
         made=(*names, value),
-        padded=Counter(padded),
-        notes=(*sheet.notes, f"{note}: {listing(titles)}"),
     )
 
 
-def with_directions_in_rows(sheet: Sheet, request: Request) -> Sheet:
+def with_directions_in_rows(sheet: Sheet, header: Header, request: Request) -> Sheet:
     """Return one row for each direction of a fabric if two columns are one property along warp and weft."""
-    at = understood(sheet, request.renames, request.sought).at
     found: dict[tuple[str, str], dict[str, int]] = {}
-    for j, title in enumerate(sheet.header):
-        stem, spelt = title_and_unit(title)
-        words = key(stem).split()
-        told = [DIRECTIONS[word] for word in words if word in DIRECTIONS]
+    for j in header.free:
+        title = header.titles[j]
+        words = key(title.stem).split()
+        told = {DIRECTIONS[word] for word in words if word in DIRECTIONS}
         rest = " ".join(word for word in words if word not in DIRECTIONS)
-        if j not in at.values() and len({*told}) == 1 and rest:
-            found.setdefault((rest, "" if spelt is None else spelt.text), {}).setdefault(told[0], j)
+        if len(told) == 1 and rest:
+            found.setdefault((rest, title.unit or ""), {}).setdefault(told.pop(), j)
+    properties = ("bending_rigidity_n_m", "tensile_modulus_mpa", "effective_modulus_kpa")
     for (stem, unit), both in found.items():
-        words = re.split(r"[\s_.-]+", title_and_unit(sheet.header[min(both.values())])[0])
-        bare = " ".join(word for word in words if key(word) not in DIRECTIONS)
-        title = f"{bare} [{unit}]" if unit else bare
-        names = [n for n in ("bending_rigidity_n_m", "tensile_modulus_mpa", "effective_modulus_kpa") if n not in at]
-        column = next((name for name in names if bag(stem) in keys_of(name) and (unit or len(stem) > 1)), None)
-        if len(both) == 2 and column is not None:
+        meant = (name for name in properties if name not in header.at and bag(stem) in KNOWN_BY[name])
+        column = next(meant, None)
+        if len(both) == 2 and column is not None and (unit or len(stem) > 1):
+            words = re.split(r"[\s_.-]+", header.titles[min(both.values())].stem)
+            bare = " ".join(word for word in words if key(word) not in DIRECTIONS)
             parts = [_Part(j, {"direction": direction}) for direction, j in both.items()]
-            return _melted(sheet, parts, title, f"columns of two directions are read as {column}")
+            value = f"{bare} [{unit}]" if unit else bare
+            return _melted(sheet, parts, value, f"columns of two directions are read as {column}")
     return sheet
 
 
@@ -364,15 +345,15 @@ _CHOSEN = frozenset(
 _SIDES = (("left", "right"), ("first", "second"), ("a", "b"), ("1", "2"))
 
 
-def with_choices_as_pairs(sheet: Sheet, request: Request) -> Sheet:
+def with_choices_as_pairs(sheet: Sheet, header: Header, request: Request) -> Sheet:
     """Read columns such as stim_left, stim_right and chosen as pairs of fabrics, with 1 where the first was chosen."""
-    if {"rating", "fabric"} & understood(sheet, request.renames, request.sought).at.keys():
+    words = [key(title).split() for title in sheet.header]
+    chosen = [j for j, own in enumerate(words) if " ".join(own) in _CHOSEN]
+    if len(chosen) != 1 or {"rating", "fabric"} & header.at.keys():
         return sheet
-    words = {j: key(title).split() for j, title in enumerate(sheet.header)}
-    chosen = [j for j, own in words.items() if " ".join(own) in _CHOSEN]
-    for sides in _SIDES if len(chosen) == 1 else ():
+    for sides in _SIDES:
         stems = [
-            {" ".join(w for w in own if w != side): j for j, own in words.items() if side in own} for side in sides
+            {" ".join(w for w in own if w != side): j for j, own in enumerate(words) if side in own} for side in sides
         ]
         for stem in stems[0].keys() & stems[1].keys():
             first, second = stems[0][stem], stems[1][stem]
@@ -382,8 +363,8 @@ def with_choices_as_pairs(sheet: Sheet, request: Request) -> Sheet:
             titles = {first: "fabric", second: SECOND_FABRIC, chosen[0]: RATING.name}
             what = [quoted(sheet.header[j]) for j in titles]
             note = f"columns {what[0]}, {what[1]} are pairs of fabrics, of which {what[2]} names the softer one"
-            header = [titles.get(j, title) for j, title in enumerate(sheet.header)]
-            return replace(_with_column(sheet, chosen[0], [text or "" for text in answers], note), header=header)
+            sheet = _with_column(sheet, chosen[0], [text or "" for text in answers], note)
+            return replace(sheet, records=[[titles.get(j, t) for j, t in enumerate(sheet.header)], *sheet.body])
     return sheet
 
 
@@ -398,19 +379,17 @@ def _answer(cell: str, first: str, second: str, sides: tuple[str, str]) -> str |
 _PERSON = re.compile(r"(?:p|s|vp|pp|subj|sub|ppt|ss|judge|panelist|assessor|rater|person|participant|subject|観察者)")
 
 
-def with_people_in_rows(sheet: Sheet, request: Request) -> Sheet:
+def with_people_in_rows(sheet: Sheet, header: Header, request: Request) -> Sheet:
     """Return one row for each rating of a table with one column for each participant, such as P01 or judge 2."""
-    at = understood(sheet, request.renames, request.sought).at
-    if "fabric" not in at or {"participant", "rating"} & at.keys():
+    if "fabric" not in header.at or {"participant", "rating"} & header.at.keys():
         return sheet
     named, numbered = [], []
-    for j, title in enumerate(sheet.header):
-        if j in at.values() or not _numeric(sheet.body, j):
-            continue
+    for j in (j for j in header.free if _numeric(sheet.body, j)):
+        title = sheet.header[j]
         stem = re.fullmatch(r"(.*?)[\s_.#-]*[0-9]{1,4}(?:\.0+)?", title)
         if looks_numeric(title):
             numbered.append(j)
-        elif stem and (_PERSON.fullmatch(stem[1].casefold()) or bag(stem[1]) in keys_of("participant")):
+        elif stem and (_PERSON.fullmatch(stem[1].casefold()) or bag(stem[1]) in KNOWN_BY["participant"]):
             named.append(j)
     people = [_Part(j, {"participant": sheet.header[j]}) for j in sorted(named + numbered)] if named else []
     return _melted(sheet, people, RATING.name, "one column per participant") if len(people) > 1 else sheet
@@ -433,7 +412,7 @@ class _Rated(NamedTuple):
     load: tuple[Column, str] | None
 
 
-def with_fabrics_in_rows(sheet: Sheet, request: Request) -> Sheet:
+def with_fabrics_in_rows(sheet: Sheet, header: Header, request: Request) -> Sheet:
     """Return a wide sheet with one row for each rating, any other as it is.
 
     A table is wide if the user says so, or if it has no column of ratings or fabrics and at least two titles are
@@ -445,41 +424,37 @@ def with_fabrics_in_rows(sheet: Sheet, request: Request) -> Sheet:
     InputError
         If a table that is called wide is none, or a title may be a misspelt fabric.
     """
-    form = request.form
-    at = understood(sheet, request.renames, request.sought).at
-    if long := [name for name in ("fabric", RATING.name) if name in at]:
-        if form.wide:
+    if long := [name for name in ("fabric", RATING.name) if name in header.at]:
+        if request.wide:
             raise InputError(
                 f"{sheet.titled}: --wide expects a table with one column per fabric; this one has a column "
-                f"{quoted(sheet.header[at[long[0]]])} for the {long[0]} of each row"
+                f"{quoted(sheet.header[header.at[long[0]]])} for the {long[0]} of each row"
             )
         return sheet
-    others = {j: title for j, title in enumerate(sheet.header) if title and j not in at.values()}
-    rated = _rated(sheet, others, form)
-    if not rated:
-        return sheet
-    titles = [sheet.header[column.j] for column in rated]
-    loaded = next((title for title, column in zip(titles, rated, strict=True) if column.load is not None), None)
+    rated = _rated(sheet, header.free, request)
+    loaded = [sheet.header[one.j] for one in rated if one.load is not None]
     for column in _LOADS.values():
-        if loaded is not None and column.name in at:
-            filed = quoted(sheet.header[at[column.name]])
+        if loaded and column.name in header.at:
+            filed = quoted(sheet.header[header.at[column.name]])
             raise InputError(
-                f"{sheet.titled}: loads are in headers ({quoted(loaded)}) and in {filed}, expected only one of these"
+                f"{sheet.titled}: loads are in headers ({quoted(loaded[0])}) and in {filed}, expected only one of these"
             )
     parts = []
     for one in rated:
         load = {one.load[0].name: SheetNumber(one.load[1])} if one.load else {}
         parts.append(_Part(one.j, {"fabric": one.fabric, **load}))
-    return _melted(sheet, parts, RATING.name, f"one column per fabric{' and load' if loaded else ''}")
+    what = f"one column per fabric{' and load' if loaded else ''}"
+    return _melted(sheet, parts, RATING.name, what) if parts else sheet
 
 
-def _rated(sheet: Sheet, titles: Mapping[int, str], form: Form) -> list[_Rated]:
+def _rated(sheet: Sheet, free: Sequence[int], request: Request) -> list[_Rated]:
     """Return the columns of ratings, none if the table is not wide."""
-    known = form.fabrics()
+    known = request.fabrics()
     spelt = {identity(name): name for name in known or ()}
     found: list[_Rated] = []
     strange: list[tuple[str, str]] = []
-    for j, title in titles.items():
+    for j in free:
+        title = sheet.header[j]
         name, load = _fabric_and_load(title)
         asked = _ASKED.fullmatch(title)
         option = (asked["in"] or asked["behind"]).strip() if asked else ""
@@ -491,11 +466,11 @@ def _rated(sheet: Sheet, titles: Mapping[int, str], form: Form) -> list[_Rated]:
             found.append(_Rated(j, spelt[identity(option)], None))
         elif summarises(name):
             continue
-        elif known is None and form.wide:
+        elif known is None and request.wide:
             found.append(_Rated(j, title, None))
         elif known is not None:
             strange.append((title, name))
-    if not form.wide and len(found) < 2:
+    if not request.wide and len(found) < 2:
         return []
     twice: dict[tuple[str, object], int] = {}
     for column in found:
@@ -503,27 +478,25 @@ def _rated(sheet: Sheet, titles: Mapping[int, str], form: Form) -> list[_Rated]:
         if first != column.j:
             both = " and ".join(quoted(sheet.header[j]) for j in (first, column.j))
             raise InputError(f"{sheet.titled}: columns {both} are both fabric {quoted(column.fabric)}, expected one")
-    absent = set(known or ()) - {column.fabric for column in found}
-    guesses = Guesses(sorted(absent))
+    absent = sorted({*(known or ())} - {column.fabric for column in found})
+    guesses = Guesses(absent)
     for title, name in strange:
         near = guesses.of(name)
         if near or name != title:
             raise InputError(f"{sheet.titled}, column {quoted(title)}: {quoted(name)} is not a known fabric{near}")
     if not found:
-        raise InputError(f"{sheet.titled}: no column has the name of a fabric, such as {listing(sorted(absent), 3)}")
+        raise InputError(f"{sheet.titled}: no column has the name of a fabric, such as {listing(absent, 3)}")
     return found
 
 
 def _fabric_and_load(title: str) -> tuple[str, tuple[Column, str] | None]:
     """Return the fabric in a title, and the column and text of its load, if there is one."""
     match = _LOADED.fullmatch(title) if len(title) <= LONGEST_TITLE else None
-    if match is None:
-        return title, None
-    for quantity, column in _LOADS.items():
-        if unit := unit_named(match["unit"], quantity):
+    for quantity, column in _LOADS.items() if match else ():
+        if match and (unit := unit_named(match["unit"], quantity)):
             try:
                 value = column.parse(match["number"].replace(",", "."), match["number"], unit)
             except ValueError:
-                return title, None
+                break
             return match["fabric"], (column, column.write(value))
     return title, None

@@ -1,194 +1,22 @@
-"""Tables as named columns of text: titles, units, decimal marks, and errors that name the place."""
+"""Tables as named columns of text, and errors that name the place."""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.data.columns import MISSING, RATING, Column, Unit, unit_named
+from softness_bayes.data.columns import MISSING, RATING, Column
+from softness_bayes.data.decimals import plain
 from softness_bayes.data.faults import Faults, Hint, TableError, listing
 from softness_bayes.data.sheets import SheetNumber
+from softness_bayes.data.titles import Unit, unit_named
 from softness_bayes.errors import InputError, quoted
-
-MARKS = (",", ".")
-"""The possible decimal marks."""
-
-MARKED = ("ratings", "fabrics", "compression")
-"""Tables that may have different marks."""
-
-Marks: TypeAlias = str | Mapping[str, str] | None
-"""The mark of all tables, or marks by table; None, or a missing table, to infer it from the numbers."""
-
-
-def mark_of(marks: Marks, table: str) -> str | None:
-    """Return the mark given for a table; None if there is none.
-
-    Raises
-    ------
-    InputError
-        If there is no such mark or table.
-    """
-    given = dict.fromkeys(MARKED, marks) if isinstance(marks, str) else marks or {}
-    for name, mark in given.items():
-        if name not in MARKED or mark not in MARKS:
-            raise InputError(
-                f"decimal is {marks!r}, expected one of {', '.join(map(repr, MARKS))}, or a mark for each of "
-                f"some of the tables {', '.join(MARKED)}"
-            )
-    return given.get(table)
-
-
-_SPACES = re.compile("[\u00a0\u2009\u202f'\u2019]")
-_SPACED = re.compile(rf"[+-]?[0-9]{{1,3}}(?:{_SPACES.pattern}[0-9]{{3}})+(?:[.,][0-9]+)?")
-
-
-class Cell(NamedTuple):
-    """A number as written in a file, and its place."""
-
-    text: str
-    column: str
-    row: int
-
-    @property
-    def place(self) -> str:
-        """Row and column in words."""
-        return f"row {self.row}, column {self.column!r}"
-
-
-class Reading(NamedTuple):
-    """Evidence in a table's numbers about its decimal mark."""
-
-    mark: str
-    note: str = ""
-    """Assumption about an ambiguous number."""
-    unclear: Cell | None = None
-    """An ambiguous number, with decimals or grouped thousands, if no other number decides."""
-    grouped: bool = False
-    """True if the other mark groups thousands, as shown by an unambiguous number."""
-
-
-def decimal_mark(columns: Iterable[Sequence[Cell]], between_commas: bool = False) -> Reading:
-    """Find the decimal mark of a table, and whether the other mark groups thousands.
-
-    Three digits after a comma may be decimals or thousands, as in 1,234. A number that can only have decimals, such as
-    0,82, determines the mark of the whole table, as does one that can only have grouped thousands, such as 1,234.5 or
-    1,234,567. The same holds for a column in which every number has a point and three digits, as written by programs; a
-    column that mixes these with whole numbers is ambiguous.
-
-    Parameters
-    ----------
-    columns
-        The columns of numbers, without their missing cells.
-    between_commas
-        Whether commas separate the cells, so that the decimal mark is a point.
-    """
-    columns = [[cell._replace(text=_unspaced(cell.text)) for cell in cells] for cells in columns]
-    every = [cell for cells in columns for cell in cells]
-    for mark in (".",) if between_commas else MARKS:
-        other = _PATTERNS[MARKS[mark == ","]]
-        shows = _first(every, _PATTERNS[mark].thousands)
-        if shows and not _first(every, other.thousands) and not _first(every, other.decimals):
-            return Reading(
-                mark, _assumed(_first(every, other.either), mark, shows, "thousands separators"), grouped=True
-            )
-    if between_commas:
-        return Reading(".")
-    unclear, shows = _first(every, _PATTERNS[","].either), _first(every, _PATTERNS[","].decimals)
-    if shows:
-        return Reading(",", _assumed(unclear, ",", shows, "a decimal comma"))
-    if unclear:
-        return Reading(",", unclear=unclear)
-    marked = [[cell for cell in cells if "." in cell.text] for cells in columns]
-    if all(_PATTERNS["."].either.fullmatch(cell.text) for cells in marked for cell in cells):
-        mixed = (some[0] for some, cells in zip(marked, columns, strict=True) if 0 < len(some) < len(cells))
-        return Reading(".", unclear=next(mixed, None))
-    return Reading(".")
-
-
-class _Patterns(NamedTuple):
-    """Patterns of numbers with a decimal mark."""
-
-    decimals: re.Pattern[str]
-    """Numbers that can only have decimals behind the mark."""
-    either: re.Pattern[str]
-    """Numbers that have decimals behind the mark, or thousands grouped by it."""
-    thousands: re.Pattern[str]
-    """Numbers that can only have decimals behind the mark and thousands grouped by the other one."""
-
-
-def _patterns(mark: str, other: str) -> _Patterns:
-    either = rf"[+-]?[1-9][0-9]{{0,2}}\{mark}[0-9]{{3}}"
-    groups = rf"[+-]?[1-9][0-9]{{0,2}}(?:\{other}[0-9]{{3}})"
-    return _Patterns(
-        re.compile(rf"(?!{either}\Z)[+-]?[0-9]*\{mark}[0-9]+(?:[eE][+-]?[0-9]+)?"),
-        re.compile(either),
-        re.compile(rf"{groups}+\{mark}[0-9]+|{groups}{{2,}}"),
-    )
-
-
-_PATTERNS = {",": _patterns(",", "."), ".": _patterns(".", ",")}
-
-
-def _first(cells: Iterable[Cell], pattern: re.Pattern[str]) -> Cell | None:
-    return next((cell for cell in cells if pattern.fullmatch(cell.text)), None)
-
-
-def _assumed(unclear: Cell | None, mark: str, shows: Cell, what: str) -> str:
-    """Return the note on a number of two meanings that another number decides, empty if there is none."""
-    if unclear is None:
-        return ""
-    other = MARKS[mark == ","]
-    read = unclear.text.replace(other, "").replace(mark, ".")
-    return (
-        f"{unclear.place}: {unclear.text} is read as {read}, because {shows.text} in {shows.place} has {what}; "
-        f"--decimal {other} reads it otherwise"
-    )
-
-
-def plain(text: str, mark: str, declared: bool) -> str:
-    """Return a number with a decimal point and no grouped thousands.
-
-    Parameters
-    ----------
-    text
-        The number as written.
-    mark
-        Its decimal mark.
-    declared
-        Whether the other mark is known to group thousands. No-break or thin spaces and apostrophes always do.
-
-    Raises
-    ------
-    ValueError
-        If the number is not written with this mark; the message says what was expected.
-    """
-    other, text = MARKS[mark == ","], _unspaced(text)
-    if other in text and mark != other:
-        groups = re.compile(rf"([+-]?[0-9]{{1,3}}(?:\{other}[0-9]{{3}})+)(\{mark}[0-9]*)?")
-        if declared and groups.fullmatch(text):
-            text = text.replace(other, "")
-        elif mark == "," and text.strip("+-0123456789.,eE") == "":
-            raise ValueError("expected a decimal comma, as elsewhere in this file")
-    return text.replace(mark, ".")
-
-
-def _unspaced(text: str) -> str:
-    """Return a number without the spaces (other than plain ones) or apostrophes that group its thousands."""
-    return _SPACES.sub("", text) if _SPACED.fullmatch(text) else text
-
-
-def _numbered(titles: Sequence[str]) -> list[str]:
-    """Return titles that differ in a number at their end alone."""
-    stems = {title: match[1] for title in titles if (match := re.fullmatch(r"(.*?)[\s_.#-]*[0-9]{1,3}", title))}
-    count = Counter(stems.values())
-    return [title for title, stem in stems.items() if count[stem] > 1]
-
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
@@ -250,6 +78,31 @@ class Table:
         if self.faults:
             raise TableError(self.place, self.faults.listed, self.faults.hints)
 
+    def noted(self, *notes: str, **changes: Any) -> Table:
+        """Return the table with further notes, and other changes."""
+        return replace(self, notes=(*self.notes, *notes), **changes)
+
+    def with_cells(self, name: str, texts: Sequence[str], *notes: str) -> Table:
+        """Return the table with other cells in a column, and further notes."""
+        return self.noted(*notes, cells={**self.cells, name: texts})
+
+    def without(self, left: Sequence[int], note: str) -> Table:
+        """Return the table without some rows, by index; the note begins with the lines of these rows."""
+        kept = np.setdiff1d(np.arange(len(self)), np.asarray(left, dtype=np.intp))
+        return self.take(kept).noted(f"{self.lines(left)}: {note}")
+
+    def lines(self, some: Sequence[int]) -> str:
+        """Return the lines of some rows in words, such as `rows 3 to 9, 12`."""
+        lines = np.unique(self.rows[[*some]])
+        runs = np.split(lines, np.flatnonzero(np.diff(lines) > 1) + 1)
+        told = [str(run[0]) if run.size == 1 else f"{run[0]} to {run[-1]}" for run in runs]
+        return f"row{'s' * (lines.size > 1)} {listing(told, 4)}"
+
+    def keys(self, *names: str) -> list[tuple[str, ...]]:
+        """Return the cells of some columns by row, those without a column left out."""
+        columns = [self.cells[name] for name in names if name in self]
+        return [*zip(*columns, strict=True)] if columns else [()] * len(self)
+
     def take(self, index: IntArray) -> Table:
         """Return the rows at `index`."""
         cells, others = (
@@ -274,8 +127,10 @@ class Table:
     def require(self, *names: str) -> None:
         """Raise an error for a table without one of the columns `names`, with all other problems found."""
         if absent := [name for name in names if name not in self]:
-            series = _numbered([*self.others]) if RATING.name in absent else []
-            if series:
+            stems = {title: re.sub(r"[\s_.#-]*[0-9]{1,3}$", "", title) for title in self.others}
+            count = Counter(stem for title, stem in stems.items() if stem != title)
+            series = [title for title, stem in stems.items() if count[stem] > 1 and stem != title]
+            if series and RATING.name in absent:
                 self.faults.add_general(
                     f"columns {listing([quoted(title) for title in series])} look like repeated ratings: put each "
                     "rating in a separate row, in a column 'rating'"

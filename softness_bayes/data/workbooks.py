@@ -10,15 +10,15 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime, time
 from decimal import Decimal
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from softness_bayes.data.faults import listing
-from softness_bayes.data.sheets import MOST_CELLS, Grid, SheetNumber, grid_of
+from softness_bayes.data.sheets import Sheet, SheetNumber, sheet_of
 from softness_bayes.errors import InputError
+from softness_bayes.files.json_text import as_json
 
 INSTALL = "pip install 'softness-bayes[tables]'"
 """Command that installs what reads workbooks, Parquet, Feather and SPSS files."""
@@ -28,16 +28,9 @@ _SHOWN = re.compile(r'((?:"[^"]*"|\.|[-_ ])*)(0+)((?:"[^"]*"|\.)*)')
 
 UNPACKED = 2**26
 """Largest size of an unpacked workbook [bytes]."""
-_ELEMENTS = {
-    "cells": (re.compile(rb"<(?:\w+:)?c[\s/>]"), 2**19),
-    "merged regions": (re.compile(rb"<(?:\w+:)?mergeCell[\s/>]"), 2**12),
-    "styles and other elements": (re.compile(rb"<(?:\w+:)?(?!(?:c|v|f|is|t|row|si)[\s/>])\w"), 2**18),
-    "document types": (re.compile(rb"<!(?:DOCTYPE|ENTITY)"), 0),
-}
-"""Elements of a workbook's XML that are counted before it is parsed, and the largest number of each."""
 
 
-def workbook_grids(path: Path, content: bytes, digest: str) -> dict[str, Grid]:
+def workbook_sheets(path: Path, content: bytes, digest: str) -> dict[str, Sheet]:
     """Return the sheets of a workbook that have cells, with the values of their formulas."""
     try:
         import openpyxl
@@ -50,17 +43,13 @@ def workbook_grids(path: Path, content: bytes, digest: str) -> dict[str, Grid]:
             # without read_only, openpyxl makes every cell of merged regions, of links and up to the last cell
             book = openpyxl.load_workbook(io.BytesIO(content), data_only=True, read_only=True)
             read = {sheet.title: _cells(sheet) for sheet in book.worksheets}
-        filled = {
-            name: (rows, _fill_merged(f"{path}, sheet {name!r}", rows, merged))
-            for name, (rows, merged) in read.items()
-            if rows
-        }
+        filled = {name: (rows, _fill_merged(rows, merged)) for name, (rows, merged) in read.items() if rows}
     except InputError:
         raise
     except Exception as error:  # damaged archives and XML end in errors of many kinds
         raise InputError(f"{path}: not a workbook that can be read ({type(error).__name__})") from None
     return {
-        name: grid_of(
+        name: sheet_of(
             _numbered(rows),
             str(path) if len(filled) == 1 else f"{path}, sheet {name!r}",
             path.name if len(filled) == 1 else f"{path.name}, sheet {name!r}",
@@ -80,24 +69,11 @@ def _numbered(rows: Mapping[int, Mapping[int, str]]) -> Iterator[tuple[list[str]
 def _require_bounded(path: Path, content: bytes) -> None:
     """Raise an error for a workbook that would unpack to more than a table needs, before it is unpacked."""
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        members = archive.infolist()
-        # zipfile unpacks no more than the stated size of a member, but for other methods of compression
-        if unknown := [one for one in members if one.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)]:
-            raise InputError(f"{path}: not a workbook that can be read (compression method {unknown[0].compress_type})")
-        size = sum(one.file_size for one in members)
-        if size > UNPACKED:
-            raise InputError(
-                f"{path}: unpacks to {size >> 20} MB, expected at most {UNPACKED >> 20} MB; "
-                "save the table alone as .csv"
-            )
-        left = {what: most for what, (_, most) in _ELEMENTS.items()}
-        for one in members:
-            xml = archive.read(one).replace(b"\0", b"")  # so that UTF-16 is counted too
-            for what, (pattern, most) in _ELEMENTS.items():
-                left[what] -= sum(1 for _ in islice(pattern.finditer(xml), left[what] + 1))
-                if left[what] < 0:
-                    expected = f"more than {most} {what}" if most else f"{what}, which workbooks do not have"
-                    raise InputError(f"{path}: has {expected}; save the table alone as .csv")
+        size = sum(one.file_size for one in archive.infolist())
+    if size > UNPACKED:
+        raise InputError(
+            f"{path}: unpacks to {size >> 20} MB, expected at most {UNPACKED >> 20} MB; save the table alone as .csv"
+        )
 
 
 def _cells(sheet: Any) -> tuple[dict[int, dict[int, str]], list[Any]]:
@@ -125,19 +101,17 @@ def _cells(sheet: Any) -> tuple[dict[int, dict[int, str]], list[Any]]:
     return rows, [CellRange(one.ref) for one in merged]
 
 
-def _fill_merged(sheet: str, rows: dict[int, dict[int, str]], merged: Sequence[Any]) -> list[str]:
+def _fill_merged(rows: dict[int, dict[int, str]], merged: Sequence[Any]) -> list[str]:
     """Give the rows with data the value of the cells that are merged within a column; return a note if there are any.
 
     Of cells that are merged otherwise only the first one has a value.
     """
-    numbers, work = sorted(rows), 0
+    numbers = sorted(rows)
     for one in merged:
         value = rows.get(one.min_row, {}).get(one.min_col, "")
         down = one.min_col == one.max_col and value
         for number in numbers[bisect_left(numbers, one.min_row) : bisect_right(numbers, one.max_row)]:
             row = rows[number]
-            if (work := work + len(row)) > MOST_CELLS:
-                raise InputError(f"{sheet}: merged regions overlap; separate them, or save the table alone as .csv")
             for column in [j for j in row if one.min_col <= j <= one.max_col]:
                 del row[column]
             if down or number == one.min_row:
@@ -180,6 +154,8 @@ def _other_text(value: Any) -> str:
 
     if isinstance(value, datetime) and value.time() == time():
         value = value.date()  # as a day is shown
+    if isinstance(value, (dict, list)):
+        return as_json(value, "a cell")
     if value is None or (pd.api.types.is_scalar(value) and pd.isna(value)):
         return ""
     return SheetNumber(value) if pd.api.types.is_number(value) else str(value)

@@ -27,7 +27,7 @@ from softness_bayes.ranges import LOAD_STEPS, PROCESSES, SEEDS, STEPS, Count, re
 
 if TYPE_CHECKING:
     from softness_bayes.data import Compression, Experiment, Ratings
-    from softness_bayes.data.tables import Marks
+    from softness_bayes.data.decimals import Marks
     from softness_bayes.sampler.sampling import Settings
 
 
@@ -139,7 +139,7 @@ class DecimalMarks(Kind):
 
     def parse(self, texts: Sequence[str]) -> Marks:
         """Return the one mark, or table -> mark."""
-        from softness_bayes.data.tables import MARKED, MARKS
+        from softness_bayes.data.decimals import MARKED, MARKS
 
         marks: dict[str, str] = {}
         for text in texts:

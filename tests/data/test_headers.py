@@ -8,7 +8,8 @@ from click.testing import CliRunner
 
 from softness_bayes.cli import main
 from softness_bayes.data import Compression, Fabrics, Ratings, read_experiment
-from softness_bayes.data.columns import LABELS, NUMBERS, SYNONYMS, UNITS, key, title_and_unit, unit_named
+from softness_bayes.data.columns import NAMES, NUMBERS, SYNONYMS
+from softness_bayes.data.titles import UNITS, analysed, key, unit_named
 from softness_bayes.errors import InputError
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.readings import MENDED
@@ -145,15 +146,15 @@ def test_values_keep_every_digit_in_another_unit():
 
 @pytest.mark.parametrize("title", ["E_bar", "depth_in", "trial 1", "m", "E" * 3000, "(" * 150 + " " * 40])
 def test_words_that_are_no_units(title):
-    assert title_and_unit(title)[1] is None
+    assert analysed(title).unit is None
 
 
 # names
 
 
 def test_every_name_stands_for_one_column():
-    assert set(SYNONYMS) <= {*LABELS, *NUMBERS}
-    standard = {key(title_and_unit(name)[0]): name for name in (*LABELS, *NUMBERS)}
+    assert set(SYNONYMS) <= {*NAMES}
+    standard = {key(analysed(name).stem): name for name in NAMES}
     owner: dict[str, str] = {}
     for name, others in SYNONYMS.items():
         for other in others:

@@ -6,7 +6,7 @@ import pytest
 
 from softness_bayes.data import Fabrics, Ratings, read_experiment
 from softness_bayes.data.shapes import with_one_row_of_titles
-from softness_bayes.data.sheets import Grid
+from softness_bayes.data.sheets import Sheet
 from softness_bayes.errors import InputError
 from softness_bayes.touch.contact import Force, Indentation
 
@@ -56,7 +56,7 @@ def test_a_word_for_a_load_is_named_where_there_is_no_rating(file):
     "row", [("m", "N", "1", "1"), ("A", "cotton", "1", "-"), ("", "", "1", "-"), ("", "", "", "-"), ("m", "", "N", "")]
 )
 def test_data_are_no_units(row):
-    grid = Grid("", "", "", [["participant", "fabric", "force_n", "rating"], row, ["A", "b", "1", "2"]], [1, 2, 3])
+    grid = Sheet("", "", "", [["participant", "fabric", "force_n", "rating"], row, ["A", "b", "1", "2"]], [1, 2, 3])
     assert with_one_row_of_titles(grid) is grid
 
 
@@ -83,7 +83,7 @@ def test_loads_below_fabrics_are_read(file, head):
 
 def test_loads_in_rows_are_no_titles():
     for titles, row in ((["participant", "cotton", "silk"], ["A", "1 N", "2 N"]), (["", "", ""], ["", "1 N", "2 N"])):
-        grid = Grid("", "", "", [titles, row, ["B", "1", "2"]], [1, 2, 3])
+        grid = Sheet("", "", "", [titles, row, ["B", "1", "2"]], [1, 2, 3])
         assert with_one_row_of_titles(grid) is grid
 
 

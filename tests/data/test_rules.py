@@ -10,7 +10,7 @@ import pytest
 
 from softness_bayes.data import Compression, Fabrics, Ratings, ratings_csv, read_experiment
 from softness_bayes.data.faults import identity
-from softness_bayes.data.rules import COLUMNS, CONTENTS, ROWS
+from softness_bayes.data.reading import COLUMNS, CONTENTS, ROWS
 from softness_bayes.errors import InputError
 from softness_bayes.touch.contact import Indentation
 from support.refusals import refusal
