@@ -187,6 +187,8 @@ class Finding:
         Name of the group that deviates most, its deviation, and the same in standard errors.
     unit
         Unit of the deviations.
+    gain
+        Estimated gain in the log-likelihood if the model included the deviations; NaN if it is not estimated.
     """
 
     quantity: str
@@ -200,6 +202,7 @@ class Finding:
     worst_estimate: float = np.nan
     worst_errors: float = np.nan
     unit: str = ""
+    gain: float = np.nan
 
 
 @dataclass(frozen=True)

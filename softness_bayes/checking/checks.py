@@ -174,6 +174,20 @@ class Projection:
         return _p_value(self.squares, self.freedom, self.sd)
 
     @property
+    def gain(self) -> float:
+        """Largest gain in the log-likelihood from normal random coefficients of x, mean over draws.
+
+        A coefficient of standard deviation s adds log N(a; 0, sd² + s² w) - log N(a; 0, sd²) for the standardised
+        projection a of each group.
+        """
+        if not (self.freedom > 0).any():
+            return np.nan
+        scale = self.sd[:, None] ** 2
+        score = np.divide(self.along**2, self.weight, out=np.zeros_like(self.along), where=self.weight > 0) / scale
+        ratio = np.geomspace(0.01, 1e4, 40)[:, None, None] * self.weight / self.weight.max() / scale * scale.mean()
+        return float((0.5 * (score * ratio / (1.0 + ratio) - np.log1p(ratio))).sum(axis=-1).mean(axis=-1).max())
+
+    @property
     def p_value_of_difference(self) -> float:
         """The same for a difference between groups; NaN if in no draw two groups have a slope."""
         return self.p_value if (self.freedom >= 2).any() else np.nan
@@ -230,8 +244,9 @@ def check_fabrics(residuals: Residuals, names: Sequence[str]) -> tuple[Finding, 
             worst_errors=float(errors[worst]),
             unit=model.scale.unit,
             advice=advice,
+            gain=fabrics.gain,
         ),
-        Finding(FABRICS, fabrics.p_value, fabrics.deviation, unit=model.scale.unit, advice=advice),
+        Finding(FABRICS, fabrics.p_value, fabrics.deviation, unit=model.scale.unit, advice=advice, gain=fabrics.gain),
         Finding(LOADS, _p_value(np.maximum(each.squares - fabrics.squares, 0.0), within, sd)),
     )
 
@@ -253,7 +268,8 @@ def check_exponents(residuals: Residuals, modelled: bool = False, available: boo
     x, design = observation.predictor(residuals.mean_rate, residuals.parameters), observation.design
     found = residuals.project(design.participant, design.n_participants, x, centred=True)
     advice = ("--individual gamma",) if available and not modelled else ()
-    return Finding(EXPONENTS, found.p_value_of_difference, found.deviation, modelled=modelled, advice=advice)
+    p_value = found.p_value_of_difference
+    return Finding(EXPONENTS, p_value, found.deviation, modelled=modelled, advice=advice, gain=found.gain)
 
 
 def check_moduli(residuals: Residuals, slope: Array, modelled: bool = False) -> Finding:
@@ -275,7 +291,7 @@ def check_moduli(residuals: Residuals, slope: Array, modelled: bool = False) -> 
     design = residuals.observation.design
     found = residuals.project(design.fabric[design.condition], design.n_fabrics, slope)
     advice = () if modelled else ("--modulus-cv 0.15",)
-    return Finding(ALONG, found.p_value, modelled=modelled, advice=advice)
+    return Finding(ALONG, found.p_value, modelled=modelled, advice=advice, gain=found.gain)
 
 
 def check_fingers(residuals: Residuals, slope: Array, modelled: bool = False) -> Finding:
@@ -296,7 +312,7 @@ def check_fingers(residuals: Residuals, slope: Array, modelled: bool = False) ->
     design = residuals.observation.design
     found = residuals.project(design.participant, design.n_participants, slope, centred=True)
     advice = () if modelled else ("--individual b",)
-    return Finding(FINGERS, found.p_value_of_difference, modelled=modelled, advice=advice)
+    return Finding(FINGERS, found.p_value_of_difference, modelled=modelled, advice=advice, gain=found.gain)
 
 
 def check_drift(residuals: Residuals, order: Array) -> Finding:
@@ -325,7 +341,8 @@ def check_drift(residuals: Residuals, order: Array) -> Finding:
     seen = float(np.median(residuals.sd)) / np.sqrt(weight) * (ndtri(1.0 - LEVEL / CHECKS / 2.0) + ndtri(NOTICED))
     unit = residuals.observation.model.scale.unit
     slope = float(along.mean() / weight)
-    return Finding(DRIFT, p_value, slope, noticed=float(seen), unit=unit, advice=("--drift",))
+    gain = float(0.5 * (along**2 / weight / residuals.sd**2 - 1.0).mean())
+    return Finding(DRIFT, p_value, slope, noticed=float(seen), unit=unit, advice=("--drift",), gain=gain)
 
 
 def check_noise(residuals: Residuals, modelled: bool = False, available: bool = True, robust: bool = False) -> Finding:
@@ -355,13 +372,15 @@ def check_noise(residuals: Residuals, modelled: bool = False, available: bool = 
     squares = residuals.sums(design.participant, design.n_participants, power=2)[:, judged].clip(1e-300)
     reference = np.random.default_rng(0).chisquare(count, (4000, count.size))
     law = np.sort(_bartlett(reference, count))
-    above = law.size - np.searchsorted(law, _bartlett(squares, count) * (1.0 - 1e-12))
+    found = _bartlett(squares, count)
+    above = law.size - np.searchsorted(law, found * (1.0 - 1e-12))
     # half of the variance of log S, part of which is due to chance
     log_noise = 0.5 * (np.log(squares / count) - np.log(squares.sum(axis=1) / count.sum())[:, None])
     chance = 0.25 * polygamma(1, 0.5 * count).mean()
     excess = float(np.median(log_noise.var(axis=1, ddof=1))) - float(chance)
     p_value = float(((above + 1.0) / (law.size + 1.0)).mean())
-    return Finding(NOISE, p_value, float(np.sqrt(max(excess, 0.0))), modelled=modelled, advice=advice)
+    gain = 0.5 * float((found - law.mean()).mean())  # half the excess of the likelihood ratio
+    return Finding(NOISE, p_value, float(np.sqrt(max(excess, 0.0))), modelled=modelled, advice=advice, gain=gain)
 
 
 def _bartlett(squares: Array, count: Array) -> Array:

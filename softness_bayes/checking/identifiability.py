@@ -12,7 +12,7 @@ from scipy.special import ndtri
 from softness_bayes.arviz_bridge import SAMPLE_DIMS
 from softness_bayes.checking.sensitivity import DETERMINED, INFORMED, contraction, power_scaling, prior_moments
 from softness_bayes.parameters.declared import EVERY_PARAMETER
-from softness_bayes.parameters.laws import Prior, magnitude
+from softness_bayes.parameters.laws import Prior, Signed
 from softness_bayes.provenance import Provenance
 from softness_bayes.sampler.chain_statistics import jackknife
 
@@ -224,10 +224,11 @@ def direction_table(tree: xr.DataTree) -> pd.DataFrame:
     """
     import pandas as pd
 
-    names = [*_draws(tree, "log_prior")]
     priors, posterior = Provenance(tree.attrs).priors, _draws(tree, "posterior")
-    theta = np.abs(np.stack([posterior[name] for name in names], axis=-1))  # a signed exponent has no logarithm
-    laws = [magnitude(EVERY_PARAMETER[name].cut(priors[name])) for name in names]
+    # an exponent that may be negative has no logarithm, and its magnitude belongs to no product
+    names = [name for name in _draws(tree, "log_prior") if not isinstance(priors[name], Signed)]
+    theta = np.stack([posterior[name] for name in names], axis=-1)
+    laws = [EVERY_PARAMETER[name].cut(priors[name]) for name in names]
     found = find_directions(laws, theta)
     table = pd.DataFrame(found.vectors, columns=names)
     table.insert(0, "contraction", found.contraction)

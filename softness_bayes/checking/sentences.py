@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from softness_bayes.checking import sensitivity
-from softness_bayes.checking.agreement import Explained, Fit
 from softness_bayes.checking.check_table import doubts
 from softness_bayes.checking.checks import (
     ALONG,
@@ -31,7 +30,7 @@ from softness_bayes.checking.sensitivity import DETERMINED, INFORMED, SENSITIVE
 from softness_bayes.checking.turning_check import DOUBTFUL, FALL, LARGEST_RATIO, NEEDED, Reproduction, turns_reproduced
 from softness_bayes.defaults import shown_of
 from softness_bayes.parameters.declared import PARAMETERS
-from softness_bayes.readable import chance, number, percent
+from softness_bayes.readable import number, percent
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -240,65 +239,6 @@ def _fall(beyond: pd.Series) -> str:
     )
 
 
-# agreement with the ratings
-
-
-def fit_faults(fit: Fit) -> list[str]:
-    """Describe why a fit has failed, most important reason first; empty if it has not."""
-    said = [fit.direction.direction_note] if fit.direction.against_data else []
-    if flat := [f"{where} {_flat(one)}" for where, one in fit.flat]:
-        silent = ""
-        if fit.silent > 0.5:
-            silent = f" (in {percent(fit.silent)} of the posterior no receptor fires in any condition)"
-        said.append(f"the prediction is flat although the ratings differ{silent}: {'; '.join(flat)}")
-    return said
-
-
-def fit_sentence(fit: Fit) -> str:
-    """Describe the share of the differences between ratings that the response explains."""
-    whole = fit.explained[-1]
-    if fit.untestable:
-        return (
-            f"the agreement with the ratings tests nothing: {fit.free_moduli} moduli are free to follow {fit.means} "
-            "mean ratings; measure moduli, or rate under more loads"
-        )
-    if not np.isfinite(whole.p_value):
-        return "the fit to the ratings cannot be assessed: these data do not show how large the noise is"
-    seen = f"a standard deviation of {whole.visible:.2g} between fabrics would have been detected"
-    if not np.isfinite(whole.share) or not whole.p_value < LEVEL:
-        return f"ratings do not differ between fabrics by more than noise explains (p = {whole.p_value:.2g}; {seen})"
-    return (
-        f"the response explains {_share(whole)} of the differences between fabrics under the same load "
-        f"(standard deviation {whole.spread:.2g} in the {fit.unit}; {seen})"
-    )
-
-
-def silence_note(fit: Fit) -> str:
-    """Describe the share of silence in the posterior and its meaning; empty for little silence or a wrong direction."""
-    if not fit.mostly_silent or fit.direction.against_data:
-        return ""
-    return (
-        f"no receptor fires in {percent(fit.silent_conditions)} of posterior draws and conditions; there the "
-        "model predicts one rating for all fabrics, and only the prior and the absence of firing constrain skin "
-        "and receptors. Check the units of moduli and loads, and whether the priors suit these fingers "
-        "(--priors in-vivo)"
-    )
-
-
-def _flat(one: Explained) -> str:
-    return (
-        f"it explains {_share(one)} of the differences between fabrics, whose mean ratings differ by a "
-        f"standard deviation of {one.spread:.2g} (p = {one.p_value:.1g} under noise alone)"
-    )
-
-
-def _share(one: Explained) -> str:
-    if one.high < 0:
-        return "none"
-    low, share, high = (chance(min(max(value, 0.0), 1.0)) for value in (one.low, one.share, one.high))
-    return share if low == high else f"{share} (90 % interval {low} to {high})"
-
-
 # the fast model, and plate forces
 
 
@@ -438,6 +378,11 @@ def modulus_sentences(table: pd.DataFrame) -> list[str]:
     table
         From `modulus_table`.
     """
+    if len(table) > 1 and table["law"].nunique() == 1:
+        return [
+            "fabric moduli: nothing was known that tells these fabrics apart, so their moduli follow from the ratings "
+            "and from the direction taken, and tell nothing beyond people's own order"
+        ]
     width = (1.0 - table["contraction"]).clip(lower=0.0) ** 0.5
     narrowed = [f"{name} (to {share:.2g} of its error)" for name, share in width.items() if share <= INFORMED]
     which = f": {', '.join(narrowed)}" if narrowed else ""

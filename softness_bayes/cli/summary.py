@@ -11,7 +11,7 @@ import click
 from softness_bayes.readable import number, percent
 
 if TYPE_CHECKING:
-    from softness_bayes.checking.agreement import Fit
+    from softness_bayes.people.ruler import Fit
     from softness_bayes.results.result import Result
 
 
@@ -20,12 +20,11 @@ def print_result(result: Result, out: Path, times: str = "", verbose: bool = Tru
 
     The closing lines of a run under up to three loads are at most fifteen.
     """
-    from softness_bayes.checking.agreement import fit_of
-    from softness_bayes.checking.sentences import fit_faults, silence_note
+    from softness_bayes.people.sentences import silence_note
     from softness_bayes.report.conclusion import conclude, facts_of
 
-    fit = fit_of(result.tree) if result.has_ratings else None
-    lines = [] if fit is None else [f"the fit failed: {fault}" for fault in fit_faults(fit)]
+    fit = result.fit if result.has_ratings else None
+    lines = [f"the fit failed: {fault}" for fault in result.faults]
     lines += _details(result, fit) if verbose else []
     lines += [f"written to {out}; 'softness-bayes report {out}' makes a one-page report", result.provenance.verdict]
     lines += [silence_note(fit)] if fit is not None and verbose else []
@@ -68,17 +67,16 @@ def _turning(result: Result) -> str:
 def _about_ratings(result: Result, fit: Fit) -> Iterator[str]:
     """Yield sentences on the checks of the ratings, and on numerical errors."""
     from softness_bayes.checking.check_table import doubts
-    from softness_bayes.checking.sentences import check_sentences, fit_sentence, residual_sentences
+    from softness_bayes.checking.sentences import check_sentences, residual_sentences
+    from softness_bayes.people.sentences import untestable_sentence
     from softness_bayes.provenance import NOT_ASKED
 
     provenance = result.provenance
     errors, silence, model = provenance.errors, provenance.silence, provenance.rating_model
-    yield from (fit_sentence(fit), provenance.direction.said, *check_sentences(result.tables["predictive_checks"]))
+    checks = result.tables["predictive_checks"]
+    yield from (untestable_sentence(fit), provenance.direction.said, *check_sentences(checks))
     if not fit.direction.against_data:
-        yield from (
-            *residual_sentences(provenance.findings, doubts(result.tables["predictive_checks"])),
-            *result.said_of_moduli(),
-        )
+        yield from (*residual_sentences(provenance.findings, doubts(checks)), *result.said_of_moduli())
     if result.load_cv.any() or result.shared_load_cv:
         yield result.said_of_loads()
     yield from (model.rating_note, model.rating_errors_note)

@@ -26,7 +26,7 @@ FREE = RatingDirection("free", +1.0)
 RATING_DIRECTIONS: Mapping[str, RatingDirection] = MappingProxyType(
     {direction.name: direction for direction in (RISES, FALLS)}
 )
-"""Directions of ratings by name; the first is the default if the data do not decide."""
+"""Directions of ratings by name."""
 
 
 def direction_named(name: str) -> RatingDirection:

@@ -241,6 +241,8 @@ def choose_direction(
 ) -> DirectionChoice:
     """Return the requested direction, or the one inferred from the data, with the evidence of the data.
 
+    Where the data do not decide, both directions are sampled.
+
     The interpretation of the ratings may be given as `meaning` if it is already known.
 
     Raises
@@ -264,7 +266,9 @@ def choose_direction(
     known = np.array([bool(basis) for basis in experiment.fabrics.basis])
     evidence = evidence_of(layout, meaning.intervals.values, rate, known, groups.names)
     asked = options.direction is not None and "direction" not in options.decided
-    return DirectionChoice(options.direction or evidence.direction or RISES, asked, evidence)
+    # without an exponent that is sampled there is no sign to sample
+    signed = options.scale.model is None and options.scale is not STANDARDISED and "gamma" not in options.fix
+    return DirectionChoice(options.direction or evidence.direction or (FREE if signed else RISES), asked, evidence)
 
 
 def space_of(experiment: Experiment, options: ModelOptions, meaning: Interpretation | None = None) -> ParameterSpace:

@@ -147,6 +147,8 @@ class OddRaters(NamedTuple):
     """Correlation with the means of all others, significantly below 0, by rater."""
     constant: tuple[int, ...]
     """Raters whose ratings are all equal, if those of others are not."""
+    copies: tuple[int, ...] = ()
+    """Raters who gave the same ratings as an earlier one to all that they rated."""
 
 
 def odd_raters(layout: Layout, ratings: FloatArray) -> OddRaters:
@@ -182,7 +184,14 @@ def odd_raters(layout: Layout, ratings: FloatArray) -> OddRaters:
             p_value = float(stdtr(n - 2, r * np.sqrt((n - 2) / max(1.0 - r * r, 1e-12))))
             if r < 0 and p_value * people.size < LEVEL_OF_RATERS:
                 against[k] = r
-    return OddRaters(against, tuple(constant))
+    given = [(ratings[own], design.condition[own]) for own in (design.participant == k for k in people)]
+    texts = [tuple(sorted(zip(*one, strict=True))) for one in given]
+    copies = [
+        k
+        for place, (k, one) in enumerate(zip(people.tolist(), texts, strict=True))
+        if len({value for value, _ in one}) >= FEWEST_RATINGS and one in texts[:place]
+    ]
+    return OddRaters(against, tuple(constant), tuple(copies))
 
 
 class Evidence(NamedTuple):
@@ -247,7 +256,7 @@ class DirectionChoice(NamedTuple):
 
     direction: RatingDirection
     asked: bool
-    """True if the user chose it; otherwise it is inferred from the data, or is the default if these do not decide."""
+    """True if the user chose it; otherwise it is inferred from the data, or left open if these do not decide."""
     evidence: Evidence
 
     @property
@@ -260,7 +269,11 @@ class DirectionChoice(NamedTuple):
         """The chosen direction, the reason, and the option that overrides it."""
         name, found = self.direction.name, self.evidence
         if self.direction is FREE:
-            return f"--direction {name}: both directions are sampled, each with prior probability 1/2: {found.sentence}"
+            why = "as asked" if self.asked else f"because the table cannot decide between {RISES.name} and {FALLS.name}"
+            return (
+                f"--direction {name}, {why}: both directions are sampled, each with prior probability 1/2: "
+                f"{found.sentence}, and {found.model}"
+            )
         other = next(one for one in (RISES, FALLS) if one is not self.direction).name
         if self.against_data:
             return (

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from softness_bayes.defaults import ACCURACY, ERRORS, NOISE, PRIOR_SET
 from softness_bayes.files.json_text import parse_json
-from softness_bayes.likelihood.directions import FREE, RATING_DIRECTIONS, RISES, RatingDirection, direction_named
+from softness_bayes.likelihood.directions import FREE, RATING_DIRECTIONS, RatingDirection, direction_named
 from softness_bayes.likelihood.scales import MAGNITUDE, OWN_SCALES, RATING_SCALES, Scale, name_of_scale, scale_named
 from softness_bayes.likelihood.scales import require_name as require_scale
 from softness_bayes.options import (
@@ -365,8 +365,8 @@ class ModelOptions(Options):
         ),
         None,
         "--direction",
-        f"Whether ratings rise or fall with the response. auto chooses from the data, or {RISES.name} if they "
-        f"do not decide it; {FREE.name} samples both, each with prior probability 1/2.",
+        "Whether ratings rise or fall with the response. auto chooses from the data, or free if they do not decide it; "
+        f"{FREE.name} samples both, each with prior probability 1/2.",
         shown=True,
         spelled=True,
         affects_draws=True,

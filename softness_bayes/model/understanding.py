@@ -56,6 +56,9 @@ def warnings(experiment: Experiment, options: ModelOptions, meaning: Interpretat
     if odd.constant:
         same = ", ".join(names[k] for k in odd.constant)
         found.append(f"looks wrong: all ratings of {same} are equal, so they contain no information about fabrics")
+    if odd.copies:
+        same = ", ".join(names[k] for k in odd.copies)
+        found.append(f"looks wrong: all ratings of {same} are copies of another rater's")
     return [
         *found,
         *people_notes(experiment, options),

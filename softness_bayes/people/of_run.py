@@ -42,10 +42,10 @@ def people_tables(ratings: Ratings, options: ModelOptions, tree: xr.DataTree) ->
 
     found = free_means(ratings, options)
     measured = _ruler_of(found, ratings, options, tree)
-    spread = NORMAL_90 * measured.lost_se
+    spread, of_gain = NORMAL_90 * measured.lost_se, NORMAL_90 * measured.gain_se
     rows = {
         "share": (measured.share, measured.share_low, measured.share_high),
-        "gain": (measured.gain, np.nan, np.nan),
+        "gain": (measured.gain, measured.gain - of_gain, measured.gain + of_gain),
         "lost": (measured.lost, measured.lost - spread, measured.lost + spread),
         "misfit": (measured.misfit, np.nan, np.nan),
     }

@@ -11,10 +11,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.checking.individual import modulus_laws
+from softness_bayes.checking.sensitivity import prior_moments
 from softness_bayes.people.free_means import FreeMeans
+from softness_bayes.provenance import DirectionTaken, Provenance
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
 
 Array = NDArray[np.float64]
 
@@ -33,6 +37,11 @@ TOLD = 0.1
 a probability of 95 %."""
 
 
+FREE_SD = 0.5
+"""Standard deviation of the law of a log modulus from which it is free to follow the ratings: a factor of 2.3 up or
+down with a probability of 90 %."""
+
+
 class Ruler(NamedTuple):
     """The share of the predictive density that a chain keeps."""
 
@@ -43,6 +52,8 @@ class Ruler(NamedTuple):
     """90 % limits."""
     gain: float
     """Log density of the answers under free means over that with all fabrics alike."""
+    gain_se: float
+    """Its standard error for other answers about the same fabrics."""
     lost: float
     """Log density under free means over that under the chain."""
     lost_se: float
@@ -64,6 +75,60 @@ class Following(NamedTuple):
     does not tell."""
     rejected: bool
     """True if it certainly keeps less than `KEPT`."""
+
+
+UNKNOWN = Following(None, False)
+"""Answer for a chain without a ruler, or for one that may still change."""
+
+
+class Fit(NamedTuple):
+    """Whether a model follows its ratings, and what keeps the question from being asked."""
+
+    direction: DirectionTaken
+    """The direction of the run, and that of the data."""
+    follows: Following
+    silent_conditions: float = 0.0
+    """Share of draws and conditions in which no receptor fires."""
+    free_moduli: int = 0
+    """Number of sampled moduli whose laws are so wide that they can follow the ratings."""
+    means: int = 1
+    """Number of mean ratings: conditions."""
+
+    @property
+    def untestable(self) -> bool:
+        """True if there are as many free moduli as means, so that the model can follow any ratings."""
+        return self.means <= self.free_moduli
+
+    @property
+    def mostly_silent(self) -> bool:
+        """True if no receptor fires in most draws and conditions."""
+        return self.silent_conditions > 0.5
+
+    @property
+    def failed(self) -> bool:
+        """True if the direction contradicts the data, or the chain certainly loses a part of what people agree on."""
+        return self.direction.against_data or self.follows.rejected
+
+
+def fit_of(tree: xr.DataTree, table: pd.DataFrame | None) -> Fit:
+    """Return whether the model of a result follows its ratings.
+
+    Parameters
+    ----------
+    tree
+        The groups of a result.
+    table
+        The table of its ruler; None on a custom scale, whose free means are not known.
+    """
+    provenance, constant = Provenance(tree.attrs), tree["constant_data"].to_dataset()
+    conditions = np.unique(np.stack([constant["fabric_index"].values, constant["load_index"].values]), axis=1)
+    return Fit(
+        provenance.direction,
+        UNKNOWN if table is None else following(table),
+        provenance.silence.posterior_silent_conditions,
+        sum(prior_moments(law, np.log)[1] > FREE_SD for law in modulus_laws(constant).values()),
+        conditions.shape[1],
+    )
 
 
 def following(table: pd.DataFrame) -> Following:
@@ -89,11 +154,12 @@ def ruler(free: FreeMeans, chain: Array, predicted: Array) -> Ruler:
     predicted
         Rating of the typical rater that the chain predicts, in the unit of `free.rating`, shape (conditions,).
     """
-    over = _by_cluster(free.log_density - free.log_density_alike, free.cluster)
+    each = free.log_density - free.log_density_alike
+    over = _by_cluster(each, free.cluster)
     kept = _by_cluster(chain - free.log_density_alike, free.cluster)
     gain, lost, lost_se = over.sum(), (over - kept).sum(), _error(over - kept)
     share = half = np.nan
-    if gain > SEEN * _error(over):
+    if gain > SEEN * _error(each):
         share = kept.sum() / gain
         half = NORMAL_90 * _error(kept - share * over) / gain
     logs = free.scale.axis == "log"
@@ -101,7 +167,7 @@ def ruler(free: FreeMeans, chain: Array, predicted: Array) -> Ruler:
     apart = people.mean(axis=0) - ours
     noise = people - people.mean(axis=1, keepdims=True)
     excess = apart.var(ddof=1) - noise.var(axis=0).mean() if apart.size > 1 else 0.0
-    numbers = share, share - half, share + half, gain, lost, lost_se, np.sqrt(max(excess, 0.0))
+    numbers = share, share - half, share + half, gain, _error(each), lost, lost_se, np.sqrt(max(excess, 0.0))
     return Ruler(*map(float, numbers))
 
 

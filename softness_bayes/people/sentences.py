@@ -10,6 +10,7 @@ import numpy as np
 
 from softness_bayes.likelihood.scales import Scale
 from softness_bayes.people.free_means import FreeMeans
+from softness_bayes.people.ruler import Fit
 from softness_bayes.readable import chance, number, percent
 
 if TYPE_CHECKING:
@@ -111,6 +112,34 @@ def ruler_sentence(table: pd.DataFrame, scale: Scale) -> str:
     return (
         f"of what people's own means predict beyond 'all fabrics alike', the chain keeps {kept}; people's means "
         f"scatter about the chain's by {size} (sd)"
+    )
+
+
+def fit_faults(fit: Fit) -> list[str]:
+    """Describe why a fit has failed, most important reason first; empty if it has not."""
+    said = [fit.direction.direction_note] if fit.direction.against_data else []
+    return [*said, "the chain certainly loses a part of what people agree on"] if fit.follows.rejected else said
+
+
+def untestable_sentence(fit: Fit) -> str:
+    """Describe why agreement with the ratings is no test of the model; empty if it is one."""
+    if not fit.untestable:
+        return ""
+    return (
+        f"the agreement with the ratings tests nothing: {fit.free_moduli} moduli are free to follow {fit.means} "
+        "mean ratings; measure moduli, or rate under more loads"
+    )
+
+
+def silence_note(fit: Fit) -> str:
+    """Describe the share of silence in the posterior and its meaning; empty for little silence or a wrong direction."""
+    if not fit.mostly_silent or fit.direction.against_data:
+        return ""
+    return (
+        f"no receptor fires in {percent(fit.silent_conditions)} of posterior draws and conditions; there the "
+        "model predicts one rating for all fabrics, and only the prior and the absence of firing constrain skin "
+        "and receptors. Check the units of moduli and loads, and whether the priors suit these fingers "
+        "(--priors in-vivo)"
     )
 
 

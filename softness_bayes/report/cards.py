@@ -9,27 +9,23 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from softness_bayes.arviz_bridge import SAMPLE_DIMS
-from softness_bayes.checking.agreement import Fit, fit_of
 from softness_bayes.checking.check_table import doubts
 from softness_bayes.checking.checks import ALONG, LEVEL
 from softness_bayes.checking.exactness import Exactness, compare_likelihoods
 from softness_bayes.checking.modulus_errors import MovedMost, moved_most
 from softness_bayes.checking.sensitivity import INFORMED
 from softness_bayes.checking.sentences import (
-    fit_faults,
-    fit_sentence,
     information_sentences,
     plate_sentence,
     residual_sentences,
-    silence_note,
     turn_sentence,
     unreproduced_sentence,
 )
 from softness_bayes.checking.turning_check import Reproduction, turns_reproduced
 from softness_bayes.defaults import in_words, shown_of
 from softness_bayes.files.run_files import MODULUS_ERRORS, RULER
-from softness_bayes.people.ruler import Following, following
-from softness_bayes.people.sentences import ruler_sentence
+from softness_bayes.people.ruler import Fit, Following
+from softness_bayes.people.sentences import fit_faults, ruler_sentence, silence_note, untestable_sentence
 from softness_bayes.provenance import NumericalErrors, PlateData
 from softness_bayes.readable import number, sentence, with_error
 from softness_bayes.results.result import Result
@@ -40,9 +36,6 @@ if TYPE_CHECKING:
 MATTERS = 0.5
 """Shift of a posterior mean, in posterior standard deviations, from which errors of 10 % of the moduli matter: 90 %
 intervals that are off by as much hold the truth in 86 %."""
-
-MOSTLY = 0.5
-"""Share of the differences between fabrics from which the response is said to explain them."""
 
 NOT_CONVERGED = "The chains have not converged: this is for inspection only."
 MODEL_FAILED = "The model does not follow these ratings: see the first finding."
@@ -86,7 +79,7 @@ def cards(result: Result) -> list[Card]:
     rest.append(information_card(result.summary(), [held] if held else []))
     if result.has_compression:
         rest.append(plate_card(provenance.plate))
-    follows = [agreement_card(fit_of(result.tree), ruler_of(result))] if result.has_ratings else []
+    follows = [agreement_card(result.fit, ruler_sentence_of(result))] if result.has_ratings else []
     if not provenance.ending.converged:
         rest, follows = ([card.doubted(NOT_CONVERGED) for card in some] for some in (rest, follows))
     if follows and follows[0].standing is Standing.BAD:
@@ -110,47 +103,23 @@ def convergence_card(converged: bool, verdict: str) -> Card:
     return Card("Has the sampler converged?", answer, standing, [verdict])
 
 
-class MeasuredRuler(NamedTuple):
-    """The ruler of a run, and what it says."""
-
-    follows: Following
-    sentence: str
+def ruler_sentence_of(result: Result) -> str:
+    """Return the sentence on the ruler of a run; empty for ratings on a custom scale, whose own means are not known."""
+    return ruler_sentence(result.tables[RULER], result.scale) if RULER in result.tables else ""
 
 
-def ruler_of(result: Result) -> MeasuredRuler | None:
-    """Return the ruler of a run; None for ratings on a custom scale, whose own means are not known."""
-    if RULER not in result.tables:
-        return None
-    table = result.tables[RULER]
-    return MeasuredRuler(following(table), ruler_sentence(table, result.scale))
-
-
-def agreement_card(fit: Fit, ruler: MeasuredRuler | None = None) -> Card:
+def agreement_card(fit: Fit, ruler: str) -> Card:
     """Return the card on the agreement of the model with the ratings, without which no other finding counts.
 
-    It is good only if the chain keeps all that people's own means predict, and a loss would have been seen. Without a
-    ruler, the share of the differences that is explained decides.
+    It is good only if the chain keeps all that people's own means predict, and a loss would have been seen.
     """
-    details = [
-        *fit_faults(fit),
-        *([ruler.sentence] if ruler else []),
-        fit_sentence(fit),
-        *([note] if (note := silence_note(fit)) else []),
-    ]
-    whole = fit.explained[-1]
+    details = [*fit_faults(fit), ruler, untestable_sentence(fit), silence_note(fit)]
     if fit.direction.against_data:
         answer, standing = "No: wrong direction of the ratings", Standing.BAD
-    elif fit.flat:
-        answer, standing = "No: the prediction is flat", Standing.BAD
     else:
         details.append(fit.direction.direction_note)
-        if fit.untestable or not whole.p_value < LEVEL:
-            answer, standing = "Not judged", Standing.NEUTRAL
-        elif ruler is not None:
-            answer, standing = _following(ruler.follows)
-        else:
-            answer, standing = ("Yes", Standing.GOOD) if whole.share >= MOSTLY else ("In part", Standing.DOUBTFUL)
-    return Card("Does the model follow the ratings?", answer, standing, [*map(sentence, details)])
+        answer, standing = ("Not judged", Standing.NEUTRAL) if fit.untestable else _following(fit.follows)
+    return Card("Does the model follow the ratings?", answer, standing, [sentence(one) for one in details if one])
 
 
 def _following(follows: Following) -> tuple[str, Standing]:

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from softness_bayes.checking.agreement import RATERS_OF_CELLS, HighestRated, fit_of, highest_rated
+from softness_bayes.checking.agreement import RATERS_OF_CELLS, HighestRated, highest_rated
 from softness_bayes.checking.check_table import doubts
+from softness_bayes.checking.layout import layout_of, ratings_in
 from softness_bayes.checking.modulus_errors import LINEAR, MovedMost
 from softness_bayes.checking.sensitivity import INFORMED
 from softness_bayes.checking.sentences import surprise_sentence, surprises
@@ -15,19 +16,17 @@ from softness_bayes.checking.turning_check import DOUBTFUL, turns_reproduced
 from softness_bayes.data.oddities import few_raters_sentence
 from softness_bayes.files.run_files import FABRIC_RATINGS, RULER
 from softness_bayes.likelihood.directions import FALLS, RISES
+from softness_bayes.model.direction import odd_raters
 from softness_bayes.parameters.declared import MODULUS_SCALE, PARAMETERS
 from softness_bayes.people.free_means import word_of
-from softness_bayes.people.ruler import Following
+from softness_bayes.people.ruler import UNKNOWN, Following, fit_of
 from softness_bayes.people.sentences import highest_sentences, ruler_sentence
 from softness_bayes.readable import chance, number, with_error
-from softness_bayes.report.cards import exactness_of, input_errors_of, ruler_of
+from softness_bayes.report.cards import exactness_of, input_errors_of
 from softness_bayes.results.result import Result
 
 if TYPE_CHECKING:
     import pandas as pd
-
-UNKNOWN = Following(None, False)
-"""Answer for a chain without a ruler, or for one that may still change."""
 
 LIKELY = 0.9
 """Probability above which a turning point is reported; below one minus this, its absence is reported."""
@@ -68,8 +67,6 @@ class Facts(NamedTuple):
     steps: int
     other_direction: str | None = None
     """The direction supported by the data, if the run used the other one."""
-    flat: bool = False
-    """True if the prediction is flat although ratings differ between fabrics."""
     silent: bool = False
     """True if most of the posterior predicts no firing."""
     differ: bool = True
@@ -95,6 +92,12 @@ class Facts(NamedTuple):
     """Sentences on people's own means, and on how much of them the chain keeps."""
     follows: Following = UNKNOWN
     """Answer to whether the chain follows the ratings, by its ruler."""
+    odd: str = ""
+    """Raters whose answers look reversed or copied, as a sentence."""
+    remedies: tuple[str, ...] = ()
+    """Options that would include what failed checks show, with their estimated gain, the largest first."""
+    direction: str = ""
+    """Probability of either direction of the ratings, as a sentence, if both were sampled."""
     surprise: str = ""
     """Sentence on parameters whose posterior is far from their prior; empty if none is."""
     known: tuple[str, ...] = ()
@@ -107,7 +110,7 @@ class Facts(NamedTuple):
     @property
     def failed(self) -> bool:
         """True if the model does not follow the ratings at all."""
-        return self.other_direction is not None or self.flat or self.follows.rejected
+        return self.other_direction is not None or self.follows.rejected
 
     @property
     def rejected(self) -> bool:
@@ -155,14 +158,17 @@ def facts_of(result: Result) -> Facts:
         failed = result.provenance.plate.force_p_value < DOUBTFUL  # NaN is not
         wrong = ("growth of the plate's force with indentation",) if failed else ()
         return facts._replace(unreproduced=wrong, skin=_skin(summary))
-    fit, checks, inputs = fit_of(result.tree), result.tables["predictive_checks"], input_errors_of(result)
+    ruler = result.tables.get(RULER)
+    fit, checks, inputs = fit_of(result.tree, ruler), result.tables["predictive_checks"], input_errors_of(result)
     other = next(one.name for one in (RISES, FALLS) if one is not fit.direction.direction)
     modulus = result.fabrics.effective_modulus
     return facts._replace(
         other_direction=other if fit.direction.against_data else None,
-        flat=bool(fit.flat),
         silent=fit.mostly_silent,
-        differ=not fit.explained[-1].p_value >= DOUBTFUL,
+        direction=fit.direction.said,
+        odd=_odd(result),
+        remedies=_remedies(result),
+        differ=ruler is None or bool(ruler["low"]["gain"] > 0.0),
         exact=exactness_of(result).exact_enough,
         unreproduced=tuple(doubts(checks)),
         turns=_turns(result),
@@ -170,11 +176,38 @@ def facts_of(result: Result) -> Facts:
         highest=highest_rated(result.tree),
         moved=inputs.largest if inputs.sensitive else None,
         people=_people(result),
-        follows=measured.follows if (measured := ruler_of(result)) and (ending.converged or settled) else UNKNOWN,
+        follows=fit.follows if ending.converged or settled else UNKNOWN,
         known=tuple(f"{one.name} {number(one.low)} to {number(one.high)}" for one in _skin(summary) if one.informed),
         unknown=tuple(one.name for one in _skin(summary) if not one.informed),
         cautions=_cautions(result),
     )
+
+
+def _remedies(result: Result) -> tuple[str, ...]:
+    """Return the options that would include what failed checks of residuals show, with their gain, largest first."""
+    doubted = {name.partition(" (")[0] for name in doubts(result.tables["predictive_checks"])}
+    found = {
+        " or ".join(one.advice): one.gain
+        for name, one in result.provenance.findings.items()
+        if name in doubted and one.advice and one.gain > 0
+    }
+    ranked = sorted(found, key=lambda option: -found[option])
+    told = [f"{option} (estimated gain: {found[option]:.0f} in the log-likelihood)" for option in ranked]
+    tails = [name for name in doubted if name.endswith(" residual / sd")]
+    normal = result.provenance.rating_model.rating_errors == "normal"
+    if tails and normal and not any("--errors" in option for option in found):
+        told.append("--errors student, for outliers")
+    return tuple(told)
+
+
+def _odd(result: Result) -> str:
+    """Return a question about raters whose answers look reversed or copied; empty if there are none."""
+    names = result.group("log_likelihood_participant")["participant"].values.astype(str)
+    found = odd_raters(layout_of(result.tree), ratings_in(result.tree))
+    said = [f"the scale of {_listed([names[k] for k in found.against])} was reversed"] if found.against else []
+    if found.copies:
+        said.append(f"the answers of {_listed([names[k] for k in found.copies])} are copies of another rater's")
+    return " and whether ".join(said)
 
 
 def _cautions(result: Result) -> tuple[str, ...]:
@@ -218,8 +251,6 @@ def conclude(facts: Facts, directory: str | None = None) -> Conclusion:
 def _trust(facts: Facts) -> str:
     if facts.other_direction is not None:
         return "No: ratings change with stiffness in the opposite direction to the one that the run assumes."
-    if facts.flat:
-        return "No: the model predicts the same rating for fabrics that were rated differently."
     if facts.follows.rejected:
         return "No: the chain certainly loses a part of what people agree on, so that it cannot speak for them."
     if facts.quick:
@@ -269,6 +300,8 @@ def _learnt(facts: Facts) -> str:
         clauses = [
             "the ratings do not differ between fabrics by more than noise, so they show little about the turning point"
         ]
+    if facts.direction:
+        clauses.insert(0, facts.direction)
     if facts.known:
         clauses.append(f"learnt (90 % intervals): {', '.join(facts.known)}")
     if facts.unknown:
@@ -329,8 +362,12 @@ def _next(facts: Facts, directory: str | None) -> str:
         return (
             f"repeat the run with --direction {facts.other_direction}, or check whether the rating scale was reversed."
         )
-    if facts.flat or (facts.silent and facts.converged):
+    if facts.odd and (facts.failed or facts.rejected):
+        return f"check whether {facts.odd}, and leave these rows out or correct them."
+    if facts.silent and (facts.converged or facts.failed):
         return "check the units of moduli and loads ('softness-bayes check'), then try --priors in-vivo."
+    if facts.remedies and (facts.follows.rejected or facts.rejected) and (facts.converged or facts.settled):
+        return f"repeat the run with {'; or with '.join(facts.remedies)}, and use 'softness-bayes compare'."
     if facts.follows.rejected:
         return (
             "look for fabrics, units and moduli that do not belong together ('softness-bayes check'); try another "
@@ -344,6 +381,11 @@ def _next(facts: Facts, directory: str | None) -> str:
         return "repeat the run with --exact-reweight."
     if (facts.contradicted or facts.unreproduced) and facts.skin:
         return "look in figures/compression.png for fingers that differ from the others, and check their forces' units."
+    if facts.surprise and not facts.skin:
+        return (
+            "check the units of moduli and loads; state an error common to all moduli (--shared-modulus-cv 0.3), or "
+            "try another --reading, and rank the runs with 'softness-bayes compare'."
+        )
     if facts.contradicted or facts.unreproduced or facts.follows.keeps is False:
         return "see predictive_checks.csv, try another --reading, and rank the runs with 'softness-bayes compare'."
     if facts.moved is not None:

@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from softness_bayes.checking.agreement import fabric_rating_table, fit_of
+from softness_bayes.checking.agreement import fabric_rating_table
 from softness_bayes.checking.check_table import check_table, doubts
 from softness_bayes.checking.identifiability import direction_table
-from softness_bayes.checking.sentences import fit_faults, unreproduced_sentence
+from softness_bayes.checking.sentences import unreproduced_sentence
 from softness_bayes.defaults import MOST_SHOWN, in_words
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import require_outputs, write_outputs
@@ -137,7 +137,7 @@ def report_page(
         subject=subject(result),
         converged=result.provenance.ending.converged,
         quick=result.provenance.ending.quick,
-        faults=fit_faults(fit_of(result.tree)) if result.has_ratings else [],
+        faults=result.faults,
         verdict=result.provenance.ending.verdict,
         conclusion=conclude(facts_of(result)),
         findings=cards(result),

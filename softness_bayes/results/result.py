@@ -17,7 +17,7 @@ from softness_bayes.data.columns import LOAD_CV
 from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import write_outputs
-from softness_bayes.files.run_files import ANSWERS, FINGERS, MODULI, MODULUS_ERRORS, POSTERIOR, RUN, SUMMARY
+from softness_bayes.files.run_files import ANSWERS, FINGERS, MODULI, MODULUS_ERRORS, POSTERIOR, RULER, RUN, SUMMARY
 from softness_bayes.files.spreadsheet import csv_of
 from softness_bayes.provenance import is_first_look
 from softness_bayes.ranges import numbers, require_kind, require_mapping
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from softness_bayes.data import Fabrics
+    from softness_bayes.people.ruler import Fit
     from softness_bayes.plotting.figures import Plots
     from softness_bayes.results.ranking import Ranking
     from softness_bayes.results.target import Target
@@ -147,6 +148,24 @@ class Result(Stored):
         ensembles = np.unique(self.group("sample_stats")[arviz_bridge.ENSEMBLE]).size
         # weighted draws are one chain
         return turning_table(drawn, names, prior, min(ensembles, len(drawn.outcome)))
+
+    @property
+    def fit(self) -> Fit:
+        """Whether the model follows the ratings."""
+        from softness_bayes.people.ruler import fit_of
+
+        self._require_ratings()
+        return fit_of(self.tree, self.tables.get(RULER))
+
+    @property
+    def faults(self) -> list[str]:
+        """Reasons why the fit has failed; of a chain that may still change, its direction alone."""
+        from softness_bayes.people.ruler import UNKNOWN
+        from softness_bayes.people.sentences import fit_faults
+
+        if not self.has_ratings:
+            return []
+        return fit_faults(self.fit if self.provenance.ending.converged else self.fit._replace(follows=UNKNOWN))
 
     @property
     def moduli_assumed(self) -> bool:
@@ -351,11 +370,7 @@ class Result(Stored):
 
     def _repr_html_(self) -> str:
         """Return verdict, turning points and summary as HTML for a notebook."""
-        from softness_bayes.checking.agreement import fit_of
-        from softness_bayes.checking.sentences import fit_faults
-
-        faults = [f"the fit failed: {fault}" for fault in fit_faults(fit_of(self.tree))] if self.has_ratings else []
-        said = [*faults, self.provenance.verdict]
+        said = [*(f"the fit failed: {fault}" for fault in self.faults), self.provenance.verdict]
         columns = ["p_interior", "prior_p_interior", "p_none", "p_silent"]
         columns += ["e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high"]
         tables = {"where the response turns over": self.inflection()[columns]} if self.has_ratings else {}

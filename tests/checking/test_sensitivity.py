@@ -23,8 +23,8 @@ from softness_bayes.checking.sensitivity import (
     power_scaling,
     prior_moments,
 )
-from softness_bayes.checking.sentences import direction_sentences, information_sentences
-from softness_bayes.parameters.laws import HalfNormal, LogNormal, Normal, Uniform
+from softness_bayes.checking.sentences import direction_sentences, information_sentences, modulus_sentences
+from softness_bayes.parameters.laws import HalfNormal, LogNormal, Normal, Signed, Uniform
 from softness_bayes.sampler.chain_statistics import jackknife
 
 DRAWS = 40_000
@@ -340,6 +340,15 @@ def test_sensitivity_is_to_the_priors_of_moduli_too(rng):
     assert "fabric_modulus" not in found.index
 
 
+def test_an_exponent_of_either_sign_belongs_to_no_product(rng):
+    theta = learnt(rng, error=0.05)
+    log_prior = np.stack([p.log_density(theta[:, k]) for k, p in enumerate(PRIORS)], axis=-1)
+    tree = tree_of(theta * [1.0, 1.0, -1.0], log_prior, np.zeros(len(theta)))
+    tree.attrs["prior_gamma"] = str(Signed(PRIORS[2]))
+    assert list(direction_table(tree))[:3] == ["contraction", "b", "m"]
+    assert "gamma" in direction_table(tree_of(theta, log_prior, np.zeros(len(theta))))  # negative control
+
+
 def summary(**columns):
     return pd.DataFrame({"prior_shift": 0.0, "mean": 1.0} | columns, index=["b", "m", "gamma"])
 
@@ -383,3 +392,12 @@ def test_a_sensitivity_within_its_error_of_the_line_is_not_judged(pull, said):
     table = summary(contraction=[0.9] * 3, psens_prior=[pull, 0.0, 0.0], psens_prior_mcse=[0.004] * 3)
     *_, last = information_sentences(table)
     assert (said in last and ": b (" in last) if said else last.startswith("weakly identified")
+
+
+@pytest.mark.parametrize(("laws", "narrowed"), [(["uniform(1,9)"] * 3, False), (["a", "b", "b"], True)])
+def test_brackets_that_are_one_for_all_are_not_narrowed_by_ratings(laws, narrowed):
+    """Their order follows from the direction alone."""
+    table = pd.DataFrame({"law": laws, "contraction": 0.9, "shift": 0.1}, index=["x", "y", "z"])
+    (said,) = modulus_sentences(table)
+    assert ("narrow 3 of 3" in said) == narrowed
+    assert ("nothing was known that tells these fabrics apart" in said) != narrowed

@@ -9,7 +9,7 @@ from scipy.stats import page_trend_test, spearmanr
 
 from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.directions import FALLS, RISES
+from softness_bayes.likelihood.directions import FALLS, FREE, RISES
 from softness_bayes.likelihood.error_laws import NORMAL
 from softness_bayes.likelihood.layout import Layout
 from softness_bayes.model.build import build, choose_direction
@@ -134,7 +134,11 @@ def test_a_rater_against_all_others_is_named_and_no_other(rng):
     layout = layout_of(12, np.geomspace(1e3, 1e6, 15), keep=keep)
     who = layout.design.participant
     alike = np.log(ratings_of(rng, layout, 0.4))
-    assert odd_raters(layout, np.exp(alike)) == ({}, ())
+    assert odd_raters(layout, np.exp(alike)) == ({}, (), ())
+    whole = layout_of(12, np.geomspace(1e3, 1e6, 15))
+    copied = ratings_of(rng, whole, 0.4)
+    copied[60:75] = copied[45:60]
+    assert odd_raters(whole, copied).copies == (4,)
     turned = np.where(who == 3, -alike, alike)
     turned[who == 5] = 1.0
     found = odd_raters(layout, np.exp(turned))
@@ -211,11 +215,13 @@ def test_what_is_asked_for_is_taken_and_said_to_be_wrong(rng):
 
 
 @pytest.mark.parametrize("modulus", [CLOTH, CLOTH[:1]])
-def test_where_the_table_cannot_tell_the_papers_reading_is_taken(modulus):
+def test_where_the_table_cannot_tell_both_directions_are_sampled(modulus):
     experiment = table(np.random.default_rng(3), 0.0, modulus)
     found = choose_direction(experiment, ModelOptions())
-    assert (found.direction, found.evidence.direction, found.against_data) == (RISES, None, False)
-    assert "is used by default" in found.sentence
+    assert (found.direction, found.evidence.direction, found.against_data) == (FREE, None, False)
+    assert "--direction free, because the table cannot decide between" in found.sentence
+    # without an exponent there is no sign to sample
+    assert choose_direction(experiment, ModelOptions(fix={"gamma": 1.0})).direction is RISES
     assert not choose_direction(experiment, ModelOptions(direction=FALLS)).against_data
 
 

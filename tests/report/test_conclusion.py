@@ -38,7 +38,7 @@ def test_the_highest_rated_fabric_is_named_only_where_it_is_clear():
     assert unclear.startswith(
         "the chain predicts no single highest rating at 1 mm (most probable: gauze, 53 ± 2 % among 4)"
     )
-    for failed in ({"converged": False}, {"flat": True}, {"differ": False}):
+    for failed in ({"converged": False}, {"follows": Following(False, True)}, {"differ": False}):
         assert "highest" not in conclude(GOOD._replace(highest=softest, **failed)).learnt
 
 
@@ -82,8 +82,8 @@ def test_a_failed_check_limits_the_trust_and_is_named():
 @pytest.mark.parametrize(
     ("facts", "part", "words"),
     [
-        (GOOD._replace(flat=True, silent=True), "trust", "No: "),
-        (GOOD._replace(flat=True, silent=True), "next_step", "units of moduli and loads"),
+        (GOOD._replace(follows=Following(False, True), silent=True), "trust", "No: "),
+        (GOOD._replace(follows=Following(False, True), silent=True), "next_step", "units of moduli and loads"),
         (
             GOOD._replace(turns=(TOLD._replace(reproduced=None),)),
             "learnt",
@@ -133,15 +133,28 @@ def test_a_run_on_plate_forces_alone_says_what_is_known_of_the_skin():
     assert "turn" not in found.learnt
 
 
+def test_the_next_step_names_what_would_gain_most_and_people_who_answered_otherwise():
+    doubted = GOOD._replace(unreproduced=("noise",), remedies=("--drift (estimated gain: 40)", "--individual gamma"))
+    assert conclude(doubted).next_step.startswith("repeat the run with --drift (estimated gain: 40); or with --indiv")
+    odd = conclude(doubted._replace(odd="the scale of P3 was reversed")).next_step
+    assert odd.startswith("check whether the scale of P3 was reversed, and leave these rows out")
+    # negative control: of a run that passes nothing of the kind is said
+    fine = conclude(GOOD._replace(odd="the scale of P3 was reversed", remedies=("--drift",))).next_step
+    assert "reversed" not in fine
+    assert "--drift" not in fine
+    free = conclude(GOOD._replace(direction="direction: ratings rise with firing with probability 60 %")).learnt
+    assert free.startswith("direction: ratings rise with firing with probability 60 %; at 1 mm")
+
+
 def test_every_combination_of_facts_gives_three_sentences_and_trust_only_where_all_is_well():
-    names = ("converged", "flat", "silent", "differ", "exact")
+    names = ("converged", "silent", "differ", "exact")
     for values in itertools.product((True, False), repeat=len(names)):
         flag = dict(zip(names, values, strict=True))
         for checks in ((), ("LOO-PIT",)):
             found = conclude(GOOD._replace(**flag, unreproduced=checks), "results")
             assert all(said.endswith(".") for said in (found.trust, found.learnt, found.next_step))
             assert not any("\n" in line for line in found.lines)
-            well = flag["converged"] and flag["exact"] and not (flag["flat"] or flag["silent"] or checks)
+            well = flag["converged"] and flag["exact"] and not (flag["silent"] or checks)
             assert found.trust.startswith("Yes") == well
 
 

@@ -381,7 +381,7 @@ def test_every_option_of_the_files_is_repeated(made, monkeypatch, tmp_path):
         "round-load": "0.05",
     }
     words = [word for name, value in given.items() for word in (f"--{name}", value)]
-    typed = shlex.join(["softness-bayes", "sample", *words, "--drop-zeros", "--wide", "--out", "results"])
+    typed = shlex.join(["softness-bayes", "sample", *words, "--drop-zeros", "--wide", "--drift", "--out", "results"])
     result = made("ratings")
     tree = result.tree.copy()
     asked = Request().with_options(**OPTIONS | {"command": typed})
