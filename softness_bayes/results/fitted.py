@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +15,8 @@ from softness_bayes.data import Compression, Experiment, Fabrics, Ratings
 from softness_bayes.data.columns import GEOMETRIC_SD, LOAD_CV, RESOLUTION
 from softness_bayes.data.forms import AggregatedCells
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.error_laws import NORMAL
 from softness_bayes.likelihood.scales import name_of_scale
 from softness_bayes.model.build import build
-from softness_bayes.model.fingers import values_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.model.prediction import OtherTouches
@@ -151,9 +148,13 @@ def experiment_of(result: Stored) -> Experiment:
     InputError
         If the run had no ratings.
     """
-    loads, constant, found = result.loads, result.group("constant_data"), result.provenance.rating_data
-    rating = result.group("observed_data")["rating"].values
-    fabrics = _fabrics_of(result)
+    loads, constant, data = result.loads, result.group("constant_data"), result.provenance.rating_data
+
+    def rows(name: str) -> NDArray[Any] | None:
+        return constant[name].values if name in constant else None
+
+    filed, fabrics = rows(RATING_AS_FILED), _fabrics_of(result)
+    raters = constant.get(RATERS_OF_CELLS)
     ratings = Ratings(
         tuple(str(name) for name in result.group("log_likelihood_participant")["participant"].values),
         fabrics.names,
@@ -161,25 +162,17 @@ def experiment_of(result: Stored) -> Experiment:
         participant=constant["participant_index"].values,
         fabric=constant["fabric_index"].values,
         load=constant["load_index"].values,
-        rating=constant[RATING_AS_FILED].values if RATING_AS_FILED in constant else rating,
+        rating=result.group("observed_data")["rating"].values if filed is None else filed,
         rows=constant[RATING_LINE].values,
-        n_missing=found.missing_ratings,
-        rating_column=found.rating_column,
-        digest=found.digest_ratings,
-        load_cv=constant[LOAD_CV.name].values if LOAD_CV.name in constant else None,
-        resolution=constant[RESOLUTION.name].values if RESOLUTION.name in constant else None,
-        lists=constant["list_index"].values if "list_index" in constant else None,
-        cells=_cells_of(constant),
+        n_missing=data.missing_ratings,
+        rating_column=data.rating_column,
+        digest=data.digest_ratings,
+        load_cv=rows(LOAD_CV.name),
+        resolution=rows(RESOLUTION.name),
+        lists=rows("list_index"),
+        cells=None if raters is None else AggregatedCells(int(raters), rows(GEOMETRIC_SD.name)),
     )
     return Experiment(ratings, fabrics, (), _compression_of(result) if result.has_compression else None)
-
-
-def _cells_of(constant: Any) -> AggregatedCells | None:
-    """Return numbers of raters and standard deviations of cells, if ratings are cell means."""
-    if RATERS_OF_CELLS not in constant:
-        return None
-    known = constant[GEOMETRIC_SD.name].values if GEOMETRIC_SD.name in constant else None
-    return AggregatedCells(int(constant[RATERS_OF_CELLS]), known)
 
 
 def _fabrics_of(result: Stored) -> Fabrics:
@@ -208,15 +201,14 @@ def _fabrics_of(result: Stored) -> Fabrics:
 
 def _compression_of(result: Stored) -> Compression:
     constant, force = result.group("constant_data"), result.group("observed_data")["plate_force_n"]
-    found = result.provenance.plate
     return Compression(
         tuple(str(name) for name in result.group("posterior")["finger"].values),
         constant["finger_index"].values,
         constant["force_indentation_mm"].values * 1e-3,
         force.values,
         force["force_row"].values,
-        n_zero=found.zero_forces,
-        digest=found.digest_compression,
+        n_zero=result.provenance.plate.zero_forces,
+        digest=result.provenance.plate.digest_compression,
     )
 
 
@@ -232,25 +224,22 @@ def options_of(result: Stored) -> ModelOptions:
 
 def differences(results: dict[str, Stored]) -> dict[str, str]:
     """Return, for each result, the readings, scale, direction, priors and fixed values in which its model differs."""
-    told = {label: _model(result) for label, result in results.items()}
-    every = dict.fromkeys(key for model in told.values() for key in model)
-    apart = [key for key in every if len({model.get(key, "–") for model in told.values()}) > 1]
-    return {label: ", ".join(f"{key}={model.get(key, '–')}" for key in apart) for label, model in told.items()}
+    models = {label: _model(result) for label, result in results.items()}
+    every = dict.fromkeys(key for model in models.values() for key in model)
+    apart = [key for key in every if len({model.get(key, "–") for model in models.values()}) > 1]
+    return {label: ", ".join(f"{key}={model.get(key, '–')}" for key in apart) for label, model in models.items()}
 
 
 def _model(result: Stored) -> dict[str, str]:
+    """Return the choices of a model in words, by name."""
     options = options_of(result)
-    return {
+    told = ("readings", "scale", "direction", "priors", "prior_set", "fix")
+    chosen = {
         **options.readings.names,
         "ratings": name_of_scale(options.scale),
         "direction": result.provenance.direction.direction.name,
-        **({"individual": ",".join(options.individual)} if options.individual else {}),
         **{name: str(prior) for name, prior in options.priors.items()},
         **{name: f"{np.format_float_positional(value, 6, trim='-')}" for name, value in options.fix.items()},
-        **{name: f"{value:g}" for name, value in values_of(options.finger).items()},
-        **({} if options.errors in (None, NORMAL) else {"errors": options.errors.name}),
-        **({} if options.resolution is None else {"resolution": f"{options.resolution:g}"}),
-        **({"load_cv": f"{options.load_cv:g}"} if options.load_cv else {}),
-        **({"shared_load_cv": f"{options.shared_load_cv:g}"} if options.shared_load_cv else {}),
-        **({"compression": result.provenance.plate.digest_compression[:8]} if result.has_compression else {}),
+        **{name: text for name, text in options.changed().items() if name not in (*told, "discretisation", "decided")},
     }
+    return chosen | ({"compression": result.provenance.plate.digest_compression[:8]} if result.has_compression else {})

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,17 +45,16 @@ class Ranked(NamedTuple):
     """Index of each fabric's group of ties, 0 for none, shape (fabrics,)."""
     typical: Array
     """Draws of the typical rater's median rating, shape (draws, fabrics)."""
-    p_silent: Array
-    """Share of the draws in which no receptor fires, shape (fabrics,)."""
-    remarks: NDArray[np.str_]
+    reasons: pd.DataFrame
+    """Reasons for unusual predictions, a row per fabric (`rating_table.reasons`)."""
     people: Mapping[str, Array]
     """People's own mean rating of each fabric and its 90 % limits, by column; NaN for fabrics that were not rated."""
     verdicts: Verdicts
 
     @property
-    def p_softer(self) -> Array:
-        """Probability that each fabric of the order is softer than the next one, shape (fabrics - 1,)."""
-        return self.pairs.softer[self.order[:-1], self.order[1:]]
+    def p_silent(self) -> Array:
+        """Share of the draws in which no receptor fires, shape (fabrics,)."""
+        return self.reasons["p_silent"].to_numpy()
 
 
 @dataclass(frozen=True)
@@ -94,16 +93,27 @@ class Ranking:
     @property
     def table(self) -> pd.DataFrame:
         """A row per load and fabric, the softest first (docs/files.md 11)."""
+        return self._of_each_load(self._rows)
+
+    @property
+    def place_table(self) -> pd.DataFrame:
+        """A row per load, fabric and possible place, with its probability."""
+        return self._of_each_load(self._places)
+
+    @property
+    def pair_table(self) -> pd.DataFrame:
+        """A row per load and pair of fabrics, the softer one of the order first, with the probability of its order."""
+        return self._of_each_load(self._pairs)
+
+    def _of_each_load(self, columns: Callable[[Ranked], dict[str, Any]]) -> pd.DataFrame:
         import pandas as pd
 
-        return pd.concat([self._rows(one) for one in self.loads], ignore_index=True)
+        each = [pd.DataFrame({"load": str(one.load), **columns(one)}) for one in self.loads]
+        return pd.concat(each, ignore_index=True)
 
-    def _rows(self, one: Ranked) -> pd.DataFrame:
-        import pandas as pd
-
+    def _rows(self, one: Ranked) -> dict[str, Any]:
         rating, place, k = limits(one.typical), limits(one.places.place), one.order
-        columns = {
-            "load": str(one.load),
+        return {
             "order": np.arange(1, k.size + 1),
             "fabric": [self.fabrics[i] for i in k],
             "e_fab_kpa": self.modulus[k] / 1e3,
@@ -114,49 +124,30 @@ class Ranking:
             "place": one.places.place.mean(axis=0)[k],
             "place_high": place["_high"][k],
             **{name: values[k] for name, values in one.people.items()},
-            "p_softer_than_next": np.append(one.p_softer, np.nan),
+            "p_softer_than_next": np.append(one.pairs.softer[k[:-1], k[1:]], np.nan),
             "tie": [str(number) if number else "" for number in one.tie[k]],
-            "p_silent": one.p_silent[k],
-            "remarks": one.remarks[k],
+            **{name: one.reasons[name].to_numpy()[k] for name in ("p_silent", "remarks")},
         }
-        return pd.DataFrame(columns)
 
-    @property
-    def place_table(self) -> pd.DataFrame:
-        """A row per load, fabric and possible place, with its probability."""
-        import pandas as pd
+    def _places(self, one: Ranked) -> dict[str, Any]:
+        probability = one.places.probability[one.order]
+        # sums of shares that should cancel leave rounding errors
+        row, place = np.nonzero(probability > 1e-9)
+        names = [self.fabrics[one.order[k]] for k in row]
+        return {"fabric": names, "place": place + 1, "probability": probability[row, place]}
 
-        parts = []
-        for one in self.loads:
-            probability = one.places.probability[one.order]
-            # sums of shares that should cancel leave rounding errors
-            row, place = np.nonzero(probability > 1e-9)
-            names = [self.fabrics[one.order[k]] for k in row]
-            found = {"load": str(one.load), "fabric": names, "place": place + 1, "probability": probability[row, place]}
-            parts.append(pd.DataFrame(found))
-        return pd.concat(parts, ignore_index=True)
-
-    @property
-    def pair_table(self) -> pd.DataFrame:
-        """A row per load and pair of fabrics, the softer one of the order first, with the probability of its order."""
-        import pandas as pd
-
-        names, parts = np.array(self.fabrics, object), []
-        for one in self.loads:
-            above, below = np.triu_indices(one.order.size, 1)
-            first, second = one.order[above], one.order[below]
-            found = {
-                "load": str(one.load),
-                "fabric": names[first],
-                "other": names[second],
-                "p_softer": one.pairs.softer[first, second],
-                "p_tie": one.pairs.tie[first, second],
-                "p_harder": one.pairs.softer[second, first],
-                "verdict": one.verdicts.words(first, second, self.word),
-                "because": one.verdicts.reasons(first, second),
-            }
-            parts.append(pd.DataFrame(found))
-        return pd.concat(parts, ignore_index=True)
+    def _pairs(self, one: Ranked) -> dict[str, Any]:
+        above, below = np.triu_indices(one.order.size, 1)
+        first, second, names = one.order[above], one.order[below], np.array(self.fabrics, object)
+        return {
+            "fabric": names[first],
+            "other": names[second],
+            "p_softer": one.pairs.softer[first, second],
+            "p_tie": one.pairs.tie[first, second],
+            "p_harder": one.pairs.softer[second, first],
+            "verdict": one.verdicts.words(first, second, self.word),
+            "because": one.verdicts.reasons(first, second),
+        }
 
     def figure(self, style: Style = USUAL) -> Figure:
         """Return the figure of places and ratings under each load."""
@@ -217,20 +208,18 @@ def rank(
     scene, modulus = fitted.scene(fabrics, loads), fitted.modulus(rng, fabrics)
     found = fitted.touches(fabrics, scene).ratings(rng, fitted.theta, 0, modulus)
     why = reasons(fitted, scene, found.rate, modulus)
-    unreached = why.p_silent >= NOTICED, why.p_beyond_radius >= NOTICED, why.beyond_moduli != "", why.beyond_loads != ""
-    people, ranked = people_of(result), []
+    unreached = [why[name].to_numpy() >= NOTICED for name in ("p_silent", "p_beyond_radius")]
+    unreached += [why[name].to_numpy() != "" for name in ("beyond_moduli", "beyond_loads")]
+    people, against, ranked = people_of(result), rejected(result), []
     for k, load in enumerate(loads):
         here = np.flatnonzero(scene.load == k)
         rating = found.typical[:, here]
         put, two = places(rating), pairs(rating)
         order = np.argsort(put.place.mean(axis=0), kind="stable")
-        tie = ties(two.tie, order)
         at = np.full(len(fabrics), -1) if people is None else conditions_of(result, people, fabrics, load)
-        barred = [one[here] for one in unreached]
-        found_verdicts = verdicts(p_higher_among(people, at), two.softer, barred, rejected(result))
+        decided = verdicts(p_higher_among(people, at), two.softer, [one[here] for one in unreached], against)
         means = beside(result, people, fabrics, load)
-        shown = why.p_silent[here], why.remarks[here], means, found_verdicts
-        ranked.append(Ranked(load, order, put, two, tie, rating, *shown))
+        ranked.append(Ranked(load, order, put, two, ties(two.tie, order), rating, why.iloc[here], means, decided))
     middle = scene.fabric_modulus if modulus is None else np.median(modulus, axis=0)
     word = word_of(result.provenance.rating_data.rating_column, result.scale)
     return Ranking(fabrics.names, middle, result.scale, tuple(ranked), word, tuple(cautions(result, fabrics)))

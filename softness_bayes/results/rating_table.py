@@ -6,7 +6,7 @@ Reasons are silence, a contact beyond Hertz's geometry, and fabrics or loads out
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -111,10 +111,10 @@ def predicted(
         columns: dict[str, ArrayLike] = {"load": scene.load}
         for name, drawn in (("typical_rating", found.typical), ("new_rater_rating", new), ("mean_rating", found.mean)):
             columns |= {f"{name}{end}": limit for end, limit in limits(drawn, found.alike).items()}
-        columns["raters"] = np.full(scene.n_conditions, panel)
         own = [beside(fitted.result, people, some, load) for load in loads]
+        columns |= {"raters": np.full(scene.n_conditions, panel)}
         columns |= {name: np.concatenate([one[name] for one in own]) for name in own[0]}
-        rated = pd.DataFrame(columns | reasons(fitted, scene, found.rate, modulus)._asdict())
+        rated = pd.concat([pd.DataFrame(columns), reasons(fitted, scene, found.rate, modulus)], axis=1)
         tables.append(pd.concat([prediction_table(some, scene, fitted.touch, modulus=modulus), rated], axis=1))
         scenes.append(scene)
     joined = pd.concat(tables).sort_values("load", kind="stable").reset_index(drop=True)
@@ -140,25 +140,8 @@ def limits(values: Array, alike: IndexArray | None = None) -> dict[str, Array]:
     return dict(zip(LIMITS, found, strict=True))
 
 
-class Reasons(NamedTuple):
-    """Reasons for the predictions of some conditions, each of shape (conditions,)."""
-
-    p_silent: Array
-    """Share of the draws in which no receptor fires."""
-    p_beyond_half_radius: Array
-    """Share of the draws whose contact radius exceeds R/2, where Hertz's geometry is questionable."""
-    p_beyond_radius: Array
-    """Share of the draws whose contact radius is R or more, where it is invalid."""
-    beyond_moduli: NDArray[np.str_]
-    """"below" or "above" if E_fab lies outside the rated moduli, otherwise empty."""
-    beyond_loads: NDArray[np.str_]
-    """"below" or "above" if the load lies outside the rated loads, otherwise empty."""
-    remarks: NDArray[np.str_]
-    """All reasons as text."""
-
-
-def reasons(fitted: Fitted, scene: Scene, rate: Array, modulus: Array | None = None) -> Reasons:
-    """Return the reasons for predictions of the conditions of a scene.
+def reasons(fitted: Fitted, scene: Scene, rate: Array, modulus: Array | None = None) -> pd.DataFrame:
+    """Return the reasons for predictions of the conditions of a scene, a row for each.
 
     A force is compared with the forces of the rated touches, an indentation with their indentations. If the rated loads
     are of the other kind, medians over the draws are used.
@@ -171,51 +154,54 @@ def reasons(fitted: Fitted, scene: Scene, rate: Array, modulus: Array | None = N
         The conditions, and their response at the draws, shape (draws, conditions).
     modulus
         E_fab [Pa] of each fabric at each draw; by default that of the scene.
+
+    Returns
+    -------
+    DataFrame
+        Shares of the draws in which no receptor fires (p_silent), and whose contact radius exceeds R/2, where Hertz's
+        geometry is questionable (p_beyond_half_radius), or is R or more, where it is invalid (p_beyond_radius);
+        "below" or "above" if E_fab (beyond_moduli) or the load (beyond_loads) lies outside the rated range, otherwise
+        empty; and all of it as text (remarks).
     """
+    import pandas as pd
+
     touch, rated = fitted.touch, fitted.posterior.scene
     own = fitted.posterior.space.modulus(fitted.theta)
     extent = scene.contact(touch, modulus).radius / scene.fingertip(touch).radius
-    silent, half, whole = ((found.mean(axis=0)) for found in (rate == 0, extent > 0.5, extent >= 1.0))
     asked = scene.modulus if modulus is None else np.median(modulus, axis=0)[scene.fabric]
-    moduli = _Span.of((rated.modulus if own is None else np.median(own, axis=0)) / KPA, "kPa")
-    beyond_moduli, contact = moduli.beyond(asked / KPA), rated.contact(touch, own)
-    beyond_loads, loads = np.full(scene.n_conditions, "", beyond_moduli.dtype), []
+    known = rated.modulus if own is None else np.median(own, axis=0)
+    beyond_moduli, moduli = _beyond(asked / KPA, known / KPA, "kPa")
+    contact = rated.contact(touch, own)
+    beyond_loads, loads = np.full(scene.n_conditions, "", "U5"), []
     for k, load in enumerate(scene.loads):
-        entry = next(entry for entry in LOAD_COLUMNS if isinstance(load, entry.kind))
-        held = np.median(getattr(contact, _HELD[entry.kind]), axis=0)
-        loads.append(_Span.of(held / entry.column.factor, entry.column.unit))
-        beyond_loads[scene.load == k] = loads[k].beyond(np.array(entry.value(load) / entry.column.factor))
-    words = []
-    for k in range(scene.n_conditions):
+        column, kind, value = next(entry for entry in LOAD_COLUMNS if isinstance(load, entry.kind))
+        values = np.median(getattr(contact, _HELD[kind]), axis=0) / column.factor
+        beyond_loads[scene.load == k], told = _beyond(np.array(value(load) / column.factor), values, column.unit)
+        loads.append(told)
+    columns = {
+        "p_silent": (rate == 0).mean(axis=0),
+        "p_beyond_half_radius": (extent > 0.5).mean(axis=0),
+        "p_beyond_radius": (extent >= 1.0).mean(axis=0),
+        "beyond_moduli": beyond_moduli,
+        "beyond_loads": beyond_loads,
+    }
+    remarks = []
+    for at, silent, half, whole, stiff, pressed in zip(scene.load, *columns.values(), strict=True):
         said = [
-            f"no receptor fires in {percent(silent[k])} of the draws" if silent[k] >= NOTICED else "",
-            _hertz(half[k], whole[k]),
-            f"E_fab {beyond_moduli[k]} the rated range ({moduli})" if beyond_moduli[k] else "",
-            f"load {beyond_loads[k]} the rated range ({loads[scene.load[k]]})" if beyond_loads[k] else "",
+            f"no receptor fires in {percent(silent)} of the draws" if silent >= NOTICED else "",
+            _hertz(half, whole),
+            f"E_fab {stiff} the rated range ({moduli})" if stiff else "",
+            f"load {pressed} the rated range ({loads[at]})" if pressed else "",
         ]
-        words.append("; ".join(one for one in said if one))
-    return Reasons(silent, half, whole, beyond_moduli, beyond_loads, np.array(words, str))
+        remarks.append("; ".join(one for one in said if one))
+    return pd.DataFrame({**columns, "remarks": remarks})
 
 
-class _Span(NamedTuple):
-    """The range of rated values."""
-
-    low: float
-    high: float
-    unit: str
-
-    @classmethod
-    def of(cls, values: Array, unit: str) -> _Span:
-        return cls(float(values.min()), float(values.max()), unit)
-
-    def beyond(self, values: Array) -> NDArray[np.str_]:
-        """Return "below" or "above" for values outside the range, otherwise an empty text."""
-        return np.select(
-            [values < self.low * (1.0 - _SAME), values > self.high * (1.0 + _SAME)], ["below", "above"], ""
-        )
-
-    def __str__(self) -> str:
-        return f"{number(self.low)} to {number(self.high)} {self.unit}"
+def _beyond(values: Array, rated: Array, unit: str) -> tuple[NDArray[np.str_], str]:
+    """Return "below" or "above" for values outside the range of rated ones, else an empty text; and the range."""
+    low, high = float(rated.min()), float(rated.max())
+    side = np.select([values < low * (1.0 - _SAME), values > high * (1.0 + _SAME)], ["below", "above"], "")
+    return side, f"{number(low)} to {number(high)} {unit}"
 
 
 def _hertz(questionable: float, meaningless: float) -> str:

@@ -210,7 +210,7 @@ def target(
         curve = found.typical[:, here]
         moduli = solutions(np.log(grid), result.scale.additive(curve) - wished)
         near = {key: int(np.abs(np.log(grid / np.nanmedian(values))).argmin()) for key, values in moduli.items()}
-        remarks = {key: str(why.remarks[here[at]]) for key, at in near.items()}
+        remarks = {key: str(why["remarks"][here[at]]) for key, at in near.items()}
         solved.append(Solutions(load, moduli, curve.min(axis=1), curve.max(axis=1), remarks))
     return Target(rating, span, rated, cloth, nu, result.readings.fabric_modulus, tuple(solved))
 
