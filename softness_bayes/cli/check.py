@@ -73,8 +73,7 @@ def command(
     machine.
     """
     from softness_bayes.data import Compression
-    from softness_bayes.model.build import build, choose_direction
-    from softness_bayes.model.interpretation import interpret
+    from softness_bayes.model.build import Parts, build
     from softness_bayes.model.reach import reach_of
     from softness_bayes.model.understanding import SCHEMA, foreseen, understood, understood_forces, warnings
     from softness_bayes.people.free_means import free_means
@@ -94,11 +93,11 @@ def command(
         lines = [*_of_forces(experiment), *(f"note: {note}" for note in known["notes"])]
         click.echo(json.dumps(known, indent=1, ensure_ascii=False) if as_json else "\n".join(lines))
         return
-    meaning, reached = interpret(experiment.ratings, model), reach_of(experiment, model)
-    notes = [*experiment.notes, *warnings(experiment, model, meaning)]
+    parts = Parts(experiment, model)
+    meaning, reached = parts.interpretation, reach_of(experiment, model)
+    notes = [*experiment.notes, *warnings(parts)]
     people = None if model.scale.model is not None else free_means(experiment.ratings, model, meaning)
-    direction = choose_direction(experiment, model, meaning)
-    known = understood(experiment, model, meaning, direction, [*([reached] if reached else []), *notes])
+    known = understood(parts, [*([reached] if reached else []), *notes])
     known["design"] = foreseen(experiment, model) if design else None
     if as_json:
         click.echo(json.dumps(known | _people(people), indent=1, ensure_ascii=False))

@@ -79,7 +79,7 @@ def cost_lines(model: ExperimentModel) -> list[str]:
     import pandas as pd
 
     from softness_bayes.model.scenes import prior_draws
-    from softness_bayes.model.understanding import BATCH, ladder, left_out, seconds
+    from softness_bayes.model.understanding import BATCH, ladder, seconds
     from softness_bayes.touch.accuracy import DRAWS
 
     scene, chosen, draws = model.scene, model.resolution, prior_draws(model.posterior.space)
@@ -95,22 +95,20 @@ def cost_lines(model: ExperimentModel) -> list[str]:
     ]
     presets = [
         {
-            "nodes": one.resolution.discretisation.nodes,
-            "to exp(-x)": one.resolution.discretisation.saturation,
-            "tolerance": f"{one.resolution.discretisation.field_tolerance:.0e}",
-            "rates": _terms(one.resolution.discretisation),
-            **_shown(one.resolution.errors),
-            "cost [µs]": f"{1e6 * one.seconds:.1f}",
-            "": "<- chosen" if one.chosen else "",
+            "nodes": one.discretisation.nodes,
+            "to exp(-x)": one.discretisation.saturation,
+            "tolerance": f"{one.discretisation.field_tolerance:.0e}",
+            "rates": _terms(one.discretisation),
+            **_shown(one.errors),
+            "cost [µs]": f"{1e6 * taken:.1f}",
+            "": "<- chosen" if one.discretisation == d else "",
         }
-        for one in ladder(scene, draws)
+        for one, taken in ladder(scene, draws)
     ]
     return [
         f"accuracy {model.options.accuracy:g}, {scene.n_conditions} conditions, errors over {DRAWS} draws of the prior",
         f"\n{pd.DataFrame(stages).to_string(index=False)}",
         f"\ncost: {1e6 * cost:.1f} µs for each parameter vector, {BATCH} at a time, on one core",
-        "\nleft out:",
-        *(f"- {reason}" for reason in left_out(model)),
         f"\npresets:\n{pd.DataFrame(presets).to_string(index=False)}",
     ]
 

@@ -115,7 +115,7 @@ def _model_of_forces(model: ModelOptions, how: RunOptions) -> ModelOptions:
 def _evaluated(data: Experiment | Compression, options: ModelOptions) -> bool:
     """Evaluate and print a model without sampled parameters; return False for any other model."""
     from softness_bayes.data import Compression
-    from softness_bayes.model.build import build, build_skin, moduli_of, space_of
+    from softness_bayes.model.build import Parts, build, build_skin
     from softness_bayes.runs.evaluation import evaluate
 
     lines = [f"note: {note}" for note in data.notes]
@@ -125,7 +125,8 @@ def _evaluated(data: Experiment | Compression, options: ModelOptions) -> bool:
             return False
         lines += evaluate(skin).sentences()
     else:
-        if space_of(data, options).sampled or not moduli_of(data, options).known:
+        parts = Parts(data, options)
+        if parts.space.sampled or not parts.moduli.known:
             return False
         model = build(data, options)
         assert model.resolution is not None, "the command line sets an accuracy"

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -112,6 +112,145 @@ class SkinModel:
     posterior: Density
 
 
+@dataclass(frozen=True)
+class Parts:
+    """The parts of an experiment's model that need no direction and no resolution, each made once.
+
+    Parameters
+    ----------
+    experiment, options
+        The tables and the requested options.
+    """
+
+    experiment: Experiment
+    options: ModelOptions
+
+    @cached_property
+    def interpretation(self) -> Interpretation:
+        """Interpretation of the ratings, and their error law."""
+        return interpret(self.experiment.ratings, self.options)
+
+    @cached_property
+    def design(self) -> Design:
+        """The design of the ratings, with conditions sorted by fabric, then load."""
+        ratings, conditions = self.experiment.ratings, self.experiment.ratings.conditions
+        return Design(conditions.of_rating, ratings.participant, conditions.fabric, len(ratings.participants))
+
+    @cached_property
+    def moduli(self) -> FabricModuli:
+        """Effective moduli of the fabrics, and the laws of those that are uncertain."""
+        options = self.options
+        reading = options.readings.fabric_modulus
+        found = fabric_moduli(self.experiment.fabrics, reading, options.modulus_cv, options.unknown_modulus)
+        return replace(found, common=self._priors.get(MODULUS_SCALE))
+
+    @cached_property
+    def space(self) -> ParameterSpace:
+        """The parameters, before `_bent`.
+
+        Raises
+        ------
+        InputError
+            If the options contain an unknown name, or parameters of the finger that cannot vary in this model.
+        """
+        experiment, options = self.experiment, self.options
+        require_one_source(options.priors, options.finger)
+        if experiment.compression is not None and "radius" in options.priors:
+            raise InputError(
+                "radius is given a prior, but the model of compression data needs a known radius: omit the prior "
+                "or the compression data"
+            )
+        needs = self.rating_model(RISES).needs
+        return parameter_space(
+            fix=options.fix,
+            priors=self._priors,
+            prior_set=options.prior_set,
+            skin_displacement=options.readings.skin_displacement,
+            n_participants=raters_told(experiment.ratings),
+            absent={*RatingModel.needs} - {*needs},
+            n_fingers=None if experiment.compression is None else len(experiment.compression.participants),
+            membrane=options.readings.membrane,
+            spreads=spreads_of(options.individual),
+            signed=("gamma",) if options.direction is FREE else (),
+            of_errors=ERROR_PARAMETERS.keys() & {*needs},
+        )
+
+    @property
+    def _priors(self) -> dict[str, Any]:
+        """The priors given, and that of an error common to all moduli if one is stated."""
+        stated = self.options.shared_modulus_cv or 0.0
+        common = {MODULUS_SCALE: LogNormal(1.0, float(np.sqrt(np.log1p(stated**2))))} if stated else {}
+        return {**common, **self.options.priors}
+
+    def scene(self, discretisation: Discretisation, noise: float | None = None) -> Scene:
+        """Return the scene at a resolution, with the noise of the options unless another is given."""
+        conditions, options, space = self.experiment.ratings.conditions, self.options, self.space
+        return scene_of(
+            self.experiment.fabrics,
+            self.experiment.ratings.loads,
+            space.held,
+            options.readings,
+            conditions.fabric,
+            conditions.load,
+            discretisation,
+            options.noise if noise is None else noise,
+            options.finger,
+            self.moduli,
+            box_of_priors(space.sampled, options.finger),
+            skin_of_priors(space),
+        )
+
+    def rating_model(self, direction: RatingDirection) -> RatingsModel:
+        """Return the observation model of the ratings.
+
+        Raises
+        ------
+        InputError
+            If this scale has no model of individual fingers or answers.
+        """
+        options, meaning = self.options, self.interpretation
+        if answers := answers_of(options.individual):
+            return model_of_different_raters(options.scale, answers, direction, meaning.law)
+        if options.individual:
+            if options.scale is not MAGNITUDE:
+                what = differing(options.individual)
+                raise InputError(
+                    f"individual: raters' {what} need magnitude estimates, not {options.scale.name} ratings"
+                )
+            return IndividualModel(direction, grid=grid_of(options.individual))
+        model: Any = rating_model(options.scale, direction, meaning.law, meaning.intervals.exact)
+        model = replace(model, categories=meaning.categories) if meaning.categories else model
+        return replace(model, raters=meaning.raters) if meaning.raters else model
+
+    def direction(self) -> DirectionChoice:
+        """Return the requested direction, or the one inferred from the data, with the evidence of the data.
+
+        Where the data do not decide, both directions are sampled.
+
+        Raises
+        ------
+        InputError
+            If a rating does not suit the scale.
+        """
+        (ratings, fabrics, *_), options, space = self.experiment, self.options, self.space
+        # noise smooths the onset of the rate curve, which does not change the order but takes minutes
+        coarse = replace(COARSE, rate_nodes=(options.discretisation or COARSE).rate_nodes)
+        scene = self.scene(coarse, noise=0.0)
+        layout = Layout(self.design, scene.modulus, ratings.conditions.load, scale=options.scale)
+        draws = space.touch(space.draw_prior(np.random.default_rng(0), DRAWS))
+        rate, groups = np.atleast_2d(scene.total_rate(draws)), groups_of(ratings.loads)  # one row if nothing is drawn
+        if groups.merged:
+            # a load that occurs with only one fabric does not order fabrics
+            layout, share = merge(layout, groups.of)
+            rate = rate @ share
+        known = np.array([bool(basis) for basis in fabrics.basis])
+        evidence = evidence_of(layout, self.interpretation.intervals.values, rate, known, groups.names)
+        asked = options.direction is not None and "direction" not in options.decided
+        # without an exponent that is sampled there is no sign to sample
+        signed = options.scale.model is None and options.scale is not STANDARDISED and "gamma" not in options.fix
+        return DirectionChoice(options.direction or evidence.direction or (FREE if signed else RISES), asked, evidence)
+
+
 def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> ExperimentModel:
     """Build the model of an experiment.
 
@@ -140,31 +279,23 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
         )
     if fingers_of(options.individual) and (freed := sorted(SHAPE_PARAMETERS.keys() & options.priors.keys())):
         raise InputError(f"individual: raters' own fingers and a prior of {freed[0]} cannot be combined")
-    meaning = interpret(experiment.ratings, options)
+    parts, resolution = Parts(experiment, options), None
+    meaning, chosen = parts.interpretation, parts.direction()
     if options.errors is None:
         options = options.decide(errors=meaning.law)
-    chosen = choose_direction(experiment, options, meaning)
     if options.direction is None:
+        parts = Parts(experiment, parts.options.decide(direction=chosen.direction))
         options = options.decide(direction=chosen.direction)
-    space, resolution = space_of(experiment, options, meaning), None
-    moduli = moduli_of(experiment, options)
-    compiled = _compiler(experiment, options, space)
     if options.discretisation is None:
-        resolution = choose(compiled, prior_draws(space), options.accuracy)
+        resolution = choose(parts.scene, prior_draws(parts.space), options.accuracy)
         options = options.decide(discretisation=resolution.discretisation)
     assert options.discretisation is not None
-    scene = compiled(options.discretisation)
-    model, design = _model_of(options, meaning, chosen.direction), design_of(experiment)
-    observation = model.observe(
-        meaning.intervals.values, design, None if meaning.intervals.exact else meaning.intervals
+    scene, stated = parts.scene(options.discretisation), meaning.intervals
+    observation = parts.rating_model(chosen.direction).observe(
+        stated.values, parts.design, None if stated.exact else stated
     )
-    others, fingers = None, None
     observation = _with_load_errors(observation, experiment, options)
-    if observation.load_errors is not None:
-        others = at_other_loads(scene, observation.load_errors)
-    if fingers_of(options.individual):
-        fingers = family_of(scene, grid_of(options.individual))
-    plates: list[CompressionForces] = []
+    errors, plates = observation.load_errors, []
     if experiment.compression is not None:
         plates.append(forces_of(experiment.compression, options))
         if set(SKIN) & set(options.individual):
@@ -172,14 +303,17 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
             names = experiment.ratings.participants, experiment.compression.participants
             observation = observation.with_pressed(PressedRaters.of(plates[0], *names))
     posterior = Posterior(
-        _bent(space, scene, chosen.direction).with_moduli(moduli),
+        _bent(parts.space, scene, chosen.direction).with_moduli(parts.moduli),
         (observation, *spreads_between(experiment.ratings), *plates),
         scene,
-        others,
-        fingers,
+        None if errors is None else at_other_loads(scene, errors),
+        family_of(scene, grid_of(options.individual)) if fingers_of(options.individual) else None,
     )
     if options.scale.model is not None:
-        _try_own(observation, posterior)
+        # all members of a custom observation model are tested before a run depends on them
+        drawn = posterior.space.draw_prior(np.random.default_rng(0), 2)
+        values = {name: np.broadcast_to(value, len(drawn)) for name, value in posterior.space.values(drawn).items()}
+        try_likelihood(observation, posterior.mean_rate(drawn), values)
     return ExperimentModel(experiment, options, posterior, scene, chosen, resolution, meaning)
 
 
@@ -207,14 +341,6 @@ def _with_load_errors(observed: RatingsLikelihood, experiment: Experiment, optio
     return under_load_errors(observed, LoadErrors.of(design, log_sd)) if log_sd.any() else observed
 
 
-def _try_own(observation: RatingsLikelihood, posterior: Posterior) -> None:
-    """Test all members of a custom observation model at two prior draws, before a run depends on them."""
-    drawn = posterior.space.draw_prior(np.random.default_rng(0), 2)
-    values = posterior.space.values(drawn).items()
-    named = {name: np.broadcast_to(np.asarray(value, float), (len(drawn),)) for name, value in values}
-    try_likelihood(observation, posterior.mean_rate(drawn), named)
-
-
 def build_skin(compression: Compression, options: ModelOptions) -> SkinModel:
     """Build the model of compression data alone.
 
@@ -234,114 +360,6 @@ def build_skin(compression: Compression, options: ModelOptions) -> SkinModel:
     )
     posterior = Density(space, (forces_of(compression, options),))
     return SkinModel(compression, replace(options, discretisation=Discretisation()), posterior)
-
-
-def choose_direction(
-    experiment: Experiment, options: ModelOptions, meaning: Interpretation | None = None
-) -> DirectionChoice:
-    """Return the requested direction, or the one inferred from the data, with the evidence of the data.
-
-    Where the data do not decide, both directions are sampled.
-
-    The interpretation of the ratings may be given as `meaning` if it is already known.
-
-    Raises
-    ------
-    InputError
-        If a rating does not suit the scale.
-    """
-    ratings, conditions = experiment.ratings, experiment.ratings.conditions
-    meaning = meaning or interpret(ratings, options)
-    space = space_of(experiment, options, meaning)
-    # noise smooths the onset of the rate curve, which does not change the order but takes minutes
-    coarse = replace(COARSE, rate_nodes=(options.discretisation or COARSE).rate_nodes)
-    scene = _compiler(experiment, replace(options, noise=0.0), space)(coarse)
-    layout = Layout(design_of(experiment), scene.modulus, conditions.load, scale=options.scale)
-    draws = space.touch(space.draw_prior(np.random.default_rng(0), DRAWS))
-    rate, groups = np.atleast_2d(scene.total_rate(draws)), groups_of(ratings.loads)  # one row if nothing is drawn
-    if groups.merged:
-        # a load that occurs with only one fabric does not order fabrics
-        layout, share = merge(layout, groups.of)
-        rate = rate @ share
-    known = np.array([bool(basis) for basis in experiment.fabrics.basis])
-    evidence = evidence_of(layout, meaning.intervals.values, rate, known, groups.names)
-    asked = options.direction is not None and "direction" not in options.decided
-    # without an exponent that is sampled there is no sign to sample
-    signed = options.scale.model is None and options.scale is not STANDARDISED and "gamma" not in options.fix
-    return DirectionChoice(options.direction or evidence.direction or (FREE if signed else RISES), asked, evidence)
-
-
-def space_of(experiment: Experiment, options: ModelOptions, meaning: Interpretation | None = None) -> ParameterSpace:
-    """Return the parameters of an experiment's model, before `_bent`; `meaning` as in `choose_direction`.
-
-    Raises
-    ------
-    InputError
-        If the options contain an unknown name, or parameters of the finger that cannot vary in this model.
-    """
-    require_one_source(options.priors, options.finger)
-    if experiment.compression is not None and "radius" in options.priors:
-        raise InputError(
-            "radius is given a prior, but the model of compression data needs a known radius: omit the prior "
-            "or the compression data"
-        )
-    meaning = meaning or interpret(experiment.ratings, options)
-    needs = _model_of(replace(options, errors=meaning.law), meaning).needs
-    return parameter_space(
-        fix=options.fix,
-        priors=_priors(options),
-        prior_set=options.prior_set,
-        skin_displacement=options.readings.skin_displacement,
-        n_participants=raters_told(experiment.ratings),
-        absent={*RatingModel.needs} - {*needs},
-        n_fingers=None if experiment.compression is None else len(experiment.compression.participants),
-        membrane=options.readings.membrane,
-        spreads=spreads_of(options.individual),
-        signed=("gamma",) if options.direction is FREE else (),
-        of_errors=ERROR_PARAMETERS.keys() & {*needs},
-    )
-
-
-def _model_of(options: ModelOptions, meaning: Interpretation, direction: RatingDirection = RISES) -> RatingsModel:
-    """Return the observation model of the ratings, for an error law already chosen.
-
-    Raises
-    ------
-    InputError
-        If this scale has no model of individual fingers or answers.
-    """
-    if not options.individual:
-        assert options.errors is not None
-        model: Any = rating_model(options.scale, direction, options.errors, meaning.intervals.exact)
-        model = replace(model, categories=meaning.categories) if meaning.categories else model
-        return replace(model, raters=meaning.raters) if meaning.raters else model
-    if answers := answers_of(options.individual):
-        assert options.errors is not None
-        return model_of_different_raters(options.scale, answers, direction, options.errors)
-    if options.scale is not MAGNITUDE:
-        what = differing(options.individual)
-        raise InputError(f"individual: raters' {what} need magnitude estimates, not {options.scale.name} ratings")
-    return IndividualModel(direction, grid=grid_of(options.individual))
-
-
-def moduli_of(experiment: Experiment, options: ModelOptions) -> FabricModuli:
-    """Return the effective moduli of the fabrics, and the laws of those that are uncertain."""
-    reading = options.readings.fabric_modulus
-    found = fabric_moduli(experiment.fabrics, reading, options.modulus_cv, options.unknown_modulus)
-    return replace(found, common=_priors(options).get(MODULUS_SCALE))
-
-
-def _priors(options: ModelOptions) -> dict[str, Any]:
-    """Return the priors given, and that of an error common to all moduli if one is stated."""
-    stated = options.shared_modulus_cv or 0.0
-    common = {MODULUS_SCALE: LogNormal(1.0, float(np.sqrt(np.log1p(stated**2))))} if stated else {}
-    return {**common, **options.priors}
-
-
-def design_of(experiment: Experiment) -> Design:
-    """Return the design of the ratings, with conditions sorted by fabric, then load."""
-    ratings, conditions = experiment.ratings, experiment.ratings.conditions
-    return Design(conditions.of_rating, ratings.participant, conditions.fabric, len(ratings.participants))
 
 
 def spreads_between(ratings: Ratings) -> tuple[RaterSpreads, ...]:
@@ -372,31 +390,6 @@ def forces_of(compression: Compression, options: ModelOptions) -> CompressionFor
         displacement=options.readings.skin_displacement,
         shape=options.finger,
     )
-
-
-def _compiler(
-    experiment: Experiment, options: ModelOptions, space: ParameterSpace
-) -> Callable[[Discretisation], Scene]:
-    """Return a function that compiles the scene of an experiment for a given discretisation."""
-    conditions, moduli = experiment.ratings.conditions, moduli_of(experiment, options)
-
-    def compiled(discretisation: Discretisation) -> Scene:
-        return scene_of(
-            experiment.fabrics,
-            experiment.ratings.loads,
-            space.held,
-            options.readings,
-            conditions.fabric,
-            conditions.load,
-            discretisation,
-            options.noise,
-            options.finger,
-            moduli,
-            box_of_priors(space.sampled, options.finger),
-            skin_of_priors(space),
-        )
-
-    return compiled
 
 
 def _bent(space: ParameterSpace, scene: Scene, directed: RatingDirection) -> ParameterSpace:

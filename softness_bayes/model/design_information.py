@@ -27,7 +27,7 @@ from softness_bayes.likelihood.information import Comparisons, EffectGroup, norm
 from softness_bayes.likelihood.orders import OrderModel
 from softness_bayes.likelihood.plate import CompressionForces, plate_line
 from softness_bayes.likelihood.scales import MAGNITUDE, PAIRS, RANKS, SLIDER, STANDARDISED
-from softness_bayes.model.build import ExperimentModel, design_of
+from softness_bayes.model.build import ExperimentModel
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.ranges import Range
 from softness_bayes.readable import number
@@ -78,7 +78,7 @@ class Planned(NamedTuple):
 
 def as_it_is(model: ExperimentModel) -> Planned:
     """Return the design of an experiment."""
-    design, lists = design_of(model.experiment), model.interpretation.intervals.lists
+    design, lists = model.posterior.observation.design, model.interpretation.intervals.lists
     compared = None if lists is None else Comparisons.of_rows(lists, design.condition)
     return Planned("", design, model.scene, len(model.experiment.fabrics.names), compared)
 

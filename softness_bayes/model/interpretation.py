@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.data import Ratings
-from softness_bayes.data.forms import AggregatedCells
 from softness_bayes.data.oddities import steps_of_raters
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design, Stated
@@ -94,22 +93,28 @@ def interpret(ratings: Ratings, options: ModelOptions) -> Interpretation:
         law, why = NORMAL, f"normal, as {alone} need"
     else:
         law, why = law_of(ratings, intervals, options.scale)
-    count = _count_of(ratings, options)
-    raters = 0 if ratings.cells is None else ratings.cells.raters
-    note = (
-        f"ratings: {count} ordered categories"
-        if count
-        else _numbers_note(ratings, intervals, alone, options.slider_width)
-    )
+    count, raters = _count_of(ratings, options), 0
     if ratings.cells is not None:
-        note = f"ratings: geometric means of {raters} raters each, {_spreads_note(ratings.cells)}"
+        raters, known = ratings.cells.raters, ratings.cells.geometric_sd
+        spreads = "without standard deviations, so they do not inform the spread of raters' scales (tau)"
+        if known is not None:
+            spreads = f"{int(np.isfinite(known).sum())} of them with the standard deviation of their log ratings"
+        note = f"ratings: geometric means of {raters} raters each, {spreads}"
+    elif count:
+        note = f"ratings: {count} ordered categories"
+    else:
+        note = _numbers_note(ratings, intervals, alone, options.slider_width)
     return Interpretation(intervals, law, note, f"errors: {why}", count, raters)
 
 
-def _spreads_note(cells: AggregatedCells) -> str:
-    if cells.geometric_sd is None:
-        return "without standard deviations, so they do not inform the spread of raters' scales (tau)"
-    return f"{int(np.isfinite(cells.geometric_sd).sum())} of them with the standard deviation of their log ratings"
+def _require_none(ratings: Ratings, wrong: NDArray[np.intp], expected: str, rest: str) -> None:
+    """Raise an error that names the first of some wrong ratings, what was expected, and the rest of the reason."""
+    if wrong.size:
+        i = wrong[0]
+        raise InputError(
+            f"{ratings.source}: row {ratings.rows[i]}, column {ratings.rating_column!r}: expected {expected}, got "
+            f"{ratings.rating[i]:.15g} ({wrong.size} of {len(ratings)} {rest}"
+        )
 
 
 def _wrong_cells(ratings: Ratings, options: ModelOptions) -> str:
@@ -139,7 +144,7 @@ def _with_custom_model(ratings: Ratings, options: ModelOptions) -> Interpretatio
     return Interpretation(intervals, law, note, f"errors: {law.meaning}, as defined by that model")
 
 
-def stated(ratings: Ratings, resolution: float | None = None) -> Stated:
+def stated(ratings: Ratings, resolution: float | None = None, ends: tuple[float, float] | None = None) -> Stated:
     """Return the intervals represented by ratings.
 
     Parameters
@@ -148,37 +153,35 @@ def stated(ratings: Ratings, resolution: float | None = None) -> Stated:
         The table; its column `resolution` takes precedence.
     resolution
         Grid step of all other rows, 0 for exact numbers; None to infer the step of each rater.
-    """
-    step = _steps_of(ratings, resolution)
-    limit = _limits(ratings, ratings.rating, step)
-    values = np.where((limit > 0) & (ratings.rating < limit), 0.5 * limit, ratings.rating)
-    return Stated(values, step, limit, np.full(len(ratings), np.inf))
-
-
-def stated_on_slider(ratings: Ratings, ends: tuple[float, float], resolution: float | None = None) -> Stated:
-    """Return the intervals represented by slider ratings, as shares of its length; arguments as for `stated`.
+    ends
+        Numbers of the ends of a slider, whose ratings become shares of its length; None for numbers without an end.
 
     Raises
     ------
     InputError
         If a rating lies beyond the ends, or all ratings are at one end.
     """
-    low, high = ends
-    outside = np.flatnonzero((ratings.rating < low) | (ratings.rating > high))
-    if outside.size:
-        i = outside[0]
-        raise InputError(
-            f"{ratings.source}: row {ratings.rows[i]}, column {ratings.rating_column!r}: expected a place on a "
-            f"slider from {low:g} to {high:g}, got {ratings.rating[i]:.15g} ({outside.size} of {len(ratings)} "
-            "ratings lie outside it); give its ends with --slider LOW,HIGH"
-        )
-    share = (ratings.rating - low) / (high - low)
-    inner = (share > 0) & (share < 1)
-    if not inner.any():
-        raise InputError(f"{ratings.source}: all ratings are at the ends of the slider, so they contain no information")
-    nearest = float(np.minimum(share, 1.0 - share)[inner].min())
-    step = _steps_of(ratings, resolution, nearest * (high - low)) / (high - low)
-    limit, most = _limits(ratings, share, step), 1.0 - _limits(ratings, 1.0 - share, step)
+    low, high = ends or (0.0, 1.0)
+    share, least = (ratings.rating - low) / (high - low), None
+    if ends is not None:
+        outside = np.flatnonzero((share < 0) | (share > 1))
+        place = f"a place on a slider from {low:g} to {high:g}"
+        _require_none(ratings, outside, place, "ratings lie outside it); give its ends with --slider LOW,HIGH")
+        inner = share[(share > 0) & (share < 1)]
+        if not inner.size:
+            raise InputError(
+                f"{ratings.source}: all ratings are at the ends of the slider, so they contain no information"
+            )
+        # grids much finer than the distance to an end do not matter
+        least = float(np.minimum(inner, 1.0 - inner).min()) * (high - low)
+    usual = steps_of_raters(ratings, least)[ratings.participant] if resolution is None else resolution
+    own = np.full(len(ratings), np.nan) if ratings.resolution is None else ratings.resolution
+    step = np.where(np.isnan(own), usual, own) / (high - low)
+    limit = _limits(ratings, share, step)
+    if ends is None:
+        none = np.full(len(ratings), np.inf)
+        return Stated(np.where((limit > 0) & (share < limit), 0.5 * limit, share), step, limit, none)
+    most = 1.0 - _limits(ratings, 1.0 - share, step)
     values = np.where(share < limit, 0.5 * limit, np.where(share > most, 0.5 * (1.0 + most), share))
     return Stated(values, step, limit, most, 1.0)
 
@@ -230,68 +233,38 @@ def _of_lists(ratings: Ratings, options: ModelOptions) -> Interpretation:
     zero = np.zeros(own.size)
     intervals = Stated(shares(own, lists), zero, zero, zero + np.inf, lists=lists)
     if options.scale is PAIRS:
-        return _of_pairs(ratings, options, intervals, sizes, tied // 2)
-    note = f"ratings: places in {sizes.size} lists of {_span(sizes)} touches; a larger number is a higher place"
+        if sizes.max() > 2:
+            raise InputError(
+                f"{ratings.source}: a list holds {sizes.max()} touches, expected pairs; put both fabrics in one "
+                "row (column fabric_2), mark the two rows of a pair in a column 'list', or use --ratings "
+                f"{RANKS.name} for longer lists"
+            )
+        law = options.errors or NORMAL
+        note = (
+            f"ratings: answers to {int((sizes == 2).sum())} pairs of touches; the larger number is that of the softer"
+        )
+        note += f"; {tied // 2} of them are ties, and contain no information" if tied > 1 else ""
+        errors = f"errors: {law.meaning}, so that an answer is a probit of the difference"
+        errors += "; --errors lapses also models guesses" if law == NORMAL else ""
+        return Interpretation(intervals, law, note, errors)
+    span = " to ".join(dict.fromkeys((str(sizes.min()), str(sizes.max()))))
+    note = f"ratings: places in {sizes.size} lists of {span} touches; a larger number is a higher place"
     note += f"; {tied} places are tied, and do not inform the order within ties" if tied else ""
     return Interpretation(intervals, GUMBEL, note, f"errors: {GUMBEL.meaning}")
 
 
-def _of_pairs(
-    ratings: Ratings, options: ModelOptions, intervals: Stated, sizes: NDArray[np.intp], tied: int
-) -> Interpretation:
-    """Return ratings as answers to pairs, given the sizes of their lists.
-
-    Raises
-    ------
-    InputError
-        If a list has more than two touches.
-    """
-    if sizes.max() > 2:
-        raise InputError(
-            f"{ratings.source}: a list holds {sizes.max()} touches, expected pairs; put both fabrics in one "
-            "row (column fabric_2), mark the two rows of a pair in a column 'list', or use --ratings "
-            f"{RANKS.name} for longer lists"
-        )
-    note = f"ratings: answers to {int((sizes == 2).sum())} pairs of touches; the larger number is that of the softer"
-    note += f"; {tied} of them are ties, and contain no information" if tied else ""
-    law = options.errors or NORMAL
-    more = "; --errors lapses also models guesses" if law == NORMAL else ""
-    return Interpretation(
-        intervals, law, note, f"errors: {law.meaning}, so that an answer is a probit of the difference{more}"
-    )
-
-
-def _span(sizes: NDArray[np.intp]) -> str:
-    low, high = int(sizes.min()), int(sizes.max())
-    return f"{low}" if low == high else f"{low} to {high}"
-
-
-def _steps_of(ratings: Ratings, resolution: float | None, least: float | None = None) -> FloatArray:
-    """Return the grid step of each row; 0 if numbers are exact or the step is negligible compared with `least`."""
-    found = (
-        steps_of_raters(ratings, least)[ratings.participant]
-        if resolution is None
-        else np.full(len(ratings), resolution)
-    )
-    own = np.full(len(ratings), np.nan) if ratings.resolution is None else ratings.resolution
-    return np.asarray(np.where(np.isnan(own), found, own))
-
-
 def _limits(ratings: Ratings, numbers: FloatArray, step: FloatArray) -> FloatArray:
-    """Return the number below which each row's rater answers 0: half a step, or the smallest of exact numbers."""
-    limit = 0.5 * step
+    """Return the number below which each row's rater answers 0: half a step, or the smallest of exact numbers.
+
+    That of all raters stands for a rater who has none above 0.
+    """
+    limit, every = 0.5 * step, numbers[numbers > 0]
+    least = float(every.min()) if every.size else 1.0
     for rater in np.unique(ratings.participant[numbers == 0]):
         of = ratings.participant == rater
-        limit[of & (step == 0)] = _smallest(numbers[of], numbers)
+        own = numbers[of & (numbers > 0)]
+        limit[of & (step == 0)] = own.min() if own.size else least
     return limit
-
-
-def _smallest(own: FloatArray, every: FloatArray) -> float:
-    """Return the smallest number above 0 of a rater, or that of all raters if the rater has none."""
-    for numbers in (own, every):
-        if (numbers > 0).any():
-            return float(numbers[numbers > 0].min())
-    return 1.0
 
 
 def _count_of(ratings: Ratings, options: ModelOptions) -> int:
@@ -309,12 +282,7 @@ def _count_of(ratings: Ratings, options: ModelOptions) -> int:
         return 0
     count = options.n_categories or int(np.clip(ratings.rating.max(), CATEGORIES_RANGE.low, CATEGORIES_RANGE.high))
     wrong = np.flatnonzero(~np.isin(ratings.rating, np.arange(1, count + 1)))
-    if wrong.size:
-        i = wrong[0]
-        raise InputError(
-            f"{ratings.source}: row {ratings.rows[i]}, column {ratings.rating_column!r}: expected the number of a "
-            f"category, 1 to {count}, got {ratings.rating[i]:.15g} ({wrong.size} of {len(ratings)} are none)"
-        )
+    _require_none(ratings, wrong, f"the number of a category, 1 to {count}", "are none)")
     if options.resolution is not None or ratings.resolution is not None:
         raise InputError("ratings: categories have no resolution; omit it")
     return count
@@ -324,7 +292,7 @@ def _intervals_of(ratings: Ratings, options: ModelOptions, resolution: float | N
     if options.scale is CATEGORIES:
         return stated(replace(ratings, resolution=None), 0.0)
     if options.scale is SLIDER:
-        return stated_on_slider(ratings, options.slider_ends, resolution)
+        return stated(ratings, resolution, options.slider_ends)
     if options.slider_ends != (0.0, 1.0):
         raise InputError(f"slider: ends are given for {options.scale.name} ratings; add --ratings slider, or omit them")
     return stated(ratings, resolution)

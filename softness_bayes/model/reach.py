@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.errors import InputError
-from softness_bayes.model.build import COARSE, moduli_of
+from softness_bayes.model.build import COARSE, Parts
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
 from softness_bayes.parameters.declared import SHAPE_PARAMETERS
@@ -110,16 +110,14 @@ def reach_note(
     )
     kinds = [kind for kind in OTHER_LOADS if any(isinstance(load, kind) for load in loads)]
     tried = [load for kind in kinds for load in OTHER_LOADS[kind]]
-    wider = scene_under(tried)
-    changes = []
+    wider, changes = scene_under(tried), []
+    touches = np.bincount(wider.load)
     for option, skin in {"": parameters, **others}.items():
-        share = np.bincount(wider.load, reach(wider, skin).within) / np.bincount(wider.load)
+        share = np.bincount(wider.load, reach(wider, skin).within) / touches
         best = int(share.argmax())
         same = float(reach(scene, skin).within.mean()) if option else -1.0
-        if same >= share[best] - 0.01:
-            changes.append((same, option))
-        else:
-            changes.append((float(share[best]), f"{tried[best]}{f' with {option}' if option else ''}"))
+        load = f"{tried[best]}{f' with {option}' if option else ''}"
+        changes.append((same, option) if same >= share[best] - 0.01 else (float(share[best]), load))
     gains = [f"{percent(share)} under {name}" for share, name in changes if share >= here.within.mean() + GAIN]
     if gains:
         return f"{said}. Within the range would be {', '.join(gains)}"
@@ -170,17 +168,14 @@ def reach_of_priors(
     """
     values = usual_values(readings, prior_set, given)
 
+    surface = {name: x for name, x in values.items() if name not in Channels._fields}
+
     def scene_under(pressed: Sequence[Load]) -> Scene:
-        # the surface of rates is stored, whereas a curve for particular channels takes a second
-        for held in ({name: x for name, x in values.items() if name not in Channels._fields}, values):
-            try:
-                return scene_of(
-                    fabrics, tuple(pressed), held, readings, None, None, discretisation, finger=finger, moduli=moduli
-                )
-            except InputError:
-                if held is values:
-                    raise
-        raise AssertionError("one of them returns or raises")
+        how: dict[str, Any] = {"discretisation": discretisation, "finger": finger, "moduli": moduli}
+        try:  # the surface of rates is stored, whereas a curve for particular channels takes a second
+            return scene_of(fabrics, tuple(pressed), surface, readings, **how)
+        except InputError:
+            return scene_of(fabrics, tuple(pressed), values, readings, **how)
 
     skin = {name: values for name in SKINS if name != prior_set for values in [usual_values(readings, name)]}
     others = {f"--priors {name}": touch_parameters({**values, "b": x["b"], "m": x["m"]}) for name, x in skin.items()}
@@ -193,5 +188,5 @@ def reach_of(experiment: Experiment, options: ModelOptions) -> str:
     shape = {name: known.pop(name) * parameter.si for name, parameter in SHAPE_PARAMETERS.items() if name in known}
     given = {name: value for name, value in known.items() if name in TouchParameters._fields}
     loads, finger = experiment.ratings.loads, replace(options.finger, **shape)
-    moduli = moduli_of(experiment, options)
+    moduli = Parts(experiment, options).moduli
     return reach_of_priors(experiment.fabrics, loads, options.readings, options.prior_set, given, finger, moduli)

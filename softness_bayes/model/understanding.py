@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,15 +14,12 @@ from softness_bayes.data.oddities import oddities
 from softness_bayes.data.ratings import with_few_loads
 from softness_bayes.likelihood.layout import Layout, merge
 from softness_bayes.likelihood.scales import CATEGORIES, PAIRS, RANKS
-from softness_bayes.model.build import COARSE, ExperimentModel, build, design_of, moduli_of, people_notes
+from softness_bayes.model.build import COARSE, Parts, build, people_notes
 from softness_bayes.model.design_information import Expected, as_it_is, foresee, others
-from softness_bayes.model.direction import DirectionChoice, odd_raters
-from softness_bayes.model.interpretation import Interpretation
+from softness_bayes.model.direction import odd_raters
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.readable import counted
 from softness_bayes.touch.accuracy import PRESETS, ChosenResolution, Draws, first, measured
 from softness_bayes.touch.load_groups import groups_of
-from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Scene
 
@@ -38,15 +35,13 @@ LIMITS = (0.1, 0.5, 0.9)
 """Reported quantiles over true parameter vectors."""
 
 
-def warnings(experiment: Experiment, options: ModelOptions, meaning: Interpretation) -> list[str]:
+def warnings(parts: Parts) -> list[str]:
     """Return warnings about odd or wrong values in the ratings, besides the notes from reading the files."""
-    ratings = experiment.ratings
-    moduli = np.array(moduli_of(experiment, options).middle)
-    layout = Layout(
-        design_of(experiment), moduli[ratings.conditions.fabric], ratings.conditions.load, scale=options.scale
-    )
+    ratings, options, conditions = parts.experiment.ratings, parts.options, parts.experiment.ratings.conditions
+    modulus = np.array(parts.moduli.middle)[conditions.fabric]
+    layout = Layout(parts.design, modulus, conditions.load, scale=options.scale)
     groups = groups_of(ratings.loads)
-    odd = odd_raters(merge(layout, groups.of)[0] if groups.merged else layout, meaning.intervals.values)
+    odd = odd_raters(merge(layout, groups.of)[0], parts.interpretation.intervals.values)
     names = ratings.participants
     found = [
         f"looks wrong: {names[k]} rates against all others (rank correlation {r:+.2f} with their means): was "
@@ -61,30 +56,23 @@ def warnings(experiment: Experiment, options: ModelOptions, meaning: Interpretat
         found.append(f"looks wrong: all ratings of {same} are copies of another rater's")
     return [
         *found,
-        *people_notes(experiment, options),
+        *people_notes(parts.experiment, options),
         *oddities(ratings, options.scale not in (CATEGORIES, RANKS, PAIRS)),
     ]
 
 
-def understood(
-    experiment: Experiment,
-    options: ModelOptions,
-    meaning: Interpretation,
-    direction: DirectionChoice,
-    notes: list[str],
-) -> dict[str, Any]:
+def understood(parts: Parts, notes: list[str]) -> dict[str, Any]:
     """Return the full interpretation of an experiment as JSON data.
 
     Parameters
     ----------
-    experiment, options
-        The tables and the requested options.
-    meaning, direction
-        Interpretation of the numbers, and their direction.
+    parts
+        The parts of its model.
     notes
         Notes from reading the files, and `warnings`.
     """
-    ratings, conditions = experiment.ratings, experiment.ratings.conditions
+    experiment, options, meaning = parts.experiment, parts.options, parts.interpretation
+    ratings, conditions, direction = experiment.ratings, experiment.ratings.conditions, parts.direction()
     pairs = len(ratings.fabrics) * len(ratings.loads)
     cells = len(set(zip(ratings.participant.tolist(), conditions.of_rating.tolist(), strict=True)))
     answers = np.bincount(ratings.participant)
@@ -109,7 +97,7 @@ def understood(
             }
             for k, name in enumerate(ratings.participants)
         ],
-        "fabrics": _understood_fabrics(experiment, options),
+        "fabrics": _understood_fabrics(parts),
         "loads": _understood_loads(ratings),
         "conditions": {
             "rated": len(conditions.fabric),
@@ -133,9 +121,10 @@ def understood(
     }
 
 
-def _understood_fabrics(experiment: Experiment, options: ModelOptions) -> list[dict[str, Any]]:
+def _understood_fabrics(parts: Parts) -> list[dict[str, Any]]:
     """Return each fabric with its modulus (and limits, if uncertain) and its number of ratings."""
-    fabrics, moduli, counts = experiment.fabrics, moduli_of(experiment, options), np.bincount(experiment.ratings.fabric)
+    fabrics, moduli = parts.experiment.fabrics, parts.moduli
+    counts = np.bincount(parts.experiment.ratings.fabric)
     found = []
     for k, name in enumerate(fabrics.names):
         law = moduli.laws[k]
@@ -237,7 +226,7 @@ def prior_responses(
     grid = curve_scene(model.scene.under(held, *pairs))
     space = model.posterior.space
     curves = response_curves(grid, space.touch(space.draw_prior(np.random.default_rng(0), draws)))
-    return curves.modulus, curves.total_rate, np.array(moduli_of(experiment, options).middle)
+    return curves.modulus, curves.total_rate, np.array(Parts(experiment, options).moduli.middle)
 
 
 def _ratios(expected: Expected) -> dict[str, Any]:
@@ -266,21 +255,10 @@ BATCH, REPEATS = 64, 12
 """Parameter vectors per timed call, and number of calls; the fastest one is used."""
 
 
-class Setting(NamedTuple):
-    """One resolution, with its numerical errors and cost per parameter vector."""
-
-    resolution: ChosenResolution
-    seconds: float
-    """Time of the scene for each parameter vector [s]."""
-    chosen: bool
-
-
-def ladder(scene: Scene, draws: Draws) -> tuple[Setting, ...]:
-    """Measure errors and cost of a scene at every preset."""
-    found = (measured(scene.recompiled(discretisation=preset), draws) for preset in PRESETS)
-    return tuple(
-        Setting(one, seconds(one.scene, draws.parameters), one.discretisation == scene.discretisation) for one in found
-    )
+def ladder(scene: Scene, draws: Draws) -> list[tuple[ChosenResolution, float]]:
+    """Return a scene at every preset with its measured errors, and the time for each parameter vector [s]."""
+    presets = [measured(scene.recompiled(discretisation=preset), draws) for preset in PRESETS]
+    return [(one, seconds(one.scene, draws.parameters)) for one in presets]
 
 
 def seconds(scene: Scene, parameters: TouchParameters, batch: int = BATCH, repeats: int = REPEATS) -> float:
@@ -295,22 +273,3 @@ def seconds(scene: Scene, parameters: TouchParameters, batch: int = BATCH, repea
             scene.total_rate(some)
             taken.append(time.perf_counter() - begun)
     return min(taken) / np.size(some.alpha)
-
-
-def left_out(model: ExperimentModel) -> tuple[str, ...]:
-    """Return the computations that the evaluation of a model avoids, with the reasons."""
-    scene = model.scene
-    n, loads = scene.n_conditions, np.unique(scene.load).size
-    tables = len({id(table) for table in scene.tables.values()})
-    said = [
-        "receptors that do not fire: the integral runs from the peak of the stress to the onset of firing, "
-        "and stops where the sigmoid is saturated",
-        f"{n - loads} of {n} stress fields: conditions under one load differ only in E_star, so one table over "
-        f"E_star is enough for {'the load' if loads == 1 else f'each of {loads} loads'}"
-        + (f", and these come from {counted(tables, 'table')} over load and E_star" if tables < loads else ""),
-    ]
-    if isinstance(scene.firing, FixedChannels):
-        said.append("c_Na, c_K, c_L, c_A: fixed, so all parameter vectors share one rate curve")
-    if not {*TouchParameters._fields} & {*model.posterior.names}:
-        said.append("the whole chain: all its parameters are fixed, so there is one response for all vectors")
-    return tuple(said)

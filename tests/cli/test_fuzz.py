@@ -199,7 +199,7 @@ def stubbed(monkeypatch):
 
     for module, name in (
         (build, "build"),
-        (build, "choose_direction"),
+        (build.Parts, "direction"),
         (fitted, "build"),
         (accuracy, "choose"),
         (claims, "evaluate_claims"),

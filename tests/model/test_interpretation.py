@@ -13,7 +13,7 @@ from softness_bayes.likelihood.directions import FALLS, FREE, RISES
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
 from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, PAIRS, RANKS, SLIDER, STANDARDISED
 from softness_bayes.model.build import build
-from softness_bayes.model.interpretation import interpret, stated, stated_on_slider
+from softness_bayes.model.interpretation import interpret, stated
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_ratings
@@ -230,15 +230,15 @@ def test_a_free_direction_is_half_of_each():
 
 def test_places_on_a_slider():
     ratings = ratings_of([[0.0, 12.5, 50.0, 100.0], [3.25, 41.71, 77.3, 96.12]], [1.0] * 4 + [0.0] * 4)
-    said = stated_on_slider(ratings, (0.0, 100.0))
+    said = stated(ratings, ends=(0.0, 100.0))
     assert_allclose(said.values, [0.0025, 0.125, 0.5, 0.9975, 0.0325, 0.4171, 0.773, 0.9612])
     low, high = said.ends(said.values)
     assert_allclose(low[:4], [0.0, 0.12, 0.495, 0.995])
     assert_allclose(high[:4], [0.005, 0.13, 0.505, 1.0])
     assert_allclose(low[4:], high[4:])
     with pytest.raises(InputError, match=r"row 3, column 'rating': expected a place on a slider from 0 to 10, got 12"):
-        stated_on_slider(ratings, (0.0, 10.0))
-    touched = stated_on_slider(ratings_of([[0.0, 13.1, 51.7, 100.0], [3.25, 41.71, 77.3, 96.12]], [0.0] * 8), (0, 100))
+        stated(ratings, ends=(0.0, 10.0))
+    touched = stated(ratings_of([[0.0, 13.1, 51.7, 100.0], [3.25, 41.71, 77.3, 96.12]], [0.0] * 8), ends=(0, 100))
     assert_allclose(touched.limit, [0.131] * 4 + [0.0] * 4)
     assert_allclose(touched.most, [0.517] * 4 + [1.0] * 4)
 

@@ -121,9 +121,9 @@ def pairs(tmp_path_factory):
     """Runs of one seed from both faces, and how often the direction was looked for in them."""
     directory = tmp_path_factory.mktemp("faces")
     few_ratings(directory)
-    asked, choose = [], building.choose_direction
+    asked, choose = [], building.Parts.direction
     with quickly(), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(building, "choose_direction", lambda *given: asked.append(1) or choose(*given))
+        patch.setattr(building.Parts, "direction", lambda *given: asked.append(1) or choose(*given))
         found = drawn(directory, 7)
     return found, len(asked)
 

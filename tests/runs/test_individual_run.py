@@ -13,8 +13,7 @@ from softness_bayes.checking.individual import POPULATION
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import STANDARDISED
 from softness_bayes.model import fingers as individual
-from softness_bayes.model.build import build, design_of, people_notes
-from softness_bayes.model.interpretation import interpret
+from softness_bayes.model.build import Parts, build, people_notes
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression
@@ -99,7 +98,7 @@ def test_two_raters_and_two_fabrics_agree_with_quadrature():
         fine = Discretisation(16, 14.0, 1e-8)
         options = ModelOptions(fix={**OPTIONS["fix"], "tau_b": 0.2}, individual=("b",), discretisation=fine)
         model = build(whole, options)
-        posterior, design = model.posterior, design_of(whole)
+        posterior, design = model.posterior, Parts(whole, ModelOptions()).design
         few = (design.participant < 2) & (design.fabric[design.condition] < 2)
         posterior = posterior.with_term(posterior.observation.without(~few))
         grid = FingerGrid({"b": 169}, reach=7.0)
@@ -131,7 +130,7 @@ def test_the_notes_say_who_was_pressed():
     assert not any("pressed" in note for note in people_notes(experiment(), alike))
     assert "rated and pressed (2 of 5 raters); each is one person" in people_notes(whole, alike)[-1]
     assert "without --individual b all raters have the typical finger" in people_notes(whole, ModelOptions())[-1]
-    said = warnings(whole, ModelOptions(), interpret(whole.ratings, ModelOptions()))
+    said = warnings(Parts(whole, ModelOptions()))
     assert any("2 of 5 raters" in line for line in said)
     others = replace(whole.compression, participants=("F1", "F2", "F3", "F4"))
     assert "treated as different people" in people_notes(whole._replace(compression=others), alike)[-1]

@@ -114,9 +114,9 @@ def test_falling_ratings_of_single_measured_loads_are_taken_as_falling(monkeypat
     """No load alone shows an order of fabrics; groups of them do."""
     with quickly():
         options = Request().with_options(**OPTIONS).model
-        found = build.choose_direction(experiment(), options)
+        found = build.Parts(experiment(), options).direction()
         assert found.direction is FALLS
         assert found.sentence.startswith("--direction falls-with-firing was chosen from the data")
         # each load alone, as it was before: nothing is seen, and both directions are sampled
         monkeypatch.setattr(build, "groups_of", functools.partial(groups_of, most=1000))
-        assert build.choose_direction(experiment(), options).direction is FREE
+        assert build.Parts(experiment(), options).direction().direction is FREE
