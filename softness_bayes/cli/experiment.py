@@ -26,6 +26,7 @@ from softness_bayes.results.run_options import DataFiles
 
 if TYPE_CHECKING:
     from softness_bayes.experiments.choice import Plan
+    from softness_bayes.touch.contact import Load
 
 DESIGN = "design"
 TABLE, GAINS, RECORD, FIGURE = "design.csv", "gain.csv", "design.json", "design"
@@ -58,7 +59,7 @@ KPA = 1e3
     help="Effective moduli [kPa] of fabrics to obtain; by default 12 over the range of the rated ones.",
 )
 @load_options(" of a candidate. Repeatable; by default as rated.")
-@click.option("--largest-load", metavar="LOAD", help="Leave out loads above this one, such as 2mm or 1N.")
+@click.option("--largest-load", metavar="LOAD", help="Leave out loads of its kind above this one, such as 2mm or 1N.")
 @number("--conditions", Count(1, 50), "Largest number of touches.", 8)
 @click.option(
     "--raters",
@@ -159,15 +160,14 @@ def _grid(text: str) -> list[float]:
     return list(np.geomspace(*ends, n) * KPA)
 
 
-def _largest(text: str) -> float:
-    """Return a load in SI from a text such as 2mm or 1N."""
+def _largest(text: str) -> Load:
+    """Return a load from a text such as 2mm or 1N."""
     from softness_bayes.experiments.design import load_named
-    from softness_bayes.touch.contact import held
 
     load = load_named(text)
     if load is None:
         raise InputError(f"--largest-load: expected a load such as 2mm or 1N, got {text!r}")
-    return float(held(load))
+    return load
 
 
 def _raters(text: str) -> int | None:

@@ -9,11 +9,31 @@ from dataclasses import dataclass
 from decimal import MAX_EMAX, MIN_EMIN, Context, Decimal
 from typing import NamedTuple
 
-from softness_bayes.data.titles import Unit, analysed, bag, key
+from softness_bayes.data.titles import Unit, analysed, bag, is_unit, key
 from softness_bayes.errors import quoted
 from softness_bayes.ranges import ANY, FORCES, INDENTATIONS, LOAD_ERRORS, RELATIVE_ERRORS, RESOLUTIONS, Range
 
-MISSING = frozenset({"", "na", "n/a", "n.a.", "#n/a", "nan", "null", "none", "-", "–", "—", "."})
+MISSING = frozenset(
+    {
+        "",
+        "na",
+        "n/a",
+        "n.a.",
+        "#n/a",
+        "nan",
+        "null",
+        "none",
+        "-",
+        "–",
+        "—",
+        ".",
+        "--",
+        "<na>",
+        "n.d.",
+        "missing",
+        "k.a.",
+    }
+)
 """Texts for a missing number, in any case. Only an empty name is missing: NA may be initials."""
 
 
@@ -76,17 +96,8 @@ class Column:
         """Return whether `value` [SI] is allowed in the column."""
         return self.range.holds(value)
 
-    def parse(self, text: str, filed: str | None = None, unit: Unit | None = None) -> float:
-        """Return the value [SI] of a number with a decimal point.
-
-        Parameters
-        ----------
-        text
-            The number.
-        filed
-            The text in the file, for messages.
-        unit
-            Unit of the number, if different from that of the column.
+    def parse(self, text: str, unit: Unit | None = None) -> float:
+        """Return the value [SI] of a number with a decimal point, in another unit than that of the column if given.
 
         Raises
         ------
@@ -101,7 +112,7 @@ class Column:
         else:
             value = float(_EXACT.multiply(Decimal(text), unit.factor))
         if not self.holds(value):
-            raise ValueError(f"expected {self.expected(unit)}, got {quoted(text if filed is None else filed)}")
+            raise ValueError(f"expected {self.expected(unit)}, got {quoted(text)}")
         return value
 
     def write(self, value: float) -> str:
@@ -157,16 +168,32 @@ THICKNESS = _number("thickness_mm", "thickness", "mm", _POSITIVE)
 POISSON_RATIO = _number("poisson_ratio", "Poisson ratio", "", Range(-1.0, 0.5, above=True))
 BENDING_RIGIDITY = _number("bending_rigidity_n_m", "bending rigidity", "N m", _POSITIVE)
 EFFECTIVE_MODULUS = _number("effective_modulus_kpa", "effective modulus", "kPa", _POSITIVE)
-TENSILE_MODULUS_CV = _number("tensile_modulus_cv", "relative error of the tensile modulus", "", RELATIVE_ERRORS)
-THICKNESS_CV = _number("thickness_cv", "relative error of the thickness", "", RELATIVE_ERRORS)
-BENDING_RIGIDITY_CV = _number("bending_rigidity_cv", "relative error of the rigidity", "", RELATIVE_ERRORS)
-EFFECTIVE_MODULUS_CV = _number("effective_modulus_cv", "relative error of the modulus", "", RELATIVE_ERRORS)
-TENSILE_MODULUS_SD = _number("tensile_modulus_sd_mpa", "standard error of the tensile modulus", "MPa", _NOT_NEGATIVE)
-THICKNESS_SD = _number("thickness_sd_mm", "standard error of the thickness", "mm", _NOT_NEGATIVE)
-BENDING_RIGIDITY_SD = _number("bending_rigidity_sd_n_m", "standard error of the rigidity", "N m", _NOT_NEGATIVE)
-EFFECTIVE_MODULUS_SD = _number("effective_modulus_sd_kpa", "standard error of the modulus", "kPa", _NOT_NEGATIVE)
 EFFECTIVE_MODULUS_LOW = _number("effective_modulus_low_kpa", "least modulus", "kPa", _POSITIVE)
 EFFECTIVE_MODULUS_HIGH = _number("effective_modulus_high_kpa", "largest modulus", "kPa", _POSITIVE)
+_MEASURED = {
+    "tensile_modulus": TENSILE_MODULUS,
+    "thickness": THICKNESS,
+    "bending_rigidity": BENDING_RIGIDITY,
+    "effective_modulus": EFFECTIVE_MODULUS,
+}
+PROPERTIES: Mapping[str, Column] = {
+    **_MEASURED,
+    "poisson_ratio": POISSON_RATIO,
+    **{
+        f"{name}_cv": _number(f"{name}_cv", f"relative error of the {column.label}", "", RELATIVE_ERRORS)
+        for name, column in _MEASURED.items()
+    },
+    "effective_modulus_low": EFFECTIVE_MODULUS_LOW,
+    "effective_modulus_high": EFFECTIVE_MODULUS_HIGH,
+}
+"""Columns by field of `Fabrics`."""
+STANDARD_ERRORS: Mapping[str, Column] = {
+    name: _number(
+        column.name.replace(name, f"{name}_sd"), f"standard error of the {column.label}", column.unit, _NOT_NEGATIVE
+    )
+    for name, column in _MEASURED.items()
+}
+"""Columns of standard errors, in the unit of the property, by property of `Fabrics`; NAME_cv is relative."""
 
 SECOND_FABRIC = "fabric_2"
 """Column of the other fabric of a pair."""
@@ -177,29 +204,6 @@ OF_CELLS = frozenset({MEAN.name, GEOMETRIC_MEAN.name, SD.name, SE.name, GEOMETRI
 MODULUS_SOURCES = (EFFECTIVE_MODULUS, EFFECTIVE_MODULUS_LOW, BENDING_RIGIDITY, TENSILE_MODULUS)
 """Sources of a fabric's modulus; the first available one is used. A lower limit requires an upper limit, and a tensile
 modulus requires a thickness."""
-PROPERTIES: Mapping[str, Column] = {
-    "tensile_modulus": TENSILE_MODULUS,
-    "thickness": THICKNESS,
-    "poisson_ratio": POISSON_RATIO,
-    "bending_rigidity": BENDING_RIGIDITY,
-    "effective_modulus": EFFECTIVE_MODULUS,
-    "tensile_modulus_cv": TENSILE_MODULUS_CV,
-    "thickness_cv": THICKNESS_CV,
-    "bending_rigidity_cv": BENDING_RIGIDITY_CV,
-    "effective_modulus_cv": EFFECTIVE_MODULUS_CV,
-    "effective_modulus_low": EFFECTIVE_MODULUS_LOW,
-    "effective_modulus_high": EFFECTIVE_MODULUS_HIGH,
-}
-"""Columns by field of `Fabrics`."""
-STANDARD_ERRORS: Mapping[str, Column] = {
-    "tensile_modulus": TENSILE_MODULUS_SD,
-    "thickness": THICKNESS_SD,
-    "bending_rigidity": BENDING_RIGIDITY_SD,
-    "effective_modulus": EFFECTIVE_MODULUS_SD,
-}
-"""Columns of standard errors, in the unit of the property, by property of `Fabrics`; NAME_cv is relative."""
-
-
 _WORDS: Mapping[str, str] = {
     "participant": (
         "participant id, participants, subject, subject id, subjects, rater, observer, assessor, panelist, "
@@ -368,16 +372,41 @@ FABRICS = Kind(
     ),
 )
 """Fabrics."""
-FORCES_OF_A_PLATE = Kind("compression", _named("participant indentor indentation_mm force_n"), (_HELD,))
+FORCES_OF_A_PLATE = Kind("compression", _named("participant trial indentor indentation_mm force_n"), (_HELD,))
 """Forces of a rigid plate."""
 ORDER = Kind("ratings", _named("fabric"), _RATED)
 """An observed order of fabrics."""
 
 WORDS_FOR_RATINGS = frozenset(
     {"rating", "ratings", "estimate", "estimates", "magnitude", "judgement", "judgment", "score", "feel", "response"}
-    | {word for noun in ("soft", "hard", "stiff", "firm") for word in (noun, f"{noun}ness")}
+    | {"soft", "softness"}
 )
 """Words in the title of a column of ratings that has another name."""
+_HARD = frozenset(
+    {"hard", "harder", "hardness", "stiff", "stiffness", "firm", "firmness", "hart", "härte", "steifigkeit", "dur"}
+    | {"dureté", "rigidité", "duro", "dureza", "durezza", "硬さ", "かたさ"}
+)
+"""Words in the title of a column of ratings that are higher for harder."""
+ANCHOR = re.compile(r"([0-9]+)\s*[=:]\s*(?:very|extremely|completely)?\s*([^\W\d]+)|([^\W\d]+)\s*[=:]\s*([0-9]+)")
+"""An end of a scale in a title, such as `7 = very soft`."""
+
+
+def is_reversed(title: str) -> bool:
+    """Return whether the title of ratings says that higher ones are harder: hardness, or an end such as 7 = hard."""
+    ends = {key(m[2] or m[3]): int(m[1] or m[4]) for m in ANCHOR.finditer(title)}
+    hard = [ends[word] for word in _HARD & ends.keys()]
+    if hard and len(ends) > 1:
+        return max(hard) == max(ends.values())
+    return not _HARD.isdisjoint(key(title).split())
+
+
+def reversed_remark(title: str) -> str:
+    """Return what to do with ratings of hardness."""
+    return (
+        f"column {quoted(title)} seems to be higher for harder, but ratings must be higher for softer; reverse them, "
+        "as by 8 minus the rating on a scale from 1 to 7, in a column 'rating'"
+    )
+
 
 LESS_CLEAR: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "ratings": {
@@ -388,10 +417,12 @@ LESS_CLEAR: Mapping[str, Mapping[str, tuple[str, ...]]] = {
             *("VP Nr", "id", "name", "initials", "response id", "participant public id", "public id"),
         ),
         "rating": ("response", "slider response", "rating response", "answer"),
+        "trial": ("rep", "repeat", "replicate", "run", "cycle"),
     },
     "fabrics": {"fabric": ("id", "name", "code", "article", "style", "designation", "fabric code", "fabric no")},
     "compression": {
         "participant": ("id", "subj", "sub", "user id", "pid", "name", "finger"),
+        "trial": ("rep", "repeat", "replicate", "run", "cycle", "cycle number", "test"),
         "indentation_mm": (
             *("extension", "compressive extension", "compressive displacement", "travel", "position", "stroke"),
             *("crosshead", "Weg", "Standardweg", "Verschiebung", "Traversenweg", "déplacement", "変位"),
@@ -417,7 +448,9 @@ PERHAPS_SUMMARIES = frozenset({"m", "n", "se", "min", "max", "all", "everyone", 
 
 def summarises(name: str) -> bool:
     """Return whether a name is that of a statistic, such as `Mean`, `Total (n = 6)` or `Grand mean`."""
-    words = key(name).split()
+    words, title = key(name).split(), analysed(name)
+    if title.unit and is_unit(title.unit) and title.bags & OWNERS.keys():
+        return True  # a row of properties, such as E (kPa)
     return key(name) in SUMMARIES or (1 < len(words) <= 6 and not SUMMARIES.isdisjoint((words[0], " ".join(words[1:]))))
 
 

@@ -18,14 +18,16 @@ from softness_bayes.data.columns import (
     RATING,
     RESOLUTION,
     SECOND_FABRIC,
-    key,
+    is_reversed,
     looks_numeric,
+    reversed_remark,
     summarises,
 )
 from softness_bayes.data.faults import DIFFERENCE, identity, listing, natural, shown_names
 from softness_bayes.data.headers import holds_cells
 from softness_bayes.data.sheets import SheetNumber
 from softness_bayes.data.tables import FloatArray, Table
+from softness_bayes.data.titles import key
 from softness_bayes.errors import quoted
 from softness_bayes.readable import counted
 
@@ -64,6 +66,38 @@ def with_percentages(table: Table) -> Table:
     cells = [type(text)(text[:-1].rstrip()) if text.endswith("%") else text for text in texts]
     note = f"column {quoted(table.titles[RATING.name])}: ratings are percentages, so {filled[0]} is read as {cells[0]}"
     return table.with_cells(RATING.name, cells, note)
+
+
+_PRACTICE = frozenset(
+    {
+        "practice",
+        "practise",
+        "training",
+        "warm up",
+        "warmup",
+        "practice trial",
+        "übung",
+        "probe",
+        "entraînement",
+        "練習",
+    }
+)
+
+
+def without_practice(table: Table) -> Table:
+    """Leave out rows that a column of sessions or trials, or an unused one, calls practice."""
+    numbered = {table.titles[name]: table.cells[name] for name in ("session", "trial") if name in table}
+    for title, texts in {**numbered, **table.others}.items():
+        left = [i for i, text in enumerate(texts) if key(text) in _PRACTICE]
+        if 0 < len(left) < len(table):
+            return table.without(left, f"practice by column {quoted(title)}, left out")
+    return table
+
+
+def with_reversed_scales_named(table: Table) -> Table:
+    """Say that ratings look like those of hardness: higher ones must mean softer."""
+    title = table.titles.get(RATING.name, "")
+    return table.noted(f"looks wrong: {reversed_remark(title)}") if is_reversed(title) else table
 
 
 # rows of statistics

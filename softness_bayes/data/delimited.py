@@ -85,7 +85,7 @@ def _separator(text: str) -> str:
     later = max(",;\t|", key=lambda mark: sum(mark in line for line in lines))
     if 2 * sum(later in line for line in lines) > len(lines):
         return later
-    words = {len(line.split(" ")) for line in lines}
+    words = {len(line.split()) for line in lines}
     return " " if words == {max(words)} and max(words) > 2 else ","
 
 

@@ -352,7 +352,7 @@ class Fabrics:
         rows: dict[str, list[int]] = {name: [] for name in (natural(labels) if repeated else labels)}
         for i, name in enumerate(labels):
             if rows[name] and not (repeated or directed):
-                table.fault(i, "fabric", f"{quoted(name)} is already in row {table.rows[rows[name][0]]}")
+                table.fault(i, "fabric", "expected one row for each fabric", "; give the mean of repeated measurements")
             else:
                 rows[name].append(i)
         properties: dict[str, Any] = {
@@ -433,7 +433,7 @@ def _property(table: Table, column: Column, rows: Iterable[Sequence[int]], direc
             if filed[i] != filed[k]:
                 value, other = (quoted(table.cells[column.name][j]) for j in (i, k))
                 fabric = quoted(table.cells["fabric"][i])
-                table.fault(i, column.name, f"{fabric} has {value} here and {other} in row {table.rows[k]}")
+                table.problem(i, column.name, f"{fabric} has {value} here and {other} in row {table.rows[k]}")
         values = filed[[*first.values()]]
         found.append(values[0] if len(values) == 1 else np.exp(np.log(values).mean()) if len(values) else np.nan)
     return np.array(found)
@@ -454,15 +454,14 @@ def _take_standard_errors(
             continue
         given = relative if np.isnan(sd[k]) else absolute
         if not (np.isnan(sd[k]) or np.isnan(cv[k])):
-            table.fault(own[0], given.name, f"expected this or {relative.name}, but not both")
+            table.problem(own[0], given.name, f"expected this or {relative.name}, but not both")
         elif np.isnan(value[k]) and not (np.isnan(sd[k]) and np.isnan(cv[k])):
-            table.fault(own[0], given.name, f"an error of {column.name}, which has no value in this row")
+            table.problem(own[0], given.name, f"an error of {column.name}, which has no value in this row")
         elif not np.isnan(sd[k]):
             with np.errstate(over="ignore", under="ignore"):
                 cv[k] = sd[k] / value[k]
             if not relative.holds(cv[k]):
-                limit = f"expected at most {RELATIVE_ERRORS.high:g} times the value"
-                table.fault(own[0], given.name, f"{limit}, got {quoted(table.cells[given.name][own[0]])}")
+                table.fault(own[0], given.name, f"expected at most {RELATIVE_ERRORS.high:g} times the value")
 
 
 def log_sd(cv: FloatArray) -> FloatArray:

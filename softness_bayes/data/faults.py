@@ -110,8 +110,6 @@ SHARED = 4
 NAMED = 3
 """Number of rows, and of different values, listed in such a line."""
 
-_GOT = re.compile(r"(.*, got )('(?:[^'\\]|\\.)*'|\"(?:[^\"\\]|\\.)*\")(.*)", re.DOTALL)
-
 
 class Fault(NamedTuple):
     """A problem of a cell, or of a table."""
@@ -121,15 +119,18 @@ class Fault(NamedTuple):
     title: str
     """Column of the cell."""
     problem: str
+    """What is wrong, or what was expected."""
+    got: str = ""
+    """The value of the cell as quoted, if it is what is wrong."""
+    remedy: str = ""
+    """What may mend it, said once of equal problems."""
 
-    def __str__(self) -> str:
-        return self.problem if self.row == -1 else f"row {self.row}, column {self.title!r}: {self.problem}"
-
-    @property
-    def parts(self) -> tuple[str, str, str]:
-        """The problem in three parts, with the value of the cell as the second."""
-        match = None if self.row == -1 else _GOT.fullmatch(self.problem)
-        return (self.problem, "", "") if match is None else (match[1], match[2], match[3])
+    def line(self, rows: Sequence[int] = (), values: Sequence[str] = (), remedy: str = "") -> str:
+        """Return the problem in words, by default of its own row and value."""
+        own = [*map(str, rows)] or [str(self.row)]
+        place = "" if self.row == -1 else f"row{'s' * (len(own) > 1)} {_named(own)}, column {self.title!r}: "
+        got = f", got {_named(values or [self.got])}" if self.got else ""
+        return f"{place}{self.problem}{got}{remedy}"
 
 
 class TableError(InputError):
@@ -198,35 +199,23 @@ def _lines(problems: Sequence[Fault]) -> list[str]:
     """Return a line for each problem; problems of many rows of a column that differ only in value share a line."""
     shared: dict[tuple[str, str, str], list[Fault]] = {}
     for one in problems:
-        head, _, tail = one.parts
-        shared.setdefault((one.title if one.row != -1 else str(one), head, tail), []).append(one)
+        shared.setdefault((one.title, one.problem, one.remedy), []).append(one)
     lines: list[tuple[int, str]] = []
     said: set[str] = set()
-    for (title, head, tail), members in shared.items():
-        if len(members) < SHARED or members[0].row == -1:
-            # the advice is given once
-            lines += [(one.row, _without(str(one), tail, said)) for one in members]
-            continue
-        rows = _named([str(one.row) for one in members], len(members))
-        values = list(dict.fromkeys(value for one in members if (value := one.parts[1])))
-        text = f"rows {rows}, column {title!r}: {head}{_named(values, len(values))}{tail}"
-        lines.append((members[0].row, _without(text, tail, said)))
+    for members in shared.values():
+        together = members[0].row != -1 and len(members) >= SHARED
+        for one in members[:1] if together else members:
+            remedy = "" if one.remedy in said else one.remedy
+            said.add(one.remedy)
+            rows, values = [m.row for m in members], [*dict.fromkeys(m.got for m in members)]
+            lines.append((one.row, one.line(rows, values, remedy) if together else one.line(remedy=remedy)))
     return [text for _, text in sorted(lines, key=lambda line: line[0])]
 
 
-def _without(text: str, tail: str, said: set[str]) -> str:
-    """Return a line without its ending if an earlier line has the same ending."""
-    if not tail or tail not in said:
-        said.add(tail)
-        return text
-    return text.removesuffix(tail)
-
-
-def _named(texts: Sequence[str], count: int) -> str:
+def _named(texts: Sequence[str]) -> str:
     """Return the first few texts, and the number of further ones."""
-    if count <= NAMED:
-        return ", ".join(texts)
-    return f"{', '.join(texts[:NAMED])}, … and {count - NAMED} more"
+    more = f", … and {len(texts) - NAMED} more" if len(texts) > NAMED else ""
+    return ", ".join(texts[:NAMED]) + more
 
 
 class Faults:
@@ -236,9 +225,9 @@ class Faults:
         self._found: dict[tuple[int, str], Fault] = {}
         self.hints: list[Hint] = []
 
-    def add(self, row: int, title: str, problem: str) -> None:
+    def add(self, fault: Fault) -> None:
         """Add the problem of a cell, unless the cell already has one."""
-        self._found.setdefault((row, title), Fault(row, title, problem))
+        self._found.setdefault((fault.row, fault.title), fault)
 
     def add_general(self, problem: str, hints: Sequence[Hint] = ()) -> None:
         """Add a problem of the whole table, and what may mend it."""

@@ -7,6 +7,7 @@ import re
 from collections.abc import Container, Mapping, Sequence
 
 from softness_bayes.data.columns import (
+    ANCHOR,
     KNOWN_BY,
     LESS_CLEAR,
     MISSING,
@@ -16,8 +17,10 @@ from softness_bayes.data.columns import (
     OWNERS,
     WORDS_FOR_RATINGS,
     Kind,
+    is_reversed,
     looks_numeric,
     quantity_of,
+    reversed_remark,
 )
 from softness_bayes.data.faults import MOST_GUESSED, listing
 from softness_bayes.data.sheets import Sheet
@@ -284,12 +287,21 @@ class Header:
     def _guess(self, sought: Sequence[str]) -> None:
         """Find the titles that may be misspelt names of columns that are needed."""
         needed = self.kind.needed(self.at)
+        for j in self.free if "rating" in needed else ():
+            if is_reversed(self.titles[j].text):
+                self.perhaps[j] = ("rating", reversed_remark(self.titles[j].text))
         for name in (name for name in sought if name in needed):
             left = [j for j in self.free if j not in self.perhaps][:MOST_GUESSED]
             stems = {bag(self.titles[j].stem): j for j in left if len(self.titles[j].stem) <= LONGEST_TITLE}
-            known = (words for words in sorted(KNOWN_BY[name]) if len(words) > 4)  # short ones resemble many
-            close = next((near[0] for words in known if (near := difflib.get_close_matches(words, stems, 1, 0.8))), "")
-            if close:
+            near = (
+                title
+                for words in sorted(KNOWN_BY[name])
+                if len(words) > 4  # short ones resemble many
+                for title in difflib.get_close_matches(words, stems, 1, 0.8)
+                # more words mean a logarithm of it, or its error
+                if not any({*words.split()} < {*title.split()} for words in KNOWN_BY[name])
+            )
+            if (close := next(near, None)) is not None:
                 j = stems[close]
                 self.perhaps[j] = (name, f"is column {quoted(self.titles[j].text)} a misspelt {name}?")
         for j in self.free if "rating" in needed else ():
@@ -313,4 +325,5 @@ def _fits(name: str, title: Title) -> bool:
     if quantity:
         return unit_named(title.unit, quantity) is not None
     scale = re.fullmatch(r"[0-9]+\s*(?:-|–|…|\.\.\.?|to)\s*[0-9]+", title.unit)
-    return bag(title.text) in KNOWN_BY[name] or scale is not None
+    ends = ANCHOR.search(title.unit) and not is_reversed(title.text)
+    return bag(title.text) in KNOWN_BY[name] or bool(scale or ends)

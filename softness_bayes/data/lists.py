@@ -125,7 +125,7 @@ def read_order(path: TableSource, decimal: Marks = None) -> dict[str, float]:
     (column,) = given
     values = table.numbers(column)
     for i in np.flatnonzero(np.isnan(values)).tolist():
-        table.fault(i, column.name, "is empty")
+        table.problem(i, column.name, "is empty")
     labels = np.array(table.labels("fabric"))
     table.check()
     sign = 1.0 if column is RANK else -1.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -108,7 +107,7 @@ def _loads_in(table: Table, given: Load | None) -> list[Load | None]:
             last = next(reversed(filed)).column.name
             found = " and ".join(quoted(table.cells[entry.column.name][i]) for entry in filed)
             expected = "a load" if len(filed) == 1 else "one load: an indentation or a force"
-            table.fault(i, last, f"expected {expected}, got {found}")
+            table.problem(i, last, f"expected {expected}, got {found}")
         touches[i] = held[0] if held else None
     return touches
 
@@ -334,6 +333,8 @@ class Ratings:
                 notes.append("no column 'participant': all ratings are treated as those of one participant")
         what = _fabrics_in(table, fabrics, notes)
         loads = _loads_in(table, load)
+        for entry in LOAD_COLUMNS:
+            whole.numbers(entry.column)  # rows without a rating may hold a unit, which would be passed over
         load_cv, resolution = (table.numbers(c) if c.name in table else None for c in (LOAD_CV, RESOLUTION))
         table.check()
         notes += _repeats(table, by, what, loads)
@@ -388,17 +389,21 @@ def _rated_rows(table: Table, filed: FloatArray, drop_zeros: bool) -> tuple[IntA
     """
     texts = table.cells[RATING.name]
     for i in _missing_codes(texts, filed):
-        table.fault(
+        table.problem(
             i,
             RATING.name,
             f"{texts[i]} looks like a code for a missing rating, because no other rating is near it; leave the "
             "cells of missing ratings empty; if it is a rating, write it with decimals, as 999.0",
         )
     kept = ~np.isnan(filed)
-    _require_loads(table, np.flatnonzero(~kept))
     zeros = int((filed == 0).sum()) if drop_zeros else 0
     rated = np.flatnonzero(kept & (filed != 0) if drop_zeros else kept)
     faulty = np.array([table.is_faulty(i, RATING.name) for i in range(len(table))])
+    words = {text for text, wrong in zip(texts, faulty, strict=True) if wrong and not any(map(str.isdigit, text))}
+    if not rated.size and len(words) > 1:
+        table.faults.add_general(
+            "no rating is a number: write words of a scale as numbers, higher for softer, and add --ratings categories"
+        )
     if not (rated.size or faulty.any()):
         table.faults.add_general(f"column {table.titles[RATING.name]!r}: there is no rating in any row")
     notes = []
@@ -432,20 +437,6 @@ def _missing_codes(texts: Sequence[str], values: FloatArray) -> list[int]:
     return [i for i in codes if abs(values[i]) / FAR >= largest or (values[i] < 0 <= others.min())]
 
 
-def _require_loads(table: Table, rows: IntArray) -> None:
-    """Find text instead of loads in rows without a rating, such as a unit in a second row of titles."""
-    for entry in LOAD_COLUMNS:
-        name = entry.column.name
-        for i in rows if name in table else ():
-            text = table.cells[name][i]
-            if text.casefold() not in MISSING and not re.search("[0-9]", text):
-                table.fault(
-                    i,
-                    name,
-                    f"expected a number or an empty cell, got {quoted(text)}; does this unit belong in the header?",
-                )
-
-
 def _fabrics_in(table: Table, fabrics: Fabrics | None, notes: list[str]) -> Sequence[str]:
     """Return each row's fabric, by its name in the table of fabrics; an unknown one is a fault of its first row."""
     labels = table.labels("fabric")
@@ -465,7 +456,7 @@ def _fabrics_in(table: Table, fabrics: Fabrics | None, notes: list[str]) -> Sequ
             continue
         problem = f"{quoted(name)} is not a fabric of {fabrics.source}{guesses.of(name)}"
         more = f", as in {count - 1} other rows" if count > 1 else ""
-        table.fault(labels.index(name), "fabric", f"{problem}{more}")
+        table.problem(labels.index(name), "fabric", f"{problem}{more}")
     if same:
         told = listing([f"{name!a} as {own!a}" for name, own in same.items()])
         notes.append(f"column {table.titles['fabric']!r}: {told}, as in {fabrics.source}")

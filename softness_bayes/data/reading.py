@@ -49,12 +49,14 @@ ROWS = (
     Rule("lines above the header", ALL, shapes.without_preamble),
     Rule("rows of a survey", ("ratings",), shapes.without_survey_rows),
     Rule("several rows of titles", ALL, shapes.with_one_row_of_titles),
+    Rule("repeated headers", ALL, shapes.without_repeated_headers),
     Rule("remarks below", ("ratings", "compression"), shapes.without_remarks),
 )
 """Rules for the rows of a sheet, before its header is known."""
 
 COLUMNS = (
     Rule("JSON in cells", ALL, shapes.with_json_cells),
+    Rule("units in cells", ALL, shapes.with_units_of_cells),
     Rule("plus-minus", ("fabrics", "compression"), shapes.with_values_alone),
     Rule("no title of names", ("fabrics",), shapes.with_a_title_of_names),
     Rule("directions side by side", ("fabrics",), shapes.with_directions_in_rows),
@@ -67,6 +69,8 @@ COLUMNS = (
 CONTENTS = (
     Rule("other columns of the same name", ALL, contents.without_namesakes),
     Rule("percentages", ("ratings",), contents.with_percentages),
+    Rule("practice", ("ratings",), contents.without_practice),
+    Rule("reversed scales", ("ratings",), contents.with_reversed_scales_named),
     Rule("rows of statistics", ALL, contents.without_statistics),
     Rule("names of one identity", ALL, contents.with_one_spelling),
     Rule("dates as names", ALL, contents.with_dates_named),
@@ -311,6 +315,10 @@ def with_hints(read: Callable[[Request], Read], request: Request) -> Read:
         raise
 
 
+MOST_FAULTS = 3
+"""Largest number of faulty cells of a column that may be another one by its title."""
+
+
 def words_of(hint: Hint) -> list[str]:
     """Return the options of the command line that read a table in another way."""
     columns = [word for name, title in hint.items() if name != "wide" for word in ("--column", f"{name}={title}")]
@@ -324,7 +332,8 @@ def _mends(read: Callable[[Request], Read], request: Request, hint: Hint) -> boo
     try:
         found = read(request)
     except TableError as error:
-        return bool(error.problems) and all(problem.row > 0 for problem in error.problems)
+        in_hinted = sum(problem.title in columns.values() for problem in error.problems)
+        return in_hinted <= MOST_FAULTS and all(problem.row > 0 for problem in error.problems)
     except InputError:
         return False
     return not any("looks wrong" in note for note in found.notes)

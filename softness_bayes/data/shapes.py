@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
+from decimal import Decimal
 from typing import NamedTuple
 
 from softness_bayes.data.columns import (
@@ -14,11 +15,14 @@ from softness_bayes.data.columns import (
     INDENTATION,
     KNOWN_BY,
     MISSING,
+    NUMBERS,
+    OWNERS,
     RATING,
     SECOND_FABRIC,
     Column,
     Kind,
     looks_numeric,
+    quantity_of,
     summarises,
 )
 from softness_bayes.data.decimals import Marks
@@ -97,6 +101,15 @@ def without_preamble(sheet: Sheet) -> Sheet:
 
 
 _REMARK = re.compile(r"[*†‡§].*|(?:notes?|source|remark|comment|legend|anmerkung|quelle)\b.*|.{12,}\s.*", re.IGNORECASE)
+
+
+def without_repeated_headers(sheet: Sheet) -> Sheet:
+    """Leave out the header where it is repeated, with a line of one cell above it, and lines of dashes."""
+    header = [cell.casefold() for cell in sheet.records[0]] if sheet.records else []
+    again = {i for i, row in enumerate(sheet.records) if i and [cell.casefold() for cell in row] == header}
+    above = {i - 1 for i in again if i > 1 and _used(sheet.records[i - 1]) == 1}
+    dashes = {i for i, row in enumerate(sheet.records) if all(re.fullmatch(":?-{2,}:?|", cell) for cell in row)}
+    return _without(sheet, again | above | dashes, "repeated headers and lines of dashes are left out")
 
 
 def without_remarks(sheet: Sheet) -> Sheet:
@@ -212,7 +225,8 @@ def _with_loads(titles: list[str], second: list[str], below: Rows) -> Joined:
     """Return titles of fabrics with the loads below them; a fabric stands once before several, as in merged cells."""
     loaded = [j for j, text in enumerate(second) if _is_load(text)]
     others = [j for j, text in enumerate(second) if text and j not in loaded]
-    if len(loaded) < 2 or any(titles[j] for j in others):
+    measured = any(quantity_of(OWNERS.get(bag(titles[j]), "fabric")) for j in loaded)
+    if len(loaded) < 2 or measured or any(titles[j] for j in others):
         return None
     found, fabric = list(titles), ""
     for j in range(len(titles)):
@@ -263,6 +277,42 @@ def _object(cell: str) -> dict[str, object]:
         return {}
     return found if isinstance(found, dict) else {}
 
+
+_WITH_UNIT = re.compile(r"([+-]?[0-9]+(?:\.[0-9]+|,[0-9]{1,2})?(?:[eE][+-]?[0-9]+)?)\s*([^\s0-9.,+-].*)")
+
+
+def with_units_of_cells(sheet: Sheet, header: Header, request: Request) -> Sheet:
+    """Read cells such as 2 mm, or 2 beside a column of units, in the unit of the column."""
+    titles = list(sheet.header)
+    columns = [_column(sheet, j) for j in range(len(titles))]
+    found: list[str] = []
+    for j, title in enumerate(header.titles):
+        name = next((OWNERS[words] for words in title.bags if words in OWNERS), "")
+        quantity = quantity_of(name) if name in request.kind.columns else ""
+        if quantity in ("", "ratio"):
+            continue
+        cells, beside = columns[j], columns[j + 1] if j + 1 < len(titles) else []
+        if beside and _UNIT_WORDS & {*key(titles[j + 1]).split()} and all(unit_named(u, quantity) for u in beside):
+            cells = [
+                f"{cell} {unit}" if looks_numeric(cell) else cell for cell, unit in zip(cells, beside, strict=True)
+            ]
+        told = [_WITH_UNIT.fullmatch(cell) for cell in cells]
+        units = [unit_named(match[2], quantity) if match else None for match in told]
+        if not any(units) or any(not u and c.casefold() not in MISSING for u, c in zip(units, cells, strict=True)):
+            continue
+        own = unit_named(NUMBERS[name].unit, quantity)
+        assert own is not None
+        columns[j] = [
+            SheetNumber(f"{Decimal(match[1].replace(',', '.')) * unit.factor / own.factor:f}") if match and unit else ""
+            for match, unit in zip(told, units, strict=True)
+        ]
+        found.append(quoted(titles[j]))
+        titles[j] = titles[j] if titles[j].casefold() == name else f"{title.stem} [{own.name}]"
+    note = f"units are read in the cells of column {listing(found)}"
+    return sheet.noted(note, records=[titles, *map(list, zip(*columns, strict=True))]) if found else sheet
+
+
+_UNIT_WORDS = frozenset({"unit", "units", "einheit", "unité", "unidad", "単位"})
 
 _WITH_ERROR = re.compile(
     r"([+-]?[0-9.,]+(?:[eE][+-]?[0-9]+)?)\s*\(?\s*(?:±|\+/-|\+-)\s*[0-9.,]+(?:[eE][+-]?[0-9]+)?\s*\)?"
@@ -316,12 +366,17 @@ def _melted(sheet: Sheet, parts: Sequence[_Part], value: str, note: str) -> Shee
     )
 
 
+def _apart(stem: str) -> str:
+    """Return the words of a title, with the number of a direction apart from its symbol, as in B1."""
+    return re.sub(r"(?<=[^\W\d])(?=[12]\b)", " ", key(stem))
+
+
 def with_directions_in_rows(sheet: Sheet, header: Header, request: Request) -> Sheet:
     """Return one row for each direction of a fabric if two columns are one property along warp and weft."""
     found: dict[tuple[str, str], dict[str, int]] = {}
     for j in header.free:
         title = header.titles[j]
-        words = key(title.stem).split()
+        words = _apart(title.stem).split()
         told = {DIRECTIONS[word] for word in words if word in DIRECTIONS}
         rest = " ".join(word for word in words if word not in DIRECTIONS)
         if len(told) == 1 and rest:
@@ -331,8 +386,7 @@ def with_directions_in_rows(sheet: Sheet, header: Header, request: Request) -> S
         meant = (name for name in properties if name not in header.at and bag(stem) in KNOWN_BY[name])
         column = next(meant, None)
         if len(both) == 2 and column is not None and (unit or len(stem) > 1):
-            words = re.split(r"[\s_.-]+", header.titles[min(both.values())].stem)
-            bare = " ".join(word for word in words if key(word) not in DIRECTIONS)
+            bare = stem.upper() if len(stem) == 1 else stem
             parts = [_Part(j, {"direction": direction}) for direction, j in both.items()]
             value = f"{bare} [{unit}]" if unit else bare
             return _melted(sheet, parts, value, f"columns of two directions are read as {column}")
@@ -495,7 +549,7 @@ def _fabric_and_load(title: str) -> tuple[str, tuple[Column, str] | None]:
     for quantity, column in _LOADS.items() if match else ():
         if match and (unit := unit_named(match["unit"], quantity)):
             try:
-                value = column.parse(match["number"].replace(",", "."), match["number"], unit)
+                value = column.parse(match["number"].replace(",", "."), unit)
             except ValueError:
                 break
             return match["fabric"], (column, column.write(value))

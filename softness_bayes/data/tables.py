@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.data.columns import MISSING, RATING, Column
 from softness_bayes.data.decimals import plain
-from softness_bayes.data.faults import Faults, Hint, TableError, listing
+from softness_bayes.data.faults import Fault, Faults, Hint, TableError, listing
 from softness_bayes.data.sheets import SheetNumber
 from softness_bayes.data.titles import Unit, unit_named
 from softness_bayes.errors import InputError, quoted
@@ -62,9 +62,14 @@ class Table:
     def __contains__(self, name: str) -> bool:
         return name in self.cells
 
-    def fault(self, i: int, name: str, problem: str) -> None:
-        """Add the problem of a cell; `check` raises it."""
-        self.faults.add(int(self.rows[i]), self._title(i, name), problem)
+    def fault(self, i: int, name: str, expected: str, remedy: str = "") -> None:
+        """Add that the value of a cell is not what was expected; `check` raises it."""
+        got = quoted(self.cells[name][i])
+        self.faults.add(Fault(int(self.rows[i]), self._title(i, name), expected, got, remedy))
+
+    def problem(self, i: int, name: str, problem: str) -> None:
+        """Add another problem of a cell; `check` raises it."""
+        self.faults.add(Fault(int(self.rows[i]), self._title(i, name), problem))
 
     def is_faulty(self, i: int, name: str) -> bool:
         """Return whether a problem of the cell has been found."""
@@ -143,9 +148,10 @@ class Table:
     def labels(self, name: str) -> Sequence[str]:
         """Return a column of names; an empty one is a fault."""
         self.require(name)
-        for i, text in enumerate(self.cells[name]):
-            if not text:
-                self.fault(i, name, "expected a name, got ''")
+        blank = [i for i, text in enumerate(self.cells[name]) if not text]
+        once = 2 * len(blank) > len(self) and self.cells[name][0]
+        for i in blank:
+            self.fault(i, name, "expected a name", "; write it in each row that it stands for" if once else "")
         return self.cells[name]
 
     def plainly(self, name: str) -> FloatArray:
@@ -164,17 +170,17 @@ class Table:
         for i, text in enumerate(self.cells.get(column.name, ())):
             if text.casefold() in MISSING:
                 continue
+            unit = self.units.get(column.name)
             try:
                 number = text if isinstance(text, SheetNumber) else plain(text, self.decimal, self.grouped)
             except ValueError as error:
-                self.fault(i, column.name, f"{error}, got {quoted(text)}")
+                self.fault(i, column.name, str(error))
                 continue
-            unit = self.units.get(column.name)
             if number.endswith("%") and column.name.endswith("_cv"):
                 number, unit = number[:-1].rstrip(), unit_named("%", "ratio")
             try:
-                values[i] = column.parse(number, text, unit)
-            except ValueError as error:
+                values[i] = column.parse(number, unit)
+            except ValueError:
                 remedy = ""
                 if "," in text and not self.grouped:
                     remedy = "; if commas are decimal marks, add --decimal , and if they group thousands, --decimal ."
@@ -182,7 +188,7 @@ class Table:
                     remedy = "; did a spreadsheet program turn a number into a date?"
                 elif text.startswith("#") and text.endswith(("!", "?")):
                     remedy = "; its formula failed: mend it, or clear the cell of a missing value"
-                self.fault(i, column.name, f"{error}{remedy}")
+                self.fault(i, column.name, f"expected {column.expected(unit)}", remedy)
         return values
 
 

@@ -40,7 +40,7 @@ def design(
     candidates: Fabrics | None = None,
     moduli: Sequence[float] | None = None,
     loads: Sequence[Load] | None = None,
-    largest_load: float | None = None,
+    largest_load: Load | None = None,
     conditions: int = 8,
     raters: int | None = None,
     costs: Costs | None = None,
@@ -67,7 +67,7 @@ def design(
     loads
         Loads; by default those of the experiment.
     largest_load
-        Largest load, in N or m as the loads are.
+        Larger loads of its kind, indentations or forces, are left out.
     conditions
         Largest number of touches.
     raters
@@ -98,9 +98,11 @@ def design(
     fabrics = candidates_of(first, candidates, moduli)
     pressed = require_loads("loads", tuple(loads)) if loads is not None else tuple(experiment.ratings.loads)
     if largest_load is not None:
-        pressed = tuple(load for load in pressed if held(load) <= largest_load * (1.0 + 1e-9))
+        most = held(largest_load) * (1.0 + 1e-9)
+        # of the other kind, every load stays
+        pressed = tuple(load for load in pressed if type(load) is not type(largest_load) or held(load) <= most)
         if not pressed:
-            raise InputError(f"largest load: every load is larger than {largest_load:g}; choose a larger one")
+            raise InputError(f"largest load: every load is larger than {largest_load}; choose a larger one")
     parts = [one.touches(fabrics, pressed, modulus_cv) for one in outlooks]
     within = np.all([part.table["within"] for part in parts], axis=0)
     if not within.any():

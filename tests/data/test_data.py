@@ -293,6 +293,7 @@ MODULI = (
     "or both effective_modulus_low_kpa and effective_modulus_high_kpa"
 )
 MARKS = "got '1,5'; if commas are decimal marks, add --decimal , and if they group thousands, --decimal ."
+MEAN = "give the mean of repeated measurements"
 FAULTS = [
     (RATINGS, 2, "5", "five", "column 'rating': expected a finite number, got 'five'"),
     (RATINGS, 2, "5", "inf", "column 'rating': expected a finite number, got 'inf'"),
@@ -311,7 +312,13 @@ FAULTS = [
     (FABRICS, 3, "0.68", "thick", "column 'thickness_mm': expected a finite number above 0, got 'thick'"),
     (FABRICS, 3, "33.0", "1e308", "column 'tensile_modulus_mpa': expected a finite number above 0, got '1e308'"),
     (FABRICS, 4, "0.2", "0.6", "'poisson_ratio': expected a finite number above -1 and at most 0.5, got '0.6'"),
-    (FABRICS, 4, "felt", "voile", "column 'fabric': 'voile' is already in row 2"),
+    (
+        FABRICS,
+        4,
+        "felt",
+        "voile",
+        f"column 'fabric': expected one row for each fabric, got 'voile'; {MEAN}",
+    ),
     (FABRICS, 4, "felt", "", "column 'fabric': expected a name, got ''"),
     (FABRICS, 4, "1,1", "1,", f"fabric 'felt': {MODULI}"),
 ]

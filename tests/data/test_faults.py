@@ -86,7 +86,7 @@ def test_all_problems_of_fabrics_are_named_and_none_that_follows(file):
         "  row 2, column 'thickness_mm': expected a finite number above 0, got 'x'",
         "  row 3, column 'tensile_modulus_mpa': expected a finite number above 0, got '-1'",
         "  row 3, column 'poisson_ratio': expected a finite number above -1 and at most 0.5, got '0.7'",
-        "  row 4, column 'fabric': 'b' is already in row 3",
+        "  row 4, column 'fabric': expected one row for each fabric, got 'b'; give the mean of repeated measurements",
         "  row 6, column 'thickness_cv': expected a number from 0 to 3, got '9'",
     ]
 

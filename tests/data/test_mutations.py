@@ -305,6 +305,27 @@ def people_in_columns(t, random):
     )
 
 
+def units_in_cells(t, random):
+    def written(load):
+        return str(random.choice([f"{load} mm", f"{load}mm", f"{load}000 µm", f"0.{load} cm"]))
+
+    rows = [{**row, "indentation_mm": written(row["indentation_mm"])} for row in t.rows]
+    return replace(t, rows=renamed(rows, "indentation_mm", str(random.choice(["indentation_mm", "depth", "Tiefe"]))))
+
+
+def headers_again(t, random):
+    rows = list(t.rows)
+    for _ in range(random.integers(1, 4)):
+        rows.insert(int(random.integers(1, len(rows))), {title: title for title in t.rows[0]})
+    return replace(t, rows=rows)
+
+
+def practice(t, random):
+    title, word = [("phase", "practice"), ("Block", "Training"), ("trial_type", "warm-up")][random.integers(3)]
+    rows = [{**row, "rating": "1", title: word} for row in t.rows[: random.integers(1, 4)]]
+    return replace(t, rows=[*rows, *({**row, title: "main"} for row in t.rows)])
+
+
 def shuffled(t, random):
     titles = [str(title) for title in random.permutation(list(t.rows[0]))]
     rows = [{title: t.rows[k].get(title, "") for title in titles} for k in random.permutation(len(t.rows))]
@@ -313,6 +334,7 @@ def shuffled(t, random):
 
 FIRST = (statistics, other_spellings, without_trial, strange_digits, percents, as_answers)
 SECOND = (column_of_people, incidental, varying, copies, units_below, fabrics_in_columns, people_in_columns, shuffled)
+SECOND += (units_in_cells, headers_again, practice)
 CLOTH = (power_of_ten, other_unit, two_directions)
 FORMS = (above, below, dialect, encoded, compressed, as_json)
 

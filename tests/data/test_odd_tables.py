@@ -48,7 +48,7 @@ def test_a_unit_that_a_load_cannot_have_is_refused(file, unit):
 
 def test_a_word_for_a_load_is_named_where_there_is_no_rating(file):
     path = file(f"participant,fabric,force,rating\n,,gramweight,\n{ROWS}")
-    with pytest.raises(InputError, match="row 2, column 'force': expected a number or an empty cell, got 'gramweight'"):
+    with pytest.raises(InputError, match=r"row 2, column 'force': expected a number from .*, got 'gramweight'"):
         Ratings.read(path, columns={"force_n": "force"})
 
 

@@ -45,6 +45,18 @@ RATED = {
         f"{HEAD.replace('indentation_mm', 'Depth')},,(mm),,-\n{PLAIN}",
         "the second row contains units",
     ),
+    "repeated headers": (
+        (HEAD + PLAIN).replace("P3,a,1,1", f"Session 2\n{HEAD}P3,a,1,1"),
+        "repeated headers and lines of dashes are left out: 'Session 2', 'participant fabric",
+    ),
+    "units in cells": (
+        (HEAD + PLAIN).replace("indentation_mm", "depth").replace(",1,1,", ",1 mm,1,").replace(",1,2,", ",1000 µm,2,"),
+        "units are read in the cells of column 'depth'",
+    ),
+    "practice": (
+        HEAD.replace("\n", ",phase\n") + f"P1,a,1,1,99,practice\n{PLAIN}".replace("5\n", "5,main\n"),
+        "row 2: practice by column 'phase', left out",
+    ),
     "JSON in cells": (
         HEAD.replace("rating", "response") + "".join(f'P1,{f},1,1,"{{""Q0"":""{y}""}}"\n' for f, y in ("a2", "b3")),
         "column 'response': its cells are JSON, of which 'Q0' is read",
@@ -85,6 +97,10 @@ PRESSED = {
     "way back": (PRESS + LOOP, "rows 6 to 8: the plate moves back there", 4),
 }
 REFUSED = {
+    "reversed scales": (
+        (HEAD + PLAIN).replace("rating", "hardness"),
+        "column 'hardness' seems to be higher for harder, but ratings must be higher for softer; reverse them",
+    ),
     "unknown people": (
         (HEAD + PLAIN).replace("participant", "who"),
         "18 rows repeat a fabric and load, and column 'who' tells them apart: is it the participant?",
@@ -112,6 +128,10 @@ ALONE = {
     "remarks below": f"{HEAD}{PLAIN}P5\n",
     "several rows of titles": "participant,fabric,indentation_mm,unit,rating\nm,a,1,mm,1\nP1,b,1,mm,2\n",
     "JSON in cells": (HEAD + PLAIN).replace("P1", "{P1}"),
+    "repeated headers": HEAD + PLAIN + PLAIN.replace("P", "fabric P"),
+    "units in cells": HEAD.replace("\n", ",unit\n") + PLAIN.replace("5\n", "5,cm\n"),
+    "practice": HEAD.replace("\n", ",phase\n") + PLAIN.replace("5\n", "5,practice\n"),
+    "reversed scales": (HEAD + PLAIN).replace("rating", '"Softness (1: hard, 7: soft)"'),
     "percentages": (HEAD + PLAIN).replace("participant", "subject %"),
     "rows of statistics": wide("P5,3.4,5.9,8.8", "Max,3,6,9"),
     "names of one identity": (HEAD + PLAIN).replace("P1", "A'").replace("P2", "A"),

@@ -15,7 +15,7 @@ from softness_bayes.experiments.choice import MOST_REPEATS, Costs
 from softness_bayes.experiments.design import candidates_of, design
 from softness_bayes.experiments.outlook import USUAL_CV, outlook_of_run
 from softness_bayes.likelihood.design import Design
-from softness_bayes.touch.contact import Indentation
+from softness_bayes.touch.contact import Force, Indentation
 from support.command_line import call, refused
 
 DRAWS = 400
@@ -103,6 +103,13 @@ def test_errors_of_moduli_are_those_of_the_request(result):
     assert_allclose(table["modulus_sd"], np.sqrt(np.log1p(np.array([0.1, 0.5]) ** 2)), rtol=1e-6)
 
 
+def test_a_largest_load_leaves_loads_of_the_other_kind_alone(result):
+    loads = [Indentation(1e-3), Indentation(2e-3), Force(0.5)]
+    plan = design(result, conditions=2, loads=loads, largest_load=Indentation(1e-3))
+    kept = zip(plan.gains["indentation_mm"].fillna(0.0), plan.gains["force_n"].fillna(0.0), strict=True)
+    assert {*kept} == {(1.0, 0.0), (0.0, 0.5)}
+
+
 def test_errors_of_moduli_lower_the_gain(result):
     exact, wrong = (design(result, ("sigma_0",), conditions=4, modulus_cv=cv) for cv in (0.0, 0.3))
     assert wrong.step.sum() < exact.step.sum()
@@ -131,7 +138,7 @@ def test_a_budget_pays_for_owned_fabrics_first(result):
         ({"about": ("sigma",)}, "'sigma' is no quantity of this run"),
         ({"about": ("turning@2",)}, "expected a load such as turning@2mm"),
         ({"loads": [Indentation(7.9e-3)]}, "contact radius exceeds half"),
-        ({"largest_load": 1e-9}, "every load is larger"),
+        ({"loads": [Indentation(2e-3)], "largest_load": Indentation(1e-6)}, "every load is larger"),
         ({"conditions": 0}, "conditions: expected 1 or more"),
         ({"moduli": [0.0]}, "moduli: expected numbers above 0"),
     ],
