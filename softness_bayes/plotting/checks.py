@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
-    from softness_bayes.checking.check_table import CheckedQuantity
     from softness_bayes.checking.quantities import QuantityCheck
 
 QUANTITY_LABELS: Mapping[str, str] = MappingProxyType(
@@ -61,43 +60,12 @@ FEW = 30
 
 
 def checks(result: stored.Drawable, style: Style) -> Figure:
-    """Draw test quantities of the ratings and of the replicates."""
-    from softness_bayes.checking.check_table import posterior_quantities
-
-    modulus = dict(zip(stored.fabric_names(result), stored.fabric_modulus(result), strict=True))
-    figure = checks_figure(posterior_quantities(result.tree), modulus, result.scale.short, style=style)
-    return say_grouped(figure, result.load_groups, style, curves=False)
-
-
-def loo_pit(result: stored.Drawable, style: Style) -> Figure:
-    """Draw the LOO-PIT values of the ratings."""
-    from softness_bayes.checking.check_table import LOO_PIT, PIT_POINTS
-
-    return loo_pit_figure(result.group("constant_data")[LOO_PIT].values, PIT_POINTS, style=style)
-
-
-@styled
-def checks_figure(
-    checked: Sequence[CheckedQuantity], modulus: Mapping[str, float], scale: str = "log", *, style: Style = USUAL
-) -> Figure:
-    """Draw observed mean log ratings with the limits of the replicates, and histograms of test quantities.
+    """Draw observed mean ratings with the limits of the replicates, and histograms of test quantities.
 
     The bars contain 90 % of the replicates simultaneously over all conditions. Fabrics outside their bars are named.
     The histograms show the replicates for which a quantity is defined. If there are fewer than `FEW`, each one
-    is drawn as a tick. A quantity that is undefined for the data and for all replicates is omitted. The location of
-    a turning point is shown on a logarithmic axis.
-
-    Parameters
-    ----------
-    checked
-        Test quantities: one panel for each load of the conditions' means, and one for each other quantity that is
-        defined anywhere; those of single participants are not shown.
-    modulus
-        E_fab of each fabric [Pa].
-    scale
-        Unit of the means.
-    style
-        Style of the figure.
+    is drawn as a tick. A quantity that is undefined for the data and for all replicates is omitted, as are those of
+    single participants. The location of a turning point is shown on a logarithmic axis.
 
     Returns
     -------
@@ -110,8 +78,11 @@ def checks_figure(
     InputError
         If there is nothing to show.
     """
+    from softness_bayes.checking.check_table import posterior_quantities
     from softness_bayes.checking.quantities import Columns
 
+    modulus = dict(zip(stored.fabric_names(result), stored.fabric_modulus(result), strict=True))
+    checked, scale = posterior_quantities(result.tree), result.scale.short
     means: dict[str, dict[str, QuantityCheck]] = {}
     quantities = []
     for one in checked:
@@ -137,7 +108,7 @@ def checks_figure(
     for axes in grid.panels[: len(means) : fitting(4, style)]:
         axes.set_ylabel(f"mean rating\n[{scale}]")
     legend_below(grid.figure, grid.panels, f"{more} quantities" if left else "")
-    return grid.figure
+    return say_grouped(grid.figure, result.load_groups, style, curves=False)
 
 
 def _draw_means(axes: Axes, load: str, findings: Mapping[str, QuantityCheck], modulus: Array, style: Style) -> None:
@@ -194,43 +165,25 @@ def _draw_quantity(axes: Axes, finding: QuantityCheck, replicates: Array, style:
         number_ticks(axes.xaxis, narrow=True)
 
 
-@styled
-def loo_pit_figure(values: ArrayLike, points: ArrayLike, probability: float = 0.95, *, style: Style = USUAL) -> Figure:
-    """Draw the distribution function of LOO-PIT values minus the uniform one, with simultaneous limits.
+def loo_pit(result: stored.Drawable, style: Style) -> Figure:
+    """Draw the distribution function of LOO-PIT values minus the uniform one, with simultaneous limits of 95 %.
 
     The limits assume independent values. LOO-PIT values are dependent, so the limits are approximate and slightly
     too wide.
-
-    Parameters
-    ----------
-    values
-        LOO-PIT values, between 0 and 1, shape (ratings,).
-    points
-        Points at which the distribution function is evaluated, in ascending order inside (0, 1), shape (points,).
-    probability
-        Probability that independent uniform values stay inside the limits everywhere.
-    style
-        Style of the figure.
 
     Returns
     -------
     Figure
         Artists named ``ecdf`` and ``band``.
-
-    Raises
-    ------
-    InputError
-        If a value is not a probability.
     """
-    pit = np.asarray(values, float)
-    if pit.ndim != 1 or not pit.size or not ((pit >= 0) & (pit <= 1)).all():
-        raise InputError(f"LOO-PIT figure: expected values between 0 and 1, one for each rating, not {pit.shape}")
-    x = np.asarray(points, float)
+    from softness_bayes.checking.check_table import LOO_PIT, PIT_POINTS
+
+    pit = result.group("constant_data")[LOO_PIT].values
     grid = make_panels(1, style, 1.7, 1, "LOO-PIT [–]", "ECDF − uniform [–]", narrow=True)
     (axes,) = grid.panels
-    share = np.searchsorted(np.sort(pit), x, side="right") / pit.size
-    band, line = _draw_ecdf(axes, x, share, pit.size, probability, style)
-    band.set(gid="band", label=f"{100 * probability:.0f} % of independent ones: approximate for ratings")
+    share = np.searchsorted(np.sort(pit), PIT_POINTS, side="right") / pit.size
+    band, line = _draw_ecdf(axes, PIT_POINTS, share, pit.size, 0.95, style)
+    band.set(gid="band", label="95 % of independent ones: approximate for ratings")
     line.set(gid="ecdf", label="leave-one-out probability integral transform (LOO-PIT) of the ratings")
     axes.axhline(0.0, color=style.prior, linewidth=0.6)
     axes.set_xlim(0, 1)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.errors import InputError
 from softness_bayes.plotting import stored
 from softness_bayes.plotting.data import name_rows
 from softness_bayes.plotting.names import short_name
@@ -20,7 +19,7 @@ from softness_bayes.plotting.panels import (
     number_ticks,
     say_grouped,
 )
-from softness_bayes.plotting.style import USUAL, Style, styled
+from softness_bayes.plotting.style import Style
 from softness_bayes.readable import counted
 
 if TYPE_CHECKING:
@@ -48,14 +47,14 @@ class Answers(NamedTuple):
 
 def category_counts(result: stored.Drawable, style: Style) -> Figure:
     """Draw the number of ratings in each category."""
-    load, (observed, again) = stored.rated_load(result), stored.answers(result)
-    each = np.arange(1, int(max(observed.max(), again.max())) + 1)
-    counts = [
-        counts_of(name, each, observed[load == k], again[:, load == k])
-        for k, name in enumerate(result.load_groups.names)
-        if (load == k).any()
-    ]
-    return say_grouped(answers_figure(counts, style=style), result.load_groups, style, curves=False)
+    observed, again = stored.answers(result)
+    categories = np.arange(1, int(max(observed.max(), again.max())) + 1)
+    return _draw_by_load(
+        result,
+        style,
+        stored.rated_load(result),
+        lambda name, here: counts_of(name, categories, observed[here], again[:, here]),
+    )
 
 
 def psychometric(result: stored.Drawable, style: Style) -> Figure:
@@ -64,14 +63,23 @@ def psychometric(result: stored.Drawable, style: Style) -> Figure:
     fallback = constant["participant_index"].values * len(result.loads) + constant["load_index"].values
     rows = rows_of_pairs(constant["list_index"].values if "list_index" in constant else fallback)
     observed, again = (values[..., rows[:, 0]] for values in stored.answers(result))
-    load, fabric = stored.rated_load(result)[rows[:, 0]], constant["fabric_index"].values[rows]
-    names, modulus = stored.fabric_names(result), stored.fabric_modulus(result)
-    wins = [
-        wins_of(name, names, modulus, fabric[load == k], observed[load == k], again[:, load == k])
-        for k, name in enumerate(result.load_groups.names)
-        if (load == k).any()
-    ]
-    return say_grouped(answers_figure(wins, style=style), result.load_groups, style, curves=False)
+    fabric, fabrics = constant["fabric_index"].values[rows], stored.fabric_names(result)
+    modulus = stored.fabric_modulus(result)
+    return _draw_by_load(
+        result,
+        style,
+        stored.rated_load(result)[rows[:, 0]],
+        lambda name, here: wins_of(name, fabrics, modulus, fabric[here], observed[here], again[:, here]),
+    )
+
+
+def _draw_by_load(
+    result: stored.Drawable, style: Style, load: IndexArray, answers_of: Callable[[str, NDArray[np.bool_]], Answers]
+) -> Figure:
+    """Draw the answers of every load; `load` has the index of that of each answer."""
+    here = ((name, load == k) for k, name in enumerate(result.load_groups.names))
+    figure = _draw_answers([answers_of(name, some) for name, some in here if some.any()], style)
+    return say_grouped(figure, result.load_groups, style, curves=False)
 
 
 def counts_of(load: str, categories: IndexArray, observed: Array, replicates: Array) -> Answers:
@@ -136,31 +144,12 @@ def wins_of(
     return Answers(load, title, modulus[fabrics] / 1e3, share @ softer, again @ share.T, called)
 
 
-@styled
-def answers_figure(answers: Sequence[Answers], *, style: Style = USUAL) -> Figure:
+def _draw_answers(answers: Sequence[Answers], style: Style) -> Figure:
     """Draw the number of ratings in each category as bars, or shares of pairs as points, with limits of the replicates.
 
-    The limits contain 90 % of the replicates, for each category or fabric separately.
-
-    Parameters
-    ----------
-    answers
-        One panel for each load.
-    style
-        Style of the figure.
-
-    Returns
-    -------
-    Figure
-        Artists named ``observed/1 mm``, ``limits/1 mm`` and ``median/1 mm`` (E_fab in kPa).
-
-    Raises
-    ------
-    InputError
-        If there is nothing to show.
+    The limits contain 90 % of the replicates, for each category or fabric separately. Artists are named
+    ``observed/1 mm``, ``limits/1 mm`` and ``median/1 mm`` (E_fab in kPa).
     """
-    if not answers:
-        raise InputError("figure: no load has answers to show")
     pairs = bool(len(answers[0].fabrics))
     ylabel = "called softer [share]" if pairs else "number of ratings"
     grid = make_panels(len(answers), style, 1.6, min(len(answers), 3), ylabel=ylabel)

@@ -73,7 +73,8 @@ class Drawing:
         """
         if reason := self.lacks(result):
             raise InputError(f"figure: cannot show {self.shows}: {reason}")
-        figure = self.draw(result, style)
+        with style.applied():
+            figure = self.draw(result, style)
         if result.is_first_look:
             # a title of the figure, for which the layout makes room
             notes = filter(None, (FIRST_LOOK, figure.get_suptitle()))

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from softness_bayes.errors import InputError
 from softness_bayes.plotting.data import name_rows
 from softness_bayes.plotting.names import name_fabrics, room_for
 from softness_bayes.plotting.style import Style
@@ -44,12 +43,6 @@ RATIO_LABEL = r"$E_\mathrm{fab}\,/\,E_\mathrm{skin}$ [–]"
 def title(load: Load | LoadGroup) -> str:
     """Return the heading of a load or a group of loads, as in 'Indentation 1 mm'."""
     return f"{type(load.load if isinstance(load, LoadGroup) else load).__name__} {load}"
-
-
-def check_loads(loads: Sequence[Load | LoadGroup], count: int) -> None:
-    """Raise an `InputError` unless there is one load for each of `count` curves, and at least one."""
-    if len(loads) != count or not count:
-        raise InputError(f"figure: {len(loads)} loads for {count} sets of curves")
 
 
 def fitting(columns: int, style: Style) -> int:
@@ -133,32 +126,23 @@ def load_panels(
 def finish_load_panels(
     grid: Panels,
     loads: Sequence[Load | LoadGroup],
-    limits: tuple[float, float],
+    places: Sequence[Array],
     fabrics: Sequence[tuple[Array, Sequence[str]]],
     style: Style,
 ) -> None:
-    """Set the limits of the horizontal axes, write the names of the fabrics, and draw the legend.
+    """Set the common limits of the horizontal axes, write the names of the fabrics, and draw the legend.
 
-    `fabrics` has the places and names of each panel's fabrics. A note on the panel with the most unnamed fabrics is
-    added unless all are named.
+    `places` are the points of each panel's curves; `fabrics` has the places and names of each panel's fabrics. A note
+    on the panel with the most unnamed fabrics is added unless all are named.
     """
     unnamed = {0: ""}
-    for axes, load, (places, names) in zip(grid.panels, loads, fabrics, strict=True):
+    limits = min(float(x.min()) for x in places), max(float(x.max()) for x in places)
+    for axes, load, (at, names) in zip(grid.panels, loads, fabrics, strict=True):
         axes.set(xscale="log", xlim=limits)
         number_ticks(axes.xaxis)
-        written = name_fabrics(axes, places, names, style, str(load)) if names else 0
+        written = name_fabrics(axes, at, names, style, str(load)) if names else 0
         unnamed.setdefault(len(names) - written, f"{written} of {len(names)} fabrics are named")
     legend_below(grid.figure, grid.panels, unnamed[max(unnamed)])
-
-
-def check_draws(draws: ArrayLike, labels: Sequence[str]) -> Array:
-    """Return draws, shape (draws, parameters), or raise an `InputError` if labels or values do not fit."""
-    values = np.asarray(draws, float)
-    if values.ndim != 2 or values.shape[1] != len(labels) or not values.size:
-        raise InputError(f"figure: draws of shape {values.shape} for {len(labels)} labels")
-    if not np.isfinite(values).all():
-        raise InputError("figure: a draw of a parameter is not finite")
-    return values
 
 
 def draw_bands(axes: Axes, x: Array, draws: Array, colour: str, style: Style, gid: str) -> None:

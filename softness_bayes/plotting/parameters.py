@@ -8,20 +8,19 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from softness_bayes.errors import InputError
 from softness_bayes.plotting import stored
 from softness_bayes.plotting.data import carry
-from softness_bayes.plotting.panels import LEVELS, TINTS, Array, check_draws, legend_below, make_panels
-from softness_bayes.plotting.style import USUAL, Style, styled
+from softness_bayes.plotting.panels import LEVELS, TINTS, Array, legend_below, make_panels
+from softness_bayes.plotting.style import Style
 from softness_bayes.readable import counted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from softness_bayes.parameters.laws import Prior
 
 MOST_DRAWS = 5000
 """Largest number of draws in a corner plot; more take time without a visible difference."""
@@ -39,49 +38,6 @@ MOST_STEPS = 1000
 
 FEWEST_DRAWS_FOR_CONTOURS = 400
 """Smallest number of draws for contours in the corner plot; fewer draws are shown as points."""
-
-
-def corner(result: stored.Drawable, style: Style, every: bool = False) -> Figure:
-    """Draw the posterior of the most correlated pairs of parameters, or of every pair."""
-    names, labels = stored.sampled_parameters(result)
-    draws = stored.draws_of(result, "posterior", names)
-    shown = list(range(len(names))) if every else informative(draws)
-    hidden = counted(len(names) - len(shown), "less correlated parameter is", "less correlated parameters are")
-    return corner_figure(
-        draws[:, shown],
-        [labels[k] for k in shown],
-        names=[names[k] for k in shown],
-        note=f"{hidden} not shown:\n'softness-bayes plot --all'" if len(shown) < len(names) else "",
-        style=style,
-    )
-
-
-def prior(result: stored.Drawable, style: Style) -> Figure:
-    """Draw prior against posterior of every parameter."""
-    from softness_bayes.parameters.declared import EVERY_PARAMETER
-    from softness_bayes.parameters.laws import Truncated
-    from softness_bayes.provenance import Provenance
-
-    names, labels = stored.sampled_parameters(result)
-    declared = Provenance(result.tree.attrs).priors
-    laws = [
-        Truncated(declared[name], -np.inf, EVERY_PARAMETER[name].largest) if name in declared else None
-        for name in names
-    ]
-    posterior, prior = (stored.draws_of(result, group, names) for group in ("posterior", "prior"))
-    return prior_figure(posterior, prior, labels, laws=laws, style=style)
-
-
-def trace(result: stored.Drawable, style: Style) -> Figure:
-    """Draw the traces of the ensembles."""
-    names, labels = stored.sampled_parameters(result)
-    return trace_figure(*stored.walkers_of(result, names), labels, style=style)
-
-
-def rank(result: stored.Drawable, style: Style) -> Figure:
-    """Draw rank histograms of each ensemble's draws."""
-    names, labels = stored.sampled_parameters(result)
-    return rank_figure(*stored.walkers_of(result, names), labels, style=style)
 
 
 def informative(draws: ArrayLike, most: int = MOST_PARAMETERS) -> list[int]:
@@ -106,24 +62,10 @@ def informative(draws: ArrayLike, most: int = MOST_PARAMETERS) -> list[int]:
     return list(dict.fromkeys([*members, *range(values.shape[1])]))[:most]
 
 
-@styled
-def corner_figure(
-    draws: ArrayLike, labels: Sequence[str], *, names: Sequence[str] = (), note: str = "", style: Style = USUAL
-) -> Figure:
-    """Draw every parameter's and every pair's posterior, with 50 % and 95 % regions.
+def corner(result: stored.Drawable, style: Style, every: bool = False) -> Figure:
+    """Draw the posterior of the most correlated parameters, or of all: each and every pair, with 50 and 95 % regions.
 
-    Parameters
-    ----------
-    draws
-        Shape (draws, parameters); thinned evenly to at most `MOST_DRAWS`.
-    labels
-        Symbol and unit of each parameter.
-    names
-        Column titles in the table of the figure's data; by default the labels.
-    note
-        Text in the empty corner.
-    style
-        Style of the figure.
+    Draws are thinned evenly to at most `MOST_DRAWS`. Few draws are shown as points.
 
     Returns
     -------
@@ -133,25 +75,29 @@ def corner_figure(
     Raises
     ------
     InputError
-        If labels and draws disagree, a draw is not finite, a parameter does not vary, or there are
-        fewer draws than parameters.
+        If a parameter does not vary, or there are fewer draws than parameters.
     """
     import pandas as pd
     from matplotlib.figure import Figure
 
-    values = _thinned(check_draws(draws, labels))
+    names, labels = stored.sampled_parameters(result)
+    draws = _thinned(stored.draws_of(result, "posterior", names))
+    shown = list(range(len(names))) if every else informative(draws)
+    values, labels = draws[:, shown], [labels[k] for k in shown]
     count, dimension = values.shape
     if count <= dimension:
         raise InputError(f"corner plot: {count} draws of {dimension} parameters, expected more draws")
     still = [label for label, column in zip(labels, values.T, strict=True) if np.ptp(column) == 0]
     if still:
         raise InputError(f"corner plot: {', '.join(still)} does not vary")
+    hidden = counted(len(names) - dimension, "less correlated parameter is", "less correlated parameters are")
+    note = f"{hidden} not shown:\n'softness-bayes plot --all'" if dimension < len(names) else ""
     contours = count >= FEWEST_DRAWS_FOR_CONTOURS
     tints = [style.tint(style.posterior, strength) for strength in TINTS]
     width = style.page if dimension > 3 else style.column
     figure = Figure(figsize=(width, width))
     figure.subplots(dimension, dimension, squeeze=False)
-    _corner_library().corner(
+    corner_library().corner(
         values,
         bins=24,
         range=_ranges(values, 0.05),
@@ -173,12 +119,12 @@ def corner_figure(
     _tidy(figure, dimension, width)
     if dimension > 1 and (contours or note):
         _region_legend(figure, tints if contours else (), note, style)
-    carry(figure, pd.DataFrame(values, columns=list(names or labels)))
+    carry(figure, pd.DataFrame(values, columns=[names[k] for k in shown]))
     return figure
 
 
-def _corner_library() -> Any:
-    """Import the library corner without ArviZ, which takes a second; it is needed only for arguments of its own."""
+def corner_library() -> Any:
+    """Import the library corner without ArviZ, which takes seconds; it is needed only for arguments of its own."""
     absent = "arviz" not in sys.modules
     if absent:
         sys.modules["arviz"] = None  # type: ignore[assignment]
@@ -238,44 +184,28 @@ def _ranges(values: Array, beyond: float) -> list[tuple[float, float]]:
     return [(float(a - beyond * (b - a)), float(b + beyond * (b - a))) for a, b in zip(low, high, strict=True)]
 
 
-@styled
-def prior_figure(
-    posterior: ArrayLike,
-    prior: ArrayLike,
-    labels: Sequence[str],
-    *,
-    laws: Sequence[Prior | None] = (),
-    style: Style = USUAL,
-) -> Figure:
+def prior(result: stored.Drawable, style: Style) -> Figure:
     """Draw prior and posterior density of each parameter.
 
-    The prior density is that of the given distribution, or else a histogram of the prior draws.
-
-    Parameters
-    ----------
-    posterior, prior
-        Draws, shapes (draws, parameters) and (prior draws, parameters).
-    labels
-        Symbol and unit of each parameter.
-    laws
-        Prior distribution of each parameter, None where unknown; by default all are unknown.
-    style
-        Style of the figure.
+    The prior density is that of the declared distribution, or else a histogram of the prior draws.
 
     Returns
     -------
     Figure
         Artists named ``posterior/k`` (a step patch) and ``prior/k`` (a line, or a step patch of draws), k the column.
-
-    Raises
-    ------
-    InputError
-        If labels and draws disagree or a draw is not finite.
     """
-    after, before = check_draws(posterior, labels), check_draws(prior, labels)
+    from softness_bayes.parameters.declared import EVERY_PARAMETER
+    from softness_bayes.parameters.laws import Truncated
+    from softness_bayes.provenance import Provenance
+
+    names, labels = stored.sampled_parameters(result)
+    after, before = (stored.draws_of(result, group, names) for group in ("posterior", "prior"))
+    declared = Provenance(result.tree.attrs).priors
     grid = make_panels(len(labels), style, 1.1, ylabel="density")
     for place, (axes, label) in enumerate(zip(grid.panels, labels, strict=True)):
-        law = laws[place] if laws else None
+        name = names[place]
+        known = name in declared
+        law = Truncated(declared[name], -np.inf, EVERY_PARAMETER[name].largest) if known else None
         _draw_steps(axes, after[:, place], f"posterior/{place}", fill=True, color=style.tint(style.posterior, 0.5))
         # a wide prior may be cut outside its central 95 %, so that the posterior remains visible
         (low, high), (least, most) = (
@@ -315,32 +245,16 @@ def _thinned(values: Array) -> Array:
     return values[np.linspace(0, len(values) - 1, min(len(values), MOST_DRAWS)).round().astype(int)]
 
 
-@styled
-def trace_figure(draws: ArrayLike, ensemble: ArrayLike, labels: Sequence[str], *, style: Style = USUAL) -> Figure:
+def trace(result: stored.Drawable, style: Style) -> Figure:
     """Draw the trace of each ensemble: median, 5 % and 95 % quantiles of its walkers at every stored step.
-
-    Parameters
-    ----------
-    draws
-        Draws of the walkers of all ensembles, shape (walkers, steps, parameters).
-    ensemble
-        Index of each walker's ensemble, shape (walkers,).
-    labels
-        Symbol and unit of each parameter.
-    style
-        Style of the figure.
 
     Returns
     -------
     Figure
         Lines named ``median/k/ensemble``, ``low/k/ensemble`` and ``high/k/ensemble``, k the parameter.
-
-    Raises
-    ------
-    InputError
-        If the shapes disagree or a draw is not finite.
     """
-    walkers, members = _walkers(draws, ensemble, labels)
+    names, labels = stored.sampled_parameters(result)
+    walkers, members = stored.walkers_of(result, names)
     steps = np.unique(np.linspace(0, walkers.shape[1] - 1, MOST_STEPS).round().astype(int))
     grid = make_panels(len(labels), style, 0.85, 2, xlabel="kept step", sharex=True)
     for place, (axes, label) in enumerate(zip(grid.panels, labels, strict=True)):
@@ -356,16 +270,17 @@ def trace_figure(draws: ArrayLike, ensemble: ArrayLike, labels: Sequence[str], *
     return grid.figure
 
 
-@styled
-def rank_figure(
-    draws: ArrayLike, ensemble: ArrayLike, labels: Sequence[str], *, bins: int = 20, style: Style = USUAL
-) -> Figure:
+def rank(result: stored.Drawable, style: Style) -> Figure:
     """Draw rank histograms of each ensemble's draws among all draws; they are flat if the ensembles agree.
 
-    Parameters, artists (``rank/k/ensemble``, step patches around 1) and errors as in `trace_figure`.
+    Returns
+    -------
+    Figure
+        Step patches around 1 named ``rank/k/ensemble``, k the parameter.
     """
-    walkers, members = _walkers(draws, ensemble, labels)
-    edges = np.linspace(0.0, 1.0, bins + 1)
+    names, labels = stored.sampled_parameters(result)
+    walkers, members = stored.walkers_of(result, names)
+    edges = np.linspace(0.0, 1.0, 21)
     grid = make_panels(len(labels), style, 1.0, 4, "rank / draws [–]", "density [–]", sharex=True, sharey=True)
     for place, (axes, label) in enumerate(zip(grid.panels, labels, strict=True)):
         flat = walkers[..., place].ravel()
@@ -383,12 +298,3 @@ def rank_figure(
     grid.panels[0].set_ylim(0.0, None)  # limits of the shared axis, set after everything is drawn
     legend_below(grid.figure, grid.panels)
     return grid.figure
-
-
-def _walkers(draws: ArrayLike, ensemble: ArrayLike, labels: Sequence[str]) -> tuple[Array, NDArray[Any]]:
-    """Return draws and ensembles as arrays, or raise an error if they disagree."""
-    walkers, members = np.asarray(draws, float), np.asarray(ensemble)
-    if walkers.ndim != 3 or members.shape != walkers.shape[:1]:
-        raise InputError(f"figure: draws of shape {walkers.shape} for {members.size} walkers")
-    check_draws(walkers.reshape(-1, walkers.shape[-1]), labels)
-    return walkers, members

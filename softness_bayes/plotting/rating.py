@@ -14,9 +14,7 @@ from softness_bayes.plotting import stored
 from softness_bayes.plotting.data import name_rows
 from softness_bayes.plotting.panels import (
     MODULUS_LABEL,
-    RATIO_LABEL,
     Array,
-    check_loads,
     draw_bands,
     draw_rug,
     finish_load_panels,
@@ -25,10 +23,9 @@ from softness_bayes.plotting.panels import (
     number_ticks,
     say_grouped,
 )
-from softness_bayes.plotting.response import RatioAxis
+from softness_bayes.plotting.response import modulus_axes
 from softness_bayes.plotting.style import USUAL, Style, styled
-from softness_bayes.touch.contact import Load
-from softness_bayes.touch.load_groups import LoadGroup, LoadGroups
+from softness_bayes.touch.load_groups import LoadGroups
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -61,19 +58,42 @@ class Observed(NamedTuple):
 
 
 def rating(result: stored.Drawable, style: Style, against_ratio: bool = False) -> Figure:
-    """Draw predicted and observed ratings against E_fab, or against E_fab / E_skin."""
-    curves, groups = result.curves(), result.load_groups
-    figure = rating_figure(
-        curves.modulus,
-        result.typical_ratings(),
-        observed_of(result),
-        groups.called,
-        scale=result.scale,
-        skin_modulus=curves.skin_modulus if against_ratio else None,
-        names=stored.fabric_names(result) * groups.at.size,
-        style=style,
-    )
-    return say_grouped(figure, groups, style)
+    """Draw predicted and observed ratings against E_fab or E_fab / E_skin, one panel per load.
+
+    The bands are credible intervals of the rating that a typical participant (s = 0) gives on average. They exclude the
+    noise of single ratings and the participants' rating scales. The points are those of `observed_ratings`. Ratings
+    outside `Scale.drawn` are drawn at its ends.
+
+    Returns
+    -------
+    Figure
+        Artists named ``median/1 mm``, ``band95/1 mm``, ``band50/1 mm``, ``ratings/1 mm`` (points), ``spread/1 mm``
+        (bars), ``name/1 mm/NAME``, ``guide/1 mm``, and for limits of moduli ``limits/1 mm``.
+    """
+    curves, loads, scale, observed = result.curves(), result.load_groups.called, result.scale, observed_of(result)
+    draws = np.clip(np.asarray(result.typical_ratings(), float), *scale.drawn)
+    means = np.clip([observed.mean, observed.low, observed.high], *scale.drawn)
+    horizontal, names = modulus_axes(curves, against_ratio), stored.fabric_names(result)
+    grid = load_panels(loads, horizontal[0].label, scale.label, style, names=names)
+    fabrics: list[tuple[Array, list[str]]] = []
+    for k, (axes, load, axis) in enumerate(zip(grid.panels, loads, horizontal, strict=True)):
+        here = (observed.load == k) & np.isfinite(means[0])
+        places = axis.place(observed.modulus[here])
+        called = [names[row % len(names)] for row in np.flatnonzero(here)]
+        draw_bands(axes, axis.grid, axis.carry(draws[:, k]), style.posterior, style, str(load))
+        _draw_observed(axes, places, means[:, here], scale, style, str(load), called)
+        if observed.limits:
+            low, high = (axis.place(ends[here]) for ends in observed.limits)
+            some = high > low
+            bars = axes.hlines(means[0, here][some], low[some], high[some], linewidth=0.8)
+            bars.set(label="90 % limits of the modulus", gid=f"limits/{load}", zorder=1.8)
+            bars.set_color(style.tint(style.data, 0.35))
+        axes.set_yscale(scale.axis)
+        fabrics.append((places, called))
+    for axes in grid.panels if scale.axis == "log" else ():
+        number_ticks(axes.yaxis)
+    finish_load_panels(grid, loads, [axis.grid for axis in horizontal], fabrics, style)
+    return say_grouped(grid.figure, result.load_groups, style)
 
 
 def observed_of(result: stored.Drawable) -> Observed:
@@ -174,92 +194,6 @@ def _effects(value: Array, rows: NDArray[np.intp], columns: NDArray[np.intp], sh
     return effect - effect[present].mean() if present.size else effect
 
 
-@styled
-def rating_figure(
-    modulus: ArrayLike,
-    rating: ArrayLike,
-    observed: Observed,
-    loads: Sequence[Load | LoadGroup],
-    *,
-    scale: Scale = MAGNITUDE,
-    skin_modulus: ArrayLike | None = None,
-    names: Sequence[str] = (),
-    style: Style = USUAL,
-) -> Figure:
-    """Draw predicted and observed ratings against E_fab or E_fab / E_skin, one panel per load.
-
-    The bands are credible intervals of the rating that a typical participant (s = 0) gives on
-    average. They exclude the noise of single ratings and the participants' rating scales. The points are
-    those of `observed_ratings`. Ratings outside `Scale.drawn` are drawn at its ends.
-
-    Parameters
-    ----------
-    modulus
-        Grid of E_fab [Pa], shape (points,).
-    rating
-        Draws of the predicted rating, shape (draws, loads, points).
-    observed
-        The data.
-    loads
-        The load of each panel.
-    scale
-        Scale of the ratings.
-    skin_modulus
-        E_skin [Pa] of every draw along the grid, shape (draws, loads, points). If given, the axis is
-        E_fab / E_skin: the curve of each draw uses the ratio of that draw, and the data use the median ratio.
-    names
-        Fabric name of each observed condition, written above its point; by default no names are written.
-    style
-        Style of the figure.
-
-    Returns
-    -------
-    Figure
-        Artists named ``median/1 mm``, ``band95/1 mm``, ``band50/1 mm``, ``ratings/1 mm`` (points) and
-        ``spread/1 mm`` (bars), for limits of moduli ``limits/1 mm``, and, for names, ``name/1 mm/NAME`` and
-        ``guide/1 mm``. The horizontal axis is E_fab in kPa or its ratio to E_skin.
-
-    Raises
-    ------
-    InputError
-        If there is not one load for each set of curves.
-    """
-    modulus, draws = np.asarray(modulus, float), np.asarray(rating, float)
-    check_loads(loads, draws.shape[1])
-    draws = np.clip(draws, *scale.drawn)
-    means = np.clip([observed.mean, observed.low, observed.high], *scale.drawn)
-    xlabel = MODULUS_LABEL if skin_modulus is None else RATIO_LABEL
-    grid = load_panels(loads, xlabel, scale.label, style, names=names)
-    ends: list[float] = []
-    fabrics: list[tuple[Array, list[str]]] = []
-    for index, (axes, load) in enumerate(zip(grid.panels, loads, strict=True)):
-        here = (observed.load == index) & np.isfinite(means[0])
-        axis = None if skin_modulus is None else RatioAxis.of(modulus, np.asarray(skin_modulus)[:, index])
-        x, curves = modulus / 1e3, draws[:, index]
-        if axis is not None:
-            x, curves = axis.grid, axis.carry(curves)
-        places, *limits = (
-            moduli[here] / 1e3 if axis is None else axis.place(moduli[here])
-            for moduli in (observed.modulus, *(observed.limits or ()))
-        )
-        draw_bands(axes, x, curves, style.posterior, style, str(load))
-        called = [names[int(k)] for k in np.flatnonzero(here)] if names else []
-        _draw_observed(axes, places, means[:, here], scale, style, str(load), called)
-        if limits:
-            low, high = limits
-            some = high > low
-            colour, height = style.tint(style.data, 0.35), means[0, here][some]
-            bars = axes.hlines(height, low[some], high[some], color=colour, linewidth=0.8)
-            bars.set(label="90 % limits of the modulus", gid=f"limits/{load}", zorder=1.8)
-        axes.set_yscale(scale.axis)
-        ends += [x.min(), x.max()]
-        fabrics.append((places, called))
-    for axes in grid.panels if scale.axis == "log" else ():
-        number_ticks(axes.yaxis)
-    finish_load_panels(grid, loads, (min(ends), max(ends)), fabrics, style)
-    return grid.figure
-
-
 def _draw_observed(
     axes: Axes, x: Array, means: Array, scale: Scale, style: Style, gid: str, names: Sequence[str]
 ) -> None:
@@ -313,15 +247,9 @@ def design_figure(
     Figure
         Artists named ``median/1 mm``, ``band95/1 mm``, ``band50/1 mm`` (response), ``fabrics/1 mm`` and
         ``ratings/1 mm`` (means, on the axis at the right).
-
-    Raises
-    ------
-    InputError
-        If there is not one load for each set of curves.
     """
     grid, draws = np.asarray(modulus, float) / 1e3, np.asarray(response, float)
     loads = groups.called
-    check_loads(loads, draws.shape[1])
     largest = draws.max(axis=(1, 2), keepdims=True)
     relative = np.divide(draws, largest, out=np.zeros_like(draws), where=largest > 0)
     grid_of_loads = load_panels(loads, MODULUS_LABEL, "response / largest under the prior", style)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -14,8 +13,6 @@ from softness_bayes.plotting.panels import (
     RATIO_LABEL,
     WIDE,
     Array,
-    Panels,
-    check_loads,
     draw_bands,
     draw_interval,
     draw_rug,
@@ -25,10 +22,9 @@ from softness_bayes.plotting.panels import (
     say_grouped,
     title,
 )
-from softness_bayes.plotting.style import USUAL, Style, styled
+from softness_bayes.plotting.style import Style
 from softness_bayes.readable import chance, number
-from softness_bayes.touch.contact import HERTZ_LIMIT, Load
-from softness_bayes.touch.load_groups import LoadGroup
+from softness_bayes.touch.contact import HERTZ_LIMIT
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,159 +44,91 @@ MARGIN = 0.2
 """Height of the margin for the turning point above a response panel, as a fraction of the panel's height."""
 
 
-class RatioAxis(NamedTuple):
-    """A grid of E_fab / E_skin in the range common to all draws of one load, and interpolation to this grid.
+class ModulusAxis(NamedTuple):
+    """Horizontal axis of the curves under one load: E_fab [kPa], or E_fab / E_skin if the moduli of the skin are given.
 
-    E_skin, and with it the ratio, differs from draw to draw (model.md 11).
+    E_skin, and with it the ratio, differs from draw to draw (model.md 11). Curves are then interpolated, each in the
+    logarithm of its own ratio, to a grid over the range that all draws share.
     """
 
-    log_modulus: Array
-    """ln E_fab on the grid of the curves, shape (points,)."""
-    log_ratio: Array
-    """ln(E_fab / E_skin) of every draw on the same grid, shape (draws, points)."""
+    modulus: Array
+    """E_fab on the grid of the curves [Pa], shape (points,)."""
+    skin_modulus: Array | None
+    """E_skin of every draw on this grid [Pa], shape (draws, points)."""
 
-    @classmethod
-    def of(cls, modulus: ArrayLike, skin_modulus: ArrayLike) -> RatioAxis:
-        """Return the axis for moduli of fabric and skin [Pa], shapes (points,) and (draws, points)."""
-        log_modulus = np.log(np.asarray(modulus, float))
-        return cls(log_modulus, log_modulus - np.log(np.asarray(skin_modulus, float)))
+    @property
+    def label(self) -> str:
+        """Label of the axis."""
+        return MODULUS_LABEL if self.skin_modulus is None else RATIO_LABEL
+
+    @property
+    def _log_ratio(self) -> Array:
+        assert self.skin_modulus is not None
+        return np.asarray(np.log(self.modulus) - np.log(np.asarray(self.skin_modulus, float)))
 
     @property
     def grid(self) -> Array:
-        """Logarithmically spaced E_fab / E_skin over the range common to all draws, shape (points,)."""
-        low, high = self.log_ratio[:, 0].max(), self.log_ratio[:, -1].min()
-        return np.exp(np.linspace(low, high, self.log_modulus.size))
+        """Points of the axis, shape (points,)."""
+        if self.skin_modulus is None:
+            return self.modulus / 1e3
+        low, high = self._log_ratio[:, 0].max(), self._log_ratio[:, -1].min()
+        return np.exp(np.linspace(low, high, self.modulus.size))
 
     def carry(self, curves: Array) -> Array:
-        """Interpolate curves over E_fab, shape (draws, points), to the grid, using the ratio of each draw."""
+        """Return curves over E_fab, shape (draws, points), at the points of the axis."""
+        if self.skin_modulus is None:
+            return curves
         at = np.log(self.grid)
-        return np.stack([np.interp(at, x, y) for x, y in zip(self.log_ratio, curves, strict=True)])
+        return np.stack([np.interp(at, x, y) for x, y in zip(self._log_ratio, curves, strict=True)])
 
     def place(self, modulus: ArrayLike) -> Array:
-        """Return the posterior median of the ratio at given fabric moduli [Pa], shape (n,)."""
-        at = np.log(np.asarray(modulus, float))
-        return np.exp(np.median([np.interp(at, self.log_modulus, x) for x in self.log_ratio], axis=0))
+        """Return the places of fabric moduli [Pa], shape (n,): of ratios, the posterior medians."""
+        moduli = np.asarray(modulus, float)
+        if self.skin_modulus is None:
+            return np.asarray(moduli / 1e3)
+        at, x = np.log(moduli), np.log(self.modulus)
+        return np.exp(np.median([np.interp(at, x, ratio) for ratio in self._log_ratio], axis=0))
+
+
+def modulus_axes(curves: Curves, against_ratio: bool) -> list[ModulusAxis]:
+    """Return the axis of each load: E_fab, or its ratio to E_skin."""
+    return [
+        ModulusAxis(curves.modulus, skin if against_ratio else None) for skin in np.moveaxis(curves.skin_modulus, 1, 0)
+    ]
 
 
 def response(result: stored.Drawable, style: Style, against_ratio: bool = False) -> Figure:
-    """Draw the response against E_fab, or against E_fab / E_skin."""
-    groups = result.load_groups
-    shown = result.curves(), groups.called, stored.fabric_modulus(result)
-    names = stored.fabric_names(result)
-    if against_ratio:
-        return say_grouped(ratio_figure(*shown, names=names, style=style), groups, style)
-    radius = float(result.group("constant_data")["finger_radius_mm"]) * 1e-3
-    figure = response_figure(*shown, inflection=result.inflections(), finger_radius=radius, names=names, style=style)
-    return say_grouped(figure, groups, style)
+    """Draw the total rate against E_fab or E_fab / E_skin: median, 50 % and 95 % credible bands, one panel per load.
 
-
-def inflection(result: stored.Drawable, style: Style) -> Figure:
-    """Draw the posterior of the turning point of the response."""
-    groups = result.load_groups
-    figure = inflection_figure(result.inflections(), groups.called, stored.fabric_modulus(result), style=style)
-    return say_grouped(figure, groups, style)
-
-
-@styled
-def response_figure(
-    curves: Curves,
-    loads: Sequence[Load | LoadGroup],
-    fabric_modulus: ArrayLike,
-    *,
-    inflection: Inflection | None = None,
-    finger_radius: float | None = None,
-    names: Sequence[str] = (),
-    style: Style = USUAL,
-) -> Figure:
-    """Draw the total rate against E_fab: median, 50 % and 95 % credible bands, one panel per load.
-
-    Parameters
-    ----------
-    curves
-        Draws of the response: the return value of `checking.inflection.response_curves`.
-    loads
-        The load of each panel.
-    fabric_modulus
-        E_fab of the fabrics of the data [Pa], marked along the bottom of each panel.
-    inflection
-        If given, its posterior is drawn along the top of each panel, with the probability of a turning
-        point.
-    finger_radius
-        Radius R of the fingertip [m]. If given, the panel is grey where the draws' median contact radius exceeds R/2.
-    names
-        Names of the fabrics, written above the panels; by default no names are written.
-    style
-        Style of the figure.
+    Fabrics of the data are marked along the bottom and named above. Against E_fab, the posterior of the turning point
+    is drawn along the top with its probability, and the panel is grey where the draws' median contact radius exceeds
+    R/2.
 
     Returns
     -------
     Figure
-        Artists named ``median/1 mm``, ``band95/1 mm``, ``band50/1 mm``, ``fabrics/1 mm``, and, where
-        drawn, ``hertz/1 mm``, ``density/1 mm``, ``probability/1 mm``, ``name/1 mm/NAME`` and ``guide/1 mm``; E_fab
-        in kPa.
-
-    Raises
-    ------
-    InputError
-        If there is not one load for each set of curves.
+        Artists named ``median/1 mm``, ``band95/1 mm``, ``band50/1 mm``, ``fabrics/1 mm``, ``name/1 mm/NAME``,
+        ``guide/1 mm``, and against E_fab ``hertz/1 mm``, ``density/1 mm`` and ``probability/1 mm``.
     """
-    check_loads(loads, curves.total_rate.shape[1])
-    kilopascal, fabrics = curves.modulus / 1e3, np.asarray(fabric_modulus) / 1e3
-    margin = 0.0 if inflection is None else MARGIN
-    grid = load_panels(loads, MODULUS_LABEL, RATE_LABEL, style, margin, names)
-    panels = [(kilopascal, rate, fabrics) for rate in np.moveaxis(curves.total_rate, 1, 0)]
-    _draw_rates(grid, panels, curves, loads, names, style, finger_radius)
-    for index, (head, load) in enumerate(zip(grid.heads, loads, strict=True)):
-        if inflection is not None:
-            _draw_margin(head, inflection, index, style, str(load))
-    return grid.figure
-
-
-@styled
-def ratio_figure(
-    curves: Curves,
-    loads: Sequence[Load | LoadGroup],
-    fabric_modulus: ArrayLike,
-    *,
-    names: Sequence[str] = (),
-    style: Style = USUAL,
-) -> Figure:
-    """Draw the total rate against E_fab / E_skin, otherwise like `response_figure`.
-
-    E_skin differs from draw to draw. The curve of each draw is interpolated, in the logarithm of the ratio
-    for that draw, to a grid over the range common to all draws. The fabrics of the data are drawn at their
-    median ratios.
-    """
-    check_loads(loads, curves.total_rate.shape[1])
-    grid = load_panels(loads, RATIO_LABEL, RATE_LABEL, style, names=names)
-    panels = []
-    for index in range(len(loads)):
-        axis = RatioAxis.of(curves.modulus, curves.skin_modulus[:, index])
-        panels.append((axis.grid, axis.carry(curves.total_rate[:, index]), axis.place(fabric_modulus)))
-    _draw_rates(grid, panels, curves, loads, names, style)
-    return grid.figure
-
-
-def _draw_rates(
-    grid: Panels,
-    panels: Sequence[tuple[Array, Array, Array]],
-    curves: Curves,
-    loads: Sequence[Load | LoadGroup],
-    names: Sequence[str],
-    style: Style,
-    finger_radius: float | None = None,
-) -> None:
-    """Draw grid, curves and places of the fabrics in each panel, set the axes, and write names and legend."""
-    for index, (axes, load, (x, rate, places)) in enumerate(zip(grid.panels, loads, panels, strict=True)):
-        draw_bands(axes, x, rate, style.posterior, style, str(load))
-        draw_rug(axes, places, style, str(load), names)
-        if finger_radius is not None:
-            _mark_hertz(axes, x, curves.radius[:, index], finger_radius, str(load))
+    curves, loads, names = result.curves(), result.load_groups.called, stored.fabric_names(result)
+    horizontal = modulus_axes(curves, against_ratio)
+    margin = 0.0 if against_ratio else MARGIN
+    grid = load_panels(loads, horizontal[0].label, RATE_LABEL, style, margin, names)
+    places = [axis.place(stored.fabric_modulus(result)) for axis in horizontal]
+    for k, (axes, load, axis) in enumerate(zip(grid.panels, loads, horizontal, strict=True)):
+        draw_bands(axes, axis.grid, axis.carry(curves.total_rate[:, k]), style.posterior, style, str(load))
+        draw_rug(axes, places[k], style, str(load), names)
+        if not against_ratio:
+            radius = float(result.group("constant_data")["finger_radius_mm"]) * 1e-3
+            _mark_hertz(axes, axis.grid, curves.radius[:, k], radius, str(load))
     upper = np.quantile(curves.total_rate, 0.975, axis=0)
     top = 1.12 * float(upper[np.isfinite(upper)].max(initial=0.0)) or 1.0  # 1 spike/s if no receptor fires
     grid.panels[0].set_ylim(0.0, top)
-    ends = min(x.min() for x, _, _ in panels), max(x.max() for x, _, _ in panels)
-    finish_load_panels(grid, loads, ends, [(places, names) for _, _, places in panels], style)
+    finish_load_panels(grid, loads, [axis.grid for axis in horizontal], [(at, names) for at in places], style)
+    for k, (head, load) in enumerate(zip(grid.heads, loads, strict=True)):
+        if not against_ratio:
+            _draw_margin(head, result.inflections(), k, style, str(load))
+    return say_grouped(grid.figure, result.load_groups, style)
 
 
 def _mark_hertz(axes: Axes, x: Array, radius: Array, finger_radius: float, gid: str) -> None:
@@ -212,58 +140,34 @@ def _mark_hertz(axes: Axes, x: Array, radius: Array, finger_radius: float, gid: 
         ground.set_label(f"contact radius above {HERTZ_LIMIT:g} R: geometry questionable")
 
 
-@styled
-def inflection_figure(
-    inflection: Inflection,
-    loads: Sequence[Load | LoadGroup],
-    fabric_modulus: ArrayLike,
-    *,
-    style: Style = USUAL,
-) -> Figure:
+def inflection(result: stored.Drawable, style: Style) -> Figure:
     """Draw the posterior of E_fab at the turning point (maximum), one row per load, with the outcomes' probabilities.
 
     The left panels show the density per decade for the draws with an interior maximum. The area under the density is
     the fraction of such draws, so that rows can be compared. The dot and the bar show the median and the central 95 %
     of these draws. The range of the fabrics is shaded. The right panels show the probabilities of the three outcomes.
 
-    Parameters
-    ----------
-    inflection
-        Return value of `checking.inflection.find_inflection`.
-    loads
-        The load of each row.
-    fabric_modulus
-        E_fab of the fabrics of the data [Pa].
-    style
-        Style of the figure.
-
     Returns
     -------
     Figure
         Artists named ``density/1 mm`` (a step patch), ``interval/1 mm``, ``fabrics/1 mm`` and one bar
         ``interior/1 mm``, ``none/1 mm``, ``silent/1 mm`` each; E_fab in kPa.
-
-    Raises
-    ------
-    InputError
-        If there is not one load for each column of `inflection`.
     """
     from matplotlib.figure import Figure
 
     from softness_bayes.checking.inflection import RANGE_FACTOR
 
-    check_loads(loads, inflection.outcome.shape[1])
-    fabrics = np.asarray(fabric_modulus, float) / 1e3
+    found, loads, fabrics = result.inflections(), result.load_groups.called, stored.fabric_modulus(result) / 1e3
     limits = (fabrics.min() / RANGE_FACTOR, fabrics.max() * RANGE_FACTOR)
-    edges, heights = _densities(inflection, *limits)
+    edges, heights = _densities(found, *limits)
     wide = style.page >= WIDE
     figure = Figure(figsize=(style.page, (0.75 if wide else 1.0) * len(loads) + 0.75), layout="constrained")
     cells = figure.subplots(len(loads), 2, sharex="col", sharey="col", squeeze=False, width_ratios=(2.4, 1))
     for index, ((left, right), load) in enumerate(zip(cells, loads, strict=True)):
         left.axvspan(fabrics.min(), fabrics.max(), color=SHADE, linewidth=0, gid=f"fabrics/{load}")
         _draw_density(left, edges, heights[index], style, str(load))
-        _draw_summary(left, inflection, index, style, str(load))
-        _draw_outcomes(right, inflection.outcome[:, index], style, str(load))
+        _draw_summary(left, found, index, style, str(load))
+        _draw_outcomes(right, found.outcome[:, index], style, str(load))
         left.set_title(title(load), y=1.0, pad=-8, x=0.01)
     left, right = cells[-1]
     xlabel = f"{MODULUS_LABEL}{' ' if wide else chr(10)}at the turning point (maximum)"
@@ -271,7 +175,7 @@ def inflection_figure(
     number_ticks(left.xaxis)
     right.set(xlim=(0, 100), xticks=(0, 50, 100), xlabel="probability [%]")
     figure.supylabel("posterior density [1/decade]", fontsize="medium")
-    return figure
+    return say_grouped(figure, result.load_groups, style)
 
 
 def _densities(inflection: Inflection, low: float, high: float) -> tuple[Array, Array]:

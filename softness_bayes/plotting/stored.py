@@ -3,56 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from softness_bayes.checking.inflection import Curves, Inflection
-    from softness_bayes.likelihood.scales import Scale
-    from softness_bayes.touch.contact import Load
-    from softness_bayes.touch.load_groups import LoadGroups
-
 Array = NDArray[np.float64]
 
-
-class Drawable(Protocol):
-    """Interface of a finished run that the figures use; `Result` implements it."""
-
-    @property
-    def tree(self) -> xr.DataTree:
-        """The groups of the result."""
-
-    @property
-    def is_first_look(self) -> bool:
-        """True if the run ended on purpose before convergence."""
-
-    @property
-    def scale(self) -> Scale:
-        """The scale of the ratings."""
-
-    @property
-    def loads(self) -> tuple[Load, ...]:
-        """The loads of the data."""
-
-    @property
-    def load_groups(self) -> LoadGroups:
-        """The loads that are drawn: each load, or groups of loads if there are many."""
-
-    def group(self, name: str) -> xr.Dataset:
-        """Return one group."""
-
-    def curves(self) -> Curves:
-        """Return the response against E_fab for each draw, under each load or group of loads."""
-
-    def typical_ratings(self) -> NDArray[np.float64]:
-        """Return the rating that a typical participant gives along these curves, shape (draws, loads, points)."""
-
-    def inflections(self) -> Inflection:
-        """Return the turning points of the response for each draw, under the same loads."""
+Drawable = Any
+"""A finished run, as figures read it: a `results.result.Result`, which lies above this room."""
 
 
 def rated_load(result: Drawable) -> NDArray[np.intp]:

@@ -18,7 +18,7 @@ from softness_bayes.plotting.panels import (
     make_panels,
     number_ticks,
 )
-from softness_bayes.plotting.style import Style, styled
+from softness_bayes.plotting.style import Style
 from softness_bayes.readable import number
 
 if TYPE_CHECKING:
@@ -37,7 +37,6 @@ COLOURS = "viridis"
 """Colour map of rates, which is perceptually uniform and suitable for colour-blind readers."""
 
 
-@styled
 def touch(result: stored.Drawable, style: Style) -> Figure:
     """Draw pressure, stress and firing rate against the distance from the axis, and maps of the pad's receptors below.
 
@@ -200,7 +199,6 @@ def _draw_keys(figure: Figure, cells: list[Axes], ends: tuple[float, float], sty
     figure.legend(handles=keys, loc="outside lower center", ncols=3 if figure.get_figwidth() >= WIDE else 1)
 
 
-@styled
 def membrane(result: stored.Drawable, style: Style) -> Figure:
     """Draw firing rate against current with credible bands, and below it example spike trains at some currents.
 
@@ -240,7 +238,6 @@ def membrane(result: stored.Drawable, style: Style) -> Figure:
     return figure
 
 
-@styled
 def compression(result: stored.Drawable, style: Style) -> Figure:
     """Draw the force of a rigid plate on the typical finger, with credible bands, and the observed forces.
 

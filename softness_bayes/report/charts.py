@@ -19,7 +19,7 @@ from softness_bayes.checking.inflection import PERCENTS
 from softness_bayes.likelihood.scales import Scale
 from softness_bayes.plotting.panels import TINTS, title
 from softness_bayes.plotting.rating import observed_of
-from softness_bayes.plotting.response import RatioAxis
+from softness_bayes.plotting.response import modulus_axes
 from softness_bayes.plotting.style import USUAL
 from softness_bayes.readable import chance, number
 from softness_bayes.report.tables import share
@@ -83,30 +83,23 @@ def chart_data(result: Result) -> dict[str, list[ChartData]]:
         A finished run on ratings, which stores the curves. The curves of a group of loads are those of its middle load.
     """
     curves, table, groups = result.curves(), result.inflection(), result.load_groups
-    typical = result.typical_ratings()
-    fabric = result.group("constant_data")["effective_modulus_kpa"].values
+    typical, ratings = result.typical_ratings(), observed_of(result)
+    fabric = 1e3 * result.group("constant_data")["effective_modulus_kpa"].values
     names = [str(name) for name in result.group("constant_data")["fabric"].values]
-    modulus, ratings = curves.modulus * 1e-3, observed_of(result)
-    contents: dict[str, list[ChartData]] = {axis.name: [] for axis in AXES}
-    for k, load in enumerate(groups.called):
-        row, here = table.loc[str(load)], ratings.load == k
-        observed = {name: _plain(getattr(ratings, name)[here]) for name in ("mean", "low", "high")}
-        turns = {"e_fab": _turn(row, "e_fab_kpa"), "ratio": _turn(row, "ratio")}
-        on = RatioAxis.of(curves.modulus, curves.skin_modulus[:, k])
-        layouts = {
-            "e_fab": (modulus, curves.total_rate[:, k], typical[:, k], fabric),
-            "ratio": (on.grid, on.carry(curves.total_rate[:, k]), on.carry(typical[:, k]), on.place(1e3 * fabric)),
-        }
-        for axis in AXES:
-            x, rate, rating, place = layouts[axis.name]
+    contents: dict[str, list[ChartData]] = {}
+    for axis in AXES:
+        contents[axis.name] = []
+        for k, (load, on) in enumerate(zip(groups.called, modulus_axes(curves, axis.name == "ratio"), strict=True)):
+            row, here, x = table.loc[str(load)], ratings.load == k, on.grid
+            observed = {name: _plain(getattr(ratings, name)[here]) for name in ("mean", "low", "high")}
             contents[axis.name].append(
                 ChartData(
                     title(load),
                     (float(x[0]), float(x[-1])),
-                    _band(x, rate),
-                    _band(x, rating),
-                    {"x": _plain(place), "fabric": names, "foot": [0.0] * len(names), **observed},
-                    turns[axis.name],
+                    _band(x, on.carry(curves.total_rate[:, k])),
+                    _band(x, on.carry(typical[:, k])),
+                    {"x": _plain(on.place(fabric)), "fabric": names, "foot": [0.0] * len(names), **observed},
+                    _turn(row, "e_fab_kpa" if axis.name == "e_fab" else "ratio"),
                     _turn_sentence(title(load), row, axis),
                 )
             )

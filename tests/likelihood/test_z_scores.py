@@ -33,7 +33,9 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import LEAST_FIRING
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_ratings
-from softness_bayes.plotting import FIGURES, USUAL, observed_ratings
+from softness_bayes.plotting.figures import FIGURES
+from softness_bayes.plotting.rating import observed_ratings
+from softness_bayes.plotting.style import USUAL
 from softness_bayes.runs.run import sample
 from softness_bayes.sampler.sampling import Settings, sample_until
 from softness_bayes.sampler.workers import Workers

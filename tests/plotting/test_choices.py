@@ -8,14 +8,15 @@ import xarray as xr
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, PAIRS
-from softness_bayes.plotting import FIGURES, USUAL
 from softness_bayes.plotting.choices import (
-    answers_figure,
+    _draw_answers,
     counts_of,
     rows_of_pairs,
     wins_of,
 )
 from softness_bayes.plotting.data import data_of
+from softness_bayes.plotting.figures import FIGURES
+from softness_bayes.plotting.style import USUAL
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.load_groups import groups_of
 
@@ -28,7 +29,7 @@ def test_categories_are_counted(rng):
     found = counts_of("1 mm", np.arange(1, 5), np.array([1.0, 1.0, 4.0]), again)
     assert found.observed.tolist() == [2, 0, 0, 1]
     assert (found.replicates.sum(axis=1) == 40).all()
-    table = data_of(answers_figure([found]))
+    table = data_of(_draw_answers([found], USUAL))
     limits = table[table["element"] == "limits"]
     np.testing.assert_allclose(limits["y"], np.quantile(found.replicates, 0.05, axis=0), rtol=1e-5)
     np.testing.assert_allclose(limits["y_end"], np.quantile(found.replicates, 0.95, axis=0), rtol=1e-5)
@@ -99,8 +100,3 @@ def test_a_run_shows_what_its_scale_has():
     ):
         with pytest.raises(InputError, match="its ratings are"):
             FIGURES[name](result, USUAL)
-
-
-def test_no_answers_make_no_figure():
-    with pytest.raises(InputError, match="no load has answers"):
-        answers_figure([])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 from click.testing import CliRunner
 from numpy.testing import assert_allclose
 
@@ -13,10 +14,11 @@ from softness_bayes.checking.quantities import Columns
 from softness_bayes.checking.uniformity import simultaneous_band
 from softness_bayes.cli import main
 from softness_bayes.errors import InputError
-from softness_bayes.plotting import FIGURES, USUAL, Style, figures_of
-from softness_bayes.plotting.checks import FEW, loo_pit_figure
+from softness_bayes.plotting.checks import FEW, loo_pit
+from softness_bayes.plotting.figures import FIGURES, figures_of
+from softness_bayes.plotting.style import USUAL, Style
 from softness_bayes.results.result import Result
-from support.figures import artist, drawn, outline
+from support.figures import artist, drawn, invented_run, outline
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +98,8 @@ def test_loo_pit_shows_the_distribution_of_the_values_and_the_band(run):
     assert "approximate" in " ".join(text.get_text() for text in figure.legends[0].get_texts())
     # the figure tells uniform values from those of predictions that are far too wide
     for values, inside in ((np.random.default_rng(4).uniform(size=200), True), (0.5 + 0.1 * (pit - 0.5), False)):
-        figure = drawn(loo_pit_figure(values, x))
+        groups = {"constant_data": xr.Dataset({"loo_pit": ("rating_row", values)})}
+        figure = drawn(loo_pit(invented_run(groups=groups), USUAL))
         line, limits = artist(figure, "ecdf"), simultaneous_band(values.size, x)
         shown = line.get_ydata() + x
         assert ((shown >= limits.low) & (shown <= limits.high)).all() == inside

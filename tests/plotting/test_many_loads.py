@@ -7,8 +7,9 @@ import pytest
 
 from softness_bayes.checking.layout import LOAD_GROUP
 from softness_bayes.defaults import MOST_SHOWN, in_words, shown_of
-from softness_bayes.plotting import FIGURES, USUAL
+from softness_bayes.plotting.figures import FIGURES
 from softness_bayes.plotting.rating import observed_of
+from softness_bayes.plotting.style import USUAL
 from softness_bayes.results import result
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.load_groups import NEAR, LoadGroup, LoadGroups, groups_of

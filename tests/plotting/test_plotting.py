@@ -10,23 +10,37 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from numpy.testing import assert_allclose
 
-from softness_bayes import plotting
 from softness_bayes.checking.inflection import Inflection, find_inflection
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import RATING_SCALES, Scale
+from softness_bayes.plotting import rating
+from softness_bayes.plotting.figures import FIGURES, draw_figures
 from softness_bayes.plotting.panels import number_ticks
-from softness_bayes.plotting.parameters import MOST_STEPS
+from softness_bayes.plotting.parameters import MOST_STEPS, corner, prior, rank, trace
+from softness_bayes.plotting.rating import Observed, observed_ratings
+from softness_bayes.plotting.response import inflection, response
+from softness_bayes.plotting.style import USUAL, save
 from softness_bayes.readable import chance
 from softness_bayes.touch.contact import Load
-from support.figures import FABRICS, FINGER_RADIUS, LOADS, artist, drawn, invented_curves, outline
+from support.figures import (
+    FABRICS,
+    FINGER_RADIUS,
+    LOADS,
+    artist,
+    drawn,
+    invented_curves,
+    invented_draws,
+    invented_run,
+    outline,
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("loads", LOADS.values(), ids=LOADS)
 @pytest.mark.parametrize("draws", [1, 60])
 def test_response_shows_the_quantiles_of_every_load(loads: tuple[Load, ...], draws: int) -> None:
     curves = invented_curves(loads, draws)
-    inflection = find_inflection(curves, 0.0, (FABRICS.min(), FABRICS.max()))
-    figure = drawn(plotting.response_figure(curves, loads, FABRICS, inflection=inflection, finger_radius=FINGER_RADIUS))
+    found = find_inflection(curves, 0.0, (FABRICS.min(), FABRICS.max()))
+    figure = drawn(response(invented_run(loads, curves), USUAL))
     panels = {artist(figure, f"median/{load}").axes for load in loads}
     assert len(panels) == len(loads)
     # each panel and its margin, nothing else
@@ -39,7 +53,7 @@ def test_response_shows_the_quantiles_of_every_load(loads: tuple[Load, ...], dra
         for level, limits in ((50, (0.25, 0.75)), (95, (0.025, 0.975))):
             assert_allclose(outline(artist(figure, f"band{level}/{load}")), np.quantile(rate, limits, axis=0))
         assert_allclose(artist(figure, f"fabrics/{load}").get_xdata(), FABRICS / 1e3)
-        share = np.mean(inflection.outcome[:, index] == 1)
+        share = np.mean(found.outcome[:, index] == 1)
         assert artist(figure, f"probability/{load}").get_text().startswith(f"turning point {chance(share)}")
         # the strip spans the part of the grid with a/R > 0.5
         beyond = curves.modulus[np.median(curves.radius[:, index], axis=0) > 0.5 * FINGER_RADIUS]
@@ -50,17 +64,16 @@ def test_response_shows_the_quantiles_of_every_load(loads: tuple[Load, ...], dra
 def test_every_axis_has_its_unit_and_every_panel_its_load() -> None:
     loads = LOADS["mixture"]
     curves = invented_curves(loads, 20)
-    for figure, unit in (
-        (plotting.response_figure(curves, loads, FABRICS), "[kPa]"),
-        (plotting.ratio_figure(curves, loads, FABRICS), "[–]"),
-    ):
+    for against_ratio, unit in ((False, "[kPa]"), (True, "[–]")):
+        figure = response(invented_run(loads, curves), USUAL, against_ratio)
+        panels = [artist(figure, f"median/{load}").axes for load in loads]
         drawn(figure)
-        titles = [axes.get_title(loc="left") for axes in figure.axes]
+        titles = [title for axes in figure.axes for loc in ("left", "center") if (title := axes.get_title(loc=loc))]
         assert titles == ["Indentation 1 mm", "Indentation 3 mm", "Force 0.5 N"]
-        assert all(axes.get_xlabel().endswith(unit) for axes in figure.axes)
-        assert figure.axes[0].get_ylabel() == "total rate [spikes/s]"
-        assert len({axes.get_ylim() for axes in figure.axes}) == 1
-        assert not figure.findobj(lambda each: str(each.get_gid()).startswith("hertz"))
+        assert all(axes.get_xlabel().endswith(unit) for axes in panels)
+        assert panels[0].get_ylabel() == "total rate [spikes/s]"
+        assert len({axes.get_ylim() for axes in panels}) == 1
+        assert not against_ratio or not figure.findobj(lambda each: str(each.get_gid()).startswith("hertz"))
 
 
 def test_ratio_follows_every_draw_on_its_own_axis() -> None:
@@ -68,7 +81,7 @@ def test_ratio_follows_every_draw_on_its_own_axis() -> None:
     # one curve of the ratio for all draws: on that axis their spread must vanish
     ratio = curves.modulus / curves.skin_modulus
     same = curves._replace(total_rate=100.0 * np.log1p(ratio))
-    figure = drawn(plotting.ratio_figure(same, LOADS["one"], FABRICS))
+    figure = drawn(response(invented_run(LOADS["one"], same), USUAL, against_ratio=True))
     median = artist(figure, "median/1 N")
     assert_allclose(median.get_ydata(), 100.0 * np.log1p(median.get_xdata()), rtol=2e-3, atol=0.2)
     low, high = outline(artist(figure, "band95/1 N"))
@@ -81,15 +94,15 @@ def test_ratio_follows_every_draw_on_its_own_axis() -> None:
 @pytest.mark.parametrize("loads", LOADS.values(), ids=LOADS)
 def test_silence_is_drawn_without_an_inflection(loads: tuple[Load, ...]) -> None:
     curves = invented_curves(loads, 3, loudness=0.0)
-    inflection = find_inflection(curves, 0.0, (FABRICS.min(), FABRICS.max()))
-    response = drawn(plotting.response_figure(curves, loads, FABRICS, inflection=inflection))
-    assert artist(response, f"fabrics/{loads[0]}").axes.get_ylim() == (0.0, 1.0)
-    figure = drawn(plotting.inflection_figure(inflection, loads, FABRICS))
+    run = invented_run(loads, curves)
+    above = drawn(response(run, USUAL))
+    assert artist(above, f"fabrics/{loads[0]}").axes.get_ylim() == (0.0, 1.0)
+    figure = drawn(inflection(run, USUAL))
     for load in loads:
         assert artist(figure, f"silent/{load}").get_width() == 100
         assert artist(figure, f"interior/{load}").get_width() == 0
         assert not artist(figure, f"density/{load}").get_data().values.any()
-        assert artist(response, f"probability/{load}").get_text() == "turning point <1 %\nsilent >99 %"
+        assert artist(above, f"probability/{load}").get_text() == "turning point <1 %\nsilent >99 %"
     assert not figure.findobj(lambda each: str(each.get_gid()).startswith(("median", "interval")))
 
 
@@ -99,8 +112,8 @@ def test_inflection_has_the_area_of_its_probability() -> None:
     outcome = rng.choice([0, 1, 2], size=(400, len(loads)), p=[0.3, 0.6, 0.1]).astype(np.int8)
     outcome[:, 0] = 0
     place = np.where(outcome == 1, 5e4 * np.exp(0.4 * rng.standard_normal(outcome.shape)), np.nan)
-    inflection = Inflection(outcome, place, place, place, place, outcome == 1)
-    figure = drawn(plotting.inflection_figure(inflection, loads, FABRICS))
+    found = Inflection(outcome, place, place, place, place, outcome == 1)
+    figure = drawn(inflection(invented_run(loads, inflections=lambda: found), USUAL))
     assert len(figure.axes) == 2 * len(loads)
     for index, load in enumerate(loads):
         data = artist(figure, f"density/{load}").get_data()
@@ -118,11 +131,12 @@ def test_a_failed_draw_leaves_a_gap() -> None:
     curves = invented_curves(LOADS["one"], 8)
     rate = curves.total_rate.copy()
     rate[2, 0, 40] = np.nan
-    figure = drawn(plotting.response_figure(curves._replace(total_rate=rate), LOADS["one"], FABRICS))
+    known = {"inflections": invented_run(LOADS["one"], curves).inflections}
+    figure = drawn(response(invented_run(LOADS["one"], curves._replace(total_rate=rate), **known), USUAL))
     median = artist(figure, "median/1 N").get_ydata()
     assert np.flatnonzero(np.isnan(median)).tolist() == [40]
     everywhere = curves._replace(total_rate=np.full_like(rate, np.nan))
-    drawn(plotting.response_figure(everywhere, LOADS["one"], FABRICS))
+    drawn(response(invented_run(LOADS["one"], everywhere, **known), USUAL))
 
 
 def test_observed_ratings_do_not_depend_on_the_scale_of_a_participant() -> None:
@@ -133,9 +147,7 @@ def test_observed_ratings_do_not_depend_on_the_scale_of_a_participant() -> None:
     scale = rng.standard_normal(participants)
     who, what = (index.ravel() for index in np.indices((participants, conditions)))
     summary = [
-        plotting.observed_ratings(
-            np.exp(truth + noise + s[:, None]).ravel(), what, who, FABRICS[[0, 1, 2, 2]], [0, 0, 1, 1]
-        )
+        observed_ratings(np.exp(truth + noise + s[:, None]).ravel(), what, who, FABRICS[[0, 1, 2, 2]], [0, 0, 1, 1])
         for s in (np.zeros(participants), scale - scale.mean())
     ]
     assert summary[0].limits is summary[1].limits is None
@@ -151,24 +163,24 @@ def test_observed_ratings_do_not_depend_on_the_scale_of_a_participant() -> None:
 def test_observed_ratings_stand_gaps_repeats_and_nobody() -> None:
     # two participants whose scales differ by 8; the second left out the condition that the first rates high
     rating = [1.0, 4.0, 8.0, np.nan, 2.0, 8.0]
-    observed = plotting.observed_ratings(rating, [0, 1, 0, 1, 2, 2], [0, 0, 1, 1, 0, 0], FABRICS, [0, 0, 0])
+    observed = observed_ratings(rating, [0, 1, 0, 1, 2, 2], [0, 0, 1, 1, 0, 0], FABRICS, [0, 0, 0])
     assert observed.participants.tolist() == [2, 1, 1]
     assert_allclose(observed.mean[1:] / observed.mean[0], [4.0, 4.0])
     assert np.isnan(observed.low[1:]).all()
-    nobody = plotting.observed_ratings([1.0], [0], [0], FABRICS, [0, 0, 0])
+    nobody = observed_ratings([1.0], [0], [0], FABRICS, [0, 0, 0])
     assert np.isnan(nobody.mean[1:]).all()
     with pytest.raises(InputError, match="positive"):
-        plotting.observed_ratings([0.0], [0], [0], FABRICS, [0, 0, 0])
+        observed_ratings([0.0], [0], [0], FABRICS, [0, 0, 0])
 
 
 @pytest.mark.parametrize("scale", RATING_SCALES.values(), ids=RATING_SCALES)
-def test_rating_shows_prediction_and_data(scale: Scale) -> None:
+def test_rating_shows_prediction_and_data(scale: Scale, monkeypatch) -> None:
     loads = LOADS["mixture"]
     curves = invented_curves(loads, 30)
     unit = min(1.0, 0.1 * scale.drawn[1])  # places on a slider are shares
-    rating = unit * (1.0 + curves.total_rate / 100.0)
+    ratings = unit * (1.0 + curves.total_rate / 100.0)
     mean = unit * np.array([1.0, 2.0, np.nan, 3.0])
-    observed = plotting.Observed(
+    observed = Observed(
         FABRICS[[0, 1, 2, 0]],
         np.array([0, 0, 0, 2]),
         mean,
@@ -176,10 +188,11 @@ def test_rating_shows_prediction_and_data(scale: Scale) -> None:
         mean * [2, np.nan, 1, 2],
         np.ones(4, int),
     )
-    figure = drawn(plotting.rating_figure(curves.modulus, rating, observed, loads, scale=scale))
+    monkeypatch.setattr(rating, "observed_of", lambda run: observed)
+    figure = drawn(rating.rating(invented_run(loads, curves, scale=scale, typical_ratings=lambda: ratings), USUAL))
     assert len(figure.axes) == len(loads)
     assert {axes.get_yscale() for axes in figure.axes} == {scale.axis}
-    assert_allclose(artist(figure, "median/3 mm").get_ydata(), np.median(rating[:, 1], axis=0))
+    assert_allclose(artist(figure, "median/3 mm").get_ydata(), np.median(ratings[:, 1], axis=0))
     points = artist(figure, "ratings/1 mm")
     assert_allclose(points.get_xydata(), np.column_stack([FABRICS[:2] / 1e3, mean[:2]]))
     assert_allclose(artist(figure, "spread/1 mm").get_segments()[0][:, 1], [0.5 * unit, 2.0 * unit])
@@ -187,12 +200,15 @@ def test_rating_shows_prediction_and_data(scale: Scale) -> None:
     assert figure.axes[0].get_xlabel().endswith("[kPa]")
 
 
-def test_ratings_at_the_ends_of_floating_point_are_drawn() -> None:
+def test_ratings_at_the_ends_of_floating_point_are_drawn(monkeypatch) -> None:
     grid = np.geomspace(1e3, 1e7, 20)
     draws = np.exp(np.random.default_rng(0).uniform(-700, 700, (50, 1, 20)))
     people, conditions = [0, 0, 1, 1], [0, 1, 0, 1]
-    observed = plotting.observed_ratings([1e-300, 1e300, 1e300, 1e-300], conditions, people, FABRICS[:2], [0, 0])
-    figure = drawn(plotting.rating_figure(grid, draws, observed, LOADS["mixture"][:1]))
+    observed = observed_ratings([1e-300, 1e300, 1e300, 1e-300], conditions, people, FABRICS[:2], [0, 0])
+    monkeypatch.setattr(rating, "observed_of", lambda run: observed)
+    curves = invented_curves(LOADS["mixture"][:1], 2)._replace(modulus=grid)
+    run = invented_run(LOADS["mixture"][:1], typical_ratings=lambda: draws, curves=lambda: curves)
+    figure = drawn(rating.rating(run, USUAL))
     assert np.isfinite(figure.axes[0].get_ylim()).all()
     assert artist(figure, "median/1 mm").get_ydata().size == 20
 
@@ -220,9 +236,8 @@ def test_a_logarithmic_axis_has_numbers_of_one_notation(limits: tuple[float, flo
 
 @pytest.mark.parametrize(("dimension", "draws"), [(1, 500), (2, 30), (10, 9000)])
 def test_corner_has_a_panel_for_every_pair(dimension: int, draws: int) -> None:
-    values = np.exp(np.random.default_rng(5).standard_normal((draws, dimension)))
-    labels = [rf"$x_{{{k}}}$ [kPa]" for k in range(dimension)]
-    figure = drawn(plotting.corner_figure(values, labels))
+    run, labels = invented_draws(np.exp(np.random.default_rng(5).standard_normal((1, draws, dimension))))
+    figure = drawn(corner(run, USUAL, every=True))
     assert len(figure.axes) == dimension**2
     below = [artist(figure, f"corner/{dimension - 1}/{k}").get_xlabel() for k in range(dimension)]
     assert below == [label.replace(" [", "\n[") for label in labels]
@@ -230,83 +245,71 @@ def test_corner_has_a_panel_for_every_pair(dimension: int, draws: int) -> None:
 
 
 def test_corner_says_what_it_cannot_draw() -> None:
-    values = np.random.default_rng(6).standard_normal((50, 2))
-    bad = values.copy()
-    bad[3, 1] = np.nan
-    for draws, labels, match in (
-        (values, ["a"], "labels"),
-        (values[:2], ["a", "b"], "more draws"),
-        (values * [1, 0], ["a", "b"], "b does not vary"),
-        (bad, ["a", "b"], "not finite"),
-    ):
+    values = np.random.default_rng(6).standard_normal((1, 50, 2))
+    for draws, match in ((values[:, :2], "more draws"), (values * [1, 0], "does not vary")):
         with pytest.raises(InputError, match=match):
-            plotting.corner_figure(draws, labels)
+            corner(invented_draws(draws)[0], USUAL)
 
 
 def test_prior_and_posterior_are_densities() -> None:
     rng = np.random.default_rng(7)
-    posterior, prior = rng.standard_normal((4000, 5)), 3.0 * rng.standard_normal((300, 5))
-    figure = drawn(plotting.prior_figure(posterior, prior, [f"x{k} [kPa]" for k in range(5)]))
-    assert [axes.get_xlabel() for axes in figure.axes] == [f"x{k} [kPa]" for k in range(5)]
+    run, labels = invented_draws(rng.standard_normal((1, 4000, 5)), 3.0 * rng.standard_normal((1, 300, 5)))
+    figure = drawn(prior(run, USUAL))
+    assert [axes.get_xlabel() for axes in figure.axes] == labels
     for place in range(5):
         for name in ("posterior", "prior"):
             data = artist(figure, f"{name}/{place}").get_data()
             assert np.sum(data.values * np.diff(data.edges)) == pytest.approx(1.0, abs=0.01)
-    drawn(plotting.prior_figure(posterior[:1], prior, [f"x{k}" for k in range(5)]))
+    drawn(prior(invented_draws(np.ones((1, 1, 5)))[0], USUAL))
 
 
 def test_traces_and_ranks_tell_a_stray_ensemble() -> None:
     rng = np.random.default_rng(8)
     draws = rng.standard_normal((12, 2500, 3))
     draws[:4, :, 0] += 3.0
-    ensemble = np.repeat([0, 1, 2], 4)
-    labels = ["a [kPa]", "b", "c"]
-    trace = drawn(plotting.trace_figure(draws, ensemble, labels))
-    line = artist(trace, "median/1/2")
+    run, labels = invented_draws(draws, ensemble=np.repeat([0, 1, 2], 4))
+    traces = drawn(trace(run, USUAL))
+    line = artist(traces, "median/1/2")
     assert line.get_xdata().size == MOST_STEPS
     assert_allclose(line.get_ydata(), np.median(draws[8:, line.get_xdata(), 1], axis=0))
-    assert [axes.get_ylabel() for axes in trace.axes] == labels
-    rank = drawn(plotting.rank_figure(draws, ensemble, labels))
-    heights = [artist(rank, f"rank/{place}/0").get_data().values for place in range(3)]
+    assert [axes.get_ylabel() for axes in traces.axes] == labels
+    ranks = drawn(rank(run, USUAL))
+    heights = [artist(ranks, f"rank/{place}/0").get_data().values for place in range(3)]
     assert heights[0].max() > 2.0
     assert_allclose(heights[1:], 1.0, atol=0.2)
-    with pytest.raises(InputError, match="walkers"):
-        plotting.trace_figure(draws, ensemble[1:], labels)
 
 
 def test_a_finished_run_has_all_its_figures(report_run, tmp_path) -> None:
     result = report_run("ratings")
-    paths = plotting.draw_figures(result, tmp_path / "figures", formats=("png",))
+    paths = draw_figures(result, tmp_path / "figures", formats=("png",))
     absent = {"corner_all", "compression", "category_counts", "psychometric"}
-    assert [path.stem for path in paths] == [name for name in plotting.FIGURES if name not in absent]
+    assert [path.stem for path in paths] == [name for name in FIGURES if name not in absent]
     assert all(path.stat().st_size > 5000 for path in paths)
-    rating, constant = plotting.FIGURES["rating"](result, plotting.USUAL), result.group("constant_data")
-    assert_allclose(artist(rating, "ratings/1.5 N").get_xdata(), constant["effective_modulus_kpa"])
+    figure, constant = FIGURES["rating"](result, USUAL), result.group("constant_data")
+    assert_allclose(artist(figure, "ratings/1.5 N").get_xdata(), constant["effective_modulus_kpa"])
     table = result.group("observed_data")["rating"].values
     # every participant rated every condition once, so the geometric means are those of the columns
     logs = [np.log(table[(constant["fabric_index"] == k) & (constant["load_index"] == 1)]) for k in range(4)]
-    assert_allclose(artist(rating, "ratings/1.5 N").get_ydata(), np.exp(np.mean(logs, axis=1)))
+    assert_allclose(artist(figure, "ratings/1.5 N").get_ydata(), np.exp(np.mean(logs, axis=1)))
 
 
 def test_saved_files_are_the_same_bytes_every_time(tmp_path) -> None:
-    loads = LOADS["one"]
-    curves = invented_curves(loads, 4)
     for name in ("first", "second.v2"):
-        figure = plotting.response_figure(curves, loads, FABRICS)
-        paths = plotting.save(figure, tmp_path / name, ("png", "pdf", "svg"))
+        figure = FIGURES["response"](invented_run())
+        paths = save(figure, tmp_path / name, ("png", "pdf", "svg"))
         assert [path.name for path in paths] == [f"{name}.png", f"{name}.pdf", f"{name}.svg"]
     for suffix in ("png", "pdf", "svg"):
         assert (tmp_path / f"first.{suffix}").read_bytes() == (tmp_path / f"second.v2.{suffix}").read_bytes()
     with pytest.raises(InputError, match="'bmp'"):
-        plotting.save(figure, tmp_path / "third", ("bmp",))
+        save(figure, tmp_path / "third", ("bmp",))
 
 
 def test_a_style_can_be_replaced_and_leaves_no_trace() -> None:
     import matplotlib
 
     before = dict(matplotlib.rcParams)
-    style = replace(plotting.USUAL, posterior="#ff0000", column=5.0, rc={"font.size": 12})
-    figure = plotting.response_figure(invented_curves(LOADS["one"], 4), LOADS["one"], FABRICS, style=style)
+    style = replace(USUAL, posterior="#ff0000", column=5.0, rc={"font.size": 12})
+    figure = FIGURES["response"](invented_run(), style)
     assert artist(figure, "median/1 N").get_color() == "#ff0000"
     assert figure.get_size_inches()[0] == 5.0
     assert figure.axes[0].xaxis.label.get_size() == 12
@@ -315,16 +318,7 @@ def test_a_style_can_be_replaced_and_leaves_no_trace() -> None:
 
 def test_no_text_is_smaller_than_seven_points() -> None:
     loads = LOADS["mixture"]
-    curves = invented_curves(loads, 40)
-    inflection = find_inflection(curves, 0.0, (FABRICS.min(), FABRICS.max()))
-    for figure in (
-        plotting.response_figure(curves, loads, FABRICS, inflection=inflection),
-        plotting.inflection_figure(inflection, loads, FABRICS),
-    ):
+    run = invented_run(loads, invented_curves(loads, 40))
+    for name in ("response", "inflection"):
+        figure = FIGURES[name](run)
         assert min(text.get_size() for text in drawn(figure).findobj(Text) if text.get_text()) >= 7.0
-
-
-def test_loads_must_match_the_curves() -> None:
-    curves = invented_curves(LOADS["mixture"], 2)
-    with pytest.raises(InputError, match="1 loads for 3"):
-        plotting.response_figure(curves, LOADS["one"], FABRICS)

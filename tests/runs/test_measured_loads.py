@@ -13,7 +13,8 @@ from softness_bayes.data.ratings import Ratings
 from softness_bayes.files.run_files import MODULUS_ERRORS
 from softness_bayes.likelihood.directions import FALLS, FREE
 from softness_bayes.model import build
-from softness_bayes.plotting import FIGURES, USUAL
+from softness_bayes.plotting.figures import FIGURES
+from softness_bayes.plotting.style import USUAL
 from softness_bayes.results import predictions
 from softness_bayes.results.fitted import experiment_of, options_of
 from softness_bayes.results.request import Request

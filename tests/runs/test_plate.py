@@ -19,7 +19,7 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression, simulate_ratings
 from softness_bayes.parameters.laws import LogNormal
-from softness_bayes.plotting import figures_of
+from softness_bayes.plotting.figures import figures_of
 from softness_bayes.results.result import Result
 from softness_bayes.results.run_options import RunOptions
 from softness_bayes.runs.run import WIDE, sample, sample_skin

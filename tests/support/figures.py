@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from types import SimpleNamespace
 
 import numpy as np
+import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
-from softness_bayes.checking.inflection import Curves
+from softness_bayes.checking.inflection import Curves, find_inflection
+from softness_bayes.likelihood.scales import MAGNITUDE
+from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.touch.contact import Force, Indentation, Load
+from softness_bayes.touch.load_groups import groups_of
 
 FINGER_RADIUS = 8e-3
 FABRICS = np.array([3e3, 4e4, 5e5])
@@ -32,6 +37,38 @@ def invented_curves(loads: Sequence[Load], draws: int, loudness: float = 300.0, 
     skin = np.broadcast_to(1e5 * np.exp(0.2 * rng.standard_normal((draws, 1, 1))), shape)
     radius = np.broadcast_to(np.linspace(1.2, 0.4, modulus.size) * 0.5 * FINGER_RADIUS, shape)
     return Curves(modulus, rate, skin, np.ones(shape), radius)
+
+
+def invented_run(loads=LOADS["one"], invented=None, moduli=FABRICS, names=None, scale=MAGNITUDE, **members):
+    """Return a run as figures read it, with some curves; `members` are further ones, or replace these."""
+    curves = invented_curves(loads, 4) if invented is None else invented
+    fabrics = {"effective_modulus_kpa": ("fabric", np.asarray(moduli) / 1e3), "finger_radius_mm": 1e3 * FINGER_RADIUS}
+    called = [f"cloth {k}" for k in range(len(moduli))] if names is None else list(names)
+    groups = {
+        "constant_data": xr.Dataset(fabrics, coords={"fabric": called}),
+        "predictions": xr.Dataset({"total_rate": (("draw", "load", "point"), curves.total_rate)}),
+    } | members.pop("groups", {})
+    ends = float(np.min(moduli)), float(np.max(moduli))
+    usual = {
+        "tree": xr.DataTree.from_dict(groups), "group": groups.__getitem__, "scale": scale, "is_first_look": False,
+        "loads": loads, "load_groups": groups_of(loads), "curves": lambda: curves,
+        "inflections": lambda: find_inflection(curves, 0.0, ends),
+    }  # fmt: skip
+    return SimpleNamespace(**usual | members)
+
+
+def invented_draws(draws, prior=None, ensemble=None):
+    """Return a run whose parameters, the first of the declared ones, have these draws: walkers, steps, parameters."""
+    names = [*EVERY_PARAMETER][: draws.shape[-1]]
+    groups = {
+        group: xr.Dataset({name: (("chain", "draw"), values[..., k]) for k, name in enumerate(names)})
+        for group, values in (("posterior", draws), ("prior", draws if prior is None else prior))
+    }
+    if ensemble is not None:
+        every = np.repeat(np.asarray(ensemble)[:, None], draws.shape[1], axis=1)
+        groups["sample_stats"] = xr.Dataset({"ensemble": (("chain", "draw"), every)})
+    run = invented_run(groups=groups)
+    return run, [EVERY_PARAMETER[name].label for name in names]
 
 
 def artist(figure: Figure, gid: str) -> Artist:
