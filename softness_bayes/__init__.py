@@ -15,6 +15,7 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from softness_bayes.claims import evaluate_claims as evaluate_claims
     from softness_bayes.claims.report import claims_table as claims_table
+    from softness_bayes.data import Afferents as Afferents
     from softness_bayes.data import Compression as Compression
     from softness_bayes.data import Experiment as Experiment
     from softness_bayes.data import Fabrics as Fabrics

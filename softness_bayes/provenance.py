@@ -23,6 +23,7 @@ from softness_bayes.parameters.declared import PARAMETERS, UNKNOWN_MODULUS
 from softness_bayes.parameters.laws import Prior
 from softness_bayes.parameters.priors import parse_prior
 from softness_bayes.readable import chance, with_error
+from softness_bayes.recordings.findings import RecordedFindings
 from softness_bayes.touch.readings import ALTERNATIVES, Readings
 
 Section = TypeVar("Section")
@@ -239,6 +240,20 @@ class PlateData:
 
 
 @dataclass(frozen=True)
+class RecordedData:
+    """Recorded afferents of a run, and what it says of them."""
+
+    digest_afferents: str
+    recorded_findings: Mapping[str, Any]
+    """Fields of `RecordedFindings`."""
+
+    @property
+    def findings(self) -> RecordedFindings:
+        """What the run says of them."""
+        return RecordedFindings.recorded(self.recorded_findings)
+
+
+@dataclass(frozen=True)
 class Provenance:
     """Provenance of a result, read from its attributes one section at a time.
 
@@ -326,6 +341,11 @@ class Provenance:
     def plate(self) -> PlateData:
         """Compression data, for runs that use them."""
         return self._section(PlateData)
+
+    @property
+    def recorded(self) -> RecordedData:
+        """Recorded afferents, for runs that use them."""
+        return self._section(RecordedData)
 
     @property
     def least_drop(self) -> float:

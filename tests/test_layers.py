@@ -22,6 +22,7 @@ LAYERS = (
     {"touch", "sampler"},
     {"data", "parameters"},
     {"likelihood"},
+    {"recordings"},
     {"provenance"},
     {"checking"},
     {"model", "plotting"},

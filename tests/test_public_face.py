@@ -88,7 +88,7 @@ WRONG = {
     "readings of claims": (lambda: sb.evaluate_claims("mended"), r"readings: expected a mapping"),
     "draws of claims": (lambda: sb.evaluate_claims(draws="x"), r"number of draws is 'x', expected a whole number"),
     "ratings to build": (lambda: sb.build(experiment().ratings), r"experiment: expected an Experiment"),
-    "an experiment of forces": (lambda: sb.sample_skin(experiment()), r"compression: expected Compression data"),
+    "an experiment of forces": (lambda: sb.sample_skin(experiment()), r"data: expected Compression or Afferents"),
     "readings to override": (lambda: sb.Readings().override("hertz"), r"readings: expected a mapping, as in"),
     "a reading by name": (lambda: sb.Readings(pressure="hertz"), r"pressure is 'hertz', expected a Pressure of"),
     "a style's place": (lambda: sb.Style.read(3), r"path: expected a path, got 3"),

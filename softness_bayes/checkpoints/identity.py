@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.data import Compression, Experiment
+from softness_bayes.data import Experiment, Measurements
 from softness_bayes.errors import InputError
 from softness_bayes.model.posterior import Density
 from softness_bayes.sampler.chains import RunState
@@ -21,7 +21,7 @@ their own error, 1e-3, with the points that are evaluated together."""
 
 
 def identity(
-    data: Experiment | Compression, density: Density, settings: Settings, choices: Mapping[str, str]
+    data: Experiment | Measurements, density: Density, settings: Settings, choices: Mapping[str, str]
 ) -> dict[str, str]:
     """Return all settings that affect the draws of a run, by name; runs that agree in them have the same draws.
 
@@ -50,10 +50,16 @@ def differences(then: Mapping[str, str], now: Mapping[str, str]) -> str:
     return "; ".join(f"{n} {then.get(n, 'not given')} (now {now.get(n, 'not given')})" for n in names)
 
 
-def _digests(data: Experiment | Compression) -> dict[str, str]:
+def _digests(data: Experiment | Measurements) -> dict[str, str]:
     """Return digests of the tables of some data, by their content."""
-    if isinstance(data, Compression):
-        return {"compression data": _digest(data.participant, data.indentation, data.force)}
+    plate, recorded = data.compression, data.afferents
+    found = {} if plate is None else {"compression data": _digest(plate.participant, plate.indentation, plate.force)}
+    if recorded is not None:
+        place = np.array([str(load) for load in recorded.loads]), recorded.curvature, recorded.distance
+        responses = recorded.rate, recorded.n, recorded.sd, recorded.count, recorded.window
+        found |= {"recorded afferents": _digest(recorded.afferent, *place, *responses)}
+    if isinstance(data, Measurements):
+        return found
     ratings, fabrics, cells = data.ratings, data.fabrics, data.ratings.cells
     touched = (ratings.participant, ratings.fabric, ratings.load)
     sources = [text for source in fabrics.cells().values() for text in source]
@@ -63,7 +69,7 @@ def _digests(data: Experiment | Compression) -> dict[str, str]:
         **({} if cells is None else {"raters": str(cells.raters)}),
         **({} if cells is None or cells.geometric_sd is None else {"their spread": _digest(cells.geometric_sd)}),
         "fabrics": _digest(np.array(sources)),
-        **({} if data.compression is None else _digests(data.compression)),
+        **found,
     }
 
 

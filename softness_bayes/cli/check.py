@@ -18,7 +18,7 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.readable import counted
 
 if TYPE_CHECKING:
-    from softness_bayes.data import Compression, Experiment, Ratings
+    from softness_bayes.data import Afferents, Compression, Experiment, Measurements, Ratings
     from softness_bayes.model.interpretation import Interpretation
     from softness_bayes.people.free_means import FreeMeans
     from softness_bayes.results.run_options import DataFiles
@@ -64,18 +64,20 @@ def command(
     any. Fabrics have one row each in a separate table, or are columns of the ratings: fabric, and
     effective_modulus_kpa, or bending_rigidity_n_m, or tensile_modulus_mpa and thickness_mm; poisson_ratio where
     known. Compression data have one row per force of a rigid flat plate: participant, indentation_mm, force_n;
-    indentor, if the rows of other indentors are to be left out. Errors name file, row, column and value. E_fab is
-    shown under the chosen reading. For ratings, `check` also reports whether they rise or fall with stiffness. With
-    --design it predicts in some seconds, before any sampling, how precisely every parameter will be known.
+    indentor, if the rows of other indentors are to be left out. Recorded afferents have one row per response: force_n
+    or indentation_mm, probe_curvature_per_m, distance_mm, and rate_hz or count with window_s. Errors name file, row,
+    column and value. E_fab is shown under the chosen reading. For ratings, `check` also reports whether they rise or
+    fall with stiffness. With --design it predicts in some seconds, before any sampling, how precisely every parameter
+    will be known.
 
     With --cost, errors are the largest over draws of the prior and conditions: of the response, relative to the peak
     of each draw, and of log(N/N_ref + eps). Costs are the time per parameter vector in batches of 64, measured on this
     machine.
     """
-    from softness_bayes.data import Compression
+    from softness_bayes.data import Measurements
     from softness_bayes.model.build import Parts, build
     from softness_bayes.model.reach import reach_of
-    from softness_bayes.model.understanding import SCHEMA, foreseen, understood, understood_forces, warnings
+    from softness_bayes.model.understanding import SCHEMA, foreseen, understood, warnings
     from softness_bayes.people.free_means import free_means
 
     if cost and as_json:
@@ -85,12 +87,11 @@ def command(
     experiment = read_or_answer(files, model)
     if experiment is None:
         return
-    if isinstance(experiment, Compression):
+    if isinstance(experiment, Measurements):
         if design or cost or figure is not None:
             raise InputError("check: --design, --cost and --figure need ratings: give --data, or omit them")
-        known: dict[str, Any] = {"schema": SCHEMA, "forces": understood_forces(experiment)}
-        known["notes"] = list(experiment.notes)
-        lines = [*_of_forces(experiment), *(f"note: {note}" for note in known["notes"])]
+        known: dict[str, Any] = {"schema": SCHEMA, **_understood(experiment), "notes": list(experiment.notes)}
+        lines = [*_of_measurements(experiment), *(f"note: {note}" for note in known["notes"])]
         click.echo(json.dumps(known, indent=1, ensure_ascii=False) if as_json else "\n".join(lines))
         return
     parts = Parts(experiment, model)
@@ -99,6 +100,7 @@ def command(
     people = None if model.scale.model is not None else free_means(experiment.ratings, model, meaning)
     known = understood(parts, [*([reached] if reached else []), *notes])
     known["design"] = foreseen(experiment, model) if design else None
+    known |= _understood(experiment)
     if as_json:
         click.echo(json.dumps(known | _people(people), indent=1, ensure_ascii=False))
     else:
@@ -202,8 +204,8 @@ def _of_tables(known: dict[str, Any], experiment: Experiment, model: ModelOption
             "thickness_cv, tensile_modulus_cv, bending_rigidity_cv), or give the run --modulus-cv 0.15; use "
             "--modulus-cv 0 if they are exact"
         )
-    if experiment.compression is not None:
-        yield from ("", *_of_forces(experiment.compression))
+    if others := _of_measurements(experiment):
+        yield from ("", *others)
 
 
 def _about_scales(ratings: Ratings) -> str:
@@ -239,6 +241,36 @@ def _loads(ratings: Ratings) -> str:
         each = ", ".join(f"{name} ({size})" for name, size in zip(groups.names, sizes, strict=True))
         parts.append(f"used as measured; shown and checked in {len(sizes)} groups: {each}")
     return ", ".join(parts)
+
+
+def _understood(data: Experiment | Measurements) -> dict[str, Any]:
+    """Return the interpretation of forces and recorded afferents as JSON data, where there are any."""
+    from softness_bayes.model.understanding import understood_afferents, understood_forces
+
+    forces = {} if data.compression is None else {"forces": understood_forces(data.compression)}
+    return forces if data.afferents is None else {**forces, "afferents": understood_afferents(data.afferents)}
+
+
+def _of_measurements(data: Experiment | Measurements) -> list[str]:
+    """Return lines on forces and recorded afferents, where there are any."""
+    lines = [] if data.compression is None else _of_forces(data.compression)
+    return lines if data.afferents is None else [*lines, *_of_afferents(data.afferents)]
+
+
+def _of_afferents(data: Afferents) -> list[str]:
+    """Return lines on recorded afferents: responses, probes, distances and loads."""
+    from softness_bayes.model.understanding import understood_afferents
+
+    known = understood_afferents(data)
+    low, high = known["least_rate_hz"], known["greatest_rate_hz"]
+    who = f"{_span(data.names)} named" if data.names else "none named: every row is a mean of several"
+    return [
+        f"afferents     {who}{''.join(f'; {name}' for name in data.species)}",
+        f"responses     {known['rates']} rates and {known['counts']} counts, {low:.3g} to {high:.3g} Hz",
+        f"probes        curvature {known['least_curvature_per_m']:g} to {known['greatest_curvature_per_m']:g} /m "
+        f"(0 is flat), {known['least_distance_mm']:g} to {known['greatest_distance_mm']:g} mm from the contact's axis",
+        f"probed at     {_span(known['loads'])}",
+    ]
 
 
 def _of_forces(compression: Compression) -> list[str]:

@@ -44,7 +44,7 @@ KPA = 1e3
     metavar="DIR",
     help="A finished run. Give two runs of the same ratings to tell them apart (--about run).",
 )
-@collected("files", DataFiles, without=("compression", "force_n", "indentation_mm"))
+@collected("files", DataFiles, without=("compression", "afferents", "force_n", "indentation_mm"))
 @collected("model", ModelOptions, without=("noise",))
 @click.option(
     "--about",

@@ -11,7 +11,7 @@ import click
 from softness_bayes.errors import InputError
 
 if TYPE_CHECKING:
-    from softness_bayes.data import Compression, Experiment, Ratings
+    from softness_bayes.data import Experiment, Measurements, Ratings
     from softness_bayes.model.options import ModelOptions
     from softness_bayes.people.free_means import FreeMeans
     from softness_bayes.results.run_options import DataFiles
@@ -20,7 +20,7 @@ MOST_ROWS = 40
 """Largest number of rows of means that are printed."""
 
 
-def read_or_answer(files: DataFiles, model: ModelOptions) -> Experiment | Compression | None:
+def read_or_answer(files: DataFiles, model: ModelOptions) -> Experiment | Measurements | None:
     """Return the data of an experiment; of ratings whose fabrics nobody measured, show people's answer instead."""
     try:
         return files.read()

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from softness_bayes.runs.rank_table import CalibrationProgress
 
 
-MOVABLE = ("data", "fabrics", "compression")
+MOVABLE = ("data", "fabrics", "compression", "afferents")
 """Tables of a run, which may have been moved since."""
 
 
@@ -37,6 +37,7 @@ MOVABLE = ("data", "fabrics", "compression")
     data={"help": "New path of the ratings, if they were moved."},
     fabrics={"help": "New path of the fabrics, if they were moved."},
     compression={"help": "New path of the forces, if they were moved."},
+    afferents={"help": "New path of the recorded afferents, if they were moved."},
 )
 @no_figures
 @verbose

@@ -21,7 +21,7 @@ from softness_bayes.results.run_options import DataFiles, RunOptions, require_no
 
 if TYPE_CHECKING:
     from softness_bayes.checkpoints.checkpoint import Checkpoint
-    from softness_bayes.data import Compression, Experiment
+    from softness_bayes.data import Experiment, Measurements
     from softness_bayes.model.build import ExperimentModel, SkinModel
     from softness_bayes.results.request import Request
 
@@ -52,9 +52,9 @@ def command(
     Prints what people said, whether the model can be trusted, what was learnt and what to do next; with --verbose also
     the summary, the turning points and all checks. Exit code 3: not converged.
 
-    --compression adds the forces of a rigid flat plate on fingerpads, which inform b and m directly. Without --data
-    only these forces are fitted: the run then has no response curves and no turning point, but predicts how the
-    force grows with indentation.
+    --compression adds the forces of a rigid flat plate on fingerpads, which inform b and m directly, and --afferents
+    the firing of nerve fibres under rigid probes. Without --data only these are fitted: the run then has no response
+    curves and no turning point, but predicts how forces grow with indentation, and rates with the probe.
 
     With all parameters fixed there is nothing to sample: the log-likelihood and the turning points at that point are
     printed, and nothing is written.
@@ -64,12 +64,12 @@ def command(
     look, from which 'resume' continues to the same draws as well.
     """
     from softness_bayes.checkpoints.checkpoint import Checkpoint
-    from softness_bayes.data import Compression
+    from softness_bayes.data import Measurements
     from softness_bayes.results.request import Request
 
     data = files.read()
-    if isinstance(data, Compression):
-        model = _model_of_forces(model, how)
+    if isinstance(data, Measurements):
+        model = _without_ratings(data, model, how)
     if _evaluated(data, model):
         return
     drawn = None if no_figures else own_figures
@@ -95,8 +95,8 @@ def require_drawn(names: Sequence[str] | None) -> None:
         require_figures([*names, *installed(OWN_FIGURES)])
 
 
-def _model_of_forces(model: ModelOptions, how: RunOptions) -> ModelOptions:
-    """Return the model of compression data alone, with wide priors unless others were requested.
+def _without_ratings(data: Measurements, model: ModelOptions, how: RunOptions) -> ModelOptions:
+    """Return the model of data without ratings: with plate forces it has wide priors unless others were requested.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def _model_of_forces(model: ModelOptions, how: RunOptions) -> ModelOptions:
         If an option for ratings was given.
     """
     require_no_ratings_needed(model, how)
-    if typed("prior_set"):
+    if typed("prior_set") or data.compression is None:
         return model
     click.echo(
         "note: without ratings the default is --priors wide, which is weakly informative about the skin", err=True
@@ -112,14 +112,14 @@ def _model_of_forces(model: ModelOptions, how: RunOptions) -> ModelOptions:
     return replace(model, prior_set="wide")
 
 
-def _evaluated(data: Experiment | Compression, options: ModelOptions) -> bool:
+def _evaluated(data: Experiment | Measurements, options: ModelOptions) -> bool:
     """Evaluate and print a model without sampled parameters; return False for any other model."""
-    from softness_bayes.data import Compression
+    from softness_bayes.data import Measurements
     from softness_bayes.model.build import Parts, build, build_skin
     from softness_bayes.runs.evaluation import evaluate
 
     lines = [f"note: {note}" for note in data.notes]
-    if isinstance(data, Compression):
+    if isinstance(data, Measurements):
         skin = build_skin(data, options).posterior
         if skin.space.sampled:
             return False
@@ -145,7 +145,7 @@ def _about_direction(model: ExperimentModel) -> str:
 def run(
     checkpoint: Checkpoint,
     files: DataFiles,
-    data: Experiment | Compression,
+    data: Experiment | Measurements,
     request: Request,
     own_figures: Sequence[str] | None,
     verbose: bool,
@@ -188,12 +188,14 @@ def run(
         )
 
 
-def _about(model: ExperimentModel | SkinModel, data: Experiment | Compression) -> Iterator[str]:
+def _about(model: ExperimentModel | SkinModel, data: Experiment | Measurements) -> Iterator[str]:
     """Yield notes and warnings on the data and on how the model reads them."""
-    from softness_bayes.model.build import ExperimentModel, people_notes
+    from softness_bayes.model.build import ExperimentModel, people_notes, sharing_note
     from softness_bayes.model.reach import reach_of
 
     yield from (f"note: {note}" for note in data.notes)
+    if data.afferents is not None:
+        yield f"note: {sharing_note(data.afferents, model.options.shared)}"
     if isinstance(model, ExperimentModel):
         if note := reach_of(model.experiment, model.options):
             yield f"warning: {note}"

@@ -18,7 +18,7 @@ from softness_bayes.readable import some_of
 from softness_bayes.results.run_options import DataFiles, RunOptions
 
 if TYPE_CHECKING:
-    from softness_bayes.data import Compression, Experiment
+    from softness_bayes.data import Experiment, Measurements
     from softness_bayes.data.lists import Listed
     from softness_bayes.parameters.laws import Prior
     from softness_bayes.runs.study import Study
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("source", metavar="TABLES", type=FILE)
-@collected("files", DataFiles, without=("data", "compression"))
+@collected("files", DataFiles, without=("data", "compression", "afferents"))
 @model_options
 @click.option(
     "--pool",
@@ -118,7 +118,7 @@ def _files_of(one: Listed, files: DataFiles) -> DataFiles:
     return replace(files, data=one.data, fabrics=one.fabrics or files.fabrics, compression=one.compression)
 
 
-def _read(listed: list[Listed], files: DataFiles) -> tuple[dict[str, Experiment | Compression], dict[str, str]]:
+def _read(listed: list[Listed], files: DataFiles) -> tuple[dict[str, Experiment | Measurements], dict[str, str]]:
     """Return the readable tables, and the error message for each unreadable one."""
     tables, refused = {}, {}
     for one in listed:

@@ -16,7 +16,9 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from softness_bayes.data.afferents import Afferents
 from softness_bayes.data.columns import (
+    AFFERENTS,
     FABRICS,
     FORCE,
     FORCES_OF_A_PLATE,
@@ -42,19 +44,21 @@ from softness_bayes.data.formats import TableSource
 from softness_bayes.data.ratings import LOAD_COLUMNS, Ratings, loads_of, with_drift, with_rounded_loads
 from softness_bayes.data.reading import check_renames, has_sheet, read_table, with_hints
 from softness_bayes.data.shapes import Request
-from softness_bayes.data.tables import FloatArray
+from softness_bayes.data.tables import FloatArray, Table
 from softness_bayes.files.outputs import write_outputs
 from softness_bayes.files.spreadsheet import escaped
-from softness_bayes.ranges import require_mapping
+from softness_bayes.ranges import require_kind, require_mapping
 
 Read = TypeVar("Read")
 
 __all__ = [
     "LOAD_COLUMNS",
     "USUAL_POISSON_RATIO",
+    "Afferents",
     "Compression",
     "Experiment",
     "Fabrics",
+    "Measurements",
     "Ratings",
     "compression_csv",
     "fabrics_csv",
@@ -62,6 +66,7 @@ __all__ = [
     "ratings_csv",
     "read_answers",
     "read_experiment",
+    "read_measurements",
     "write_compression",
     "write_fabrics",
     "write_ratings",
@@ -83,6 +88,35 @@ class Experiment(NamedTuple):
     """Assumptions, omissions and findings made while reading."""
     compression: Compression | None = None
     """Rigid-plate forces on fingerpads, possibly of other people."""
+    afferents: Afferents | None = None
+    """Firing recorded from afferents, possibly of another species."""
+
+
+class Measurements(NamedTuple):
+    """Data without ratings: plate forces, recorded afferents, or both."""
+
+    compression: Compression | None = None
+    afferents: Afferents | None = None
+
+    @classmethod
+    def of(cls, data: Compression | Afferents | Measurements) -> Measurements:
+        """Return the data, which may be a single table.
+
+        Raises
+        ------
+        InputError
+            If they are of another kind.
+        """
+        if isinstance(data, Compression):
+            return cls(data)
+        kinds = Compression, Afferents, Measurements
+        require_kind("data", data, kinds, "Compression or Afferents, as their method read returns them")
+        return cls(afferents=data) if isinstance(data, Afferents) else data
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Assumptions, omissions and findings made while reading."""
+        return tuple(note for table in self if table is not None for note in table.notes)
 
 
 def read_experiment(
@@ -93,6 +127,7 @@ def read_experiment(
     indentation_mm: float | None = None,
     force_n: float | None = None,
     compression_path: TableSource | None = None,
+    afferents_path: TableSource | None = None,
     decimal: Marks = None,
     drop_zeros: bool = False,
     wide: bool = False,
@@ -116,6 +151,8 @@ def read_experiment(
         The load of every row [mm] or [N], if the table of ratings has no column for it.
     compression_path
         Table of compression data, whose columns are those of `Compression.read`.
+    afferents_path
+        Table of recorded afferents, whose columns are those of `Afferents.read`.
     decimal
         Decimal mark of all files, "," or ".", or marks by table, such as {"fabrics": ","}, for ratings, fabrics and
         compression. By default it is inferred from each file; an ambiguous file raises an error.
@@ -160,12 +197,10 @@ def read_experiment(
                 notes.append(f"properties of fabrics are read from {fabric_table.place}, found {place}")
         elif not own:
             table.faults.add_general(_NO_FABRICS)
-        tables = [table, fabric_table]
-        if compression_path is not None:
-            tables.append(read_table(compression_path, request._replace(kind=FORCES_OF_A_PLATE)))
-        check_renames(request.renames, *tables)
+        measured = _measured(request, compression_path, afferents_path)
+        check_renames(request.renames, table, fabric_table, *measured.values())
         faults: list[TableError] = []
-        compression = _tried(faults, partial(Compression.from_table, tables[2])) if len(tables) > 2 else None
+        compression, afferents = _measurements(measured, faults)
         fabrics = None
         if own or fabric_table is not table:
             fabrics = _tried(faults, partial(Fabrics.from_table, fabric_table, repeated=fabric_table is table))
@@ -185,11 +220,46 @@ def read_experiment(
             ratings = replace(ratings, simulated=True)
         if compression is not None:
             compression = _with_names_of(compression, ratings.participants)
-            notes += compression.notes
+        notes += Measurements(compression, afferents).notes
         every = tuple(dict.fromkeys((*ratings.notes, *fabrics.notes, *notes)))
-        return Experiment(ratings, fabrics.take(ratings.fabrics), every, compression)
+        return Experiment(ratings, fabrics.take(ratings.fabrics), every, compression, afferents)
 
     return with_hints(read, request)
+
+
+def read_measurements(
+    compression_path: TableSource | None = None,
+    afferents_path: TableSource | None = None,
+    *,
+    columns: Mapping[str, str] | None = None,
+    decimal: Marks = None,
+) -> Measurements:
+    """Read plate forces, recorded afferents, or both; arguments and errors as for `read_experiment`."""
+
+    def read(request: Request) -> Measurements:
+        tables, faults = _measured(request, compression_path, afferents_path), list[TableError]()
+        check_renames(request.renames, *tables.values())
+        found = _measurements(tables, faults)
+        if faults:
+            raise together(faults)
+        return found
+
+    return with_hints(read, Request(AFFERENTS, columns or {}, decimal))
+
+
+def _measured(request: Request, compression: TableSource | None, afferents: TableSource | None) -> dict[str, Table]:
+    """Return the tables of measurements that are given, by their kind."""
+    given = ((FORCES_OF_A_PLATE, compression), (AFFERENTS, afferents))
+    return {kind.sheet: read_table(path, request._replace(kind=kind)) for kind, path in given if path is not None}
+
+
+def _measurements(tables: Mapping[str, Table], faults: list[TableError]) -> Measurements:
+    """Return the measurements of some tables, and add the faults of these to the list."""
+    plate, recorded = tables.get(FORCES_OF_A_PLATE.sheet), tables.get(AFFERENTS.sheet)
+    return Measurements(
+        None if plate is None else _tried(faults, partial(Compression.from_table, plate)),
+        None if recorded is None else _tried(faults, partial(Afferents.from_table, recorded)),
+    )
 
 
 _NO_FABRICS = (

@@ -195,9 +195,19 @@ STANDARD_ERRORS: Mapping[str, Column] = {
 }
 """Columns of standard errors, in the unit of the property, by property of `Fabrics`; NAME_cv is relative."""
 
+DISTANCE = _number("distance_mm", "distance from the contact's axis", "mm", Range(0.0, 0.05))
+CURVATURE = _number("probe_curvature_per_m", "curvature of the probe", "1/m", Range(-1e4, 1e4), quantity="scale")
+RATE = _number("rate_hz", "firing rate", "Hz", Range(0.0, 1e3), quantity="scale")
+RATE_SD = _number("sd_hz", "sd of averaged firing rates", "Hz", Range(0.0, 1e3, above=True), quantity="scale")
+COUNT = _scale("count", "number of spikes", Range(0.0, 1e6))
+WINDOW = _number("window_s", "duration of the count", "s", Range(1e-3, 1e4), quantity="scale")
+
 SECOND_FABRIC = "fabric_2"
 """Column of the other fabric of a pair."""
-LABELS = ("participant", "fabric", SECOND_FABRIC, "session", "trial", "list", "indentor", "direction")
+LABELS = (
+    *("participant", "fabric", SECOND_FABRIC, "session", "trial", "list", "indentor", "direction"),
+    *("recording", "afferent", "species"),
+)
 """The columns of names."""
 OF_CELLS = frozenset({MEAN.name, GEOMETRIC_MEAN.name, SD.name, SE.name, GEOMETRIC_SD.name, RATERS.name})
 """Columns of cells of several raters, used instead of ratings."""
@@ -374,6 +384,13 @@ FABRICS = Kind(
 """Fabrics."""
 FORCES_OF_A_PLATE = Kind("compression", _named("participant trial indentor indentation_mm force_n"), (_HELD,))
 """Forces of a rigid plate."""
+AFFERENTS = Kind(
+    "afferents",
+    _named("recording afferent species n probe_curvature_per_m distance_mm rate_hz sd_hz count window_s") | _HELD,
+    (_named("probe_curvature_per_m"),),
+    enough=((_LOADS, _HELD), ((_named("rate_hz"), _named("count")), _named("rate_hz count"))),
+)
+"""Firing recorded from afferents."""
 ORDER = Kind("ratings", _named("fabric"), _RATED)
 """An observed order of fabrics."""
 
@@ -428,6 +445,14 @@ LESS_CLEAR: Mapping[str, Mapping[str, tuple[str, ...]]] = {
             *("crosshead", "Weg", "Standardweg", "Verschiebung", "Traversenweg", "déplacement", "変位"),
         ),
         "force_n": ("compressive load", "standard force", "Standardkraft", "compressive force", "試験力"),
+    },
+    "afferents": {
+        "afferent": ("unit", "fibre", "fiber", "neuron", "cell"),
+        "probe_curvature_per_m": ("curvature", "curvature per m", "probe curvature"),
+        "distance_mm": ("distance", "distance from centre", "distance from center"),
+        "rate_hz": ("rate", "firing rate", "response", "impulses per s", "spikes per s"),
+        "count": ("spikes", "impulses", "spike count"),
+        "window_s": ("window", "duration"),
     },
 }
 """Names that mean a column in one kind of table only, by the kind, the clearest first."""

@@ -11,7 +11,7 @@ from softness_bayes.errors import InputError
 MARKS = (",", ".")
 """The possible decimal marks."""
 
-MARKED = ("ratings", "fabrics", "compression")
+MARKED = ("ratings", "fabrics", "compression", "afferents")
 """Tables that may have different marks."""
 
 Marks: TypeAlias = str | Mapping[str, str] | None

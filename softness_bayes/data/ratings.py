@@ -97,7 +97,7 @@ def _given_load(table: Table, given: Sequence[Load]) -> Load | None:
     return given[0] if given else None
 
 
-def _loads_in(table: Table, given: Load | None) -> list[Load | None]:
+def loads_in(table: Table, given: Load | None) -> list[Load | None]:
     """Return each row's load, from its columns or the given one; rows without a load are faults."""
     filed = {entry: table.numbers(entry.column).tolist() for entry in LOAD_COLUMNS if entry.column.name in table}
     touches: list[Load | None] = [given] * len(table)
@@ -332,7 +332,7 @@ class Ratings:
             if cells is None:
                 notes.append("no column 'participant': all ratings are treated as those of one participant")
         what = _fabrics_in(table, fabrics, notes)
-        loads = _loads_in(table, load)
+        loads = loads_in(table, load)
         for entry in LOAD_COLUMNS:
             whole.numbers(entry.column)  # rows without a rating may hold a unit, which would be passed over
         load_cv, resolution = (table.numbers(c) if c.name in table else None for c in (LOAD_CV, RESOLUTION))

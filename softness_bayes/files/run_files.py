@@ -35,6 +35,9 @@ THRESHOLDS = "thresholds"
 RULER = "ruler"
 """The table of how much of people's own means the chain keeps."""
 
+RECORDED_RATES = "recorded_rates"
+"""The table of recorded firing beside its prediction, if there is any."""
+
 TABLES = (
     "directions",
     "predictive_checks",
@@ -46,6 +49,7 @@ TABLES = (
     FINGERS,
     ANSWERS,
     RATERS,
+    RECORDED_RATES,
 )
 """Further tables of a result by the name of their file."""
 

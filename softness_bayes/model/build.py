@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from softness_bayes.data import Compression, Experiment, Ratings
+from softness_bayes.data import Afferents, Compression, Experiment, Measurements, Ratings
 from softness_bayes.data.faults import listing
 from softness_bayes.data.oddities import few_raters_sentence
 from softness_bayes.errors import InputError
@@ -44,10 +44,18 @@ from softness_bayes.model.posterior import Density, Posterior
 from softness_bayes.model.scenes import at_other_loads, fabric_moduli, prior_draws, scene_of, skin_of_priors
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.coordinates import Bent, Coordinate, Scaled
-from softness_bayes.parameters.declared import ERROR_PARAMETERS, MODULUS_SCALE, PARAMETERS, SHAPE_PARAMETERS
+from softness_bayes.parameters.declared import (
+    ERROR_PARAMETERS,
+    MODULUS_SCALE,
+    OPTIONAL_RECORDING,
+    PARAMETERS,
+    SHAPE_PARAMETERS,
+)
 from softness_bayes.parameters.laws import LogNormal
 from softness_bayes.parameters.space import FabricModuli, ParameterSpace
 from softness_bayes.ranges import require_kind
+from softness_bayes.recordings.likelihood import RecordedRates, recording_model
+from softness_bayes.recordings.response import ProbedTouches
 from softness_bayes.touch.accuracy import PRESETS, ChosenResolution, choose
 from softness_bayes.touch.load_groups import groups_of
 from softness_bayes.touch.scene import Discretisation, Scene
@@ -95,19 +103,19 @@ class ExperimentModel:
 
 @dataclass(frozen=True)
 class SkinModel:
-    """The model of compression data alone, which has no scene.
+    """The model of data without ratings, which has no scene.
 
     Parameters
     ----------
-    compression
-        Forces of a rigid plate on fingerpads.
+    data
+        Forces of a rigid plate on fingerpads, recorded afferents, or both.
     options
         The requested options; the discretisation is the default one, for the record.
     posterior
         The density of the sampled parameters.
     """
 
-    compression: Compression
+    data: Measurements
     options: ModelOptions
     posterior: Density
 
@@ -173,6 +181,7 @@ class Parts:
             spreads=spreads_of(options.individual),
             signed=("gamma",) if options.direction is FREE else (),
             of_errors=ERROR_PARAMETERS.keys() & {*needs},
+            recorded=[name for term in _recorded(experiment, options) for name in term.model.needs],
         )
 
     @property
@@ -304,7 +313,7 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
             observation = observation.with_pressed(PressedRaters.of(plates[0], *names))
     posterior = Posterior(
         _bent(parts.space, scene, chosen.direction).with_moduli(parts.moduli),
-        (observation, *spreads_between(experiment.ratings), *plates),
+        (observation, *spreads_between(experiment.ratings), *plates, *_recorded(experiment, options)),
         scene,
         None if errors is None else at_other_loads(scene, errors),
         family_of(scene, grid_of(options.individual)) if fingers_of(options.individual) else None,
@@ -341,25 +350,53 @@ def _with_load_errors(observed: RatingsLikelihood, experiment: Experiment, optio
     return under_load_errors(observed, LoadErrors.of(design, log_sd)) if log_sd.any() else observed
 
 
-def build_skin(compression: Compression, options: ModelOptions) -> SkinModel:
-    """Build the model of compression data alone.
+def build_skin(data: Compression | Afferents | Measurements, options: ModelOptions) -> SkinModel:
+    """Build the model of data without ratings.
 
     Raises
     ------
     InputError
-        If the options contain an unknown name, or a parameter that plate forces do not depend on.
+        If the options contain an unknown name, or a parameter that the data do not depend on.
     """
-    require_kind("compression", compression, Compression, "Compression data, as Compression.read returns them")
+    data = Measurements.of(data)
+    plates = [] if data.compression is None else [forces_of(data.compression, options)]
+    recorded = _recorded(data, options)
+    used = {name for term in (*plates, *recorded) for name in term.model.needs}
+    if alone := [name for name in options.shared if not (plates and name in SKIN)]:
+        raise InputError(f"shared: {alone[0]} occurs in no other data than the recorded afferents; omit it")
     space = parameter_space(
         fix=options.fix,
         priors=options.priors,
         prior_set=options.prior_set,
         skin_displacement=options.readings.skin_displacement,
-        absent={*PARAMETERS, *SHAPE_PARAMETERS, MODULUS_SCALE} - set(SKIN),
-        n_fingers=len(compression.participants),
+        absent={*PARAMETERS, *SHAPE_PARAMETERS, MODULUS_SCALE} - used,
+        n_fingers=None if data.compression is None else len(data.compression.participants),
+        recorded=used,
     )
-    posterior = Density(space, (forces_of(compression, options),))
-    return SkinModel(compression, replace(options, discretisation=Discretisation()), posterior)
+    posterior = Density(space, (*plates, *recorded))
+    return SkinModel(data, replace(options, discretisation=Discretisation()), posterior)
+
+
+def _recorded(data: Experiment | Measurements, options: ModelOptions) -> list[RecordedRates]:
+    """Return the likelihood of recorded afferents, if there are any.
+
+    Raises
+    ------
+    InputError
+        If parameters are shared although nothing was recorded, or a probe does not fit the finger.
+    """
+    if data.afferents is None:
+        if options.shared:
+            raise InputError("shared: there are no recorded afferents (--afferents); omit it")
+        return []
+    return [recorded_rates(data.afferents, options)]
+
+
+def recorded_rates(data: Afferents, options: ModelOptions) -> RecordedRates:
+    """Return the likelihood of recorded afferents for the given finger and readings."""
+    freed = tuple(name for name in OPTIONAL_RECORDING if name in {*options.fix, *options.priors})
+    touches = ProbedTouches(data.loads, data.curvature, data.distance, options.finger, options.readings)
+    return RecordedRates(data, touches, recording_model(data, options.shared, freed))
 
 
 def spreads_between(ratings: Ratings) -> tuple[RaterSpreads, ...]:
@@ -410,6 +447,14 @@ def _bent(space: ParameterSpace, scene: Scene, directed: RatingDirection) -> Par
     # rounded: a run goes on where the last digits of a computed rheobase are others
     bent |= {"alpha": Bent(round(rheobase, 4), ALPHA_WIDTH), "sigma_0": Scaled(unit)}
     return replace(space, bent=bent, rheobase=rheobase)
+
+
+def sharing_note(data: Afferents, shared: tuple[str, ...]) -> str:
+    """Describe which parameters recorded afferents share with other data."""
+    who = f"the recorded afferents ({', '.join(data.species)})" if data.species else "the recorded afferents"
+    if shared:
+        return f"{who} share {', '.join(shared)} with the other data, as --shared states"
+    return f"{who} have a skin and a transduction of their own; --shared b,m says that they share some with other data"
 
 
 def people_notes(experiment: Experiment, options: ModelOptions) -> list[str]:

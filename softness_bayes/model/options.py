@@ -9,6 +9,7 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Self
 
 from softness_bayes.defaults import ACCURACY, ERRORS, NOISE, PRIOR_SET
+from softness_bayes.errors import InputError
 from softness_bayes.files.json_text import parse_json
 from softness_bayes.likelihood.directions import FREE, RATING_DIRECTIONS, RatingDirection, direction_named
 from softness_bayes.likelihood.scales import MAGNITUDE, OWN_SCALES, RATING_SCALES, Scale, name_of_scale, scale_named
@@ -230,6 +231,23 @@ class Differing(Names):
         return tuple(self.accept("individual", super().parse(text)))
 
 
+class Shared(Names):
+    """Parameters that recorded afferents share."""
+
+    def accept(self, name: str, value: Any) -> Any:
+        """Return parameters that can be shared, each once."""
+        from softness_bayes.parameters.declared import SHAREABLE
+
+        names = super().accept(name, value)
+        if unknown := [one for one in names if one not in SHAREABLE]:
+            raise InputError(f"{name}: no {unknown[0]!r} can be shared, expected some of {', '.join(SHAREABLE)}")
+        return tuple(one for one in SHAREABLE if one in names)
+
+    def parse(self, text: str) -> tuple[str, ...]:
+        """Return the parameters of a text such as b,m."""
+        return tuple(self.accept("shared", super().parse(text)))
+
+
 class Chosen(Kind):
     """Objects that have a name, out of a few; the word AUTO stands for None.
 
@@ -415,6 +433,14 @@ class ModelOptions(Options):
         "--shared-load-cv",
         "Relative standard error that all ratings at a load share, such as 0.03 for a press that is set "
         "once: one factor for each load.",
+        affects_draws=True,
+    )
+    shared: tuple[str, ...] = option(
+        Shared(),
+        (),
+        "--shared",
+        "Parameters that recorded afferents share with ratings and plates, such as b,m. By default they have their "
+        "own, because the nerve of one species says nothing certain of another's skin.",
         affects_draws=True,
     )
     individual: tuple[str, ...] = option(

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checking.inflection import curve_scene, response_curves
-from softness_bayes.data import LOAD_COLUMNS, Compression, Experiment, Ratings
+from softness_bayes.data import LOAD_COLUMNS, Afferents, Compression, Experiment, Ratings
 from softness_bayes.data.oddities import oddities
-from softness_bayes.data.ratings import with_few_loads
+from softness_bayes.data.ratings import rank, with_few_loads
 from softness_bayes.likelihood.layout import Layout, merge
 from softness_bayes.likelihood.scales import CATEGORIES, PAIRS, RANKS
 from softness_bayes.model.build import COARSE, Parts, build, people_notes
@@ -163,6 +163,23 @@ def understood_forces(compression: Compression) -> dict[str, Any]:
         "fingers": list(compression.participants),
         "least_indentation_mm": float(compression.indentation.min()) * 1e3,
         "greatest_indentation_mm": float(compression.indentation.max()) * 1e3,
+    }
+
+
+def understood_afferents(data: Afferents) -> dict[str, Any]:
+    """Return the interpretation of recorded afferents as JSON data."""
+    return {
+        "rates": int((~data.counted).sum()),
+        "counts": int(data.counted.sum()),
+        "least_rate_hz": float(data.observed.min()),
+        "greatest_rate_hz": float(data.observed.max()),
+        "afferents": list(data.names),
+        "species": list(data.species),
+        "loads": [str(load) for load in sorted({*data.loads}, key=rank)],
+        "least_curvature_per_m": float(data.curvature.min()),
+        "greatest_curvature_per_m": float(data.curvature.max()),
+        "least_distance_mm": float(data.distance.min()) * 1e3,
+        "greatest_distance_mm": float(data.distance.max()) * 1e3,
     }
 
 

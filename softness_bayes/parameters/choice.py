@@ -18,6 +18,7 @@ from softness_bayes.parameters.declared import (
     PARAMETERS,
     PLATE_PARAMETERS,
     PRIOR_SETS,
+    RECORDING_PARAMETERS,
     SHAPE_PARAMETERS,
     Parameter,
 )
@@ -48,6 +49,7 @@ def parameter_space(
     spreads: Collection[str] = (),
     of_errors: Collection[str] = (),
     signed: Collection[str] = (),
+    recorded: Collection[str] = (),
 ) -> ParameterSpace:
     """Return the space of the sampled parameters with their priors, and the values of the fixed ones.
 
@@ -80,6 +82,8 @@ def parameter_space(
         The `ERROR_PARAMETERS` of the error law of ratings.
     signed
         Parameters that have either sign with probability 1/2; their priors are those of their magnitudes.
+    recorded
+        The `RECORDING_PARAMETERS` of recorded afferents.
 
     Raises
     ------
@@ -92,6 +96,7 @@ def parameter_space(
     freed = set(free) | set(priors)
     absent = {*absent, *(FINGER_PARAMETERS.keys() - {*(PLATE_PARAMETERS if n_fingers else ()), *spreads})}
     absent |= (ERROR_PARAMETERS.keys() - {*of_errors}) | (ANSWER_PARAMETERS.keys() - {*spreads})
+    absent |= RECORDING_PARAMETERS.keys() - {*recorded}
     _require_free_to_choose(freed, fix, absent, prior_set)
     absent |= {*SHAPE_PARAMETERS, MODULUS_SCALE} - freed
     forced = _not_identifiable(freed, n_participants, n_fingers, membrane)
@@ -126,7 +131,7 @@ def _sampled(
     others: Collection[str], priors: Mapping[str, Prior], skin_displacement: SkinDisplacement
 ) -> tuple[Parameter, ...]:
     """Return all parameters except some, with the chosen priors and units."""
-    units = dict.fromkeys(("m", "tau_m"), skin_displacement.exponent_unit)
+    units = dict.fromkeys(("m", "tau_m", "m_rec"), skin_displacement.exponent_unit)
     return tuple(
         replace(p, prior=_suitable(p, priors.get(name, p.prior)), unit=units.get(name, p.unit))
         for name, p in EVERY_PARAMETER.items()

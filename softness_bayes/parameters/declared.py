@@ -117,6 +117,40 @@ FINGER_PARAMETERS: Mapping[str, Parameter] = _by_name(
 )
 """Parameters of individual fingers and of compression data: spreads between fingers and of single forces."""
 
+RECORDING_PARAMETERS: Mapping[str, Parameter] = _by_name(
+    Parameter("b_rec", r"$b_r$", "kPa", "modulus at rest of the recorded skin", LogNormal(7.5, 0.25), si=1e3),
+    Parameter("m_rec", r"$m_r$", "–", "stiffening of the recorded skin", LogNormal(3.9, 0.1), range=_FROM_ZERO),
+    Parameter(
+        "alpha_rec",
+        r"$\alpha_r$",
+        "µA/cm²",
+        "largest current of recorded receptors",
+        LogNormal(30, 0.5),
+        range=Range(1e-6, LARGEST_CURRENT),
+    ),
+    Parameter(
+        "beta_rec", r"$\beta_r$", "1/kPa", "steepness of the recorded transduction", LogNormal(0.1, 1.5), si=1e-3
+    ),
+    Parameter("rest_rec", r"$I_0/I_{th}$", "–", "current at rest over the rheobase", Uniform(0, 1), range=Range(0, 1)),
+    Parameter("spread_rec", r"$w$", "mm", "spread of a receptive field", LogNormal(1, 0.5), si=1e-3),
+    Parameter("radius_rec", "$R_r$", "mm", "radius of the recorded fingertip", LogNormal(8, 0.15), si=1e-3),
+    Parameter("depth_rec", "$z_r$", "mm", "depth of the recorded receptors", LogNormal(0.7, 0.2), si=1e-3),
+    Parameter("sd_rate", r"$\varsigma_r$", "Hz", "spread of mean rates", HalfNormal(10), range=Range(1e-3, 1e3)),
+    Parameter("tau_afferent", r"$\tau_a$", "–", "spread of afferents' log rates", HalfNormal(0.5), range=_SPREAD),
+    Parameter("fano", "$F$", "–", "variance of spike counts over their mean", LogNormal(1, 0.5), range=_MULTIPLIER),
+)
+"""Parameters of recorded afferents. Spread, radius and depth are sampled if given a prior: otherwise receptive fields
+are points, and the finger has its own values."""
+
+RECORDED = "afferents"
+"""Name of recorded afferents among the terms of a posterior."""
+
+SHAREABLE = ("b", "m", "alpha", "beta", "sigma_0")
+"""Parameters that recorded afferents may share with ratings and plates."""
+
+OPTIONAL_RECORDING = ("spread_rec", "radius_rec", "depth_rec")
+"""Those that are absent unless given a prior."""
+
 PLATE_PARAMETERS = ("tau_b", "tau_m", "varsigma_f")
 """Those used for compression data."""
 
@@ -160,6 +194,7 @@ EVERY_PARAMETER: Mapping[str, Parameter] = MappingProxyType(
         **ERROR_PARAMETERS,
         **ANSWER_PARAMETERS,
         **FINGER_PARAMETERS,
+        **RECORDING_PARAMETERS,
         MODULUS_SCALE: Parameter(
             MODULUS_SCALE, "$k_E$", "–", "factor common to all moduli", LogNormal(1, 0.15), range=_MULTIPLIER
         ),
@@ -170,17 +205,36 @@ EVERY_PARAMETER: Mapping[str, Parameter] = MappingProxyType(
 HELD: Mapping[str, float] = MappingProxyType({"omega": 0.0})
 """Parameters that are fixed unless they are freed or given a prior."""
 
+_RECORDED_SKIN = {"b_rec": LogNormal(15.8, 0.2), "m_rec": LogNormal(630, 0.1)}
+
 PRIOR_SETS: Mapping[str, Mapping[SkinDisplacement, Mapping[str, Prior]]] = MappingProxyType(
     {
-        "default": {STRAIN: {}, DISPLACEMENT: {"m": LogNormal(707, 0.3), "tau_m": HalfNormal(354)}},
+        "default": {
+            STRAIN: {},
+            DISPLACEMENT: {
+                "m": LogNormal(707, 0.3),
+                "tau_m": HalfNormal(354),
+                **_RECORDED_SKIN,
+            },
+        },
         "in-vivo": {
             STRAIN: {"b": LogNormal(7.5, 0.25), "m": LogNormal(3.9, 0.1)},
-            DISPLACEMENT: {"b": LogNormal(15.8, 0.2), "m": LogNormal(630, 0.1), "tau_m": HalfNormal(354)},
+            DISPLACEMENT: {
+                "b": LogNormal(15.8, 0.2),
+                "m": LogNormal(630, 0.1),
+                "tau_m": HalfNormal(354),
+                **_RECORDED_SKIN,
+            },
         },
         # for compression data alone: the other sets already assume what such data measure
         "wide": {
             STRAIN: {"b": LogNormal(30, 1), "m": LogNormal(3, 0.5)},
-            DISPLACEMENT: {"b": LogNormal(30, 1), "m": LogNormal(1060, 0.5), "tau_m": HalfNormal(354)},
+            DISPLACEMENT: {
+                "b": LogNormal(30, 1),
+                "m": LogNormal(1060, 0.5),
+                "tau_m": HalfNormal(354),
+                **_RECORDED_SKIN,
+            },
         },
     }
 )

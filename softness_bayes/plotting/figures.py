@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import require_outputs, write_outputs
 from softness_bayes.likelihood.scales import CATEGORIES, PAIRS
-from softness_bayes.plotting import checks, choices, parameters, rating, response, touch
+from softness_bayes.plotting import checks, choices, parameters, rating, recorded, response, touch
 from softness_bayes.plotting.style import PLOT, USUAL, USUAL_FORMATS, Style, files_of, require_formats
 from softness_bayes.ranges import require_kind
 from softness_bayes.supplied import FORM, installed, is_supplied, supplied
@@ -88,6 +88,7 @@ PIT = {"constant_data/loo_pit": "it has no leave-one-out predictions"}
 TOUCH = {"illustration_data/touch_stress_kpa": "it has no stored touches"}
 FIRING = {"predictions/firing_rate_hz": "it has no stored firing rates"}
 ENSEMBLES = {"sample_stats/ensemble": "it has no ensembles"}
+RECORDED = {"predictions/expected_rate_hz": "the run had no recorded afferents"}
 FORCES = {"predictions/typical_force_n": "the run had no compression data"}
 
 FIGURES: Mapping[str, Drawing] = MappingProxyType(
@@ -144,6 +145,9 @@ FIGURES: Mapping[str, Drawing] = MappingProxyType(
         ),
         "compression": Drawing(
             touch.compression, "force of a rigid plate against indentation, with credible bands and the data", FORCES
+        ),
+        "recorded": Drawing(
+            recorded.recorded, "recorded firing against load, curvature and distance, with credible bands", RECORDED
         ),
     }
 )

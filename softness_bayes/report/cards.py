@@ -28,6 +28,7 @@ from softness_bayes.people.ruler import Fit, Following
 from softness_bayes.people.sentences import fit_faults, ruler_sentence, silence_note, untestable_sentence
 from softness_bayes.provenance import NumericalErrors, PlateData
 from softness_bayes.readable import number, sentence, with_error
+from softness_bayes.recordings.findings import RecordedFindings
 from softness_bayes.results.result import Result
 
 if TYPE_CHECKING:
@@ -79,6 +80,8 @@ def cards(result: Result) -> list[Card]:
     rest.append(information_card(result.summary(), [held] if held else []))
     if result.has_compression:
         rest.append(plate_card(provenance.plate))
+    if result.has_afferents:
+        rest.append(recorded_card(provenance.recorded.findings))
     follows = [agreement_card(result.fit, ruler_sentence_of(result))] if result.has_ratings else []
     if not provenance.ending.converged:
         rest, follows = ([card.doubted(NOT_CONVERGED) for card in some] for some in (rest, follows))
@@ -243,9 +246,16 @@ def plate_card(plate: PlateData) -> Card:
     return Card(question, answer, standing, [sentence(plate_sentence(plate))])
 
 
+def recorded_card(found: RecordedFindings) -> Card:
+    """Return the card on recorded afferents: fit, distance from the paper, and agreement with other sources."""
+    answer, standing = ("No", Standing.BAD) if found.faults else ("Yes", Standing.GOOD)
+    question = "Does the chain reproduce what afferents were recorded to do?"
+    return Card(question, answer, standing, [*map(sentence, found.sentences)])
+
+
 def _without_ratings(question: str) -> Card:
     """Return the card of a question that a run without ratings does not answer."""
-    reason = "Only compression data were fitted: the run has no receptors, responses or ratings."
+    reason = "The run has no ratings."
     return Card(question, "Does not apply", Standing.NEUTRAL, [reason])
 
 

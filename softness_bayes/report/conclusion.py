@@ -17,7 +17,7 @@ from softness_bayes.data.oddities import few_raters_sentence
 from softness_bayes.files.run_files import FABRIC_RATINGS, RULER
 from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.model.direction import odd_raters
-from softness_bayes.parameters.declared import MODULUS_SCALE, PARAMETERS
+from softness_bayes.parameters.declared import EVERY_PARAMETER, MODULUS_SCALE, PARAMETERS, RECORDING_PARAMETERS
 from softness_bayes.people.free_means import word_of
 from softness_bayes.people.ruler import UNKNOWN, Following, fit_of
 from softness_bayes.people.sentences import highest_sentences, ruler_sentence
@@ -50,7 +50,7 @@ class Turn(NamedTuple):
 
 
 class Skin(NamedTuple):
-    """The posterior of one parameter of a run on plate forces alone."""
+    """The posterior of one parameter of a run without ratings."""
 
     name: str
     low: float
@@ -155,9 +155,9 @@ def facts_of(result: Result) -> Facts:
         surprise=surprise_sentence(summary) if surprises(summary).size else "",
     )
     if not result.has_ratings:
-        failed = result.provenance.plate.force_p_value < DOUBTFUL  # NaN is not
+        failed = result.has_compression and result.provenance.plate.force_p_value < DOUBTFUL  # NaN is not
         wrong = ("growth of the plate's force with indentation",) if failed else ()
-        return facts._replace(unreproduced=wrong, skin=_skin(summary))
+        return facts._replace(unreproduced=(*wrong, *_recorded_faults(result)), skin=_skin(summary))
     ruler = result.tables.get(RULER)
     fit, checks, inputs = fit_of(result.tree, ruler), result.tables["predictive_checks"], input_errors_of(result)
     other = next(one.name for one in (RISES, FALLS) if one is not fit.direction.direction)
@@ -170,7 +170,7 @@ def facts_of(result: Result) -> Facts:
         remedies=_remedies(result),
         differ=ruler is None or bool(ruler["low"]["gain"] > 0.0),
         exact=exactness_of(result).exact_enough,
-        unreproduced=tuple(doubts(checks)),
+        unreproduced=(*doubts(checks), *_recorded_faults(result)),
         turns=_turns(result),
         fabrics=(float(modulus.min()) / 1e3, float(modulus.max()) / 1e3),
         highest=highest_rated(result.tree),
@@ -208,6 +208,10 @@ def _odd(result: Result) -> str:
     if found.copies:
         said.append(f"the answers of {_listed([names[k] for k in found.copies])} are copies of another rater's")
     return " and whether ".join(said)
+
+
+def _recorded_faults(result: Result) -> tuple[str, ...]:
+    return result.provenance.recorded.findings.faults if result.has_afferents else ()
 
 
 def _cautions(result: Result) -> tuple[str, ...]:
@@ -349,7 +353,7 @@ def _turned(turn: Turn, rejected: bool, fabrics: tuple[float, float]) -> str:
 
 
 def _known(one: Skin) -> str:
-    declared = PARAMETERS[one.name]
+    declared = EVERY_PARAMETER[one.name]
     name = f"the {declared.meaning} ({one.name})"
     if not one.informed:
         return f"{name} is weakly identified: its posterior is nearly as wide as its prior"
@@ -380,7 +384,7 @@ def _next(facts: Facts, directory: str | None) -> str:
     if not facts.exact:
         return "repeat the run with --exact-reweight."
     if (facts.contradicted or facts.unreproduced) and facts.skin:
-        return "look in figures/compression.png for fingers that differ from the others, and check their forces' units."
+        return "look in the figures of the data for fingers or probes that differ from the others, and check units."
     if facts.surprise and not facts.skin:
         return (
             "check the units of moduli and loads; state an error common to all moduli (--shared-modulus-cv 0.3), or "
@@ -403,7 +407,7 @@ def _helpful(facts: Facts) -> str:
     if facts.skin:
         weak = [one.name for one in facts.skin if not one.informed]
         if weak:
-            return f"forces of more fingers, over a wider range of indentations, would narrow {_listed(weak)}"
+            return f"forces of more fingers, or rates under more probes and loads, would narrow {_listed(weak)}"
         return "ratings (--data) would show where the response turns over"
     undecided = [turn for turn in facts.turns if not _decided(turn)]
     if not undecided:
@@ -437,7 +441,7 @@ def _turns(result: Result) -> tuple[Turn, ...]:
 
 
 def _skin(summary: pd.DataFrame) -> tuple[Skin, ...]:
-    rows = summary[summary.index.isin(PARAMETERS)]
+    rows = summary[summary.index.isin({**PARAMETERS, **RECORDING_PARAMETERS})]
     informed = rows["contraction"] >= 1.0 - INFORMED**2
     columns = (rows.index, rows["hdi_low"], rows["hdi_high"], informed)
     return tuple(Skin(str(name), *row) for name, *row in zip(*columns, strict=True))

@@ -187,6 +187,8 @@ def subject(result: Result) -> str:
     if result.has_compression:
         forces, fingers = result.group("observed_data")["plate_force_n"].size, result.group("posterior").sizes["finger"]
         parts.append(f"{forces} forces of a rigid plate on {fingers} fingerpads")
+    if result.has_afferents:
+        parts.append(f"{result.group('observed_data')['recorded_rate_hz'].size} recorded responses of afferents")
     return "; ".join(parts)
 
 

@@ -99,5 +99,6 @@ def _data(result: Result, begun: list[str]) -> tuple[list[str], list[str]]:
         return typed, [PATHS]
     names = [("--data", "RATINGS.csv"), ("--fabrics", "FABRICS.csv")] if result.has_ratings else []
     names += [("--compression", "FORCES.csv")] if result.has_compression else []
+    names += [("--afferents", "AFFERENTS.csv")] if result.has_afferents else []
     note = "The run was started in Python, where file names are not recorded: replace the names in capitals by yours."
     return [word for pair in names for word in pair], [note]

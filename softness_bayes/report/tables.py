@@ -243,6 +243,8 @@ def _data(result: Result) -> list[tuple[str, str]]:
         plate = result.provenance.plate
         rows += [("SHA-256 of compression", plate.digest_compression)]
         rows += [("Rows without force (dropped)", str(plate.zero_forces))]
+    if result.has_afferents:
+        rows += [("SHA-256 of afferents", result.provenance.recorded.digest_afferents)]
     return [(name, value or "not recorded: the data were made in Python") for name, value in rows]
 
 

@@ -31,8 +31,16 @@ from softness_bayes.checking.identifiability import direction_table
 from softness_bayes.checking.individual import answer_table, finger_table, modulus_table
 from softness_bayes.checking.inflection import LEAST_DROP, curve_scene
 from softness_bayes.checking.sentences import exactness_sentence
-from softness_bayes.data import Compression, Experiment
-from softness_bayes.files.run_files import ANSWERS, FABRIC_RATINGS, FINGERS, MODULI, MODULUS_ERRORS, RATERS
+from softness_bayes.data import Experiment, Measurements
+from softness_bayes.files.run_files import (
+    ANSWERS,
+    FABRIC_RATINGS,
+    FINGERS,
+    MODULI,
+    MODULUS_ERRORS,
+    RATERS,
+    RECORDED_RATES,
+)
 from softness_bayes.likelihood.effects import RATER_EFFECTS
 from softness_bayes.likelihood.error_laws import LAPSES, STUDENT
 from softness_bayes.likelihood.models import OF_DIFFERENT_RATERS
@@ -69,6 +77,7 @@ from softness_bayes.results.draws import (
 )
 from softness_bayes.results.exact import compare_exactly, exactness_stats, unchecked
 from softness_bayes.results.predictions import illustration_groups, modulus_shifts, prediction_group, turning_groups
+from softness_bayes.results.recorded import recorded_results
 from softness_bayes.results.replicates import ROWS, plate_results, replicated_groups
 from softness_bayes.results.summary import rater_table, reweighted, summarise, with_covariates
 from softness_bayes.sampler.chains import Chains
@@ -158,6 +167,7 @@ def assembled(
     few, curves = draws.subset(draws.replicates), draws.subset(draws.curves)
     replicated, prior = replicated_groups(rng, draws), draws.prior[: draws.replicates]
     plate, axes, pressed = plate_results(rng, experiment.compression, posterior, theta, few.theta, prior, curves.theta)
+    recorded, rows, nerves, rates = recorded_results(rng, experiment.afferents, posterior, theta, few.theta, prior)
     Stage.LEFT_OUT.log()
     left_out = draws.ratings.left_out(few.mean_rate, few.parameters)
     Stage.PREDICTIONS.log()
@@ -165,17 +175,25 @@ def assembled(
     predicted = {"predictions": prediction_group(draws, grid, errors[0]), **turning_groups(draws, errors[0])}
     shown, along = illustration_groups(rng, draws, predicted["predictions"]["inflection_e_fab_kpa"].values[0] * 1e3)
     Stage.CHECKS.log()
-    sampled = sampled_groups(posterior, kept, theta, "ratings_and_compression" if plate else "ratings")
+    sources = ["ratings", *(["compression"] if plate else []), *(["afferents"] if recorded else [])]
+    sampled = sampled_groups(posterior, kept, theta, "_and_".join(sources))
     own: Groups = {"posterior": _effects(draws), "sample_stats": exactness_stats(exactness, theta.shape)}
     densities = _densities(draws, left_out.log_density)
     data = data_groups(draws, loo_pit(left_out, draws.ratings.discrete))
     tree = tree_of(
-        merged(sampled, own, replicated, densities, predicted, data, plate, shown),
-        {**coordinates(draws, grid), **axes, **along},
-        {**attributes, **family_of(PRIOR, draws.model.levels), **_checks(draws, errors, exactness), **pressed},
+        merged(sampled, own, replicated, densities, predicted, data, plate, recorded, shown),
+        {**coordinates(draws, grid), **axes, **rows, **along},
+        {
+            **attributes,
+            **family_of(PRIOR, draws.model.levels),
+            **_checks(draws, errors, exactness),
+            **pressed,
+            **nerves,
+        },
     )
     Stage.TABLES.log()
-    return Assembled(tree, summary_of(draws, exactness), _tables(draws, tree, predicted["inflection"]))
+    tables = _tables(draws, tree, predicted["inflection"]) | ({} if rates is None else {RECORDED_RATES: rates})
+    return Assembled(tree, summary_of(draws, exactness), tables)
 
 
 def _effects(draws: RatedDraws) -> dict[str, Variable]:
@@ -229,24 +247,28 @@ def _tables(draws: RatedDraws, tree: xr.DataTree, inflection: Mapping[str, Varia
 
 
 def assembled_skin(
-    compression: Compression,
+    data: Measurements,
     posterior: Density,
     chains: Chains,
     burn_in: int,
     rng: np.random.Generator,
     attributes: Mapping[str, Any],
 ) -> Assembled:
-    """Compute all groups and tables from the draws of a run on compression data alone; arguments as for `assembled`."""
+    """Compute all groups and tables from the draws of a run without ratings; arguments as for `assembled`."""
     Stage.REPLICATES.log()
     kept = chains.kept(burn_in, DRAWS_PER_WALKER)
     natural = posterior.natural(kept.coordinates)
     theta, prior = kept.by_walker(natural), posterior.space.draw_prior(rng, PRIOR_DRAWS)
     some, curves = theta[evenly(theta.shape, REPLICATES)], theta[evenly(theta.shape, CURVES)]
-    plate, axes, pressed = plate_results(rng, compression, posterior, theta, some, prior[:REPLICATES], curves)
-    own = {"prior": named(posterior.space, prior[None]), "constant_data": held_parameters(posterior.space)}
-    sampled = sampled_groups(posterior, kept, theta, "compression")
-    tree = tree_of(merged(sampled, plate, own), axes, {**attributes, **pressed})
-    return Assembled(tree, summarise(posterior.names, natural), {"directions": direction_table(tree)})
+    before = prior[:REPLICATES]
+    plate, axes, pressed = plate_results(rng, data.compression, posterior, theta, some, before, curves)
+    recorded, rows, nerves, rates = recorded_results(rng, data.afferents, posterior, theta, some, before)
+    own: Groups = {"prior": named(posterior.space, prior[None]), "constant_data": held_parameters(posterior.space)}
+    sources = [name for name, table in data._asdict().items() if table is not None]
+    sampled = sampled_groups(posterior, kept, theta, "_and_".join(sources))
+    tree = tree_of(merged(sampled, plate, recorded, own), {**axes, **rows}, {**attributes, **pressed, **nerves})
+    tables = {"directions": direction_table(tree)} | ({} if rates is None else {RECORDED_RATES: rates})
+    return Assembled(tree, summarise(posterior.names, natural), tables)
 
 
 def summary_of(draws: RatedDraws, exactness: Exactness) -> pd.DataFrame:

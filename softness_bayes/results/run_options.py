@@ -26,7 +26,7 @@ from softness_bayes.options import (
 from softness_bayes.ranges import LOAD_STEPS, PROCESSES, SEEDS, STEPS, Count, require_kind
 
 if TYPE_CHECKING:
-    from softness_bayes.data import Compression, Experiment, Ratings
+    from softness_bayes.data import Experiment, Measurements, Ratings
     from softness_bayes.data.decimals import Marks
     from softness_bayes.sampler.sampling import Settings
 
@@ -169,6 +169,13 @@ class DataFiles(Options):
         "--compression",
         "Forces of a rigid flat plate on fingerpads (participant, indentation_mm, force_n), with or without ratings.",
     )
+    afferents: Path | None = option(
+        FilePath(),
+        None,
+        "--afferents",
+        "Firing recorded from afferents under rigid probes (force_n or indentation_mm, probe_curvature_per_m, "
+        "distance_mm, and rate_hz or count and window_s), with or without other data.",
+    )
     fabrics: Path | None = option(
         FilePath(),
         None,
@@ -188,7 +195,7 @@ class DataFiles(Options):
         None,
         "--decimal",
         "Decimal mark of the files (, or .), if their numbers do not show it; the other mark then separates "
-        "thousands. If tables differ: ratings=, or fabrics=. or compression=, each with its mark.",
+        "thousands. If tables differ: ratings=, or fabrics=. or compression=, or afferents=, each with its mark.",
     )
     indentation_mm: float | None = option(
         Load("indentation_mm", "mm"),
@@ -242,26 +249,32 @@ class DataFiles(Options):
         from softness_bayes.data import FABRICS_BESIDE
 
         beside = None if self.data is None else self.data.with_name(FABRICS_BESIDE)
-        return tuple(path for path in (self.data, self.fabrics, self.compression, beside) if path is not None)
+        return tuple(
+            path for path in (self.data, self.fabrics, self.compression, self.afferents, beside) if path is not None
+        )
 
-    def read(self) -> Experiment | Compression:
-        """Return the experiment, with compression data if there are any; or compression data alone.
+    def read(self) -> Experiment | Measurements:
+        """Return the experiment, with other data if there are any; or data without ratings.
 
         Raises
         ------
         InputError
-            If neither table is given, or an option for ratings without ratings.
+            If no table is given, or an option for ratings without ratings.
         """
-        from softness_bayes.data import Compression, read_experiment
+        from softness_bayes.data import read_experiment, read_measurements
 
         if self.data is not None:
             how = {name: getattr(self, name) for name in DataFiles.declared}
             del how["data"]
-            return read_experiment(self.data, how.pop("fabrics"), compression_path=how.pop("compression"), **how)
-        if self.compression is None:
-            raise InputError("no data: give ratings with --data, a plate's forces with --compression, or both")
+            others = {f"{name}_path": how.pop(name) for name in ("compression", "afferents")}
+            return read_experiment(self.data, how.pop("fabrics"), **others, **how)
+        if self.compression is None and self.afferents is None:
+            raise InputError(
+                "no data: give ratings with --data, a plate's forces with --compression, or recorded afferents with "
+                "--afferents"
+            )
         require_no_ratings_needed(self)
-        return Compression.read(self.compression, columns=self.columns, decimal=self.decimal)
+        return read_measurements(self.compression, self.afferents, columns=self.columns, decimal=self.decimal)
 
     def answers(self) -> Ratings | None:
         """Return ratings of fabrics of which nothing was measured (`data.read_answers`); None for other data."""
@@ -269,7 +282,11 @@ class DataFiles(Options):
 
         if self.data is None:
             return None
-        how = {name: getattr(self, name) for name in DataFiles.declared if name not in ("compression", "round_load")}
+        how = {
+            name: getattr(self, name)
+            for name in DataFiles.declared
+            if name not in ("compression", "afferents", "round_load")
+        }
         return read_answers(how.pop("data"), how.pop("fabrics"), **how)
 
     def record_in(self, directory: Path) -> dict[str, Any]:
@@ -288,7 +305,7 @@ class DataFiles(Options):
         return replace(files, **here)
 
     def _files(self) -> dict[str, Path]:
-        paths = {name: getattr(self, name) for name in ("data", "compression", "fabrics")}
+        paths = {name: getattr(self, name) for name in ("data", "compression", "afferents", "fabrics")}
         return {name: path for name, path in paths.items() if path is not None}
 
 

@@ -90,11 +90,15 @@ class Stored:
         """True if the run was on compression data, alone or with ratings."""
         return "plate_force_n" in self.group("observed_data")
 
+    @property
+    def has_afferents(self) -> bool:
+        """True if the run was on recorded afferents, alone or with other data."""
+        return "recorded_rate_hz" in self.group("observed_data")
+
     def _require_ratings(self) -> None:
         if not self.has_ratings:
             raise InputError(
-                "result: this run has compression data only; without ratings there are no loads, response "
-                "curves or turning points"
+                "result: this run has no ratings, so there are no loads, response curves or turning points"
             )
 
     @property

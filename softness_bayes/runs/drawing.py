@@ -19,7 +19,7 @@ RUN_FORMATS = ("png", "csv")
 FIRST_FIGURES = ("response", "rating", "inflection", "compression")
 """Figures of a first look."""
 
-RUN_FIGURES = ("predictive_checks", *FIRST_FIGURES, "corner", "category_counts", "psychometric")
+RUN_FIGURES = ("predictive_checks", *FIRST_FIGURES, "recorded", "corner", "category_counts", "psychometric")
 """Figures of a run, those that take longest first; ``plot`` draws the others, which would delay the end of the run."""
 
 

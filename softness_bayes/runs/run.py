@@ -14,7 +14,7 @@ from softness_bayes.checking.exactness import HARMLESS, LARGEST_K, Exactness
 from softness_bayes.checking.identifiability import information_table
 from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.checkpoints.identity import identity, require_density
-from softness_bayes.data import Compression, Experiment
+from softness_bayes.data import Afferents, Compression, Experiment, Measurements
 from softness_bayes.data.fabrics import warn_of_moduli
 from softness_bayes.files.command_line import storable
 from softness_bayes.files.run_files import FABRIC_RATINGS, RULER, THRESHOLDS
@@ -111,24 +111,23 @@ def sample(
 
 
 def sample_skin(
-    compression: Compression,
-    model: ModelOptions = WIDE,
+    data: Compression | Afferents | Measurements,
+    model: ModelOptions | None = None,
     run: RunOptions = RunOptions(),
     progress: Report | None = None,
     checkpoint: Checkpoint | None = None,
     **options: Any,
 ) -> Result:
-    """Sample the skin's modulus and stiffening from compression data alone.
+    """Sample the parameters of plate forces, recorded afferents, or both, without ratings.
 
-    Without ratings, the result has no response curves and no turning point; it contains replicated forces of the fitted
-    skin, and their exponent against indentation.
+    The result has no response curves and no turning point; it contains replicated forces and rates.
 
     Parameters
     ----------
-    compression
-        Forces of a rigid plate on fingerpads.
+    data
+        Forces of a rigid plate on fingerpads, recorded afferents, or both.
     model
-        Choices of the model; those about ratings are not used.
+        Choices of the model; those about ratings are not used. By default `WIDE` for data with plate forces.
     run, progress, checkpoint, **options
         As for `sample`.
 
@@ -139,9 +138,11 @@ def sample_skin(
     NumericalError
         If the log-likelihood is not a number somewhere.
     """
-    model, run = Request(model, run).with_options(**options)
+    data = Measurements.of(data)
+    usual = ModelOptions() if data.compression is None else WIDE
+    model, run = Request(usual if model is None else model, run).with_options(**options)
     model.require_storable()
-    return sample_model(build_skin(compression, model), run, progress, checkpoint)
+    return sample_model(build_skin(data, model), run, progress, checkpoint)
 
 
 def sample_model(
@@ -158,7 +159,7 @@ def sample_model(
     workers
         Processes with the posterior, which are not closed; by default new ones.
     """
-    posterior, data = model.posterior, model.compression if isinstance(model, SkinModel) else model.experiment
+    posterior, data = model.posterior, model.data if isinstance(model, SkinModel) else model.experiment
     asked = requested(model, run)
     arviz_bridge.require_storable(asked, labels_of(data))
     with one_thread(), nullcontext(workers) if workers is not None else run.settings.workers(posterior) as workers:
@@ -167,7 +168,7 @@ def sample_model(
         # a separate key makes the draws after sampling independent of the ensembles
         rng = np.random.default_rng(np.random.SeedSequence(run.seed, spawn_key=(1 << 20,)))
         if isinstance(model, SkinModel):
-            found = assembled_skin(model.compression, posterior, chains, verdict.burn_in, rng, attributes)
+            found = assembled_skin(model.data, posterior, chains, verdict.burn_in, rng, attributes)
             return Result(found.tree, found.summary.join(information_table(found.tree)), found.tables)
         ended = verdict.converged and not run.quick
         integrals = _integrals(model.posterior, sampled_of(state)) if ended else None
@@ -238,19 +239,19 @@ def sample_kept(
     return result
 
 
-def model_of(data: Experiment | Compression, options: ModelOptions) -> ExperimentModel | SkinModel:
-    """Return the model of some data: of ratings, or of compression data alone.
+def model_of(data: Experiment | Measurements, options: ModelOptions) -> ExperimentModel | SkinModel:
+    """Return the model of some data, with or without ratings.
 
     Raises
     ------
     InputError
         If data and options do not make a model.
     """
-    return build_skin(data, options) if isinstance(data, Compression) else build(data, options)
+    return build_skin(data, options) if isinstance(data, Measurements) else build(data, options)
 
 
 def walked(
-    data: Experiment | Compression,
+    data: Experiment | Measurements,
     density: Density,
     request: Request,
     progress: Report | None,
@@ -278,12 +279,14 @@ def walked(
     return state
 
 
-def labels_of(data: Experiment | Compression) -> dict[str, Sequence[str]]:
-    """Return the names of participants, fabrics and fingers in some data, by the axis of a result."""
-    if isinstance(data, Compression):
-        return {"finger": data.participants}
-    fingers = {} if data.compression is None else labels_of(data.compression)
-    return {"participant": data.ratings.participants, "fabric": data.ratings.fabrics, **fingers}
+def labels_of(data: Experiment | Measurements) -> dict[str, Sequence[str]]:
+    """Return the names of participants, fabrics, fingers and afferents in some data, by the axis of a result."""
+    found: dict[str, Sequence[str]] = {} if data.compression is None else {"finger": data.compression.participants}
+    if data.afferents is not None:
+        found["afferent"] = data.afferents.names
+    if isinstance(data, Measurements):
+        return found
+    return {"participant": data.ratings.participants, "fabric": data.ratings.fabrics, **found}
 
 
 def requested(model: ExperimentModel | SkinModel, run: RunOptions) -> dict[str, Any]:

@@ -21,7 +21,7 @@ import numpy as np
 from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.checkpoints.identity import identity
 from softness_bayes.checkpoints.status import Status, read_status
-from softness_bayes.data import Compression, Experiment
+from softness_bayes.data import Experiment, Measurements
 from softness_bayes.errors import LockedError, ResourceError, SoftnessError
 from softness_bayes.files.lock import Lock
 from softness_bayes.files.run_files import CHECKPOINT, LOCK, MANIFEST, POSTERIOR
@@ -60,7 +60,7 @@ class Fit(NamedTuple):
 
     table: str
     """Its name."""
-    data: Experiment | Compression
+    data: Experiment | Measurements
     directory: str
     """Directory of the run on the client."""
     kept: Kept | None
@@ -74,7 +74,7 @@ class Fit(NamedTuple):
 def fit_tables(
     workers: Workers,
     request: Request,
-    tables: Mapping[str, Experiment | Compression],
+    tables: Mapping[str, Experiment | Measurements],
     runs: Path,
     kept: Mapping[str, Kept],
     executor: Executor | None,

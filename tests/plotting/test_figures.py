@@ -145,7 +145,7 @@ def test_every_figure_is_a_method_that_says_what_it_shows(run):
     for name, drawing in FIGURES.items():
         method = getattr(type(run.plot), name)
         assert method.__doc__ == f"Draw {drawing.shows}."
-    others = {"compression", "category_counts", "psychometric"}
+    others = {"compression", "recorded", "category_counts", "psychometric"}
     assert figures_of(run, every=True) == [name for name in FIGURES if name not in others]
     assert {*figures_of(run, every=True)} - {*figures_of(run)} == {"corner_all"}
     with pytest.raises(InputError, match="no compression data"):

@@ -282,7 +282,7 @@ def test_traces_and_ranks_tell_a_stray_ensemble() -> None:
 def test_a_finished_run_has_all_its_figures(report_run, tmp_path) -> None:
     result = report_run("ratings")
     paths = draw_figures(result, tmp_path / "figures", formats=("png",))
-    absent = {"corner_all", "compression", "category_counts", "psychometric"}
+    absent = {"corner_all", "compression", "recorded", "category_counts", "psychometric"}
     assert [path.stem for path in paths] == [name for name in FIGURES if name not in absent]
     assert all(path.stat().st_size > 5000 for path in paths)
     figure, constant = FIGURES["rating"](result, USUAL), result.group("constant_data")

@@ -1,0 +1,190 @@
+"""Firing of single afferents under rigid probes: contact, stress at the receptive field, current and rate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline, PPoly
+from scipy.special import expit, logit
+
+from softness_bayes.touch.contact import Contact, Finger, Fingertips, Load, Loads
+from softness_bayes.touch.neuron.fixed_channels import FixedChannels
+from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
+from softness_bayes.touch.neuron.rate_curve import RateCurve
+from softness_bayes.touch.probes import Probe, rigid_contact
+from softness_bayes.touch.readings import Readings
+from softness_bayes.touch.receptors import receptor_current
+from softness_bayes.touch.stress import stress
+
+Array = NDArray[np.float64]
+
+KNOTS = 400
+"""Moduli at which the stress of each row is tabulated; splines between them err by less than 1e-6 of the peak."""
+
+TABULATED = (1e1, 1e9)
+"""Range of E_star [Pa] of the tables, at whose ends the stress is held; priors of the skin are far inside."""
+
+BLUR_NODES = 5
+"""Gauss-Hermite nodes of a receptive field along each axis."""
+
+
+class Afferent(NamedTuple):
+    """Parameters of recorded afferents: numbers, or arrays of a common batch shape (...)."""
+
+    b: Any
+    """Skin modulus at rest [Pa]."""
+    m: Any
+    """Stiffening exponent of the skin ([-] or [1/m])."""
+    alpha: Any
+    """Largest receptor current [µA/cm²]."""
+    beta: Any
+    """Steepness of the transduction [1/Pa]."""
+    rest: Any = None
+    """Current at rest over the rheobase [-]; None if `sigma_0` is given."""
+    sigma_0: Any = None
+    """Stress at half the largest current [Pa]."""
+    spread: Any = 0.0
+    """Standard deviation of the receptive field along each axis [m]; 0 for a point."""
+    radius: Any = 0.0
+    """Fingertip radius [m]; 0 for that of the finger."""
+    depth: Any = 0.0
+    """Depth of the receptors [m]; 0 for that of the finger."""
+
+
+@dataclass(frozen=True, eq=False)
+class ProbedTouches:
+    """Rigid probes pressed on one finger, each with an afferent at some distance from the contact's axis.
+
+    Parameters
+    ----------
+    loads
+        Load of each row.
+    curvature, distance
+        Probe curvature [1/m], and distance of the receptive field from the axis [m], both (rows,).
+    finger, readings
+        The finger, and the readings of the model. Channels have the paper's multipliers.
+
+    Raises
+    ------
+    InputError
+        If a hollow is narrower than the finger.
+    """
+
+    loads: Sequence[Load]
+    curvature: Array
+    distance: Array
+    finger: Finger = Finger()
+    readings: Readings = Readings()
+
+    def __post_init__(self) -> None:
+        for kappa in np.unique(self.curvature):
+            Probe(float(kappa)).under(self.finger)
+
+    def take(self, rows: NDArray[np.intp]) -> ProbedTouches:
+        """Return the touches of some rows."""
+        loads = [self.loads[k] for k in rows]
+        return replace(self, loads=loads, curvature=self.curvature[rows], distance=self.distance[rows])
+
+    @cached_property
+    def firing(self) -> FixedChannels:
+        """The source of rate curves."""
+        return FixedChannels(PAPER_CHANNELS, self.readings.membrane)
+
+    @cached_property
+    def _presses(self) -> tuple[Loads, Array, NDArray[np.intp]]:
+        """Loads and curvatures of distinct contacts, and the contact of each row."""
+        pairs = [*zip(self.loads, self.curvature.tolist(), strict=True)]
+        distinct = list(dict.fromkeys(pairs))
+        place = {pair: k for k, pair in enumerate(distinct)}
+        return (
+            Loads([load for load, _ in distinct]),
+            np.array([k for _, k in distinct]),
+            np.array([place[p] for p in pairs]),
+        )
+
+    def contact(self, at: Afferent) -> tuple[Contact, Fingertips]:
+        """Return the contact of each row, fields of shape (..., rows), and the fingers with the relative radii R*."""
+        loads, curvature, of_row = self._presses
+        radius, depth = (np.asarray(value, float)[..., None] for value in (at.radius, at.depth))
+        radius = 1.0 / (1.0 / np.where(radius > 0, radius, self.finger.radius) + curvature)
+        depth = np.where(depth > 0, depth, self.finger.receptor_depth)
+        tips = Fingertips(radius, depth, self.finger.poisson_ratio)
+        b, m = (np.asarray(value, float)[..., None] for value in (at.b, at.m))
+        found = rigid_contact(loads, b, m, tips, self.readings.skin_displacement)
+        rows = Contact(*(np.take(np.broadcast_to(v, found.skin_modulus.shape), of_row, axis=-1) for v in found))
+        return rows, tips._replace(radius=np.take(radius, of_row, axis=-1))
+
+    def stress(self, at: Afferent) -> Array:
+        """Return the stress at the receptive field [Pa], shape (..., rows).
+
+        For a point at the finger's own radius and depth it is read from a table; otherwise it is integrated.
+        """
+        contact, tips = self.contact(at)
+        if not any(np.any(value) for value in (at.spread, at.radius, at.depth)):
+            low, high = np.log(TABULATED)
+            place = np.clip(np.log(contact.reduced_modulus), low, high - 1e-9)
+            # the splines of all rows follow each other along one axis
+            return np.asarray(self._table(place + (high - low) * np.arange(self.distance.size)))
+        spread = np.asarray(at.spread, float)[..., None]
+        node, weight = np.polynomial.hermite_e.hermegauss(BLUR_NODES if np.any(spread) else 1)
+        weight = weight / weight.sum()
+        total = np.zeros(())
+        for along, share in zip(node, weight, strict=True):
+            for across, part in zip(node, weight, strict=True):
+                if across >= 0:  # the other half mirrors this one
+                    rho = np.hypot(self.distance + spread * along, spread * across)
+                    total = total + share * part * (1 + (across > 0)) * self._integrated(rho, contact, tips)
+        return np.asarray(total)
+
+    def _integrated(self, rho: ArrayLike, contact: Contact, tips: Fingertips) -> Array:
+        readings = self.readings.pressure, self.readings.stress_kernel, self.readings.stress_component
+        return stress(rho, contact.reduced_modulus, contact.radius, tips, *readings)
+
+    @cached_property
+    def _table(self) -> PPoly:
+        low, high = np.log(TABULATED)
+        grid = np.linspace(low, high, KNOTS)
+        modulus, rows = np.exp(grid)[:, None], self.distance.size
+        radius = 1.0 / (1.0 / self.finger.radius + self.curvature)
+        tips = Fingertips(radius, np.array(self.finger.receptor_depth), self.finger.poisson_ratio)
+        found = Loads(self.loads).contact(modulus, modulus, tips)
+        spline = CubicSpline(grid, self._integrated(self.distance, found, tips))
+        joined = np.moveaxis(spline.c, 2, 1).reshape(4, -1)
+        ends = grid[:-1] + (high - low) * np.arange(rows)[:, None]
+        return PPoly(joined, np.append(ends.ravel(), low + (high - low) * rows), extrapolate=True)
+
+    def curve(self, alpha: ArrayLike) -> RateCurve:
+        """Return the rate curve up to currents alpha."""
+        return self.firing.curves(PAPER_CHANNELS, alpha)
+
+    def at_rest(self, at: Afferent) -> tuple[Array, Array]:
+        """Return the current at rest over the rheobase, and sigma_0 [Pa], from whichever is given; shapes (...).
+
+        sigma_0 is NaN where alpha is below the current at rest.
+        """
+        limit = self.curve(at.alpha).rheobase
+        if at.sigma_0 is not None:
+            return receptor_current(0.0, at.alpha, at.beta, at.sigma_0) / limit, np.asarray(at.sigma_0, float)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            sigma_0 = np.log(at.alpha / (at.rest * limit) - 1.0) / at.beta
+        return np.asarray(at.rest, float), np.asarray(sigma_0)
+
+    def rate(self, at: Afferent) -> Array:
+        """Return the firing rate [Hz] of each row, shape (..., rows); 0 below the rheobase.
+
+        The current is alpha / (1 + exp(beta (sigma_0 - sigma))). With `rest` it is given by its value without stress,
+        rest times the rheobase; where alpha is below that, no stress makes the membrane fire.
+        """
+        felt, curve = self.stress(at), self.curve(at.alpha)
+        alpha, beta = (np.asarray(value, float)[..., None] for value in (at.alpha, at.beta))
+        if at.sigma_0 is not None:
+            current = receptor_current(felt, alpha, beta, np.asarray(at.sigma_0, float)[..., None])
+        else:
+            share = np.asarray(at.rest, float)[..., None] * curve.rheobase[..., None] / alpha
+            current = alpha * expit(beta * felt + logit(np.minimum(share, 1.0 - 1e-12)))
+        return curve.rate(np.broadcast_to(current, np.broadcast_shapes(current.shape, felt.shape)))
