@@ -11,6 +11,9 @@ ACCURACY = 1e-3
 MAX_STEPS = 100_000
 """Maximum number of steps of each ensemble."""
 
+STEPS_PER_TAU = 10.0
+"""Kept steps of each ensemble, in autocorrelation times."""
+
 NOISE = 0.0
 """Strength of the white-noise current of the membranes [µA/cm² sqrt(ms)]."""
 

@@ -190,6 +190,8 @@ PRIOR_DRAWS = Count(0, 100_000)
 """Prior draws behind the probabilities of claims."""
 STEPS = Count(1, 1_000_000_000)
 """Steps of each ensemble."""
+STEPS_PER_TAU = Range(5.0, 1000.0)
+"""Kept steps of each ensemble, in autocorrelation times."""
 SEEDS = Count(0)
 """Seeds of random numbers."""
 PROCESSES = Count(1, 256)

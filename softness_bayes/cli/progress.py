@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NoReturn, Self
 import click
 
 from softness_bayes.cli import STARTED
-from softness_bayes.cli.running import in_numbers, needed
+from softness_bayes.cli.running import in_numbers, in_time, needed
 
 if TYPE_CHECKING:
     from tqdm import tqdm
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 LONG = 60.0
 """Remaining time [s] above which a convergence check prints a separate line."""
 
+PATIENCE = 15.0
+"""Time [s] until the first check above which it is announced from the speed of the pilot run."""
 
 STAGES = "softness_bayes.results.assembly"
 """Logger of the stages after sampling (`results.assembly.Stage`)."""
@@ -33,8 +35,8 @@ class Bar(logging.Handler):
 
     A context manager: it prints what the logger of the stages logs.
 
-    If the remaining time is long, a separate line reports it after the first convergence check, and again if the
-    estimate increases.
+    If the first check is far away, a separate line says so at the beginning of the pilot run. If the remaining time is
+    long, another one reports it after the first check, and again if the estimate increases.
     """
 
     def __init__(self) -> None:
@@ -42,7 +44,9 @@ class Bar(logging.Handler):
         self._bar: tqdm[NoReturn] | None = None
         self.drawing = False
         """True if figures are being drawn, which is the last stage."""
-        self.begin(0.0)
+        self._before, self._begun, self._sampled = 0.0, time.monotonic(), 0.0
+        self._start: Progress | None = None
+        self._told, self._announced = 0.0, False
 
     def __enter__(self) -> Self:
         logging.getLogger(STAGES).setLevel(logging.INFO)
@@ -61,20 +65,22 @@ class Bar(logging.Handler):
 
     def begin(self, before: float) -> None:
         """Begin to measure; `before` is the time [s] that earlier sessions of the run have sampled."""
-        self._before, self._begun, self._sampled = before, time.monotonic(), 0.0
-        self._start: Progress | None = None
-        self._told = 0.0
+        self._before, self._begun = before, time.monotonic()
+        self._bar = _line("searching for starting points")
 
     def show(self, progress: Progress) -> None:
         """Update the bar; its length changes when a convergence check changes the estimate."""
         self._sampled = progress.seconds - self._before
-        if self._bar is None:  # no bar before there is progress, so that input errors are printed without it
+        if self._start is None:
             from tqdm import tqdm
 
+            self.clear()
             self._begun = time.monotonic() - self._sampled
             self._bar = tqdm(
                 total=1, initial=progress.steps, unit="step", desc="sampling", leave=False, dynamic_ncols=True
             )
+        assert self._bar is not None
+        self._bar.set_postfix_str(f"pilot run, {progress.pilot} steps left" if progress.pilot else "")
         self._bar.total = progress.steps + progress.missing
         self._bar.update(progress.steps - self._bar.n)
         if progress.verdict is not None:
@@ -87,7 +93,12 @@ class Bar(logging.Handler):
         start = self._start
         if start is None or progress.steps <= start.steps:  # measure the speed of the main walk, not of a pilot
             self._start = progress
-            return ""
+            if start is None or self._announced or not start.pilot > progress.pilot:
+                return ""
+            pace = (progress.seconds - start.seconds) / (start.pilot - progress.pilot)
+            steps, self._announced = progress.pilot + progress.missing, True
+            said = f"the first check of the chains is {steps} steps away, about {in_time(pace * steps)}"
+            return said if pace * steps > PATIENCE else ""
         verdict = progress.verdict
         if verdict is None or verdict.converged:
             return ""
@@ -140,6 +151,23 @@ def counting(total: int, unit: str, description: str) -> Iterator[Callable[[int,
 
 
 @contextmanager
+def telling(what: str) -> Iterator[None]:
+    """Say what is being done; nothing if no terminal shows it."""
+    line = _line(what)
+    try:
+        yield
+    finally:
+        line.close()
+
+
+def _line(what: str) -> tqdm[NoReturn]:
+    from tqdm import tqdm
+
+    # `disable=None` is without a terminal
+    return tqdm(desc=what, bar_format="{desc}", leave=False, disable=None, dynamic_ncols=True)
+
+
+@contextmanager
 def drawing() -> Iterator[Callable[[str, int], None]]:
     """Name the figure that is drawn now; nothing if no terminal shows it.
 
@@ -148,10 +176,7 @@ def drawing() -> Iterator[Callable[[str, int], None]]:
     callable
         Takes the name of the figure, and the number of all figures.
     """
-    from tqdm import tqdm
-
-    # `disable=None` is without a terminal
-    with tqdm(desc="reading the results", bar_format="{desc}", leave=False, disable=None, dynamic_ncols=True) as bar:
+    with _line("reading the results") as bar:
 
         def show(name: str, of: int) -> None:
             bar.n += 1

@@ -211,10 +211,7 @@ def _what(status: Status) -> str:
     if status.running:
         return "a process is running it" + (", in its pilot phase" if status.piloting else "")
     if status.ended and status.written and status.quick:
-        return (
-            "a first look (--quick), before the chains have converged; 'softness-bayes resume' continues it "
-            "to the full run"
-        )
+        return "a first look (--quick); 'softness-bayes resume' continues it to the full run"
     if status.ended and status.written:
         return "it has ended and its results are written"
     return (

@@ -103,7 +103,7 @@ def warn_of_unconverged(result: Result) -> None:
 def in_numbers(verdict: Verdict, seconds: float) -> str:
     """Return the numbers of the last convergence check, in one line."""
     slowest = float(verdict.tau.max())
-    length = f"{verdict.lengths:.0f} autocorrelation times of {slowest:.0f} steps ({verdict.goal.lengths:.0f} needed)"
+    length = f"{verdict.lengths:.0f} autocorrelation times of {slowest:.0f} steps ({verdict.needed:.0f} needed)"
     if not math.isfinite(slowest):
         length = f"{counted(verdict.stuck, 'walker')} never moved" if verdict.stuck else "autocorrelation times unknown"
     return (
@@ -115,15 +115,15 @@ def needed(verdict: Verdict, pace: float) -> str:
     """Return the total number of steps and the total time of a run in words; `pace` is in seconds per step."""
     steps, most = verdict.foreseen
     if not math.isfinite(most):
-        left = _time(pace * (steps - verdict.steps))
+        left = in_time(pace * (steps - verdict.steps))
         return f"the run needs at least about {steps} steps in total ({left} more); it is too short for an upper limit"
-    least, longest = (_time(pace * (n - verdict.steps)) for n in (steps, most))
+    least, longest = (in_time(pace * (n - verdict.steps)) for n in (steps, most))
     return (
         f"the run needs about {steps} steps in total ({least} more), and probably at most {most:.0f} ({longest} more)"
     )
 
 
-def _time(seconds: float) -> str:
+def in_time(seconds: float) -> str:
     """Return a time in words."""
     if seconds < 100:
         return f"{seconds:.0f} s"

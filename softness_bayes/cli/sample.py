@@ -12,7 +12,7 @@ import click
 
 from softness_bayes.cli.interrupts import keeping
 from softness_bayes.cli.options import collected, data_files, force, no_figures, out, own_figures, typed, verbose
-from softness_bayes.cli.progress import Bar
+from softness_bayes.cli.progress import Bar, telling
 from softness_bayes.cli.running import command_line
 from softness_bayes.cli.summary import print_result
 from softness_bayes.errors import NotConvergedError
@@ -67,7 +67,8 @@ def command(
     from softness_bayes.data import Measurements
     from softness_bayes.results.request import Request
 
-    data = files.read()
+    with telling("reading the tables"):
+        data = files.read()
     if isinstance(data, Measurements):
         model = _without_ratings(data, model, how)
     if _evaluated(data, model):
@@ -165,7 +166,9 @@ def run(
     from softness_bayes.provenance import versions
     from softness_bayes.runs.run import model_of, sample_kept
 
-    out, model = checkpoint.directory, model_of(data, request.model)
+    out = checkpoint.directory
+    with telling("compiling the model"):
+        model = model_of(data, request.model)
     for line in _about(model, data):
         click.echo(line, err=True)
     bar = Bar()

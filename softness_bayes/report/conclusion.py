@@ -85,7 +85,7 @@ class Facts(NamedTuple):
     moved: MovedMost | None = None
     """Largest shift due to errors of moduli assumed to be exact, if relevant."""
     quick: bool = False
-    """True if this is a first look, which ended before the chains had converged."""
+    """True if this is a first look, which ended at the first check of the chains."""
     settled: bool = False
     """True if the ensembles of a first look agree well enough to report its findings."""
     people: tuple[str, ...] = ()
@@ -259,7 +259,7 @@ def _trust(facts: Facts) -> str:
         return "No: the chain certainly loses a part of what people agree on, so that it cannot speak for them."
     if facts.quick:
         return (
-            f"Not yet: this is a first look after {facts.steps} steps. The chains have not converged, and the "
+            f"Not yet: this is a first look after {facts.steps} steps. The chains may not have converged, and the "
             "fast model was not compared with the exact one."
         )
     if not facts.converged:

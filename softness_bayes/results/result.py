@@ -44,7 +44,7 @@ class Result(Stored):
 
     @property
     def is_first_look(self) -> bool:
-        """True if the run ended on purpose before convergence (`--quick`)."""
+        """True if the run ended on purpose at the first check of the chains (`--quick`)."""
         return is_first_look(self.tree.attrs)
 
     def labelled(self, table: pd.DataFrame) -> pd.DataFrame:

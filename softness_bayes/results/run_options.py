@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+from softness_bayes import defaults
 from softness_bayes.defaults import MAX_STEPS, SEED
 from softness_bayes.errors import InputError, quoted
 from softness_bayes.options import (
@@ -23,7 +24,7 @@ from softness_bayes.options import (
     described,
     option,
 )
-from softness_bayes.ranges import LOAD_STEPS, PROCESSES, SEEDS, STEPS, Count, require_kind
+from softness_bayes.ranges import LOAD_STEPS, PROCESSES, SEEDS, STEPS, STEPS_PER_TAU, Count, require_kind
 
 if TYPE_CHECKING:
     from softness_bayes.data import Experiment, Measurements, Ratings
@@ -51,11 +52,19 @@ class RunOptions(Options):
         shown=True,
         spelled=True,
     )
+    steps_per_tau: float = option(
+        Number(STEPS_PER_TAU, "N"),
+        defaults.STEPS_PER_TAU,
+        "--steps-per-tau",
+        "Least number of kept steps of each ensemble, in autocorrelation times; 50 is a usual caution for a single "
+        "ensemble.",
+        shown=True,
+    )
     quick: bool = option(
         Flag(),
         False,
         "--quick",
-        "A first look: the run ends at the first check of the chains, before it has converged, with few "
+        "A first look: the run ends at the first check of the chains, converged or not, with few "
         "figures and without the comparison with the exact model. 'resume' continues it to the full run.",
     )
     max_seconds: float = option(
@@ -94,9 +103,11 @@ class RunOptions(Options):
     @property
     def settings(self) -> Settings:
         """Settings of the sampler."""
+        from softness_bayes.sampler.diagnostics import Goal
         from softness_bayes.sampler.sampling import FIRST_LOOK, Settings
 
         return Settings(
+            goal=Goal(lengths=self.steps_per_tau),
             max_steps=min(self.max_steps, FIRST_LOOK) if self.quick else self.max_steps,
             max_seconds=self.max_seconds,
             min_steps=self.min_steps,

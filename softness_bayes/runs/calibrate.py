@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import math
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
@@ -61,7 +60,7 @@ TRUTHS = 4000
 ENSEMBLES = 2
 """Number of independent ensembles per replicate: the smallest number that can disagree."""
 
-RANKED = Goal(lengths=10.0, tau_change=math.inf, r_hat=1.02, ess=4.0 * DRAWS, looks=1)
+RANKED = Goal(r_hat=1.02, ess=4.0 * DRAWS)
 """Convergence goal of a replicate: ranks among `DRAWS` draws require that many independent draws after burn-in, but not
 the precision of quantiles required in a run."""
 

@@ -31,7 +31,7 @@ CLUSTERS = ("fabric", "condition", "participant")
 SMALL_DIFFERENCE = 4.0
 """Difference in expected log predictive density below which data do not distinguish models."""
 
-REFIT = Settings(ensembles=2, max_steps=20_000, goal=Goal(lengths=20.0, tau_change=0.1, r_hat=1.02, ess=200.0, looks=1))
+REFIT = Settings(ensembles=2, max_steps=20_000, goal=Goal(r_hat=1.02, ess=200.0))
 """Settings of a refit without a fabric, which needs draws for only one expectation."""
 
 

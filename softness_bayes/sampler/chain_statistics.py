@@ -170,6 +170,41 @@ def ess_bulk(walks: FloatArray, tau: FloatArray) -> FloatArray:
     return np.array(sizes)
 
 
+def ess_between(walks: FloatArray) -> FloatArray:
+    """Return effective sample sizes from the differences between ensembles, of bulk or tails, whichever is smaller.
+
+    If E independent ensembles have means of variance v, and draws the variance s², all draws are worth E s² / v. This
+    uses no autocorrelations, and therefore includes movements too slow to be seen in them. It is rough: of four
+    ensembles, a quarter to four times the size in 90 % of cases.
+
+    Parameters
+    ----------
+    walks
+        Values of shape (ensembles, quantities, steps, walkers).
+
+    Returns
+    -------
+    ndarray, shape (quantities,)
+        The smallest one of the mean and the indicators of the 5 % and 95 % quantiles; infinite if nothing differs.
+    """
+
+    def size(of: FloatArray) -> FloatArray:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found = len(of) * of.var(axis=(0, 2, 3)) / of.mean(axis=(2, 3)).var(axis=0, ddof=1)
+        return np.where(np.isnan(found), np.inf, found)
+
+    low, high = np.quantile(walks, _TAILS, axis=(0, 2, 3), keepdims=True)
+    of = walks, (walks <= low).astype(float), (walks >= high).astype(float)
+    return np.asarray(np.min([size(one) for one in of], axis=0))
+
+
+def relative_error(estimates: FloatArray) -> float:
+    """Return the standard error of the mean of independent estimates, relative to it; infinite if one is infinite."""
+    if not np.isfinite(estimates).all():
+        return math.inf
+    return float(estimates.std(ddof=1) / math.sqrt(estimates.size) / estimates.mean())
+
+
 class Estimate(NamedTuple):
     """An estimate from draws."""
 

@@ -153,8 +153,8 @@ class RunState:
         Coordinates in which the moves are made.
     parts
         Segments drawn by each ensemble in this phase.
-    before
-        The last scheduled check, with which the next one is compared.
+    slow
+        Whether the last scheduled check found the run slow, so that it becomes a stage of the pilot when it continues.
     verdict
         The most recent check, possibly made because a limit was reached.
     modes
@@ -178,7 +178,7 @@ class RunState:
     ensembles: tuple[EnsembleState, ...]
     map: TriangularMap
     parts: tuple[tuple[Segment, ...], ...]
-    before: Verdict | None = None
+    slow: bool = False
     verdict: Verdict | None = None
     modes: tuple[TriangularMap, ...] = ()
     starts: Starts = NO_STARTS

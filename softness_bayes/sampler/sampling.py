@@ -110,7 +110,7 @@ class Settings(Schedule):
 
     def description(self, dimension: int) -> dict[str, str]:
         """Return the settings that affect the draws, by name, without limits and processes."""
-        named = ("ensembles", "round_steps", "stored", "optima", "pilot", "relearning", "slow", "growing", "goal")
+        named = ("ensembles", "round_steps", "stored", "optima", "pilot", "relearning", "slow", "goal")
         plain = {name: getattr(self, name) for name in named}
         made = {"first_moves": self.first_moves, "moves": self.moves_for(dimension)}
         moves = {name: " + ".join(f"{share:g} {proposal}" for proposal, share in of) for name, of in made.items()}
@@ -130,6 +130,8 @@ class Progress(NamedTuple):
     """The last convergence check; None before the first."""
     failures: int = 0
     """Points at which the density could not be computed."""
+    pilot: int = 0
+    """Number of remaining steps of the pilot run."""
 
 
 class Sampled(NamedTuple):
@@ -230,8 +232,9 @@ def sampled_of(state: RunState) -> Sampled:
 
 def progress_of(state: RunState, settings: Settings) -> Progress:
     """Return the progress of a run."""
-    steps = 0 if settings.in_pilot(state) else state.steps
-    return Progress(steps, settings.missing(state), state.seconds, state.verdict, state.nonfinite.count)
+    pilot = sum(settings.pilot[state.phase :]) - state.steps if settings.in_pilot(state) else 0
+    steps = 0 if pilot else state.steps
+    return Progress(steps, settings.missing(state), state.seconds, state.verdict, state.nonfinite.count, pilot)
 
 
 def _advance(workers: Workers, settings: Settings, state: RunState, steps: int) -> RunState:

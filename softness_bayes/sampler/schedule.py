@@ -26,7 +26,7 @@ NUMBERS, LEAST_STORED = 40_000_000, 1000
 
 A slow run of many parameters, whose neighbouring steps are nearly the same, would otherwise fill the memory, and each
 check would take longer than the steps since the last. A thousand stored steps suffice for the autocorrelation times of
-a run that converges, whose length is at least fifty of them.
+a run that converges, whose length is at least ten of them.
 """
 
 PARTS = 4
@@ -43,12 +43,10 @@ class Schedule:
         Number of steps of each stage of the pilot run; after each stage the map is refitted to its second half.
     relearning
         Number of times that a slow run may become one more stage of the pilot.
-    slow, growing
-        Criteria of a slow run: retained steps, in autocorrelation times about the means of individual walkers, below
-        `slow`; or, before half of the goal's length, a change of the time about the common mean since the previous
-        check above `growing`, which shows that walkers are still entering tails not covered by the map.
+    slow
+        Retained steps, in autocorrelation times about the means of individual walkers, below which a run is slow.
     round_steps
-        The first check is made after three times this number of steps, the others at multiples of a quarter of it.
+        The first check is made after twice this number of steps, the others at multiples of a quarter of it.
     stored
         Largest number of stored steps of an ensemble, or fewer if together they exceed `NUMBERS`; when it is exceeded,
         every second one is dropped.
@@ -63,8 +61,7 @@ class Schedule:
 
     pilot: tuple[int, ...] = (100, 200)
     relearning: int = 4
-    slow: float = 22.0
-    growing: float = 0.25
+    slow: float = 5.0
     round_steps: int = 100
     stored: int = 20_000
     goal: Goal = field(default_factory=Goal)
@@ -82,25 +79,27 @@ class Schedule:
     @property
     def first_look(self) -> int:
         """Steps before the first convergence check."""
-        return 3 * self.round_steps
+        return 2 * self.round_steps
 
     def relearned(self, target: TargetDensity, state: RunState) -> RunState:
         """Return the state from which to continue: with a new map and no draws if the last check found the run slow.
 
-        The decision depends on the draws, not on limits; for a run that ended here, it is made on continuation.
+        The decision is made at a scheduled check (`settle`), so that it does not depend on limits; for a run that ended
+        there, it takes effect on continuation.
         """
-        again, found = state.phase - len(self.pilot), state.before
-        if not 0 <= again < self.relearning or found is None or found.steps != state.steps:
-            return state
-        if state.steps < 2 * state.relearnt:  # a map that is no better needs a longer run to learn from
-            return state
-        # with half of the goal a new run would take longer than the rest of this one
-        growing = self.growing < found.tau_change < math.inf and 2 * found.lengths < self.goal.lengths
-        # by the times about individual means, because differences between walkers are not due to the map
-        if not found.kept < self.slow * found.own and not growing:
+        if not state.slow:
             return state
         new = replace(_learn(target, state), stride=1, due=self.first_look, relearnt=state.steps)
-        return replace(new, before=None, verdict=None)
+        return replace(new, slow=False, verdict=None)
+
+    def _is_slow(self, state: RunState, verdict: Verdict) -> bool:
+        """Return whether a run should become one more stage of the pilot."""
+        # by the times about individual means, because differences between walkers are not due to the map
+        return (
+            0 <= state.phase - len(self.pilot) < self.relearning
+            and verdict.kept < self.slow * verdict.own
+            and state.steps >= 2 * state.relearnt  # a map that is no better needs a longer run to learn from
+        )
 
     def in_pilot(self, state: RunState) -> bool:
         """Return whether a run is still in its pilot stage, whose draws are not used."""
@@ -135,7 +134,7 @@ class Schedule:
             wait = max(verdict.more_steps, math.ceil(APART * state.steps))
             joined = tuple((Segment.join(part),) for part in state.parts)
             due = state.steps + min(wait, state.steps)
-            state = replace(state, parts=joined, before=verdict, verdict=verdict, due=due)
+            state = replace(state, parts=joined, slow=self._is_slow(state, verdict), verdict=verdict, due=due)
         last = state.verdict if state.verdict is not None and state.verdict.steps == state.steps else None
         if late or state.steps + state.stride > self.max_steps:
             return replace(state, ended=True, verdict=last or _look(target, state, self.goal))
@@ -177,7 +176,7 @@ def _look(target: TargetDensity, state: RunState, goal: Goal) -> Verdict:
     inside = None
     if state.modes:
         inside = labels(state.modes, chains.coordinates)[..., None] == np.arange(len(state.modes))
-    return look(names, values, chains.stride, float(chains.accepted.mean()), state.before, goal, inside, state.starts)
+    return look(names, values, chains.stride, float(chains.accepted.mean()), goal, inside, state.starts)
 
 
 def _learn(target: TargetDensity, state: RunState) -> RunState:

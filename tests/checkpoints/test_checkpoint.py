@@ -45,7 +45,7 @@ def kill(process):
 
 def same(one, other):
     """Assert that two states are bit by bit the same, time apart."""
-    for name in ("phase", "steps", "stride", "due", "ended", "relearnt", "nonfinite"):
+    for name in ("phase", "steps", "stride", "due", "ended", "relearnt", "slow", "nonfinite"):
         assert getattr(one, name) == getattr(other, name), name
     for a, b in zip(one.ensembles, other.ensembles, strict=True):
         np.testing.assert_array_equal(a.coordinates, b.coordinates)
@@ -60,13 +60,12 @@ def same(one, other):
     if one.steps:
         for name in ("coordinates", "log_density", "accepted"):
             np.testing.assert_array_equal(getattr(one.chains, name), getattr(other.chains, name))
-    for name in ("before", "verdict"):
-        a, b = getattr(one, name), getattr(other, name)
-        assert (a is None) == (b is None)
-        if a is not None:
-            assert (a.steps, a.looks_passed, a.tau_change, a.goal) == (b.steps, b.looks_passed, b.tau_change, b.goal)
-            np.testing.assert_array_equal(a.tau, b.tau)
-            np.testing.assert_array_equal(a.ess_bulk, b.ess_bulk)
+    a, b = one.verdict, other.verdict
+    assert (a is None) == (b is None)
+    if a is not None:
+        assert (a.steps, a.tau_error, a.goal) == (b.steps, b.tau_error, b.goal)
+        np.testing.assert_array_equal(a.tau, b.tau)
+        np.testing.assert_array_equal(a.ess_between, b.ess_between)
 
 
 @pytest.fixture(scope="module")

@@ -16,17 +16,20 @@ from softness_bayes.checkpoints.manifest import read_manifest, sealed
 from softness_bayes.checkpoints.status import Status, read_status
 from softness_bayes.cli.resume import _continued
 from softness_bayes.files.lock import Lock
+from softness_bayes.files.records import to_json
 from softness_bayes.likelihood.magnitude import LogRatings
 from softness_bayes.results.result import Result
 from softness_bayes.results.run_options import RunOptions
+from softness_bayes.sampler.diagnostics import Goal
 from softness_bayes.touch import scene
 from support.command_line import FIXED, call, few_ratings, refused
 from support.full_disk import fill_disk
 from support.paths import ROOT
 from support.report_runs import quickly
 
-STEPS = 300  # one look, and a run has converged at two
-ASKED = [*FIXED, "--seed", "3", "--no-figures", "--accuracy", "0.01", "--max-steps", STEPS]
+STEPS = 300
+CAUTIOUS = ["--steps-per-tau", "1000"]  # a run that does not converge
+ASKED = [*FIXED, "--seed", "3", "--no-figures", "--accuracy", "0.01", "--max-steps", STEPS, *CAUTIOUS]
 
 
 IMPORTS = (
@@ -122,7 +125,12 @@ def test_a_killed_run_is_reported_on_continued_and_draws_what_an_uninterrupted_o
     # as if it had converged at its last step: there is nothing to do unless its results were lost
     manifest = copied / "checkpoint" / "manifest.json"
     kept = read_manifest(copied)
-    kept["status"]["verdict"]["looks_passed"] = 2
+    kept["status"]["verdict"] |= {
+        "goal": to_json(Goal(0.0, 1e9, 0.0)),
+        "ess_bulk": [1.0],
+        "ess_tail": [1.0],
+        "ess_between": [1.0],
+    }
     manifest.write_bytes(sealed(kept))
     before = (copied / "posterior.nc").read_bytes()
     again = call("resume", copied)

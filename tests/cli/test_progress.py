@@ -14,7 +14,7 @@ from softness_bayes.sampler.sampling import Progress
 
 def shown(capsys, seconds_per_step, tau):
     """What a bar writes on a walk of 300 steps that is looked at after 300 and at each of ten states after that."""
-    verdict = look(("b", "log posterior"), autoregressive(np.random.default_rng(1), (4, 300, 20, 2), tau))
+    verdict = look(("b", "log posterior"), autoregressive(np.random.default_rng(1), (4, 300, 80, 2), tau))
     bar = Bar()
     for steps in (0, 100, 200, 300, *range(310, 400, 10)):
         seconds = 7.0 + seconds_per_step * steps  # seven for the pilot
@@ -24,18 +24,28 @@ def shown(capsys, seconds_per_step, tau):
 
 
 def test_a_long_run_says_once_what_it_needs_and_at_most(capsys):
-    verdict, (line,) = shown(capsys, 0.5, 12.0)
+    verdict, (line,) = shown(capsys, 0.8, 32.0)
     steps, most = verdict.foreseen
-    left = 0.5 * (steps - 300)
+    left = 0.8 * (steps - 300)
     assert left > LONG
     assert f"after 300 steps: the run needs about {steps} steps in total ({left / 60:.0f} minutes more)" in line
-    assert f"probably at most {most:.0f} ({0.5 * (most - 300) / 60:.0f} minutes more)" in line
+    assert f"probably at most {most:.0f} ({0.8 * (most - 300) / 60:.0f} minutes more)" in line
 
 
 def test_a_walk_that_is_too_short_gives_no_bound(capsys):
     _, (line,) = shown(capsys, 0.5, 60.0)
     assert "at least about" in line
     assert "too short for an upper limit" in line
+
+
+def test_a_slow_pilot_announces_when_the_first_check_comes(capsys):
+    bar = Bar()
+    for pilot, seconds in ((300, 5.0), (290, 15.0), (280, 25.0), (0, 305.0)):
+        bar.show(Progress(0, 200, seconds, None, pilot=pilot))
+        said = capsys.readouterr().err
+        assert ("490 steps away, about 8 minutes" in said) == (pilot == 290)
+        assert ("pilot run, 290 steps left" in said) == (pilot == 290)
+    bar.clear()
 
 
 class Terminal(io.StringIO):

@@ -44,7 +44,7 @@ def test_it_ends_well_and_says_what_it_is(looked, result):
     assert "the fast model was not compared with the exact one" in done.stdout
     assert "Next:      'softness-bayes resume out' continues to the full run" in done.stdout
     assert (result.attributes["quick"], result.attributes["converged"]) == (1, 0)
-    assert result.provenance.ending.steps == LOOK < FIRST_LOOK == 300
+    assert result.provenance.ending.steps == LOOK < FIRST_LOOK == 200
     assert np.isnan(result.group("sample_stats")["exact_difference"].values).all()
     assert read_status(directory / "out").quick
     assert "a first look (--quick)" in call("status", directory / "out").stdout

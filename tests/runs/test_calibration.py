@@ -220,7 +220,7 @@ QUICK = Settings(
     round_steps=60,
     max_steps=1500,
     processes=1,
-    goal=Goal(lengths=20.0, tau_change=math.inf, r_hat=1.05, ess=150.0, looks=1),
+    goal=Goal(r_hat=1.05, ess=150.0),
 )
 
 

@@ -325,7 +325,7 @@ def test_what_is_finished_can_be_judged_and_the_rest_is_named(home, whole, tmp_p
 
 
 def test_replicates_like_a_run(report_run, tmp_path):
-    brief = replace(BRIEF, max_steps=20, goal=Goal(lengths=1.0, looks=1))
+    brief = replace(BRIEF, max_steps=20, goal=Goal(lengths=1.0))
     result, run = converged(report_run("ratings")), RunOptions(seed=1, processes=1)
     with quickly():
         problem = posterior_problem(result, run, brief)

@@ -46,7 +46,7 @@ CLOTH = Fabrics(
 LOADS = (Indentation(2e-3),)
 HELD = {"b": 100.0, "m": 2.0, "alpha": 21.5, "beta": 0.6, "sigma_0": 6.0, "tau": 0.5, "eps": 0.1}
 HELD |= {"c_Na": 1.05, "c_K": 1.16, "c_L": 1.0, "c_A": 1.5}
-BRIEF = Settings(ensembles=2, max_steps=60, processes=1, pilot=(20,), optima=1, goal=Goal(lengths=1.0, looks=1))
+BRIEF = Settings(ensembles=2, max_steps=60, processes=1, pilot=(20,), optima=1, goal=Goal(lengths=1.0))
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -18,9 +18,9 @@ ENOUGH = Settings(
     ensembles=2,
     max_steps=4000,
     processes=1,
-    goal=Goal(lengths=20.0, tau_change=0.1, r_hat=1.02, ess=200.0, looks=1),
+    goal=Goal(r_hat=1.02, ess=200.0),
 )
-BRIEF = Settings(ensembles=2, max_steps=60, processes=1, pilot=(40,), optima=1, goal=Goal(lengths=1.0, looks=1))
+BRIEF = Settings(ensembles=2, max_steps=60, processes=1, pilot=(40,), optima=1, goal=Goal(lengths=1.0))
 
 
 class Case(NamedTuple):
