@@ -25,17 +25,17 @@ if TYPE_CHECKING:
     from softness_bayes.experiments.adaptive import Adaptive as Adaptive
     from softness_bayes.experiments.choice import Costs as Costs
     from softness_bayes.experiments.design import design as design
-    from softness_bayes.likelihood.directions import FALLS as FALLS
-    from softness_bayes.likelihood.directions import FREE as FREE
-    from softness_bayes.likelihood.directions import RISES as RISES
     from softness_bayes.likelihood.error_laws import LAPSES as LAPSES
     from softness_bayes.likelihood.error_laws import NORMAL as NORMAL
     from softness_bayes.likelihood.error_laws import STUDENT as STUDENT
     from softness_bayes.likelihood.scales import AGGREGATED as AGGREGATED
     from softness_bayes.likelihood.scales import CATEGORIES as CATEGORIES
+    from softness_bayes.likelihood.scales import FALLS as FALLS
+    from softness_bayes.likelihood.scales import FREE as FREE
     from softness_bayes.likelihood.scales import MAGNITUDE as MAGNITUDE
     from softness_bayes.likelihood.scales import PAIRS as PAIRS
     from softness_bayes.likelihood.scales import RANKS as RANKS
+    from softness_bayes.likelihood.scales import RISES as RISES
     from softness_bayes.likelihood.scales import SLIDER as SLIDER
     from softness_bayes.model.build import build as build
     from softness_bayes.model.options import ModelOptions as ModelOptions

@@ -17,8 +17,17 @@ import numpy as np
 
 from softness_bayes.errors import InputError
 from softness_bayes.files.json_text import as_json, parse_json
-from softness_bayes.likelihood.directions import FREE, RatingDirection, direction_named
-from softness_bayes.likelihood.scales import MAGNITUDE, SLIDER, Scale, name_of_scale, scale_named, slider_between
+from softness_bayes.likelihood.scales import (
+    FREE,
+    MAGNITUDE,
+    SLIDER,
+    RatingDirection,
+    Scale,
+    direction_named,
+    name_of_scale,
+    scale_named,
+    slider_between,
+)
 from softness_bayes.parameters.declared import PARAMETERS, UNKNOWN_MODULUS
 from softness_bayes.parameters.laws import Prior
 from softness_bayes.parameters.priors import parse_prior

@@ -17,8 +17,8 @@ from softness_bayes.data import Ratings, write_ratings
 from softness_bayes.data.columns import BEARABLE, FINGERTIP, summarises
 from softness_bayes.data.faults import identity
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
+from softness_bayes.likelihood.scales import FALLS, RISES
 from softness_bayes.parameters.laws import HalfNormal, LogNormal, Normal, Uniform
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.parameters import TouchParameters

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.directions import FALLS
-from softness_bayes.likelihood.scales import STANDARDISED
+from softness_bayes.likelihood.scales import FALLS, STANDARDISED
 from softness_bayes.parameters.priors import parse_prior
 from softness_bayes.provenance import (
     PRIOR,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checking.sensitivity import contraction, prior_moments
-from softness_bayes.likelihood.effects import RATER_EFFECTS, RATER_SPREADS
+from softness_bayes.likelihood.intervals import RATER_EFFECTS, RATER_SPREADS
 from softness_bayes.likelihood.ratings import SKIN
 from softness_bayes.parameters.declared import FABRIC_MODULUS
 from softness_bayes.parameters.laws import Prior

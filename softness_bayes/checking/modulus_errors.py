@@ -85,7 +85,7 @@ def scores(
     middle = 0.5 * (lower + higher)
     observation = observation.for_sampling()  # differences need no more accuracy than the walk
     found = []
-    for sign in signs[:, observation.fabric_of_rate]:
+    for sign in signs[:, observation.design.fabric[observation.condition_of_rate]]:
         up, down = (np.where(sign == 0, middle, np.where(sign * side > 0, higher, lower)) for side in (1.0, -1.0))
         difference = observation.log_likelihood(up, parameters) - observation.log_likelihood(down, parameters)
         found.append(difference / (2.0 * step))

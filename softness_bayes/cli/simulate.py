@@ -15,7 +15,7 @@ from softness_bayes import __version__
 from softness_bayes.cli.options import Touches, collected, force, number, out, seed, set_values, touches
 from softness_bayes.cli.predict import accurate
 from softness_bayes.defaults import ERRORS
-from softness_bayes.likelihood.directions import RATING_DIRECTIONS, RISES
+from softness_bayes.likelihood.scales import RATING_DIRECTIONS, RISES
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.ranges import FINGERS, PARTICIPANTS, SLOPES, TYPICAL_RATINGS, Range
 from softness_bayes.readable import counted, percent

@@ -20,7 +20,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.experiments.design import candidates_of, quantities_of, require_run
 from softness_bayes.experiments.information import Histograms, gains_about, rank_bins
 from softness_bayes.experiments.outlook import Outlook, Touches, outlook_of_run
-from softness_bayes.likelihood.row_laws import Rows, log_probability
+from softness_bayes.likelihood.row_laws import RowLaw, Rows
 from softness_bayes.touch.contact import Force, Indentation, Load, held
 
 Array = NDArray[np.float64]
@@ -164,7 +164,7 @@ class Adaptive:
         expected = mean[:, None] + np.sqrt(variance)[:, None] * at
         law = self.outlook.posterior.observation.model.error
         spread = np.broadcast_to(np.asarray(parameters.varsigma, float), mean.shape)[:, None]
-        likely = log_probability(law, rows, expected, spread, parameters) + np.log(weights / weights.sum())
+        likely = RowLaw(law, rows, expected, spread, parameters).log_probability() + np.log(weights / weights.sum())
         total = logsumexp(likely, axis=1)
         self.log_weight = self.log_weight + total
         # the law of each effect is normal again, with the moments that it has given the answer

@@ -9,17 +9,16 @@ that of the means.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.likelihood.contract import Parameters
+from softness_bayes.likelihood.contract import Levels, Parameters, Shape
 from softness_bayes.likelihood.design import Design, Stated
-from softness_bayes.likelihood.effects import Effects
-from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
+from softness_bayes.likelihood.magnitude import Effects, LogRatings, RatingModel
 from softness_bayes.likelihood.normal_rows import EffectLaw
 from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.scales import AGGREGATED, Scale
@@ -60,20 +59,11 @@ class AggregatedModel(RatingModel):
         return super().error_sd(self.of_means(parameters))
 
     def draw_effects(
-        self,
-        rng: np.random.Generator,
-        parameters: Parameters,
-        shape: tuple[int, ...],
-        n_participants: int,
-        n_fabrics: int,
-        levels: Mapping[str, ArrayLike] | None = None,
+        self, rng: Generator, parameters: Parameters, shape: Shape, people: int, fabrics: int, levels: Levels = None
     ) -> Effects:
-        """Effects of new panels and new fabrics, of batch ``shape``."""
-        return super().draw_effects(rng, self.of_means(parameters), shape, n_participants, n_fabrics, levels)
-
-    def with_new_participants(self, rng: np.random.Generator, parameters: Parameters, effects: Effects) -> Effects:
-        """Replace all panels' effects with those of new panels."""
-        return super().with_new_participants(rng, self.of_means(parameters), effects)
+        """Return effects of new panels and fabrics, of batch ``shape``."""
+        drawn: Effects = super().draw_effects(rng, self.of_means(parameters), shape, people, fabrics, levels)
+        return drawn
 
     def observe(self, ratings: ArrayLike, design: Design, stated: Stated | None = None) -> RatingsLikelihood:
         """Return the likelihood of these means under this model."""
@@ -86,9 +76,9 @@ class AggregatedRatings(LogRatings):
     Arguments are those of `LogRatings`; the participants of the design are panels.
     """
 
-    def _law(self, mean_rate: FloatArray, parameters: Parameters) -> EffectLaw:
+    def _law(self, drive: FloatArray, parameters: Parameters) -> EffectLaw:
         """Return the normal law of the log means."""
-        law = super()._law(mean_rate, parameters)
+        law = super()._law(drive, parameters)
         return law._replace(participant=law.participant / math.sqrt(self.model.raters))
 
     @property

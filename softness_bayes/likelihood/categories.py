@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.contract import Effects, Parameters
+from softness_bayes.likelihood.contract import Effects, Levels, Parameters, Shape
 from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings
 from softness_bayes.likelihood.row_laws import Rows
@@ -65,20 +65,14 @@ class CategoryModel(IntervalModel):
         return np.cumsum(np.stack([np.zeros(shape), *gaps], axis=-1), axis=-1)
 
     def typical(self, effects: Effects, drive: FloatArray) -> FloatArray:
-        """Category chosen by a typical participant (s = 0) for a response term ``drive``, shape (..., k)."""
+        """Return the category chosen by a typical participant (s = 0) for a response term ``drive``, shape (..., k)."""
         return _category(effects.mu[..., None] + drive, effects.threshold)
 
     def draw_effects(
-        self,
-        rng: np.random.Generator,
-        parameters: Parameters,
-        shape: tuple[int, ...],
-        n_participants: int,
-        n_fabrics: int,
-        levels: Mapping[str, ArrayLike] | None = None,
+        self, rng: Generator, parameters: Parameters, shape: Shape, people: int, fabrics: int, levels: Levels = None
     ) -> Effects:
-        """Effects of new participants, of batch ``shape``; mu from its prior unless among `levels`."""
-        drawn = super().draw_effects(rng, parameters, shape, n_participants, n_fabrics, levels)
+        """Return effects of new participants, of batch ``shape``; mu from its prior unless in `levels`."""
+        drawn = super().draw_effects(rng, parameters, shape, people, fabrics, levels)
         return self.with_thresholds(drawn, parameters)
 
     def with_thresholds(self, effects: Effects, parameters: Parameters) -> CategoryEffects:
@@ -89,13 +83,14 @@ class CategoryModel(IntervalModel):
 
     def draw_ratings(
         self,
-        rng: np.random.Generator,
+        rng: Generator,
         design: Design,
         drive: FloatArray,
         parameters: Parameters,
         effects: Effects,
+        stated: Stated | None = None,
     ) -> FloatArray:
-        """One category for every row of a design, shape (..., rows)."""
+        """Return one category for every row of a design, shape (..., rows)."""
         found = _category(self.draw_attentive(rng, design, drive, parameters, effects), effects.threshold)
         if not self.law.lapses:
             return found
@@ -134,20 +129,9 @@ class CategoryRatings(IntervalRatings):
         """None, because the thresholds of categories are sampled."""
         return None
 
-    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
-        """Draws of mu and participants' scales given the ratings, together with the thresholds."""
+    def draw_effects(self, rng: Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
+        """Return draws of mu and participants' scales given the ratings, together with the thresholds."""
         return self.model.with_thresholds(super().draw_effects(rng, mean_rate, parameters), parameters)
-
-    def replicate(
-        self,
-        rng: np.random.Generator,
-        drive: FloatArray,
-        parameters: Parameters,
-        effects: Effects,
-        mean_rate: FloatArray | None = None,
-    ) -> FloatArray:
-        """Return one category for every row, shape (..., rows)."""
-        return self.model.draw_ratings(rng, self.design, drive, parameters, effects)
 
     def _rows_at(self, parameters: Parameters) -> Rows:
         ends = self.model.thresholds(parameters)

@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.likelihood.design import Design, IndexArray
@@ -23,6 +24,10 @@ from softness_bayes.parameters.laws import Prior
 FloatArray = NDArray[np.float64]
 Effects = Any
 """A NamedTuple of arrays: those shared by all observations (...), and those of participants or fabrics (..., k)."""
+
+Shape = tuple[int, ...]
+Levels = Mapping[str, ArrayLike] | None
+"""Values of effects that all observations share, by name, each of batch shape (...)."""
 
 NO_RESPONSE: FloatArray = np.empty(0)
 """The mean rate without conditions, for models without receptors: shape (0,), or (..., 0) with a batch shape."""
@@ -114,9 +119,12 @@ class Likelihood(ABC):
     """Observations as in the file, shape (rows,)."""
 
     @property
-    def fabric_of_rate(self) -> IndexArray:
-        """Fabric of each column of the mean rates, shape (columns,): usually one column for each condition."""
-        return self.design.fabric
+    def condition_of_rate(self) -> IndexArray:
+        """Condition of each column of the mean rates and of the drive, shape (columns,): first one for each condition.
+
+        Those of the same conditions under other loads, or on raters' own fingers, follow.
+        """
+        return np.arange(self.design.n_conditions)
 
     @property
     def discrete(self) -> NDArray[np.bool_]:
@@ -138,8 +146,7 @@ class Likelihood(ABC):
         Parameters
         ----------
         mean_rate
-            N/N_ref of each condition [Hz], shape (..., conditions), followed by the rates at other loads if loads have
-            errors (`design.LoadErrors`), or by the rates of individual fingers. Models without receptors use only
+            N/N_ref [Hz] of each column (`condition_of_rate`), shape (..., columns). Models without receptors use only
             its batch shape, as that of `NO_RESPONSE`. Here and elsewhere, its batch shape is broadcast with that of the
             parameters.
         parameters
@@ -216,36 +223,20 @@ class Likelihood(ABC):
         """
 
     @abstractmethod
-    def new_effects(
-        self,
-        rng: np.random.Generator,
-        parameters: Parameters,
-        shape: tuple[int, ...],
-        levels: Mapping[str, ArrayLike] | None = None,
-    ) -> Effects:
+    def new_effects(self, rng: Generator, parameters: Parameters, shape: Shape, levels: Levels = None) -> Effects:
         """Return prior draws of all effects, of batch `shape`; shared effects in `levels` are used as given."""
 
-    @abstractmethod
-    def with_new_participants(self, rng: np.random.Generator, parameters: Parameters, effects: Effects) -> Effects:
-        """Return these effects with the same number of new participants."""
+    def with_new_participants(self, rng: Generator, parameters: Parameters, effects: Effects) -> Effects:
+        """Return these effects with the same number of new participants; by default no others are needed."""
+        return self.new_effects(rng, parameters, np.shape(effects[0])[:-1])
 
     @abstractmethod
-    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
+    def draw_effects(self, rng: Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
         """Return exact draws of all effects given the observations, one for each point of the batch."""
 
     @abstractmethod
-    def replicate(
-        self,
-        rng: np.random.Generator,
-        drive: FloatArray,
-        parameters: Parameters,
-        effects: Effects,
-        mean_rate: FloatArray | None = None,
-    ) -> FloatArray:
-        """Return a simulated observation for every row [as in the file] given `drive`, shape (..., rows).
-
-        If the errors depend on the response, they are drawn for `mean_rate`, which is then required.
-        """
+    def replicate(self, rng: Generator, drive: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
+        """Return a simulated observation for every row [as in the file] given `drive`, shape (..., rows)."""
 
     @abstractmethod
     def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:

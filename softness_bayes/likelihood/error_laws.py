@@ -4,6 +4,10 @@ Lapses are observations that do not depend on the touch; their own distribution 
 
 A law is a frozen value. Its methods take errors in units of their spread, shape (..., rows), and the model's
 parameters of batch shape (...).
+
+Student's distribution function is slow: its normal score q, with Phi(q) = F_nu(u), is close to z = sign(u) sqrt(nu
+log(1 + u²/nu)) (Wallace, Ann. Math. Stat. 30, 1121, 1959), and (q/z - 1) nu is smooth in 1/nu and z. A Chebyshev series
+in both, fitted to SciPy's function, takes a seventh of the time.
 """
 
 from __future__ import annotations
@@ -12,15 +16,16 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import ndtri_exp
+from numpy.polynomial import chebyshev
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import betaln, ndtri_exp, stdtr
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood import student
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.scales import Scale
 
@@ -29,6 +34,16 @@ FloatArray = NDArray[np.float64]
 _LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 GUMBEL_SD = math.pi / math.sqrt(6.0)
 """Standard deviation of Gumbel's law of scale 1."""
+
+LEAST_FREEDOM = 0.5
+"""Smallest degrees of freedom of the series."""
+
+LARGEST_SCORE = 10.0
+"""Largest z of the series; beyond it q/z stays as it is there, where probabilities are below 1e-18."""
+
+_HALF_WAY = 4.0  # value of z at the midpoint of the series' variable
+_ORDERS = 40, 20  # numbers of terms in 1/nu and in z
+_LARGE = 100.0  # degrees of freedom beyond which the constant of the density comes from Stirling's series
 
 
 @dataclass(frozen=True)
@@ -110,11 +125,11 @@ class StudentLaw(ErrorLaw):
 
     def normal_scores(self, errors: FloatArray, parameters: Any) -> FloatArray:
         """Return q with Phi(q) = F_nu(error)."""
-        return student.normal_score(errors, _nu(parameters))
+        return student_normal_score(errors, _nu(parameters))
 
     def log_density(self, errors: FloatArray, parameters: Any) -> FloatArray:
         """Return the log of Student's density."""
-        return student.log_density(errors, _nu(parameters))
+        return student_log_density(errors, _nu(parameters))
 
     def slopes(self, errors: FloatArray, parameters: Any) -> tuple[FloatArray, FloatArray]:
         """Return -(nu + 1) u / (nu + u²), and its derivative."""
@@ -147,8 +162,78 @@ class GumbelLaw(ErrorLaw):
         return GUMBEL_SD * (t - 1.0), -(GUMBEL_SD**2) * t
 
 
+def log_constant(nu: ArrayLike) -> FloatArray:
+    """Return log of the density at 0, shape of `nu`; for infinite `nu`, that of the normal law."""
+    nu = np.asarray(nu, float)
+    small = np.minimum(nu, _LARGE)
+    exact = -betaln(0.5 * small, 0.5) - 0.5 * np.log(small)
+    if not nu.size or nu.max() < _LARGE:
+        return np.asarray(exact)
+    w = 1.0 / np.maximum(nu, _LARGE)
+    series = -_LOG_ROOT_TWO_PI - w / 4.0 + w**3 / 24.0 - w**5 / 20.0
+    return np.where(nu < _LARGE, exact, series)
+
+
+def log_one_plus(x: FloatArray, nu: FloatArray) -> FloatArray:
+    """Return log(1 + x), to be multiplied by `nu`; if that is small, by `numpy.log`, whose rounding is then harmless.
+
+    It is faster, because not all processors have vector instructions for `numpy.log1p`.
+    """
+    if nu.max() > _LARGE:
+        return np.log1p(x)
+    found = x + 1.0
+    return np.log(found, out=found)
+
+
+def student_log_density(u: FloatArray, nu: FloatArray) -> FloatArray:
+    """Return the log density at `u`, which is broadcast with `nu`."""
+    different, place = _different(nu)
+    return log_constant(different)[place] - 0.5 * (nu + 1.0) * log_one_plus(u * u / nu, nu)
+
+
+def student_normal_score(u: FloatArray, nu: FloatArray) -> FloatArray:
+    """Return q with Phi(q) = F_nu(u), where `u` is broadcast with `nu`.
+
+    For nu from `LEAST_FREEDOM` up its error is at most 1e-8 of q, and falls as 1/nu.
+    """
+    different, place = _different(nu)
+    angle = np.arccos(2.0 * np.sqrt(np.minimum(LEAST_FREEDOM / different, 1.0)) - 1.0)
+    of_score = (np.cos(angle[:, None] * np.arange(_ORDERS[0])) @ _coefficients()).T
+    z = np.sqrt(nu * np.log1p(u * u / nu))
+    at = np.minimum(z, LARGEST_SCORE)
+    at = at / (at + _HALF_WAY) * (2.0 + 2.0 * _HALF_WAY / LARGEST_SCORE) - 1.0
+    correction = np.broadcast_to(of_score[-1][place], at.shape).copy()
+    for coefficient in of_score[-2::-1]:
+        correction *= at
+        correction += coefficient[place]
+    correction *= np.minimum(1.0 / nu, 1.0 / LEAST_FREEDOM)
+    correction += 1.0
+    correction *= z
+    return np.copysign(correction, u)
+
+
+def _different(nu: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Return the different values among many, as for single rows of few draws, and the place of each of the many."""
+    different, place = np.unique(nu, return_inverse=True)
+    return different, place.reshape(np.shape(nu))
+
+
+@cache
+def _coefficients() -> FloatArray:
+    """Return the coefficients of (q/z - 1) nu: Chebyshev in 1/nu, monomial in z, shape (orders of each)."""
+    x, y = (np.cos(np.pi * (np.arange(size) + 0.5) / size) for size in _ORDERS)
+    v = 0.5 * (1.0 + y) / (1.0 + _HALF_WAY / LARGEST_SCORE)
+    z, nu = _HALF_WAY * v / (1.0 - v), LEAST_FREEDOM * (2.0 / (1.0 + x))[:, None] ** 2
+    u = np.sqrt(nu * np.expm1(z * z / nu))
+    score = -ndtri_exp(np.log(stdtr(nu, -u)))
+    table = (score / z - 1.0) * nu
+    by_nu = chebyshev.chebfit(x, table, x.size - 1)
+    by_z = chebyshev.chebfit(y, by_nu.T, y.size - 1).T
+    return np.array([chebyshev.cheb2poly(row) for row in by_z])
+
+
 def _nu(parameters: Any) -> FloatArray:
-    return np.maximum(np.asarray(parameters.nu, float), student.LEAST)[..., None]
+    return np.maximum(np.asarray(parameters.nu, float), LEAST_FREEDOM)[..., None]
 
 
 def _gumbel(errors: FloatArray) -> FloatArray:

@@ -10,18 +10,20 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.contract import Effects, Parameters, RowsLeftOut
+from softness_bayes.likelihood.contract import Effects, Levels, Parameters, RowsLeftOut, Shape
 from softness_bayes.likelihood.design import Design, IndexArray, Stated
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.pieces import BLOCK, in_pieces, left_out_in_pieces, log_sum
 from softness_bayes.likelihood.plate import PressedRaters
+from softness_bayes.likelihood.quadrature import LevelNodes
 from softness_bayes.likelihood.ratings import OF_FORCES, SKIN
 from softness_bayes.touch.finger_grid import EFFECT_OF, SPREAD_OF, FingerGrid, SkinLaws
 
@@ -76,46 +78,18 @@ class IndividualModel(RatingModel):
     needs: ClassVar[tuple[str, ...]] = ("gamma", "tau", "varsigma", "eps", *SPREAD_OF.values(), *OF_FORCES)
     grid: FingerGrid = field(default_factory=lambda: FingerGrid({"b": 3}))
 
-    def drive_at(
-        self, elsewhere: FloatArray, design: Design, mean_rate: FloatArray, parameters: Parameters
-    ) -> FloatArray:
-        """As `RatingModel.drive_at`, centred over the typical finger's response."""
-        return super().drive_at(elsewhere, design, mean_rate[..., : design.n_conditions], parameters)
-
     def draw_effects(
-        self,
-        rng: np.random.Generator,
-        parameters: Parameters,
-        shape: tuple[int, ...],
-        n_participants: int,
-        n_fabrics: int,
-        levels: Mapping[str, ArrayLike] | None = None,
+        self, rng: Generator, parameters: Parameters, shape: Shape, people: int, fabrics: int, levels: Levels = None
     ) -> Effects:
-        """Effects of new raters of batch ``shape``, their fingers from the grid; mu from its prior unless given."""
+        """Return effects of new raters of batch ``shape``, their fingers from the grid; fabrics have no effects."""
+        participant = np.asarray(parameters.tau, float)[..., None] * rng.standard_normal((*shape, people))
+        finger = rng.choice(self.grid.size, size=participant.shape, p=np.exp(self.grid.log_weight))
         mu = self.draw_level(rng, shape, levels)
-        return self._with_raters(rng, parameters, mu, (*shape, n_participants))
-
-    def with_new_participants(self, rng: np.random.Generator, parameters: Parameters, effects: Effects) -> Effects:
-        """Replace all raters' effects with those of new raters."""
-        return self._with_raters(rng, parameters, effects.mu, effects.participant.shape)
-
-    def for_others(
-        self,
-        rng: np.random.Generator,
-        parameters: Parameters,
-        effects: Effects,
-        n_participants: int,
-        fabric: NDArray[np.intp],
-    ) -> Effects:
-        """Effects of new raters with fingers from the grid, otherwise as given; fabrics have no effects."""
-        return self._with_raters(rng, parameters, effects.mu, (*np.shape(effects.mu), n_participants))
-
-    def _with_raters(
-        self, rng: np.random.Generator, parameters: Parameters, mu: FloatArray, shape: tuple[int, ...]
-    ) -> Effects:
-        participant = np.asarray(parameters.tau, float)[..., None] * rng.standard_normal(shape)
-        finger = rng.choice(self.grid.size, size=shape, p=np.exp(self.grid.log_weight))
         return IndividualEffects(mu, participant, finger, self.deviation(finger, parameters))
+
+    def felt(self, design: Design, drive: FloatArray, effects: Effects) -> FloatArray:
+        """Return the drive of every row on its rater's finger, from that of all fingers, shape (..., rows)."""
+        return np.asarray(effects.drive(drive, design))
 
     def deviation(self, finger: NDArray[np.intp], parameters: Parameters) -> FloatArray:
         """Return the deviations of fingers of the grid from the typical one, shape (..., participants, quantities)."""
@@ -123,21 +97,8 @@ class IndividualModel(RatingModel):
         parts = [tau * self.grid.z[name][finger] for name, tau in zip(self.grid.names, spread, strict=True)]
         return np.stack(parts, axis=-1)
 
-    def draw_ratings(
-        self,
-        rng: np.random.Generator,
-        design: Design,
-        drive: FloatArray,
-        parameters: Parameters,
-        effects: Effects,
-    ) -> FloatArray:
-        """One rating for every row of a design, shape (..., rows), given the effects and the `drive` of all fingers."""
-        log_rating = effects.mu[..., None] + effects.participant[..., design.participant]
-        log_rating = log_rating + effects.drive(drive, design)
-        return self.scatter(rng, log_rating, parameters)
-
     def named_effects(self, effects: Effects) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
-        """Effects by their names in files, each with its axes after the batch axes."""
+        """Return effects by their names in files, each with its axes after the batch axes."""
         own = {EFFECT_OF[name]: (effects.deviation[..., k], ("participant",)) for k, name in enumerate(self.grid.names)}
         return {"mu": (effects.mu, ()), "participant_effect": (effects.participant, ("participant",)), **own}
 
@@ -203,14 +164,18 @@ class IndividualRatings(LogRatings):
         return 1 if self.pressed is None else 1 + self.pressed.size
 
     @property
-    def fabric_of_rate(self) -> NDArray[np.intp]:
-        """Fabric of each column of the mean rates."""
-        return np.tile(self.design.fabric, 1 + self.n_blocks * self.model.grid.size)
+    def condition_of_rate(self) -> IndexArray:
+        """Condition of each column of the mean rates."""
+        return np.tile(super().condition_of_rate, 1 + self.n_blocks * self.model.grid.size)
 
     def with_grid(self, grid: FingerGrid) -> IndividualRatings:
         """Return the likelihood of the same ratings over another grid of fingers."""
         model = IndividualModel(self.model.direction, self.model.centre, self.model.spread, grid)
         return type(self)(self.values, self.design, model, self._over, self.pressed)
+
+    def _arguments(self, rows: NDArray[np.bool_] | None = None) -> dict[str, Any]:
+        """Return the people with plate forces."""
+        return {"pressed": self.pressed}
 
     def with_pressed(self, pressed: PressedRaters | None) -> Self:
         """Return the likelihood of the same ratings given the plate forces of these people."""
@@ -224,20 +189,12 @@ class IndividualRatings(LogRatings):
         """Return the laws of the raters' skins given their plate forces; None if there are none."""
         return None if self.pressed is None else self.pressed.skins(self.model.grid.names, parameters)
 
-    def with_values(self, values: ArrayLike) -> Self:
-        """Return the likelihood of other ratings of the same rows."""
-        return type(self)(values, self.design, self.model, self._over, self.pressed)
-
-    def without(self, rows: NDArray[np.bool_]) -> Self:
-        """Return the likelihood of the other ratings, with x still centred over all rows."""
-        return type(self)(self.values[~rows], self.design.without(rows), self.model, self._over, self.pressed)
-
     def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of all ratings together, shape (...)."""
 
         def whole(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
             levels = self._levels(self._raters_given(mean_rate, parameters))
-            return log_sum(levels.joint, axis=-1)[..., None]
+            return levels.log_density[..., None]
 
         width = 2 * math.ceil(MU_REACH / MU_STEP) * self.model.grid.size * self._count.size
         return in_pieces(whole, width, mean_rate, parameters, BLOCK)[..., 0] - self._log.sum()
@@ -247,28 +204,18 @@ class IndividualRatings(LogRatings):
 
         def alone(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
             levels = self._levels(self._raters_given(mean_rate, parameters), without_one=True)
-            rest = log_sum(levels.joint[..., None] - levels.of_raters, axis=-2) if self._count.size > 1 else 0.0
-            found = np.zeros((*levels.joint.shape[:-1], self.design.n_participants))
-            found[..., self._present] = log_sum(levels.joint, axis=-1)[..., None] - rest
+            found = np.zeros((*levels.mu.shape[:-1], self.design.n_participants))
+            found[..., self._present] = levels.given_others
             return found - np.bincount(self.design.participant, self._log, self.design.n_participants)
 
         return in_pieces(alone, 40 * self._count.size * self.model.grid.size, mean_rate, parameters)
 
     def left_out(self, mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
         """Return the law of each rating given all the others at its observation, arrays of shape (..., rows)."""
+        width = 20 * self.design.n_rows * self.model.grid.size
+        return left_out_in_pieces(self._left_out, width, mean_rate, parameters)
 
-        def alone(mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
-            weight, score, sd = self._left_out(mean_rate, parameters)
-            density = log_sum(weight - 0.5 * score**2, axis=-2) - np.log(sd) - 0.5 * _LOG_TWO_PI - self._log
-            return RowsLeftOut(density, (np.exp(weight) * ndtr(score)).sum(axis=-2))
-
-        return left_out_in_pieces(alone, self._loo_width, mean_rate, parameters)
-
-    def predictor(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return log(N/N_ref + eps) of the typical finger, shape (..., conditions)."""
-        return super().predictor(mean_rate[..., : self.design.n_conditions], parameters)
-
-    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
+    def draw_effects(self, rng: Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
         """Return draws of mu, raters' fingers and scales given the ratings, one for each point of the batch.
 
         Fingers are drawn given a node of mu, then mu and the scales exactly given the fingers.
@@ -294,16 +241,6 @@ class IndividualRatings(LogRatings):
         finger = finger + self._block * self.model.grid.size
         return IndividualEffects(mu + math.log(self.model.centre), participant, finger, deviation)
 
-    def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
-        """Return the residual of each log rating given the effects, shape (..., rows)."""
-        own = effects.drive(self.drive(mean_rate, parameters), self.design)
-        expected = effects.mu[..., None] + own + effects.participant[..., self.design.participant]
-        return self.model.error.normal_scores(self._log - expected, parameters)
-
-    @property
-    def _loo_width(self) -> int:
-        return 20 * self.design.n_rows * self.model.grid.size
-
     def _deviation_of(self, finger: NDArray[np.intp], parameters: Parameters) -> FloatArray:
         """Return the deviations of each rater's finger in the grid of that rater, (..., participants, quantities)."""
         deviation, pressed = self.model.deviation(finger, parameters), self.pressed
@@ -327,7 +264,7 @@ class IndividualRatings(LogRatings):
         drive = self.drive(mean_rate, parameters)[..., width:]
         return drive.reshape(*drive.shape[:-1], -1, size, width)
 
-    def _of_raters(self, values: FloatArray, weights: FloatArray, raters: NDArray[np.intp]) -> FloatArray:
+    def _of_raters(self, values: FloatArray, weights: FloatArray) -> FloatArray:
         """Return weighted sums over conditions for each rater's grid of fingers, shape (..., fingers, raters).
 
         Parameters
@@ -336,27 +273,25 @@ class IndividualRatings(LogRatings):
             Values for each finger and condition, shape (..., grids, fingers, conditions).
         weights
             Weights of conditions for each rater, shape (raters, conditions).
-        raters
-            The raters, indices of participants.
         """
         found = values[..., 0, :, :] @ weights.T
-        for k in np.flatnonzero(self._block[raters]):
-            found[..., k] = values[..., self._block[raters[k]], :, :] @ weights[k]
+        block = self._block[self._present]
+        for k in np.flatnonzero(block):
+            found[..., k] = values[..., block[k], :, :] @ weights[k]
         return found
 
     def _raters_given(self, mean_rate: FloatArray, parameters: Parameters) -> RaterLaw:
-        drive = self._drives(mean_rate, parameters)
+        drive, count = self._drives(mean_rate, parameters), self._count
         row, tau = _variances(parameters)
-        count, who = self._count, self._present
-        mean = self._of_raters(drive, self._cells / count[:, None], who)
-        own = self._of_raters(drive * drive, self._cells, who) - count * mean**2
-        squares = self._squares - 2.0 * self._of_raters(drive, self._sums, who) + own
+        mean = self._of_raters(drive, self._cells / count[:, None])
+        own = self._of_raters(drive * drive, self._cells) - count * mean**2
+        squares = self._squares - 2.0 * self._of_raters(drive, self._sums) + own
         constant = count * _LOG_TWO_PI + (count - 1.0) * np.log(row) + np.log(row + count * tau)
         log_term = self.model.grid.log_weight[:, None] - 0.5 * (squares / row[..., None, :] + constant[..., None, :])
         variance = np.broadcast_to(row / count + tau, (*drive.shape[:-3], count.size))
         return RaterLaw(log_term, self._means - mean, variance)
 
-    def _levels(self, law: RaterLaw, without_one: bool = False) -> _Levels:
+    def _levels(self, law: RaterLaw, without_one: bool = False) -> LevelNodes:
         """Return the raters' densities at nodes of mu, placed as if each of them were normal in mu.
 
         If `without_one`, the nodes also reach where mu lies without any one of the raters.
@@ -374,10 +309,7 @@ class IndividualRatings(LogRatings):
             rest = precision[..., None] - 1.0 / wider
             reach += float((np.abs(mean - centre) / wider / rest * np.sqrt(precision)[..., None]).max())
         steps = min(math.ceil(float(np.sqrt(narrow / precision).max()) * reach / MU_STEP), MOST_MU_STEPS)
-        step = (reach / steps * precision**-0.5)[..., None]
-        offset = np.arange(-steps, steps + 1) * step
-        mu = centre + offset
-        log_prior = -0.5 * (mu / spread) ** 2 - math.log(spread) - 0.5 * _LOG_TWO_PI + np.log(step)
+        offset = np.arange(-steps, steps + 1) * (reach / steps * precision**-0.5)[..., None]
         # the exponent of a finger is quadratic in mu, and its square is common to all fingers
         slope = (law.gap - centre[..., None]) / variance[..., None, :]
         at_centre = law.log_term - 0.5 * slope**2 * variance[..., None, :]
@@ -386,14 +318,10 @@ class IndividualRatings(LogRatings):
         fingers = nodes @ lines.reshape(*lines.shape[:-2], -1)
         fingers = fingers.reshape(*offset.shape, *slope.shape[-2:])
         of_raters = log_sum(fingers, axis=-2) - 0.5 * offset[..., None] ** 2 / variance[..., None, :]
-        return _Levels(mu, of_raters, log_prior + of_raters.sum(axis=-1))
+        return LevelNodes.of(centre + offset, np.swapaxes(of_raters, -1, -2), 0.0, spread)
 
-    def _left_out(self, mean_rate: FloatArray, parameters: Parameters) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the predictive law of each row given all others, a mixture of normal laws over mu and fingers.
-
-        Log weights that add up to 1 and the row's scores under each law, (..., laws, rows), and the unit of the scores,
-        (..., rows).
-        """
+    def _left_out(self, mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
+        """Return the law of each row given all others: a mixture of normal laws over mu and fingers."""
         at, condition = self._of_row, self.design.condition
         block = self._block[self.design.participant]
         law = self._raters_given(mean_rate, parameters)
@@ -401,7 +329,7 @@ class IndividualRatings(LogRatings):
         drive = np.moveaxis(self._drives(mean_rate, parameters), -2, 0)[..., block, condition]
         drive = np.moveaxis(drive, 0, -2)  # of each row's rater, (..., fingers, rows)
         row, tau = _variances(parameters)
-        rest = levels.joint[..., None] - levels.of_raters[..., at]  # of the other raters, (..., nodes, rows)
+        rest = np.swapaxes(levels.without_one, -1, -2)[..., at]  # of the other raters, (..., nodes, rows)
         rows = self._count[at]
         left = np.maximum(rows - 1.0, 1.0)
         # the rater's law without this row, finger by finger: (..., fingers, rows)
@@ -421,7 +349,9 @@ class IndividualRatings(LogRatings):
         base = self._centred - drive - shrunk[..., None, :] * gap
         score = (base[..., None, :, :] - mu * (1.0 - shrunk[..., None, None, :])) / sd[..., None, None, :]
         weight, score = (part.reshape(*part.shape[:-3], -1, part.shape[-1]) for part in (weight, score))
-        return weight - log_sum(weight, axis=-2)[..., None, :], score, sd
+        weight = weight - log_sum(weight, axis=-2)[..., None, :]
+        density = log_sum(weight - 0.5 * score**2, axis=-2) - np.log(sd) - 0.5 * _LOG_TWO_PI - self._log
+        return RowsLeftOut(density, (np.exp(weight) * ndtr(score)).sum(axis=-2))
 
 
 class RaterLaw(NamedTuple):
@@ -430,14 +360,6 @@ class RaterLaw(NamedTuple):
     log_term: FloatArray  # of each finger, without mu, (..., fingers, raters)
     gap: FloatArray  # mean log rating minus the finger's mean drive and the prior mean of mu, same shape
     variance: FloatArray  # of that gap, (..., raters)
-
-
-class _Levels(NamedTuple):
-    """Log densities at nodes of mu less its prior mean."""
-
-    mu: FloatArray  # (..., nodes)
-    of_raters: FloatArray  # of each rater's ratings given mu, (..., nodes, raters)
-    joint: FloatArray  # of mu and all ratings, times the node spacing, (..., nodes)
 
 
 def _variances(parameters: Parameters) -> tuple[FloatArray, FloatArray]:

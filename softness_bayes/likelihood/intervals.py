@@ -12,22 +12,23 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from types import MappingProxyType
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.contract import Parameters, RowsLeftOut
+from softness_bayes.likelihood.contract import Levels, Parameters, RowsLeftOut, Shape
 from softness_bayes.likelihood.design import Design, Stated
-from softness_bayes.likelihood.effects import RATER_EFFECTS, RATER_SPREADS, Effects, RaterEffects
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw, Lapses, RaterRange, WholeScale
-from softness_bayes.likelihood.magnitude import RatingModel
+from softness_bayes.likelihood.magnitude import Effects, RatingModel
 from softness_bayes.likelihood.pieces import in_pieces, left_out_in_pieces, over_draws
 from softness_bayes.likelihood.quadrature import Integrals
 from softness_bayes.likelihood.rater_effects import Given, NormalTable, Table
 from softness_bayes.likelihood.ratings import RatingsLikelihood
-from softness_bayes.likelihood.row_laws import Rows, scores_at
+from softness_bayes.likelihood.row_laws import RowLaw, Rows
 from softness_bayes.likelihood.scales import SLIDER, Scale
 
 FloatArray = NDArray[np.float64]
@@ -36,8 +37,26 @@ IndexArray = NDArray[np.intp]
 REFERENCE, LAPLACE, ONLY_REFERENCE = "reference", "laplace", "only reference"
 """Methods by which effects are integrated out of the density of all ratings."""
 
+RATER_SPREADS: Mapping[str, str] = MappingProxyType({"gamma": "tau_gamma", "varsigma": "tau_varsigma"})
+"""Name of the parameter for the spread between raters, by the quantity that differs."""
+
+RATER_EFFECTS: Mapping[str, str] = MappingProxyType({"gamma": "rater_log_gamma", "varsigma": "rater_log_varsigma"})
+"""Names in files of raters' log deviations from the typical rater, by the quantity that differs."""
+
 _LEAST_SPREAD = 1e-8
 _SEED = 0  # seed of the random shares of intervals at which residuals are taken
+
+
+class RaterEffects(NamedTuple):
+    """Effects as in `magnitude.Effects`, and those of raters who differ in exponents or noise."""
+
+    mu: FloatArray
+    participant: FloatArray
+    fabric: FloatArray
+    log_gamma: FloatArray
+    """Deviations of log exponents from the typical rater's, shape (..., participants); 0 if exponents do not differ."""
+    log_varsigma: FloatArray
+    """Deviations of the log noise from the typical rater's, shape (..., participants); 0 if noise does not differ."""
 
 
 @dataclass(frozen=True)
@@ -74,79 +93,45 @@ class IntervalModel(RatingModel):
         return np.asarray(exponent, float), np.asarray(noise, float)
 
     def draw_effects(
-        self,
-        rng: np.random.Generator,
-        parameters: Parameters,
-        shape: tuple[int, ...],
-        n_participants: int,
-        n_fabrics: int,
-        levels: Mapping[str, ArrayLike] | None = None,
+        self, rng: Generator, parameters: Parameters, shape: Shape, people: int, fabrics: int, levels: Levels = None
     ) -> Any:
-        """Return effects of new raters and fabrics of batch ``shape``; mu from its prior unless given."""
-        effects = super().draw_effects(rng, parameters, shape, n_participants, n_fabrics, levels)
-        return self._with_differences(rng, parameters, effects)
-
-    def with_new_participants(self, rng: np.random.Generator, parameters: Parameters, effects: Any) -> Any:
-        """Replace all raters' effects with those of new raters."""
-        new = super().with_new_participants(rng, parameters, effects)
-        return self._with_differences(rng, parameters, Effects(*new[:3])) if self.differ else new
-
-    def _with_differences(
-        self, rng: np.random.Generator, parameters: Parameters, effects: Effects
-    ) -> Effects | RaterEffects:
-        """Return effects with exponents and noise of new raters, if raters differ in them."""
+        """Return effects of new raters and fabrics of batch ``shape``; mu from its prior unless in `levels`."""
+        effects = super().draw_effects(rng, parameters, shape, people, fabrics, levels)
         if not self.differ:
             return effects
-        shape = effects.participant.shape
-        return RaterEffects(
-            *effects, *(spread[..., None] * rng.standard_normal(shape) for spread in self.rater_spreads(parameters))
-        )
+        spreads = (spread[..., None] for spread in self.rater_spreads(parameters))
+        return RaterEffects(*effects, *(spread * rng.standard_normal((*shape, people)) for spread in spreads))
 
-    def expected_log(self, design: Design, drive: FloatArray, effects: Any) -> FloatArray:
-        """Return the expected log rating of every row given the effects, shape (..., rows)."""
-        felt = (drive + effects.fabric[..., design.fabric])[..., design.condition]
-        if self.differ:
-            felt = np.exp(effects.log_gamma)[..., design.participant] * felt
-        return np.asarray(effects.mu[..., None] + effects.participant[..., design.participant] + felt)
+    def felt(self, design: Design, drive: FloatArray, effects: Any) -> FloatArray:
+        """Return the contribution of the response and of the fabric to every row, shape (..., rows)."""
+        felt = super().felt(design, drive, effects)
+        return np.exp(effects.log_gamma)[..., design.participant] * felt if self.differ else felt
 
     def error_spread(self, design: Design, parameters: Parameters, effects: Any) -> FloatArray:
         """Return the spread of every row's error, shape (..., 1), or (..., rows) if raters differ."""
-        typical = self.error_sd(parameters)[..., None]
+        typical = super().error_spread(design, parameters, effects)
         return typical * np.exp(effects.log_varsigma[..., design.participant]) if self.differ else typical
 
-    def draw_attentive(
-        self, rng: np.random.Generator, design: Design, drive: FloatArray, parameters: Parameters, effects: Any
-    ) -> FloatArray:
-        """Return a number for every row without lapses and rounding, shape (..., rows)."""
-        expected = self.expected_log(design, drive, effects)
-        noise = self.error.draw(rng, expected.shape, parameters)
-        return np.asarray(self.scale.natural(expected + self.error_spread(design, parameters, effects) * noise))
-
     def draw_ratings(
-        self, rng: np.random.Generator, design: Design, drive: FloatArray, parameters: Parameters, effects: Any
-    ) -> FloatArray:
-        """Return one number for every row of a design, shape (..., rows), before rounding to a grid."""
-        numbers = self.draw_attentive(rng, design, drive, parameters, effects)
-        return self.with_lapses(rng, numbers, design, parameters)
-
-    def with_lapses(
         self,
-        rng: np.random.Generator,
-        numbers: FloatArray,
+        rng: Generator,
         design: Design,
+        drive: FloatArray,
         parameters: Parameters,
+        effects: Any,
         stated: Stated | None = None,
     ) -> FloatArray:
-        """Return numbers (..., rows), a share `lapse` of them replaced by lapses.
+        """Return one number for every row of a design, shape (..., rows), on the grid of `stated`, if given.
 
-        Their range is that of the intervals of `stated`, by default of the numbers themselves.
+        A share `lapse` of them are lapses, whose range is that of the intervals, or of the numbers themselves.
         """
-        if not self.law.lapses:
-            return numbers
-        low, high = (numbers, numbers) if stated is None else stated.ends(stated.rounded(numbers))
-        share = np.asarray(parameters.lapse, float)[..., None]
-        elsewhere = self.lapses(low, high, design).draw(rng, numbers.shape, self.scale)
-        return np.where(rng.random(numbers.shape) < share, elsewhere, numbers)
+        numbers = self.draw_attentive(rng, design, drive, parameters, effects)
+        if self.law.lapses:
+            low, high = (numbers, numbers) if stated is None else stated.ends(stated.rounded(numbers))
+            elsewhere = self.lapses(low, high, design).draw(rng, numbers.shape, self.scale)
+            lapsed = rng.random(numbers.shape) < np.asarray(parameters.lapse, float)[..., None]
+            numbers = np.where(lapsed, elsewhere, numbers)
+        return numbers if stated is None else stated.rounded(numbers)
 
     def lapses(self, low: FloatArray, high: FloatArray, design: Design) -> Lapses:
         """Return the distribution of lapses of raters whose numbers represent these intervals, each (..., rows)."""
@@ -203,8 +188,6 @@ class IntervalRatings(RatingsLikelihood):
     integrals
         REFERENCE for the density of all ratings by the reference, LAPLACE by Laplace's method; LAPLACE is what the
         sampler uses of a likelihood with REFERENCE, but not of one with ONLY_REFERENCE.
-    finer
-        Factor of the numbers of points of the reference.
 
     Raises
     ------
@@ -223,11 +206,10 @@ class IntervalRatings(RatingsLikelihood):
         stated: Stated | None = None,
         lapses: Lapses | None = None,
         integrals: str = REFERENCE,
-        finer: int = 1,
     ) -> None:
         super().__init__(ratings, design, model, over)
         scale = model.scale
-        self._stated, self._how, self._finer = self._understood(stated), integrals, finer
+        self._stated, self._how = self._understood(stated), integrals
         low, high = self._stated.ends(self.values)
         self._exact = low == high
         self._lapses = lapses or model.lapses(low, high, design)
@@ -243,7 +225,7 @@ class IntervalRatings(RatingsLikelihood):
         how = model.law, rater, design.fabric[self._condition], design.n_fabrics, level.mean, level.sd, trust
         by_sums = model.law == NORMAL and self._exact.all()
         self._table = NormalTable(*how, values=latent) if by_sums else Table(*how)
-        self._integrals = Integrals(self._table, finer)
+        self._integrals = Integrals(self._table)
         self._slope = np.where(self._exact, scale.log_slope(self.values), 0.0)
         self._log = float(self._slope.sum())
 
@@ -256,24 +238,15 @@ class IntervalRatings(RatingsLikelihood):
             raise InputError(f"ratings: {wrong.sum()} of {wrong.size} are not {scale.suitable} numbers")
         return stated or Stated(self.values, zero, zero, zero + end, end)
 
-    def _other(self, **changes: Any) -> Self:
-        """Return the likelihood with some arguments changed."""
-        how = {"over": self._over, "stated": self._stated, "integrals": self._how, "finer": self._finer, **changes}
-        values, design = how.pop("values", self.values), how.pop("design", self.design)
-        return type(self)(values, design, self.model, **how)
+    def _arguments(self, rows: NDArray[np.bool_] | None = None) -> dict[str, Any]:
+        """Return further arguments of the constructor; lapses of some rows are those of all, of new values others."""
+        if rows is None:
+            return {"stated": self._stated, "integrals": self._how}
+        return {"stated": self._stated.take(rows), "lapses": self._lapses.take(rows), "integrals": self._how}
 
-    def with_values(self, values: ArrayLike) -> Self:
-        """Return the likelihood of other ratings of the same rows."""
-        return self._other(values=values)
-
-    def without(self, rows: NDArray[np.bool_]) -> Self:
-        """Return the likelihood of the other ratings; centring of x and lapses still use all rows."""
-        return self._other(
-            values=self.values[~rows],
-            design=self.design.without(rows),
-            stated=self._stated.take(~rows),
-            lapses=self._lapses.take(~rows),
-        )
+    def _by(self, integrals: str) -> Self:
+        """Return the likelihood with effects integrated out by another method."""
+        return type(self)(self.values, self.design, self.model, self._over, self._stated, self._lapses, integrals)
 
     @property
     def ends(self) -> tuple[FloatArray, FloatArray] | None:
@@ -287,15 +260,15 @@ class IntervalRatings(RatingsLikelihood):
 
     def finer(self) -> Self:
         """Return the likelihood by the reference."""
-        return self._other(lapses=self._lapses, integrals=REFERENCE) if self._how == LAPLACE else self
+        return self._by(REFERENCE) if self._how == LAPLACE else self
 
     def for_sampling(self) -> Self:
         """Return the likelihood by Laplace's method, unless only the reference serves."""
-        return self._other(lapses=self._lapses, integrals=LAPLACE) if self._how == REFERENCE else self
+        return self._by(LAPLACE) if self._how == REFERENCE else self
 
     def without_approximation(self) -> Self:
         """Return the likelihood that the sampler uses by the reference, too."""
-        return self._other(lapses=self._lapses, integrals=ONLY_REFERENCE)
+        return self._by(ONLY_REFERENCE)
 
     def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of all ratings together, shape (...); arguments as in `Likelihood`."""
@@ -333,7 +306,7 @@ class IntervalRatings(RatingsLikelihood):
 
         return in_pieces(whole, self.design.n_rows, mean_rate, parameters)
 
-    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: Parameters) -> Any:
+    def draw_effects(self, rng: Generator, mean_rate: FloatArray, parameters: Parameters) -> Any:
         """Return draws of all effects given the ratings, one for each point of the batch."""
         shape = parameters.batch_shape(mean_rate.shape[:-1])
         design, raters = self.design, self._raters.size
@@ -358,17 +331,9 @@ class IntervalRatings(RatingsLikelihood):
         fabric = np.asarray(parameters.omega, float)[..., None] * found[..., 1 + 3 * raters :]
         return (RaterEffects if self.model.differ else Effects)(found[..., 0], own[0], fabric, *own[1:])
 
-    def replicate(
-        self,
-        rng: np.random.Generator,
-        drive: FloatArray,
-        parameters: Parameters,
-        effects: Any,
-        mean_rate: FloatArray | None = None,
-    ) -> FloatArray:
+    def replicate(self, rng: Generator, drive: FloatArray, parameters: Parameters, effects: Any) -> FloatArray:
         """Return one rating for every row, shape (..., rows), on its rater's grid."""
-        numbers = self.model.draw_attentive(rng, self.design, drive, parameters, effects)
-        return self._stated.rounded(self.model.with_lapses(rng, numbers, self.design, parameters, self._stated))
+        return self.model.draw_ratings(rng, self.design, drive, parameters, effects, self._stated)
 
     def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: Any) -> FloatArray:
         """Return the residual of each log rating as a normal score times the typical spread, shape (..., rows).
@@ -379,7 +344,7 @@ class IntervalRatings(RatingsLikelihood):
         expected = model.expected_log(design, self.drive(mean_rate, parameters), effects)
         rows, spread = self._rows_at(parameters).take(self._back), model.error_spread(design, parameters, effects)
         typical = model.error_sd(parameters)[..., None]
-        return typical * scores_at(model.law, rows, self._shares, expected, spread, parameters)
+        return typical * RowLaw(model.law, rows, expected, spread, parameters).scores(self._shares)
 
     @cached_property
     def _shares(self) -> FloatArray:

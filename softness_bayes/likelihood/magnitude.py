@@ -6,21 +6,20 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.contract import Parameters, RowsLeftOut
+from softness_bayes.likelihood.contract import Levels, Parameters, RowsLeftOut, Shape
 from softness_bayes.likelihood.design import Design, IndexArray, Stated
-from softness_bayes.likelihood.directions import RISES, RatingDirection
-from softness_bayes.likelihood.effects import Effects
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.normal_rows import EffectLaw, LeaveOneOut, NormalRows
-from softness_bayes.likelihood.ratings import RatingsLikelihood
-from softness_bayes.likelihood.scales import MAGNITUDE, Scale
+from softness_bayes.likelihood.ratings import RatingsLikelihood, RatingsModel
+from softness_bayes.likelihood.scales import MAGNITUDE, RISES, RatingDirection, Scale
 from softness_bayes.parameters.laws import Normal, Prior
 
 FloatArray = NDArray[np.float64]
@@ -28,8 +27,19 @@ FloatArray = NDArray[np.float64]
 _LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 
 
+class Effects(NamedTuple):
+    """Values of the common mean and of the random effects."""
+
+    mu: FloatArray
+    """Shape (...)."""
+    participant: FloatArray
+    """Deviations of log ratings, shape (..., participants)."""
+    fabric: FloatArray
+    """Fabrics' deviations, shape (..., fabrics); 0 in models without them."""
+
+
 @dataclass(frozen=True)
-class RatingModel:
+class RatingModel(RatingsModel):
     """log y = mu + s_participant ± gamma (x - mean x over the rows) + f_fabric + e, x = log(N/N_ref + eps).
 
     s ~ N(0, tau²), f ~ N(0, omega²), e ~ N(0, varsigma²), mu ~ N(log centre, spread²). N/N_ref is the pad's
@@ -59,112 +69,66 @@ class RatingModel:
         """Return the standard deviation of a log rating about its expectation for the participant, shape (...)."""
         return np.asarray(parameters.varsigma, float)
 
-    def drive(self, design: Design, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return the response's contribution to the log rating in each condition of a design.
-
-        Parameters
-        ----------
-        design
-            The rows over which x is centred.
-        mean_rate
-            N/N_ref [Hz] of each condition, shape (..., conditions).
-        parameters
-            Values of batch shape (...).
-
-        Returns
-        -------
-        ndarray, shape (..., conditions)
-        """
-        return self.drive_at(mean_rate, design, mean_rate, parameters)
-
     def drive_at(
         self, elsewhere: FloatArray, design: Design, mean_rate: FloatArray, parameters: Parameters
     ) -> FloatArray:
-        """Return `drive` at other mean rates [Hz], shape (..., k), centred over the rows of the design."""
+        """Return ± gamma (x - mean x) at mean rates [Hz], shape (..., k), x being centred over the design's rows."""
         eps = np.asarray(parameters.eps, float)[..., None]
-        logs = np.log(mean_rate + eps)
-        centre = (logs @ design.weight)[..., None]
+        logs = np.log(elsewhere + eps)
+        stated = mean_rate[..., : design.n_conditions]
+        of_rows = logs[..., : design.n_conditions] if elsewhere is mean_rate else np.log(stated + eps)
         gamma = np.asarray(parameters.gamma, float)[..., None]
-        return self.direction.sign * gamma * ((logs if elsewhere is mean_rate else np.log(elsewhere + eps)) - centre)
+        return self.direction.sign * gamma * (logs - (of_rows @ design.weight)[..., None])
 
     def draw_effects(
-        self,
-        rng: np.random.Generator,
-        parameters: Parameters,
-        shape: tuple[int, ...],
-        n_participants: int,
-        n_fabrics: int,
-        levels: Mapping[str, ArrayLike] | None = None,
-    ) -> Effects:
-        """Effects of new participants and new fabrics, of batch ``shape``; mu from its prior unless among `levels`."""
-        mu = self.draw_level(rng, shape, levels)
+        self, rng: Generator, parameters: Parameters, shape: Shape, people: int, fabrics: int, levels: Levels = None
+    ) -> Any:
+        """Return effects of new participants and fabrics of batch ``shape``; mu from its prior unless in `levels`."""
         tau, omega = (np.asarray(value, float)[..., None] for value in (parameters.tau, parameters.omega))
-        participant = tau * rng.standard_normal((*shape, n_participants))
-        fabric = omega * rng.standard_normal((*shape, n_fabrics))
-        return Effects(mu, participant, fabric)
+        participant, fabric = (rng.standard_normal((*shape, size)) for size in (people, fabrics))
+        return Effects(self.draw_level(rng, shape, levels), tau * participant, omega * fabric)
 
-    def draw_level(
-        self, rng: np.random.Generator, shape: tuple[int, ...], levels: Mapping[str, ArrayLike] | None
-    ) -> FloatArray:
-        """Values of mu of batch ``shape``, from its prior unless among `levels`."""
+    def draw_level(self, rng: Generator, shape: Shape, levels: Levels) -> FloatArray:
+        """Return values of mu of batch ``shape``, from its prior unless among `levels`."""
         mu = (levels or {}).get("mu")
         if mu is None:
             mu = math.log(self.centre) + self.spread * rng.standard_normal(shape)
         return np.broadcast_to(np.asarray(mu, float), shape)
 
-    def with_new_participants(self, rng: np.random.Generator, parameters: Parameters, effects: Effects) -> Effects:
-        """Replace all participants' effects with those of new participants."""
-        tau = np.asarray(parameters.tau, float)[..., None]
-        return effects._replace(participant=tau * rng.standard_normal(effects.participant.shape))
+    def expected_log(self, design: Design, drive: FloatArray, effects: Any) -> FloatArray:
+        """Return the expected log rating of every row given the effects, shape (..., rows)."""
+        own = effects.mu[..., None] + effects.participant[..., design.participant]
+        return np.asarray(own + self.felt(design, drive, effects))
 
-    def for_others(
-        self,
-        rng: np.random.Generator,
-        parameters: Parameters,
-        effects: Effects,
-        n_participants: int,
-        fabric: NDArray[np.intp],
-    ) -> Effects:
-        """Effects of new participants, and of fabrics chosen by index (-1 for a new fabric)."""
-        mu = np.asarray(effects.mu)
-        new = self.draw_effects(rng, parameters, mu.shape, n_participants, fabric.size, {"mu": mu})
-        return new._replace(fabric=np.where(fabric >= 0, effects.fabric[..., fabric], new.fabric))
+    def felt(self, design: Design, drive: FloatArray, effects: Any) -> FloatArray:
+        """Return the contribution of the response and of the fabric to every row, shape (..., rows)."""
+        stated = drive[..., : design.n_conditions]
+        return np.asarray((stated + effects.fabric[..., design.fabric])[..., design.condition])
 
-    def draw_ratings(
-        self,
-        rng: np.random.Generator,
-        design: Design,
-        drive: FloatArray,
-        parameters: Parameters,
-        effects: Effects,
-    ) -> FloatArray:
-        """One rating for every row of a design, shape (..., rows), given the effects and `drive`."""
-        return self.draw_attentive(rng, design, drive, parameters, effects)
+    def error_spread(self, design: Design, parameters: Parameters, effects: Any) -> FloatArray:
+        """Return the spread of every row's error, shape (..., 1), or (..., rows) if raters differ."""
+        return self.error_sd(parameters)[..., None]
 
     def draw_attentive(
-        self,
-        rng: np.random.Generator,
-        design: Design,
-        drive: FloatArray,
-        parameters: Parameters,
-        effects: Effects,
+        self, rng: Generator, design: Design, drive: FloatArray, parameters: Parameters, effects: Any
     ) -> FloatArray:
-        """Equivalent of `draw_ratings` without lapses and rounding."""
-        log_rating = effects.mu[..., None] + (drive + effects.fabric[..., design.fabric])[..., design.condition]
-        log_rating = log_rating + effects.participant[..., design.participant]
-        return self.scatter(rng, log_rating, parameters)
+        """Return one rating for every row without lapses and rounding, shape (..., rows)."""
+        expected = self.expected_log(design, drive, effects)
+        noise = self.error.draw(rng, expected.shape, parameters)
+        return self.scale.natural(expected + self.error_spread(design, parameters, effects) * noise)
 
-    def scatter(self, rng: np.random.Generator, log_rating: FloatArray, parameters: Parameters) -> FloatArray:
-        """Ratings, shape (..., rows), whose logs scatter about their expectations."""
-        noise = self.error.draw(rng, log_rating.shape, parameters)
-        return self.scale.natural(log_rating + self.error_sd(parameters)[..., None] * noise)
+    def draw_ratings(
+        self, rng: Generator, design: Design, drive: FloatArray, parameters: Parameters, effects: Any
+    ) -> FloatArray:
+        """Return one rating for every row of a design, shape (..., rows), given the effects and `drive`."""
+        return self.draw_attentive(rng, design, drive, parameters, effects)
 
     def typical(self, effects: Effects, drive: FloatArray) -> FloatArray:
-        """Median rating of a typical participant (s = 0) for a response term ``drive``, shape (..., k)."""
+        """Return the median rating of a typical participant (s = 0) for a response term ``drive``, shape (..., k)."""
         return self.scale.natural(effects.mu[..., None] + drive)
 
     def named_effects(self, effects: Effects) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
-        """Effects by their names in files, each with its axes after the batch axes."""
+        """Return effects by their names in files, each with its axes after the batch axes."""
         return {
             "mu": (effects.mu, ()),
             "participant_effect": (effects.participant, ("participant",)),
@@ -173,7 +137,7 @@ class RatingModel:
 
     @property
     def levels(self) -> Mapping[str, Prior]:
-        """Priors, by name, of quantities shared by all ratings and drawn after a run."""
+        """The priors, by name, of quantities shared by all ratings and drawn after a run."""
         return {"mu": self.level}
 
     def observe(self, ratings: ArrayLike, design: Design, stated: Stated | None = None) -> RatingsLikelihood:
@@ -224,11 +188,13 @@ class LogRatings(RatingsLikelihood):
     def _rows(self) -> NormalRows:
         return NormalRows(self.design, self._log, self.model.level.mean)
 
-    def _law(self, mean_rate: FloatArray, parameters: Parameters) -> EffectLaw:
+    def _law(self, drive: FloatArray, parameters: Parameters) -> EffectLaw:
         """Return the normal law of the log ratings."""
         variance = self.model.error_sd(parameters)[..., None] ** 2
-        shared = self._shared(self.design.fabric, parameters)
-        return EffectLaw.of(self.drive(mean_rate, parameters), variance, parameters.tau, shared)
+        return EffectLaw.of(drive, variance, parameters.tau, self._shared(self.design.fabric, parameters))
+
+    def _at(self, mean_rate: FloatArray, parameters: Parameters) -> EffectLaw:
+        return self._law(self.drive(mean_rate, parameters), parameters)
 
     def _shared(self, fabric: IndexArray, parameters: Parameters, *more: FloatArray) -> FloatArray:
         """Return the weights of shared effects, (..., conditions, effects): level, fabrics if they deviate, and more.
@@ -244,11 +210,11 @@ class LogRatings(RatingsLikelihood):
 
     def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of all ratings together, shape (...)."""
-        return self._rows.log_density(self._law(mean_rate, parameters)) + self._jacobian
+        return self._rows.log_density(self._at(mean_rate, parameters)) + self._jacobian
 
     def leave_one_out(self, mean_rate: FloatArray, parameters: Parameters) -> LeaveOneOut:
         """Return the normal law of each log rating given all the others, arrays of shape (..., rows)."""
-        return self._rows.leave_one_out(self._law(mean_rate, parameters))
+        return self._rows.leave_one_out(self._at(mean_rate, parameters))
 
     def left_out(self, mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
         """Return the law of each rating given all the others at its observation, arrays of shape (..., rows)."""
@@ -258,14 +224,14 @@ class LogRatings(RatingsLikelihood):
 
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of each participant's ratings given all others', shape (..., participants)."""
-        density = self._rows.without_participants(self._law(mean_rate, parameters)).log_density
+        density = self._rows.without_participants(self._at(mean_rate, parameters)).log_density
         return density - np.bincount(self.design.participant, self._log, self.design.n_participants)
 
-    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: Parameters) -> Any:
+    def draw_effects(self, rng: Generator, mean_rate: FloatArray, parameters: Parameters) -> Any:
         """Return exact draws of mu, participants and fabrics given the ratings, one for each point of the batch."""
-        return self._drawn(rng, self._law(mean_rate, parameters), parameters)[0]
+        return self._drawn(rng, self._at(mean_rate, parameters), parameters)[0]
 
-    def _drawn(self, rng: np.random.Generator, law: EffectLaw, parameters: Parameters) -> tuple[Effects, FloatArray]:
+    def _drawn(self, rng: Generator, law: EffectLaw, parameters: Parameters) -> tuple[Effects, FloatArray]:
         """Return draws of the effects under a law, and those of further shared effects."""
         u, participant = self._rows.draw(rng, law)
         mu, others = self.model.level.mean + self.model.spread * u[..., 0], u[..., 1:]
@@ -274,9 +240,7 @@ class LogRatings(RatingsLikelihood):
             return Effects(mu, participant, np.zeros((*mu.shape, size))), others
         return Effects(mu, participant, omega * others[..., :size]), others[..., size:]
 
-    def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
+    def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: Any) -> FloatArray:
         """Return the residual of each log rating given the effects, shape (..., rows)."""
-        drive, design = self.drive(mean_rate, parameters), self.design
-        expected = effects.mu[..., None] + (drive + effects.fabric[..., design.fabric])[..., design.condition]
-        errors = self._log - expected - effects.participant[..., design.participant]
-        return self.model.error.normal_scores(errors, parameters)
+        expected = self.model.expected_log(self.design, self.drive(mean_rate, parameters), effects)
+        return self.model.error.normal_scores(self._log - expected, parameters)

@@ -18,13 +18,11 @@ from softness_bayes.likelihood.aggregated import AggregatedModel, AggregatedRati
 from softness_bayes.likelihood.categories import CategoryModel, CategoryRatings
 from softness_bayes.likelihood.contract import Likelihood, Parameters
 from softness_bayes.likelihood.design import LoadErrors
-from softness_bayes.likelihood.directions import RISES, RatingDirection
 from softness_bayes.likelihood.error_laws import ERROR_LAWS, GUMBEL, LAPSES, NORMAL, STUDENT, ErrorLaw
 from softness_bayes.likelihood.individual import IndividualRatings
 from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings, SliderModel
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
-from softness_bayes.likelihood.orders import OrderModel, OrderRatings
-from softness_bayes.likelihood.pairs import PairModel, PairRatings
+from softness_bayes.likelihood.orders import OrderModel, OrderRatings, PairModel, PairRatings
 from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.likelihood.ratings import RatingsLikelihood, RatingsModel
 from softness_bayes.likelihood.scales import (
@@ -33,8 +31,10 @@ from softness_bayes.likelihood.scales import (
     MAGNITUDE,
     PAIRS,
     RANKS,
+    RISES,
     SLIDER,
     STANDARDISED,
+    RatingDirection,
     Scale,
 )
 from softness_bayes.likelihood.spreads import RaterSpreads
@@ -45,7 +45,7 @@ FloatArray = NDArray[np.float64]
 
 MEMBERS = (
     "scale", "error", "needs", "levels", "direction", "error_sd", "typical", "named_effects", "drive",
-    "drive_at", "draw_effects", "with_new_participants", "for_others", "draw_ratings", "observe",
+    "drive_at", "draw_effects", "for_others", "draw_ratings", "observe",
 )  # fmt: skip
 """Required members of a model of ratings."""
 
@@ -225,7 +225,7 @@ def try_likelihood(observed: RatingsLikelihood, mean_rate: FloatArray, values: M
     tried("new_effects", lambda: observed.new_effects(rng, p, (draws,)))
     others = tried("with_new_participants", lambda: observed.with_new_participants(rng, p, effects))
     tried("typical", lambda: model.typical(effects, drive), (draws, conditions))
-    tried("draw_ratings", lambda: observed.replicate(rng, drive, p, others, mean_rate), (draws, rows))
+    tried("draw_ratings", lambda: observed.replicate(rng, drive, p, others), (draws, rows))
     for name, (effect, axes) in tried("named_effects", lambda: dict(model.named_effects(effects))).items():
         if np.ndim(effect) != 1 + len(axes):
             raise InputError(f"{own}named_effects: {name} has {np.ndim(effect)} axes, expected {1 + len(axes)}")

@@ -11,12 +11,13 @@ so that digits are not lost.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import csr_array
 
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.pieces import backward, cholesky, forward, part_of, pieces
@@ -360,3 +361,62 @@ def _turned(matrix: FloatArray) -> FloatArray:
 
 def _times(matrix: FloatArray, vector: FloatArray) -> FloatArray:
     return np.asarray((matrix @ vector[..., None])[..., 0])
+
+
+class EffectGroup(NamedTuple):
+    """Effects with a common standard deviation, which is a parameter."""
+
+    columns: slice
+    """Columns of U that belong to the group."""
+    sd: float
+    slope: FloatArray
+    """Derivative of the standard deviation with respect to each of the d parameters, shape (d,)."""
+
+
+def normal_information(
+    effects: FloatArray | csr_array,
+    slopes: FloatArray,
+    variances: FloatArray,
+    sd: float,
+    sd_slope: FloatArray,
+    groups: Sequence[EffectGroup] = (),
+) -> FloatArray:
+    """Return the Fisher information about d parameters from normal rows with common effects, shape (d, d).
+
+    y = f(x) + U e + noise, with e ~ N(0, diag D) and noise ~ N(0, s²): f has slopes J, and some columns of U share one
+    variance. By Woodbury's identity, only a matrix of the size of the effects is solved.
+
+    Parameters
+    ----------
+    effects, slopes
+        U, shape (rows, q), and J, shape (rows, d).
+    variances
+        D, the variance of every effect, shape (q,); those of effects in `groups` are ignored.
+    sd, sd_slope
+        s, and its derivative with respect to each parameter, shape (d,).
+    groups
+        Effects whose standard deviation is a parameter.
+    """
+    gram, cross = effects.T @ effects, effects.T @ slopes
+    gram = gram if isinstance(gram, np.ndarray) else gram.toarray()
+    variance = sd**2
+    root = np.sqrt(variances)
+    for group in groups:
+        root[group.columns] = group.sd
+    inner = root[:, None] * np.linalg.solve(variance * np.eye(root.size) + root[:, None] * gram * root, np.diag(root))
+    about_mean = (slopes.T @ slopes - cross.T @ inner @ cross) / variance
+    # U' S^-1 U and U' S^-2 U, S being the covariance of the rows
+    left = np.eye(root.size) - gram @ inner
+    once = left @ gram / variance
+    twice = left @ gram @ left.T / variance**2
+    shrunk = inner @ gram
+    trace = (len(slopes) - 2.0 * np.trace(shrunk) + np.sum(shrunk * shrunk.T)) / variance**2
+    change = [2.0 * sd * sd_slope, *(2.0 * group.sd * group.slope for group in groups)]
+    products = np.zeros((len(change), len(change)))
+    products[0, 0] = trace
+    for k, one in enumerate(groups, start=1):
+        products[0, k] = products[k, 0] = np.trace(twice[one.columns, one.columns])
+        for other, two in enumerate(groups, start=1):
+            products[k, other] = (once[one.columns, two.columns] ** 2).sum()
+    changes = np.stack(change)
+    return np.asarray(about_mean + 0.5 * changes.T @ products @ changes)

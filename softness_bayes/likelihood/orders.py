@@ -1,31 +1,42 @@
-"""Rank orders: places of touches in lists ordered by participants, under the Plackett-Luce model (model.md 9).
+"""Rank orders: places of touches in lists under the Plackett-Luce model, and paired comparisons (model.md 9).
 
 Each touch of a list has a latent softness: its drive plus Gumbel noise. The list is sorted by latent softness.
 Participants' scales and origins do not affect the order and are therefore not in the model. The probability of an order
 has a closed form, also for a partial order, in which the order of tied touches is unknown.
+
+A pair is a list of two places, of which the softer is chosen by a probit of the difference: the noise is normal, and a
+share of the answers may be guesses.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import expit, ndtri
+from scipy.special import expit, log_ndtr, ndtri
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.contract import Effects, Parameters, RowsLeftOut
+from softness_bayes.likelihood.contract import Effects, Levels, Parameters, RowsLeftOut, Shape
 from softness_bayes.likelihood.design import Design, Stated
-from softness_bayes.likelihood.error_laws import GUMBEL, GUMBEL_SD, ErrorLaw
-from softness_bayes.likelihood.information import Comparisons, order_information
+from softness_bayes.likelihood.error_laws import GUMBEL, GUMBEL_SD, NORMAL, ErrorLaw
+from softness_bayes.likelihood.lists import (
+    Comparisons,
+    RankedLists,
+    index_within,
+    order_information,
+    pair_information,
+    shares,
+)
 from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.pieces import in_pieces, left_out_in_pieces
-from softness_bayes.likelihood.places import RankedLists, shares
 from softness_bayes.likelihood.ratings import RatingsLikelihood
-from softness_bayes.likelihood.scales import RANKS, Scale
+from softness_bayes.likelihood.scales import PAIRS, RANKS, Scale
 from softness_bayes.parameters.laws import Prior
 
 FloatArray = NDArray[np.float64]
@@ -65,46 +76,18 @@ class OrderModel(RatingModel):
         return {}
 
     def draw_effects(
-        self,
-        rng: np.random.Generator,
-        parameters: Parameters,
-        shape: tuple[int, ...],
-        n_participants: int,
-        n_fabrics: int,
-        levels: Mapping[str, ArrayLike] | None = None,
+        self, rng: Generator, parameters: Parameters, shape: Shape, people: int, fabrics: int, levels: Levels = None
     ) -> Effects:
         """Return the scale of the noise, of batch ``shape``: there are no effects to draw."""
         return OrderEffects(np.broadcast_to(self.noise_of(parameters), shape))
 
-    def with_new_participants(self, rng: np.random.Generator, parameters: Parameters, effects: Effects) -> Effects:
-        """Return the same effects: participants have none."""
-        return effects
-
-    def for_others(
-        self,
-        rng: np.random.Generator,
-        parameters: Parameters,
-        effects: Effects,
-        n_participants: int,
-        fabric: IndexArray,
-    ) -> Effects:
-        """Return the same effects: neither participants nor fabrics have any."""
-        return effects
-
     def draw_ratings(
-        self,
-        rng: np.random.Generator,
-        design: Design,
-        drive: FloatArray,
-        parameters: Parameters,
-        effects: Effects,
+        self, rng: Generator, design: Design, drive: FloatArray, parameters: Parameters, effects: Effects
     ) -> FloatArray:
         """Return the place of every row in the list of all rows of its participant, shape (..., rows)."""
         return shares(self.draw_latent(rng, design, drive, parameters), design.participant)
 
-    def draw_latent(
-        self, rng: np.random.Generator, design: Design, drive: FloatArray, parameters: Parameters
-    ) -> FloatArray:
+    def draw_latent(self, rng: Generator, design: Design, drive: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the latent softness of every row of a design, shape (..., rows)."""
         expected = drive[..., design.condition]
         noise = self.error.draw(rng, expected.shape, parameters)
@@ -208,17 +191,12 @@ class OrderRatings(RatingsLikelihood):
         """True for every row: places have probabilities."""
         return np.ones(self.values.size, bool)
 
-    def with_values(self, values: ArrayLike) -> Self:
-        """Return the likelihood of other places of the same lists."""
-        return type(self)(values, self.design, self.model, self._over, self.lists)
-
-    def without(self, rows: NDArray[np.bool_]) -> Self:
-        """Return the lists without some touches: the remaining touches have the distribution of a shorter list."""
-        design = self.design.without(rows)
-        return type(self)(self.values[~rows], design, self.model, self._over, self.lists[~rows])
+    def _arguments(self, rows: NDArray[np.bool_] | None = None) -> dict[str, Any]:
+        """Return the lists: without some touches, the others have the distribution of a shorter list."""
+        return {"lists": self.lists if rows is None else self.lists[rows]}
 
     def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Log probability of all orders together, shape (...); arguments as `LogRatings.log_likelihood`."""
+        """Return the log probability of all orders together, shape (...); arguments as `LogRatings.log_likelihood`."""
         return self._by_list(mean_rate, parameters).sum(axis=-1)
 
     def left_out(self, mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
@@ -241,11 +219,11 @@ class OrderRatings(RatingsLikelihood):
         return left_out_in_pieces(alone, self._width, mean_rate, parameters)
 
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Log probability of each participant's orders, shape (draws, participants); participants are independent."""
+        """Return the log probability of each participant's orders, which are independent, shape (..., participants)."""
         return self._by_list(mean_rate, parameters) @ self._member
 
     def log_likelihood_answers(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Log probability of the order of each list, shape (..., lists); lists are independent given the parameters."""
+        """Return the log probability of the order of each list, shape (..., lists); lists are independent."""
         return in_pieces(self._by_list, self._width, mean_rate, parameters)
 
     def expected(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
@@ -289,19 +267,12 @@ class OrderRatings(RatingsLikelihood):
             np.add.at(found, (own[:, None], own), mates)
         return found
 
-    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
+    def draw_effects(self, rng: Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
         """Return the scale of the noise: there are no effects to draw."""
         shape = parameters.batch_shape(mean_rate.shape[:-1])
         return self.new_effects(rng, parameters, shape)
 
-    def replicate(
-        self,
-        rng: np.random.Generator,
-        drive: FloatArray,
-        parameters: Parameters,
-        effects: Effects,
-        mean_rate: FloatArray | None = None,
-    ) -> FloatArray:
+    def replicate(self, rng: Generator, drive: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return the places of a simulated order of every list, shape (..., rows); ties keep their places."""
         return self._places.reordered(self._latent(rng, drive, parameters), self.values)
 
@@ -338,7 +309,7 @@ class OrderRatings(RatingsLikelihood):
         """Return log probabilities of places for the touches of one slot, as `RankedLists.log_chances`."""
         return places.log_chances(worth, slot)
 
-    def _latent(self, rng: np.random.Generator, drive: FloatArray, parameters: Parameters) -> FloatArray:
+    def _latent(self, rng: Generator, drive: FloatArray, parameters: Parameters) -> FloatArray:
         """Return simulated latent values whose order is the answer, shape (..., rows)."""
         return self.model.draw_latent(rng, self.design, drive, parameters)
 
@@ -363,3 +334,111 @@ class OrderRatings(RatingsLikelihood):
     def _worth(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return each slot's drive in units of the noise, shape (..., lists, slots)."""
         return (self.drive(mean_rate, parameters) / self.model.noise_of(parameters)[..., None])[..., self._condition]
+
+
+@dataclass(frozen=True)
+class PairModel(OrderModel):
+    """Latent softness ± gamma x + e of a touch, x = log(N/N_ref + eps), e ~ N(0, varsigma²).
+
+    With lapses, a share of the answers are guesses, correct with probability 1/2.
+
+    Parameters
+    ----------
+    law
+        Law of the answers: normal, or normal with lapses.
+    """
+
+    scale: ClassVar[Scale] = PAIRS
+    law: ErrorLaw = NORMAL
+
+    @property
+    def error(self) -> ErrorLaw:  # type: ignore[override]
+        """The law of the answers."""
+        return self.law
+
+    @property
+    def needs(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Names of the model's parameters."""
+        return ("gamma", "varsigma", "eps", *self.law.needs)
+
+    def noise_of(self, parameters: Parameters) -> FloatArray:
+        """Return the standard deviation of the difference of two touches' noise, shape (...)."""
+        return math.sqrt(2.0) * np.maximum(np.asarray(parameters.varsigma, float), LEAST_SPREAD)
+
+    def chance(self, apart: FloatArray, parameters: Parameters | None = None) -> FloatArray:
+        """Return the probability that the first of two touches is judged softer, as `OrderModel.chance`."""
+        return np.exp(self.log_chance(apart, parameters))
+
+    def log_chance(self, apart: FloatArray, parameters: Parameters | None = None) -> FloatArray:
+        """Return the logarithm of `chance`."""
+        told = np.asarray(log_ndtr(apart))
+        if parameters is None or not self.law.lapses:
+            return told
+        guess = self.guesses(parameters)[..., None]
+        with np.errstate(divide="ignore"):
+            return np.asarray(np.logaddexp(np.log1p(-guess) + told, np.log(0.5 * guess)))
+
+    def information(
+        self, compared: Comparisons, drive: FloatArray, slopes: FloatArray, guesses: float = 0.0
+    ) -> FloatArray:
+        """Return the expected information from answers to pairs, shape (d, d), as `OrderModel.information`."""
+        return pair_information(compared, drive, slopes, guesses)
+
+    def observe(self, ratings: ArrayLike, design: Design, stated: Stated | None = None) -> PairRatings:
+        """Return the likelihood of these answers; by default successive rows of a participant form pairs."""
+        lists = _successive(design) if stated is None or stated.lists is None else stated.lists
+        return PairRatings(ratings, design, self, lists=lists)
+
+
+class PairRatings(OrderRatings):
+    """Answers to pairs of touches under a `PairModel`; arguments as for `OrderRatings`.
+
+    Raises
+    ------
+    InputError
+        If a list holds more than two touches.
+    """
+
+    model: PairModel
+
+    def __init__(
+        self,
+        ratings: ArrayLike,
+        design: Design,
+        model: PairModel = PairModel(),
+        over: Design | None = None,
+        lists: IndexArray | None = None,
+    ) -> None:
+        super().__init__(ratings, design, model, over, lists)
+        if self._places.width > 2:
+            raise InputError(f"ratings: a list holds {self._places.width} touches, expected pairs")
+
+    def _latent(self, rng: Generator, drive: FloatArray, parameters: Parameters) -> FloatArray:
+        """Return simulated latent values whose order is the answer, shape (..., rows); a guess is a random order."""
+        latent = super()._latent(rng, drive, parameters)
+        guessed = rng.random((*latent.shape[:-1], len(self._list))) < self.model.guesses(parameters)[..., None]
+        return np.where(guessed[..., self._of_row], rng.standard_normal(latent.shape), latent)
+
+    def _log_factors(self, places: RankedLists, worth: FloatArray, parameters: Parameters) -> FloatArray:
+        """Return the log probability of each pair's answer in its first slot; 0 for ties, which tell nothing."""
+        told = places.present.all(axis=1) & (places.group[:, -1] > 0)
+        answers = self.model.log_chance(worth[..., told, 0] - worth[..., told, -1], parameters)
+        found = np.zeros((*answers.shape[:-1], *worth.shape[-2:]))
+        found[..., told, 0] = answers
+        return found
+
+    def _log_chances(
+        self, places: RankedLists, worth: FloatArray, slot: int, parameters: Parameters
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return log probabilities of the places of one slot's touches, left out in `places`, given the others."""
+        both = places.among(places.present | (np.arange(places.width) == slot))
+        answer = self._log_factors(both, worth, parameters).sum(axis=-1)
+        if slot:
+            return answer, np.full(answer.shape, -np.inf)
+        with np.errstate(divide="ignore"):
+            return np.zeros(answer.shape), np.log(-np.expm1(answer))
+
+
+def _successive(design: Design) -> IndexArray:
+    """Return list indices that pair successive rows of each participant, shape (rows,)."""
+    return design.participant * design.n_rows + index_within(design.participant) // 2

@@ -12,14 +12,15 @@ from types import MappingProxyType
 from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.contract import NO_RESPONSE, Likelihood, Parameters, RowsLeftOut
+from softness_bayes.likelihood.contract import NO_RESPONSE, Levels, Likelihood, Parameters, RowsLeftOut, Shape
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
-from softness_bayes.likelihood.pieces import left_out_in_pieces
+from softness_bayes.likelihood.pieces import backward, cholesky, forward, left_out_in_pieces
 from softness_bayes.likelihood.scales import PLATE_FORCE, Scale
 from softness_bayes.parameters.laws import Prior
 from softness_bayes.touch.contact import STRAIN, Finger, SkinDisplacement, plate_line
@@ -27,7 +28,7 @@ from softness_bayes.touch.finger_grid import SkinLaws
 
 Array = NDArray[np.float64]
 
-_LEAST_VARIANCE = 1e-100
+_LEAST_VARIANCE = 1e-20
 _LOG_TWO_PI = math.log(2.0 * math.pi)
 _WIDTH = 8  # numbers per force and draw in leave-one-out densities
 
@@ -88,15 +89,15 @@ class FingerLaw(NamedTuple):
     mean: Array
     """Means of ln b and m, shape (..., fingers, 2)."""
     root: Array
-    """A square root of the covariance: mean + root z for standard normal z, shape (..., fingers, 2, 2)."""
+    """Lower factor of the covariance: mean + root z for standard normal z, shape (..., fingers, 2, 2)."""
 
 
 class CompressionForces(Likelihood):
     """Rigid-plate forces under a `PlateModel`, with fingers and noise integrated out.
 
     An orthogonal transformation of a finger's forces concentrates all information about its skin in two components; the
-    others contain only noise. This gives a 2 x 2 normal law per finger in closed form. Fingers are the participants of
-    the design, and each force is a separate condition.
+    others contain only noise. The deviations of a finger then have a normal law in closed form. Fingers are the
+    participants of the design, and each force is a separate condition.
 
     Parameters
     ----------
@@ -167,12 +168,13 @@ class CompressionForces(Likelihood):
 
     def log_likelihood_participants(self, mean_rate: Array, parameters: Parameters) -> Array:
         """Return the log density of each finger's forces, shape (..., fingers); fingers are independent."""
-        law, rows = self._law(mean_rate, parameters), self.design.cells.sum(axis=1)
-        variance = law.variance[..., None]
-        noise = (rows - 2) * (_LOG_TWO_PI + np.log(variance)) + self._noise / variance
-        determinant = np.log(law.second * law.first_given) + 2 * _LOG_TWO_PI
-        quadratic = law.residual[..., 1] ** 2 / law.second + law.apart**2 / law.first_given
-        return -0.5 * (noise + determinant + quadratic) - np.bincount(self.finger, self._log, self.n_fingers)
+        given, rows = self._given(mean_rate, parameters), self.design.cells.sum(axis=1)
+        variance = given.variance[..., None]
+        left = given.residual - (given.reach @ given.likely[..., None])[..., 0]
+        quadratic = ((left**2).sum(axis=-1) + self._noise) / variance + (given.likely**2).sum(axis=-1)
+        determinant = 2.0 * np.log(np.diagonal(given.root, axis1=-2, axis2=-1)).sum(axis=-1)
+        density = -0.5 * (rows * (_LOG_TWO_PI + np.log(variance)) + determinant + quadratic)
+        return density - np.bincount(self.finger, self._log, self.n_fingers)
 
     def left_out(self, mean_rate: Array, parameters: Parameters) -> RowsLeftOut:
         """Return the law of each force given all the others at its observation, arrays of shape (..., rows)."""
@@ -193,26 +195,14 @@ class CompressionForces(Likelihood):
         """Return u of every row, the regressor of ln F with slope m, shape (rows,)."""
         return self._line.slope
 
-    def new_effects(
-        self,
-        rng: np.random.Generator,
-        parameters: Parameters,
-        shape: tuple[int, ...],
-        levels: Mapping[str, ArrayLike] | None = None,
-    ) -> FingerEffects:
+    def new_effects(self, rng: Generator, parameters: Parameters, shape: Shape, levels: Levels = None) -> FingerEffects:
         """Return deviations of the same number of new fingers, of batch ``shape``; there are no common effects."""
         spreads = (parameters.tau_b, parameters.tau_m)
         return FingerEffects(
             *(np.asarray(v, float)[..., None] * rng.standard_normal((*shape, self.n_fingers)) for v in spreads)
         )
 
-    def with_new_participants(
-        self, rng: np.random.Generator, parameters: Parameters, effects: FingerEffects
-    ) -> FingerEffects:
-        """Return the deviations of the same number of new fingers."""
-        return self.new_effects(rng, parameters, effects.log_b.shape[:-1])
-
-    def draw_effects(self, rng: np.random.Generator, mean_rate: Array, parameters: Parameters) -> FingerEffects:
+    def draw_effects(self, rng: Generator, mean_rate: Array, parameters: Parameters) -> FingerEffects:
         """Return exact draws of the fingers' deviations given their forces, one for each point of the batch."""
         law = self.finger_law(parameters, mean_rate)
         drawn = law.mean + (law.root @ rng.standard_normal((*law.mean.shape, 1)))[..., 0]
@@ -220,25 +210,12 @@ class CompressionForces(Likelihood):
 
     def finger_law(self, parameters: Parameters, mean_rate: Array = NO_RESPONSE) -> FingerLaw:
         """Return the law of each finger's deviations from the typical one given its forces, for batch shape (...)."""
-        law = self._law(mean_rate, parameters)
-        shape = law.residual.shape[:-1]
-        spread = np.stack(np.broadcast_arrays(parameters.tau_b, parameters.tau_m), axis=-1)
-        spread = np.broadcast_to(spread[..., None, :], (*shape, 2))
-        reach = self._turn * spread[..., None, :]  # effect of each deviation's standard deviation, (..., fingers, 2, 2)
-        turned = np.swapaxes(reach, -1, -2) / law.variance[..., None, None, None]
-        # in standard deviations of the deviations, so that spreads of 0 need no special case
-        covariance = np.linalg.inv(np.eye(2) + turned @ reach)
-        mean = (covariance @ (turned @ law.residual[..., None]))[..., 0]
-        return FingerLaw(spread * mean, spread[..., None] * np.linalg.cholesky(covariance))
+        given = self._given(mean_rate, parameters)
+        inverse = forward(given.root, np.broadcast_to(np.eye(2), given.root.shape))
+        root = np.linalg.cholesky(np.swapaxes(inverse, -1, -2) @ inverse)
+        return FingerLaw(given.spread * given.likely, given.spread[..., None] * root)
 
-    def replicate(
-        self,
-        rng: np.random.Generator,
-        drive: Array,
-        parameters: Parameters,
-        effects: FingerEffects,
-        mean_rate: Array | None = None,
-    ) -> Array:
+    def replicate(self, rng: Generator, drive: Array, parameters: Parameters, effects: FingerEffects) -> Array:
         """Return a force [N] for every row, shape (..., rows)."""
         expected = drive + self._own(effects)
         noise = self.model.error.draw(rng, expected.shape, parameters)
@@ -268,35 +245,31 @@ class CompressionForces(Likelihood):
     def _without_one(self, mean_rate: Array, parameters: Parameters) -> tuple[Array, Array]:
         """Return mean and standard deviation of each log force given all the others, shape (..., rows).
 
-        The normal equations of a finger's deviations are summed over its other forces, which avoids cancellation.
+        The precision is that of one force at least, without any other.
         """
-        z = np.column_stack([np.ones(self.values.size), self._line.slope])
-        others = (self.finger[:, None] == self.finger) & ~np.eye(self.values.size, dtype=bool)
-        scale = np.stack(np.broadcast_arrays(parameters.tau_b, parameters.tau_m), axis=-1)[..., None, :]
+        law, typical = self.finger_law(parameters, mean_rate), self.drive(mean_rate, parameters)
         variance = np.maximum(self.model.error_sd(parameters) ** 2, _LEAST_VARIANCE)[..., None]
-        typical = self.drive(mean_rate, parameters)
-        left = np.einsum("ij,...j,ja->...ia", others, self._log - typical, z) / variance[..., None]
-        information = np.einsum("ij,ja,jb->iab", others, z, z) / variance[..., None, None]
-        own = scale * z  # effect of each deviation on the row, in its standard deviations
-        precision = np.eye(2) + scale[..., None] * information * scale[..., None, :]
-        solved = np.linalg.solve(precision, np.stack([scale * left, np.broadcast_to(own, left.shape)], axis=-1))
-        mean, reach = np.moveaxis((own[..., None] * solved).sum(axis=-2), -1, 0)
-        return typical + mean, np.sqrt(variance + reach)
+        z = np.column_stack([np.ones(self.values.size), self._line.slope])
+        own = typical + (z * law.mean[..., self.finger, :]).sum(axis=-1)
+        reach = (z[..., None] * law.root[..., self.finger, :, :]).sum(axis=-2)
+        spread = np.stack(np.broadcast_arrays(parameters.tau_b, parameters.tau_m), axis=-1)[..., None, :]
+        least = 1.0 / (variance + ((spread * z) ** 2).sum(axis=-1))
+        precision = np.maximum((1.0 - (reach**2).sum(axis=-1) / variance) / variance, least)
+        return self._log - (self._log - own) / variance / precision, precision**-0.5
 
-    def _law(self, mean_rate: Array, parameters: Parameters) -> _Law:
+    def _given(self, mean_rate: Array, parameters: Parameters) -> _Given:
+        """Return the law of each finger's deviations given its forces."""
         b, m, tau_b, tau_m, varsigma = (np.asarray(getattr(parameters, name), float) for name in PLATE_PARAMETERS)
         shape = parameters.batch_shape(mean_rate.shape[:-1])
         variance = np.broadcast_to(np.maximum(varsigma**2, _LEAST_VARIANCE), shape)
         skin = np.stack([np.broadcast_to(np.log(b), shape), np.broadcast_to(m, shape)], axis=-1)
         residual = self._turned - np.einsum("jab,...b->...ja", self._turn, skin)
-        (r11, r12), r22 = self._turn[:, 0].T, self._turn[:, 1, 1]
-        s, g, h = variance[..., None], tau_b[..., None] ** 2, tau_m[..., None] ** 2
-        second = s + h * r22**2
-        # every term of the determinant is positive, so there is no cancellation
-        first_given = ((s + g * r11**2) * second + s * h * r12**2) / second
-        gain = h * r12 * r22 / second
-        apart = residual[..., 0] - gain * residual[..., 1]
-        return _Law(variance, residual, second, first_given, gain, apart)
+        spread = np.broadcast_to(np.stack(np.broadcast_arrays(tau_b, tau_m), axis=-1)[..., None, :], (*shape, 1, 2))
+        reach = self._turn * spread[..., None, :]
+        turned = np.swapaxes(reach, -1, -2) / variance[..., None, None, None]
+        root = cholesky(np.eye(2) + turned @ reach, 1.0)
+        likely = backward(root, forward(root, turned @ residual[..., None]))[..., 0]
+        return _Given(variance, spread, residual, reach, likely, root)
 
 
 @dataclass(frozen=True, eq=False)
@@ -352,12 +325,12 @@ class PressedRaters:
         return SkinLaws(mean[..., 0], mean[..., 1], root[..., 0, 0], root[..., 1, 0], root[..., 1, 1])
 
 
-class _Law(NamedTuple):
-    """The normal law of each finger's two transformed forces."""
+class _Given(NamedTuple):
+    """Each finger's two transformed forces, and its deviations in standard deviations given them."""
 
-    variance: Array  # of the noise
-    residual: Array  # (..., fingers, 2)
-    second: Array  # variance of the second
-    first_given: Array  # variance of the first given the second
-    gain: Array  # of the first on the second
-    apart: Array  # residual of the first given the second
+    variance: Array  # of the noise, (...)
+    spread: Array  # standard deviations of ln b and m between fingers, (..., 1, 2)
+    residual: Array  # transformed forces less those of the typical finger, (..., fingers, 2)
+    reach: Array  # effect of each deviation on them, (..., fingers, 2, 2)
+    likely: Array  # most probable deviations, (..., fingers, 2)
+    root: Array  # lower factor of their precision, (..., fingers, 2, 2)

@@ -16,7 +16,7 @@ without its own factor.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import cache, cached_property
 from typing import NamedTuple
 
@@ -25,17 +25,17 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 from scipy.stats import qmc
 
-from softness_bayes.likelihood import student
+from softness_bayes.likelihood.error_laws import student_log_density
 from softness_bayes.likelihood.laplace import Laplace, laplace
 from softness_bayes.likelihood.pieces import BLOCK, backward, cholesky, forward, log_sum, pieces
 from softness_bayes.likelihood.rater_effects import Given, Table
-from softness_bayes.likelihood.row_laws import below, row_terms
+from softness_bayes.likelihood.row_laws import RowLaw
 
 FloatArray = NDArray[np.float64]
 
-SPACING = 0.8
+SPACING = 1.1
 """Spacing of nodes, in standard deviations of the narrowest density that they may have to resolve."""
-REACH = 7.0
+REACH = 6.0
 """Distance of the outermost nodes from the mode, in standard deviations of the widest density."""
 MOST_NODES = 3000
 """Most nodes of a rater's scale or of the level."""
@@ -67,6 +67,41 @@ class Points(NamedTuple):
     """Log density of the rater's rows times the point's weight, without the scale's law, (draws, raters, points)."""
 
 
+class LevelNodes(NamedTuple):
+    """Log densities of raters' rows at nodes of the level, which all raters share."""
+
+    mu: FloatArray
+    """The nodes, shape (..., nodes)."""
+    of_raters: FloatArray
+    """Log density of each rater's rows given the level, shape (..., raters, nodes)."""
+    joint: FloatArray
+    """Log density of the level and all rows, times the spacing of the nodes, shape (..., nodes)."""
+
+    @classmethod
+    def of(cls, mu: FloatArray, of_raters: FloatArray, centre: float, spread: float) -> LevelNodes:
+        """Return the densities at evenly spaced nodes, with the level's prior mean and standard deviation."""
+        z = (mu - centre) / spread
+        log_step = np.log(mu[..., 1:2] - mu[..., :1])
+        prior = -0.5 * z * z - np.log(spread) - _LOG_ROOT_TWO_PI
+        return cls(mu, of_raters, of_raters.sum(axis=-2) + prior + log_step)
+
+    @property
+    def log_density(self) -> FloatArray:
+        """Log density of all rows, shape (...)."""
+        return log_sum(self.joint, axis=-1)
+
+    @property
+    def without_one(self) -> FloatArray:
+        """Log density of the level and the rows of all raters but one, times the spacing, (..., raters, nodes)."""
+        return np.asarray(self.joint[..., None, :] - self.of_raters)
+
+    @property
+    def given_others(self) -> FloatArray:
+        """Log density of each rater's rows given all others', shape (..., raters)."""
+        whole = self.log_density[..., None]
+        return whole if self.of_raters.shape[-2] == 1 else whole - log_sum(self.without_one, axis=-1)
+
+
 class Marginal:
     """The density of all rows with the level and raters' effects integrated out, at one draw without `omega`.
 
@@ -76,16 +111,14 @@ class Marginal:
         The rows, and everything but the effects.
     law
         Laplace's approximation, which tells where points and nodes are needed.
-    finer
-        Factor of the numbers of points and nodes.
     """
 
-    def __init__(self, table: Table, given: Given, law: Laplace, finer: int = 1) -> None:
-        self.table, self.given, self._finer = table, given, finer
+    def __init__(self, table: Table, given: Given, law: Laplace) -> None:
+        self.table, self.given = table, given
         self._mode = table.effects(given, law.mode)
         self._mu_mode = table.mu(self._mode.level)
         expected, c, spread = table.expectations(given, self._mode)
-        slope = row_terms(table.law, given.rows, expected, spread, given.law_parameters).of_mean
+        slope = RowLaw(table.law, given.rows, expected, spread, given.law_parameters).terms().of_mean
         # information of rows at most so far from the mode as their intervals are wide; none beyond an open end
         information = np.broadcast_to(1.0 / (spread**2 + 0.25 * (given.rows.high - given.rows.low) ** 2), slope.shape)
         self._sharpest = table.count / given.spread**2
@@ -110,10 +143,9 @@ class Marginal:
         # the sharpest density of the level and a rater's scale together
         sharp = self._sharpest / (1.0 + self._tau**2 * self._sharpest)
         narrow = (table.spread**-2 + sharp.sum(axis=-1) + self._tau[:, 0] ** -2) ** -0.5
-        number = _number(2.0 * half, narrow, finer)
+        number = _number(2.0 * half, narrow)
         self.mu = self._mu_mode[:, None] + half[:, None] * np.linspace(-1.0, 1.0, number)
         """Nodes of the level, shape (draws, nodes)."""
-        self._log_step = np.log(2.0 * half / (number - 1))[:, None]
 
     def _ends(
         self, slope: FloatArray, information: FloatArray, of_rater: FloatArray, c: FloatArray
@@ -135,7 +167,7 @@ class Marginal:
 
     def _evenly_spaced(self, low: FloatArray, high: FloatArray) -> Points:
         """Return evenly spaced points of each rater's scale between these ends."""
-        number = _number(high - low, (self._sharpest + self._tau**-2) ** -0.5, self._finer)
+        number = _number(high - low, (self._sharpest + self._tau**-2) ** -0.5)
         scale = low[..., None] + (high - low)[..., None] * np.linspace(0.0, 1.0, number)
         others = np.empty((*scale.shape, 0))
         weight = np.log((high - low) / (number - 1))[..., None]
@@ -165,8 +197,7 @@ class Marginal:
         aim[..., 0] = self._mu_mode[:, None]
         # a row fewer leaves a wider law
         wider = INFLATION * np.sqrt(1.0 + 1.0 / np.maximum(self.table.count - 1.0, 1.0))
-        number = OWN_DRAWS * self._finer
-        values, density = importance_draws(centre, factor, wider, number, FREEDOM, (aim, broad))
+        values, density = importance_draws(centre, factor, wider, OWN_DRAWS, FREEDOM, (aim, broad))
         prior = -0.5 * (values[..., 1:] ** 2).sum(axis=-1) - (size - 1) * _LOG_ROOT_TWO_PI
         with np.errstate(over="ignore"):
             rows = self.table.of_raters(given, values[..., 0], values[..., 1:])
@@ -174,11 +205,11 @@ class Marginal:
         return Points(values[..., 0], values[..., 1:], weight)
 
     @cached_property
-    def _of_levels(self) -> FloatArray:
-        """Log density of each rater's rows at the nodes of the level, log R_p, shape (draws, raters, nodes)."""
+    def levels(self) -> LevelNodes:
+        """Log densities at the nodes of the level."""
         weight = self.points.log_weight[:, :, None]
         parts = [log_sum(weight + self._law_of_scale(some), axis=-1) for some in self._some_levels]
-        return np.concatenate(parts, axis=-1)
+        return LevelNodes.of(self.mu, np.concatenate(parts, axis=-1), self.table.centre, self.table.spread)
 
     @property
     def _some_levels(self) -> list[slice]:
@@ -192,29 +223,9 @@ class Marginal:
         return np.asarray(-0.5 * z * z - np.log(tau) - _LOG_ROOT_TWO_PI)
 
     @cached_property
-    def _joint(self) -> FloatArray:
-        """Log density of the level and all rows, times the spacing of its nodes, (draws, nodes)."""
-        z = (self.mu - self.table.centre) / self.table.spread
-        prior = -0.5 * z * z - np.log(self.table.spread) - _LOG_ROOT_TWO_PI
-        return np.asarray(self._of_levels.sum(axis=1) + prior + self._log_step)
-
-    @property
-    def log_density(self) -> FloatArray:
-        """Log density of all rows, shape (draws,)."""
-        return np.asarray(log_sum(self._joint, axis=-1))
-
-    @property
-    def of_raters(self) -> FloatArray:
-        """Log density of each rater's rows given all others', shape (draws, raters)."""
-        if self.table.n_raters == 1:  # the others are none
-            return self.log_density[:, None]
-        rest = log_sum(self._joint[:, None] - self._of_levels, axis=-1)
-        return np.asarray(self.log_density[:, None] - rest)
-
-    @cached_property
     def _given_others(self) -> FloatArray:
         """Log weight of each rater's points given all rows of the other raters, (draws, raters, points)."""
-        rest = self._joint[:, None] - self._of_levels
+        rest = self.levels.without_one
         parts = [log_sum(rest[..., some, None] + self._law_of_scale(some), axis=2) for some in self._some_levels]
         return log_sum(np.array(parts), axis=0)
 
@@ -222,20 +233,18 @@ class Marginal:
         """Return the log density of each row given all others, and the probability below it, each (draws, rows)."""
         table, given, points = self.table, self.given, self.points
         weight = points.log_weight + self._given_others
-        value, expected, spread = table.row_values(given, points.scale, points.others)
+        law, value = table.row_values(given, points.scale, points.others)
         own = np.swapaxes(weight, -1, -2)[..., table.rater]
         with np.errstate(invalid="ignore"):
             rest = np.where(value > -np.inf, own - value, -np.inf)
         density = log_sum(own, axis=1) - log_sum(rest, axis=1)
         share = np.exp(rest - log_sum(rest, axis=1)[:, None])
-        parameters = given.law_parameters.each(lambda value: value[:, None])
-        smaller = below(table.law, given.rows.at_points(), expected, spread, parameters)
-        return density, (share * smaller).sum(axis=1)
+        return density, (share * law.below()).sum(axis=1)
 
     def draw(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Return draws of mu, (draws,), and of raters' effects less the level in units of their spreads, as `own`."""
         points, tau = self.points, self._tau
-        mu = _draw_between(rng, self.mu, self._joint)
+        mu = _draw_between(rng, self.mu, self.levels.joint)
         if points.others.shape[-1]:
             z = (points.scale - mu[:, None, None]) / tau[..., None]
             weight = points.log_weight - 0.5 * z * z
@@ -249,9 +258,9 @@ class Marginal:
         return mu, ((scale - mu[:, None]) / tau)[..., None]
 
 
-def _number(extent: FloatArray, narrow: FloatArray, finer: int) -> int:
+def _number(extent: FloatArray, narrow: FloatArray) -> int:
     """Return the number of evenly spaced nodes that all extents need, given the narrowest standard deviations."""
-    return int(np.clip(np.ceil((extent / (SPACING * narrow)).max() * finer) + 1, 9, MOST_NODES))
+    return int(np.clip(np.ceil((extent / (SPACING * narrow)).max()) + 1, 9, MOST_NODES))
 
 
 def _between(values: FloatArray) -> FloatArray:
@@ -337,7 +346,7 @@ def heavy_tailed(number: int, dimension: int, freedom: float) -> FloatArray:
 
 def log_heavy_tailed(x: FloatArray, freedom: float) -> FloatArray:
     """Return the log density of `heavy_tailed` at x (..., dimension)."""
-    return np.asarray(student.log_density(x, np.array(freedom)).sum(axis=-1))
+    return np.asarray(student_log_density(x, np.array(freedom)).sum(axis=-1))
 
 
 class Drawn(NamedTuple):
@@ -358,6 +367,15 @@ class _Parts(NamedTuple):
     h: FloatArray  # (importance draws, fabrics)
     marginals: list[Marginal]
 
+    def without(self, density: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the density of each column given all else, and each importance draw's weight without the column.
+
+        `density` is that at each importance draw, (importance draws, columns).
+        """
+        log_odds = self.log_weight[:, None] - log_sum(self.log_weight, axis=0) - density
+        found = -log_sum(log_odds, axis=0)
+        return found, np.exp(log_odds + found)
+
 
 class Integrals:
     """Integrals over all effects, for one table.
@@ -366,12 +384,10 @@ class Integrals:
     ----------
     table
         The rows.
-    finer
-        Factor of the numbers of points of the reference.
     """
 
-    def __init__(self, table: Table, finer: int = 1) -> None:
-        self.table, self._finer = table, finer
+    def __init__(self, table: Table) -> None:
+        self.table = table
 
     def laplace(self, given: Given) -> FloatArray:
         """Return the log density of all rows by Laplace's method, shape (draws,), given everything but the effects."""
@@ -380,65 +396,41 @@ class Integrals:
 
     def log_density(self, given: Given) -> FloatArray:
         """Return the log density of all rows by the reference, shape (draws,)."""
-        return self._each(
-            given,
-            lambda marginal: marginal.log_density,
-            lambda parts: log_sum(parts.log_weight[None], axis=1),
-        )
+        return np.array([log_sum(parts.log_weight, axis=0) for parts in self._parts(given)])
 
     def of_rows(self, given: Given) -> tuple[FloatArray, FloatArray]:
         """Return the log density of each row given all others and the probability below it, each (draws, rows)."""
-
-        def averaged(parts: _Parts) -> FloatArray:
+        found = []
+        for parts in self._parts(given):
             density, smaller = np.concatenate([np.stack(m.of_rows()) for m in parts.marginals], axis=1)
-            log_odds = parts.log_weight[:, None] - log_sum(parts.log_weight, axis=0) - density
-            alone = -log_sum(log_odds, axis=0)
-            return np.stack([alone, (np.exp(log_odds + alone) * smaller).sum(axis=0)])[:, None]
-
-        found = self._each(given, lambda marginal: np.stack(marginal.of_rows()), averaged, axis=1)
-        return found[0], found[1]
+            alone, weight = parts.without(density)
+            found.append((alone, (weight * smaller).sum(axis=0)))
+        density, smaller = np.stack(found, axis=1)
+        return density, smaller
 
     def of_raters(self, given: Given) -> FloatArray:
         """Return the log density of each rater's rows given all others', shape (draws, raters)."""
-
-        def averaged(parts: _Parts) -> FloatArray:
-            density = np.concatenate([marginal.of_raters for marginal in parts.marginals])
-            log_odds = parts.log_weight[:, None] - log_sum(parts.log_weight, axis=0) - density
-            return np.asarray(-log_sum(log_odds, axis=0))[None]
-
-        return self._each(given, lambda marginal: marginal.of_raters, averaged)
+        every = (
+            (parts, np.concatenate([m.levels.given_others for m in parts.marginals])) for parts in self._parts(given)
+        )
+        return np.stack([parts.without(density)[0] for parts, density in every])
 
     def draw(self, rng: np.random.Generator, given: Given) -> Drawn:
         """Return draws of all effects given the rows, one for each draw of everything else."""
-
-        def packed(marginal: Marginal) -> FloatArray:
-            mu, own = marginal.draw(rng)
-            return np.concatenate([mu[:, None], own.reshape(len(mu), -1)], axis=1)
-
-        def chosen(parts: _Parts) -> FloatArray:
+        found = []
+        for parts in self._parts(given):
             k = int((parts.log_weight + rng.gumbel(size=parts.log_weight.shape)).argmax())
-            every = np.concatenate([packed(marginal) for marginal in parts.marginals])
-            return np.concatenate([every[k], parts.h[k]])[None]
+            mu, own = parts.marginals[k].draw(rng)
+            found.append(Drawn(mu[0], own[0], parts.h[k]))
+        return Drawn(*(np.stack(part) for part in zip(*found, strict=True)))
 
-        found = self._each(given, packed, chosen)
-        size = self.table.n_raters, len(given.effects)
-        last = 1 + size[0] * size[1]
-        fabric = found[:, last:] if given.omega is not None else np.zeros((len(found), self.table.n_fabrics))
-        return Drawn(found[:, 0], found[:, 1:last].reshape(-1, *size), fabric)
-
-    def _each(
-        self,
-        given: Given,
-        known: Callable[[Marginal], FloatArray],
-        averaged: Callable[[_Parts], FloatArray],
-        axis: int = 0,
-    ) -> FloatArray:
-        """Return a quantity of every draw: from its marginal density, or averaged over fabrics' deviations."""
+    def _parts(self, given: Given) -> Iterator[_Parts]:
+        """Yield, for each draw of everything else, importance draws of fabrics' deviations: one if they have none."""
         if given.omega is None:
-            found = [known(marginal) for marginal in self._marginals(given)]
+            for marginal in self._marginals(given):
+                yield _Parts(marginal.levels.log_density, np.zeros((1, self.table.n_fabrics)), [marginal])
         else:
-            found = [averaged(self._over_fabrics(given.part(slice(k, k + 1)))) for k in range(len(given.drive))]
-        return np.concatenate(found, axis=axis)
+            yield from (self._over_fabrics(given.part(slice(k, k + 1))) for k in range(len(given.drive)))
 
     def _marginals(self, given: Given, start: FloatArray | None = None) -> Iterator[Marginal]:
         """Yield the marginal density of each draw; their numbers of nodes differ."""
@@ -447,7 +439,7 @@ class Integrals:
             law = laplace(self.table, part, None if start is None else start[block])
             for k in range(len(part.drive)):
                 one = slice(k, k + 1)
-                yield Marginal(self.table, part.part(one), law.part(one), self._finer)
+                yield Marginal(self.table, part.part(one), law.part(one))
 
     def _over_fabrics(self, given: Given) -> _Parts:
         """Return importance draws of fabrics' deviations for one draw of everything else."""
@@ -458,11 +450,10 @@ class Integrals:
         last = law.mode.shape[1] - fabrics
         # a rater fewer leaves a wider law
         wider = np.asarray(FABRIC_INFLATION * (1.0 + 1.0 / max(self.table.n_raters - 1, 1)) ** 0.5)
-        number = FABRIC_DRAWS * self._finer
-        h, density = importance_draws(law.mode[0, last:], root, wider, number, FABRIC_FREEDOM)
+        h, density = importance_draws(law.mode[0, last:], root, wider, FABRIC_DRAWS, FABRIC_FREEDOM)
         prior = -0.5 * (h**2 + np.log(2.0 * np.pi)).sum(axis=-1)
-        many = np.zeros(number, np.intp)
+        many = np.zeros(FABRIC_DRAWS, np.intp)
         inner = given.part(many).with_fabrics(h, self.table.fabric)
         marginals = list(self._marginals(inner, law.mode[many, :last]))
-        rows = np.concatenate([marginal.log_density for marginal in marginals])
+        rows = np.concatenate([marginal.levels.log_density for marginal in marginals])
         return _Parts(rows + prior - density, h, marginals)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.error_laws import ErrorLaw
-from softness_bayes.likelihood.row_laws import Rows, log_probability, row_terms
+from softness_bayes.likelihood.row_laws import RowLaw, Rows
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
@@ -180,7 +180,7 @@ class Table:
         """Return the sums over rows given all effects."""
         expected, c, spread = self.expectations(given, effects)
         noise = given.tau_varsigma is not None
-        terms = row_terms(self.law, given.rows, expected, spread, given.law_parameters, noise)
+        terms = RowLaw(self.law, given.rows, expected, spread, given.law_parameters).terms(noise)
         mean, mean2 = terms.of_mean, terms.of_mean2
         add = self._summing(given)
         second = add(mean2)
@@ -194,10 +194,8 @@ class Table:
                 sums["both_c"] = add(terms.of_both * c)
         return sums
 
-    def row_values(
-        self, given: Given, scale: FloatArray, others: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return each row's log probability at points of its rater's effects, its expectation, and the spread.
+    def row_values(self, given: Given, scale: FloatArray, others: FloatArray) -> tuple[RowLaw, FloatArray]:
+        """Return the law of each row at points of its rater's effects, and its log probability (draws, points, rows).
 
         Parameters
         ----------
@@ -207,10 +205,6 @@ class Table:
             Points of mu + tau z, shape (draws, raters, points).
         others
             Further effects in units of their spreads, shape (draws, raters, points, effects - 1).
-
-        Returns
-        -------
-        tuple of ndarray, shapes (draws, points, rows), of the spread (draws, 1 or points, 1 or rows)
         """
         c, spread, k = given.drive[:, None], given.spread[:, None], 0
 
@@ -224,7 +218,8 @@ class Table:
             spread = spread * np.exp(given.tau_varsigma[:, None] * of_rows(others[..., k]))
         expected = of_rows(scale) + c
         parameters = given.law_parameters.each(lambda value: value[:, None])
-        return log_probability(self.law, given.rows.at_points(), expected, spread, parameters), expected, spread
+        law = RowLaw(self.law, given.rows.at_points(), expected, spread, parameters)
+        return law, law.log_probability()
 
     def of_raters(self, given: Given, scale: FloatArray, others: FloatArray) -> FloatArray:
         """Return the log density of each rater's rows at points, (draws, raters, points); arguments of `row_values`."""
@@ -232,7 +227,7 @@ class Table:
         step = max(1, _ROOM // (self.rater.size * len(scale)))
         for start in range(0, points, step):
             some = slice(start, start + step)
-            value = self.row_values(given, scale[..., some], others[..., some, :])[0]
+            value = self.row_values(given, scale[..., some], others[..., some, :])[1]
             each.append(np.swapaxes(np.add.reduceat(value, self.first, axis=-1), -1, -2))
         return np.concatenate(each, axis=-1)
 

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.contract import Effects, Likelihood, Model, Parameters
+from softness_bayes.likelihood.contract import Effects, Levels, Likelihood, Model, Parameters, Shape
 from softness_bayes.likelihood.design import Design, IndexArray, LoadErrors, Stated
-from softness_bayes.likelihood.directions import RatingDirection
+from softness_bayes.likelihood.scales import RatingDirection
 from softness_bayes.touch.finger_grid import SkinLaws
 
 FloatArray = NDArray[np.float64]
@@ -41,50 +41,43 @@ class RatingsModel(Model, Protocol):
     def drive_at(
         self, elsewhere: FloatArray, design: Design, mean_rate: FloatArray, parameters: Parameters
     ) -> FloatArray:
-        """Return `Likelihood.drive` at other mean rates [Hz], shape (..., k), centred over the design's rows."""
+        """Return `Likelihood.drive` at other mean rates [Hz], shape (..., k), centred over the rows of the design.
+
+        The first columns of `mean_rate` are those of the design's conditions.
+        """
 
     def drive(self, design: Design, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return `Likelihood.drive` of a design's conditions, shape (..., conditions)."""
+        """Return `Likelihood.drive` for each column of the mean rates, shape (..., columns)."""
+        return self.drive_at(mean_rate, design, mean_rate, parameters)
 
     def draw_effects(
-        self,
-        rng: np.random.Generator,
-        parameters: Parameters,
-        shape: tuple[int, ...],
-        n_participants: int,
-        n_fabrics: int,
-        levels: Mapping[str, ArrayLike] | None = None,
+        self, rng: Generator, parameters: Parameters, shape: Shape, people: int, fabrics: int, levels: Levels = None
     ) -> Effects:
-        """Return effects of the given numbers of new participants and fabrics, as `Likelihood.new_effects` does."""
+        """Return effects of new participants and fabrics, as `Likelihood.new_effects` does.
 
-    def with_new_participants(self, rng: np.random.Generator, parameters: Parameters, effects: Effects) -> Effects:
-        """Replace all participants' effects with those of new participants."""
+        A NamedTuple, the first of whose arrays has the batch `shape`; effects of fabrics, if any, are its `fabric`.
+        """
 
     def for_others(
-        self,
-        rng: np.random.Generator,
-        parameters: Parameters,
-        effects: Effects,
-        n_participants: int,
-        fabric: NDArray[np.intp],
+        self, rng: Generator, parameters: Parameters, effects: Effects, people: int, fabric: IndexArray
     ) -> Effects:
         """Return effects for a number of new participants and for other fabrics.
 
         Parameters
         ----------
-        rng, parameters, effects, n_participants
+        rng, parameters, effects, people
             Effects are those of `Likelihood.draw_effects`; effects shared by all ratings are unchanged.
         fabric
             Each fabric's index among those of `effects`, shape (fabrics,); -1 stands for a new fabric, which is drawn.
         """
+        levels = {name: getattr(effects, name) for name in self.levels}
+        new = self.draw_effects(rng, parameters, np.shape(effects[0]), people, fabric.size, levels)
+        if "fabric" not in new._fields:
+            return new
+        return new._replace(fabric=np.where(fabric >= 0, effects.fabric[..., fabric], new.fabric))
 
     def draw_ratings(
-        self,
-        rng: np.random.Generator,
-        design: Design,
-        drive: FloatArray,
-        parameters: Parameters,
-        effects: Effects,
+        self, rng: Generator, design: Design, drive: FloatArray, parameters: Parameters, effects: Effects
     ) -> FloatArray:
         """Return a rating for every row of a design, shape (..., rows)."""
 
@@ -121,19 +114,24 @@ class RatingsLikelihood(Likelihood):
             raise InputError(f"ratings: shape {self.values.shape}, expected one for each of {design.n_rows} rows")
         self.design, self.model, self._over = design, model, over or design
 
+    def _arguments(self, rows: NDArray[np.bool_] | None = None) -> dict[str, Any]:
+        """Return further arguments of the constructor: for other values of all rows, or for the values of some."""
+        return {}
+
     def with_values(self, values: ArrayLike) -> Self:
         """Return the likelihood of other ratings of the same rows."""
-        return type(self)(values, self.design, self.model, self._over)
+        return type(self)(values, self.design, self.model, over=self._over, **self._arguments())
 
     def without(self, rows: NDArray[np.bool_]) -> Self:
         """Return the likelihood of the other ratings, with x still centred over all rows.
 
         The joint density factorises as p(y) = p(others) p(rows | others).
         """
-        return type(self)(self.values[~rows], self.design.without(rows), self.model, self._over)
+        left, design = self._arguments(~rows), self.design.without(rows)
+        return type(self)(self.values[~rows], design, self.model, over=self._over, **left)
 
     def drive(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return the response's contribution in each condition, shape (..., conditions), in `Scale.unit`."""
+        """Return the response's contribution for each column of the mean rates, in `Scale.unit`."""
         return self.drive_at(mean_rate, mean_rate, parameters)
 
     def drive_at(self, elsewhere: FloatArray, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
@@ -142,7 +140,7 @@ class RatingsLikelihood(Likelihood):
 
     def predictor(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return log(N/N_ref + eps), shape (..., conditions): a slope is an exponent."""
-        return log_rate(mean_rate, parameters)
+        return log_rate(mean_rate[..., : self.design.n_conditions], parameters)
 
     def expected(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return the typical rating of each condition of the design [as in the file], shape (..., conditions)."""
@@ -171,21 +169,16 @@ class RatingsLikelihood(Likelihood):
         """
         return np.asarray(self.model.typical(effects, drive))
 
-    def new_effects(
-        self,
-        rng: np.random.Generator,
-        parameters: Parameters,
-        shape: tuple[int, ...],
-        levels: Mapping[str, ArrayLike] | None = None,
-    ) -> Effects:
+    def new_effects(self, rng: Generator, parameters: Parameters, shape: Shape, levels: Levels = None) -> Effects:
         """Return effects of new participants and fabrics, of batch ``shape``."""
         return self.model.draw_effects(
             rng, parameters, shape, self.design.n_participants, self.design.n_fabrics, levels
         )
 
-    def with_new_participants(self, rng: np.random.Generator, parameters: Parameters, effects: Effects) -> Effects:
-        """Replace all participants' effects with those of new participants."""
-        return self.model.with_new_participants(rng, parameters, effects)
+    def with_new_participants(self, rng: Generator, parameters: Parameters, effects: Effects) -> Effects:
+        """Return these effects with the same number of new participants."""
+        fabrics = np.arange(self.design.n_fabrics)
+        return self.model.for_others(rng, parameters, effects, self.design.n_participants, fabrics)
 
     @property
     def raters(self) -> int:
@@ -234,13 +227,6 @@ class RatingsLikelihood(Likelihood):
         """Return the same likelihood, of which the sampler uses no approximation."""
         return self
 
-    def replicate(
-        self,
-        rng: np.random.Generator,
-        drive: FloatArray,
-        parameters: Parameters,
-        effects: Effects,
-        mean_rate: FloatArray | None = None,
-    ) -> FloatArray:
+    def replicate(self, rng: Generator, drive: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return one rating for every row, shape (..., rows)."""
         return np.asarray(self.model.draw_ratings(rng, self.design, drive, parameters, effects))

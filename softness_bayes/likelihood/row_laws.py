@@ -77,8 +77,8 @@ class RowTerms(NamedTuple):
     """Second derivative with respect to the log spread."""
 
 
-def log_probability(law: ErrorLaw, rows: Rows, expected: FloatArray, spread: FloatArray, parameters: Any) -> FloatArray:
-    """Return the log probability of each row; of exact numbers, the log density per unit of the additive scale.
+class RowLaw:
+    """The law of rows at given expectations.
 
     Parameters
     ----------
@@ -93,207 +93,182 @@ def log_probability(law: ErrorLaw, rows: Rows, expected: FloatArray, spread: Flo
     parameters
         Parameters of the law, of batch shape (...).
     """
-    return _by_kind(law, rows, expected, spread, parameters, 0)[0]
 
+    def __init__(self, law: ErrorLaw, rows: Rows, expected: FloatArray, spread: FloatArray, parameters: Any) -> None:
+        self.law, self.rows, self.expected, self.spread, self.parameters = law, rows, expected, spread, parameters
+        self._inverse = 1.0 / spread
 
-def row_terms(
-    law: ErrorLaw, rows: Rows, expected: FloatArray, spread: FloatArray, parameters: Any, noise: bool = False
-) -> RowTerms:
-    """Return `log_probability` and its first two derivatives, with those in the log spread if `noise` is true."""
-    return RowTerms(*_by_kind(law, rows, expected, spread, parameters, 5 if noise else 2))
+    def log_probability(self) -> FloatArray:
+        """Return the log probability of each row; of exact numbers, the log density per unit of the additive scale."""
+        return self._by_kind(0)[0]
 
+    def terms(self, noise: bool = False) -> RowTerms:
+        """Return `log_probability` and its first two derivatives, with those in the log spread if `noise` is true."""
+        return RowTerms(*self._by_kind(5 if noise else 2))
 
-def below(law: ErrorLaw, rows: Rows, expected: FloatArray, spread: FloatArray, parameters: Any) -> FloatArray:
-    """Return the probability below each exact number, or below each interval plus half its own; without lapses."""
-    ends = [(_finite(end) - expected) / spread for end in (rows.low, rows.high)]
-    low, high = (ndtr(law.normal_scores(end, parameters)) for end in ends)
-    return np.asarray(0.5 * (low + high))
+    def below(self) -> FloatArray:
+        """Return the probability below each exact number, or below each interval plus half its own; without lapses."""
+        low, high = (ndtr(self._score(end)) for end in self._ends())
+        return np.asarray(0.5 * (low + high))
 
+    def scores(self, share: FloatArray) -> FloatArray:
+        """Return normal scores of the rows, (..., rows); an interval's is taken at a given `share` of its probability.
 
-def scores_at(
-    law: ErrorLaw, rows: Rows, share: FloatArray, expected: FloatArray, spread: FloatArray, parameters: Any
-) -> FloatArray:
-    """Return normal scores of the rows, (..., rows); an interval's is taken at a given `share` of its probability.
+        With uniform random shares, the scores of intervals are also standard normal under the model.
+        """
+        low, high = (self._score(end) for end in self._ends())
+        flip, near, far = _towards_zero(low, high)
+        part = np.where(flip, 1.0 - share, share)
+        p, q = ndtr(near), ndtr(far)
+        score = ndtri(np.clip(p + part * (q - p), _TINY, None))
+        score = np.where(self.rows.low == self.rows.high, far, np.clip(score, near, far))
+        return np.where(flip, -score, score)
 
-    With uniform random shares, the scores of intervals are also standard normal under the model.
-    """
-    ends = [(_finite(end) - expected) / spread for end in (rows.low, rows.high)]
-    low, high = (law.normal_scores(end, parameters) for end in ends)
-    flip, near, far = _towards_zero(low, high)
-    part = np.where(flip, 1.0 - share, share)
-    p, q = ndtr(near), ndtr(far)
-    score = ndtri(np.clip(p + part * (q - p), _TINY, None))
-    score = np.where(rows.low == rows.high, far, np.clip(score, near, far))
-    return np.where(flip, -score, score)
+    def _ends(self) -> tuple[FloatArray, FloatArray]:
+        """Return the errors at the ends of the intervals, in units of their spread, with infinite ones at `OPEN`."""
+        low, high = (np.clip(end, -OPEN, OPEN) - self.expected for end in self.rows[:2])
+        return low * self._inverse, high * self._inverse
 
+    def _score(self, errors: FloatArray) -> FloatArray:
+        return self.law.normal_scores(errors, self.parameters)
 
-def _by_kind(
-    law: ErrorLaw, rows: Rows, expected: FloatArray, spread: FloatArray, parameters: Any, orders: int
-) -> list[FloatArray]:
-    """Return the log probability and as many derivatives as asked, each row by the method that suits its interval."""
-    half = 0.5 * (rows.high - rows.low)
-    exact = half == 0.0
-    narrow = (half <= spread * (WIDEST if law.slow_functions else NARROWEST)) & ~exact
-    kinds = [(_of_numbers, exact), (_by_points, narrow), (_by_functions, ~(narrow | exact))]
-    kinds.sort(key=lambda kind: -int(kind[1].sum()))
-    # the method of most rows takes all, without copies; the others overwrite theirs
-    with np.errstate(all="ignore"):
-        parts = kinds[0][0](law, rows, expected, spread, parameters, orders)
-        for method, chosen in kinds[1:]:
-            _overwrite(parts, chosen, method, law, rows, expected, spread, parameters, orders)
-    return _with_lapses(law, rows, parts, parameters)
+    def _log_density(self, errors: FloatArray) -> FloatArray:
+        return self.law.log_density(errors, self.parameters)
 
+    def _by_kind(self, orders: int) -> list[FloatArray]:
+        """Return the log probability and as many derivatives as asked, each row by the method for its interval."""
+        half = 0.5 * (self.rows.high - self.rows.low)
+        exact = half == 0.0
+        narrow = (half <= self.spread * (WIDEST if self.law.slow_functions else NARROWEST)) & ~exact
+        kinds = [(RowLaw._of_numbers, exact), (RowLaw._by_points, narrow), (RowLaw._by_functions, ~(narrow | exact))]
+        kinds.sort(key=lambda kind: -int(kind[1].sum()))
+        # the method of most rows takes all, without copies; the others overwrite theirs
+        with np.errstate(all="ignore"):
+            parts = kinds[0][0](self, orders)
+            for method, chosen in kinds[1:]:
+                self._overwrite(parts, chosen, method, orders)
+        return self._with_lapses(parts)
 
-def _overwrite(
-    parts: list[FloatArray],
-    chosen: NDArray[np.bool_],
-    method: Callable[..., list[FloatArray]],
-    law: ErrorLaw,
-    rows: Rows,
-    expected: FloatArray,
-    spread: FloatArray,
-    parameters: Any,
-    orders: int,
-) -> None:
-    """Replace results for chosen rows by those of another method."""
-    if chosen.any():
-        some = np.nonzero(np.broadcast_to(chosen, parts[0].shape))
-        found = method(law, *_elements(some, rows, expected, spread, parameters), orders)
+    def _overwrite(
+        self,
+        parts: list[FloatArray],
+        chosen: NDArray[np.bool_],
+        method: Callable[[RowLaw, int], list[FloatArray]],
+        orders: int,
+    ) -> None:
+        """Replace results for chosen rows by those of another method, each as the only row of a draw of its own."""
+        if not chosen.any():
+            return
+        shape = parts[0].shape
+        some = np.nonzero(np.broadcast_to(chosen, shape))
+
+        def of(values: FloatArray) -> FloatArray:
+            return np.broadcast_to(values, shape)[some][:, None]
+
+        own = self.parameters.each(lambda value: np.broadcast_to(value, shape[:-1])[some[:-1]])
+        rows = Rows(*(of(part) for part in self.rows))
+        found = method(RowLaw(self.law, rows, of(self.expected), of(self.spread), own), orders)
         for whole, part in zip(parts, found, strict=True):
             whole[some] = part[:, 0]
 
-
-def _elements(
-    some: tuple[NDArray[np.intp], ...], rows: Rows, expected: FloatArray, spread: FloatArray, parameters: Any
-) -> tuple[Rows, FloatArray, FloatArray, Any]:
-    """Return single elements of arrays (..., rows), each as the only row of a draw of its own."""
-    shape = np.broadcast_shapes(expected.shape, spread.shape)
-
-    def of(values: FloatArray) -> FloatArray:
-        return np.broadcast_to(values, shape)[some][:, None]
-
-    own = parameters.each(lambda value: np.broadcast_to(value, shape[:-1])[some[:-1]])
-    return Rows(*(of(part) for part in rows)), of(expected), of(spread), own
-
-
-def _of_numbers(
-    law: ErrorLaw, rows: Rows, expected: FloatArray, spread: FloatArray, parameters: Any, orders: int
-) -> list[FloatArray]:
-    """Return log densities of exact numbers and their derivatives."""
-    t = (rows.low - expected) / spread
-    parts = [law.log_density(t, parameters) - np.log(spread)]
-    if orders:
-        first, second = law.slopes(t, parameters)
-        parts += [-first / spread, np.broadcast_to(second / (spread * spread), t.shape).copy()]
-        if orders > 2:
-            parts += [-1.0 - t * first, (second * t + first) / spread, t * (first + t * second)]
-    return parts
-
-
-def _by_points(
-    law: ErrorLaw, rows: Rows, expected: FloatArray, spread: FloatArray, parameters: Any, orders: int
-) -> list[FloatArray]:
-    """Return log probabilities of narrow intervals and their derivatives, from the density at Lobatto points."""
-    inverse = 1.0 / spread
-    half = 0.5 * (rows.high - rows.low)
-    middle = (rows.low + half - expected) * inverse
-    half = half * inverse
-    at, weights = lobatto(POINTS)
-    centre = law.log_density(middle, parameters)
-    whole, ends = np.zeros_like(middle), []
-    for x, weight in zip(at, weights, strict=True):
-        error = middle + x * half
-        share = law.log_density(error, parameters)
-        share -= centre  # relative to the density in the middle nothing underflows
-        np.exp(share, out=share)
-        if abs(x) == 1.0:
-            ends.append((error, share))
-        whole += weight * share
-    whole *= half
-    parts = [centre + np.log(whole)]
-    if orders:
-        ends = [(error, share / whole) for error, share in ends]
-        parts += _derivatives(law, ends, inverse, parameters, orders)
-    return parts
-
-
-def _by_functions(
-    law: ErrorLaw, rows: Rows, expected: FloatArray, spread: FloatArray, parameters: Any, orders: int
-) -> list[FloatArray]:
-    """Return log probabilities of intervals and their derivatives, from distribution functions."""
-    inverse = 1.0 / spread
-    low, high = ((_finite(end) - expected) * inverse for end in (rows.low, rows.high))
-    whole = ndtr(law.normal_scores(high, parameters))
-    whole -= ndtr(law.normal_scores(low, parameters))
-    parts = [np.log(whole)]
-    if orders:
-        ends = [(end, np.exp(law.log_density(end, parameters)) / whole) for end in (low, high)]
-        parts += _derivatives(law, ends, inverse, parameters, orders)
-    _overwrite(parts, whole < LEAST, _by_logarithms, law, rows, expected, spread, parameters, orders)
-    return parts
-
-
-def _by_logarithms(
-    law: ErrorLaw, rows: Rows, expected: FloatArray, spread: FloatArray, parameters: Any, orders: int
-) -> list[FloatArray]:
-    """Return what `_by_functions` does, for probabilities so small that digits would be lost."""
-    inverse = 1.0 / spread
-    low, high = ends = [(_finite(end) - expected) * inverse for end in (rows.low, rows.high)]
-    value = _log_between(*(law.normal_scores(end, parameters) for end in ends))
-    lost = np.isneginf(value) & np.isfinite(rows.high - rows.low)
-    if lost.any():  # so far out that scores of both ends are equal; the density is not below that of the farther end
-        least = np.minimum(*(law.log_density(end, parameters) for end in ends))
-        value = np.where(lost, least + np.log((rows.high - rows.low) * inverse), value)
-    if not orders:
-        return [value]
-    # far out a ratio is the slope of the log density (Mills), and the difference of logarithms is rounding
-    near = value > FARTHEST
-    ratios = [np.exp(np.where(near, law.log_density(end, parameters) - value, -np.inf)) for end in ends]
-    nearest = np.where(low + high > 0.0, 0, 1)
-    for k, end in enumerate(ends):
-        ratios[k] = np.where(~near & (nearest == k), np.abs(law.slopes(end, parameters)[0]), ratios[k])
-    return [value, *_derivatives(law, list(zip(ends, ratios, strict=True)), inverse, parameters, orders)]
-
-
-def _derivatives(
-    law: ErrorLaw,
-    ends: list[tuple[FloatArray, FloatArray]],
-    inverse: FloatArray,
-    parameters: Any,
-    orders: int,
-) -> list[FloatArray]:
-    """Return derivatives of log P from each end's t and f(t) / P; `inverse` is one over the spread."""
-    (low, of_low), (high, of_high) = ends
-    slope_low, slope_high = law.slopes(low, parameters)[0], law.slopes(high, parameters)[0]
-    mean = (of_low - of_high) * inverse
-    bend_low, bend_high = of_low * slope_low, of_high * slope_high
-    mean2 = (bend_high - bend_low) * (inverse * inverse) - mean * mean
-    if orders == 2:
-        return [mean, mean2]
-    noise = low * of_low - high * of_high
-    both = (high * bend_high + of_high - low * bend_low - of_low) * inverse - mean * noise
-    noise2 = high * (of_high + high * bend_high) - low * (of_low + low * bend_low) - noise * noise
-    return [mean, mean2, noise, both, noise2]
-
-
-def _with_lapses(law: ErrorLaw, rows: Rows, parts: list[FloatArray], parameters: Any) -> list[FloatArray]:
-    """Return the log probability of a mixture with lapses, and its derivatives, from those without."""
-    if not law.lapses:
+    def _of_numbers(self, orders: int) -> list[FloatArray]:
+        """Return log densities of exact numbers and their derivatives."""
+        inverse = self._inverse
+        t = (self.rows.low - self.expected) * inverse
+        parts = [self._log_density(t) - np.log(self.spread)]
+        if orders:
+            first, second = self.law.slopes(t, self.parameters)
+            parts += [-first * inverse, np.broadcast_to(second * (inverse * inverse), t.shape).copy()]
+            if orders > 2:
+                parts += [-1.0 - t * first, (second * t + first) * inverse, t * (first + t * second)]
         return parts
-    lapse = np.asarray(parameters.lapse, float)[..., None]
-    with np.errstate(divide="ignore"):
-        kept = np.log1p(-lapse) + parts[0]
-        value = np.logaddexp(kept, np.log(lapse) + rows.lapse)
-    if len(parts) == 1:
-        return [value]
-    share = np.exp(kept - value)
-    mixed = share * (1.0 - share)
-    mean, mean2 = parts[1:3]
-    found = [value, share * mean, share * mean2 + mixed * mean * mean]
-    if len(parts) > 3:
-        noise, both, noise2 = parts[3:]
-        found += [share * noise, share * both + mixed * mean * noise, share * noise2 + mixed * noise * noise]
-    return found
+
+    def _by_points(self, orders: int) -> list[FloatArray]:
+        """Return log probabilities of narrow intervals and their derivatives, from the density at Lobatto points."""
+        half = 0.5 * (self.rows.high - self.rows.low)
+        middle = (self.rows.low + half - self.expected) * self._inverse
+        half = half * self._inverse
+        centre = self._log_density(middle)
+        whole, ends = np.zeros_like(middle), []
+        for x, weight in zip(*lobatto(POINTS), strict=True):
+            error = middle + x * half
+            share = self._log_density(error)
+            share -= centre  # relative to the density in the middle nothing underflows
+            np.exp(share, out=share)
+            if abs(x) == 1.0:
+                ends.append((error, share))
+            whole += weight * share
+        whole *= half
+        parts = [centre + np.log(whole)]
+        return parts + self._derivatives([(error, share / whole) for error, share in ends], orders)
+
+    def _by_functions(self, orders: int) -> list[FloatArray]:
+        """Return log probabilities of intervals and their derivatives, from distribution functions."""
+        ends = self._ends()
+        whole = ndtr(self._score(ends[1]))
+        whole -= ndtr(self._score(ends[0]))
+        parts = [np.log(whole)]
+        if orders:
+            parts += self._derivatives([(end, np.exp(self._log_density(end)) / whole) for end in ends], orders)
+        self._overwrite(parts, whole < LEAST, RowLaw._by_logarithms, orders)
+        return parts
+
+    def _by_logarithms(self, orders: int) -> list[FloatArray]:
+        """Return what `_by_functions` does, for probabilities so small that digits would be lost."""
+        low, high = ends = self._ends()
+        value = _log_between(*(self._score(end) for end in ends))
+        width = (self.rows.high - self.rows.low) * self._inverse
+        lost = np.isneginf(value) & np.isfinite(width)
+        if (
+            lost.any()
+        ):  # so far out that scores of both ends are equal; the density is not below that of the farther end
+            value = np.where(lost, np.minimum(*(self._log_density(end) for end in ends)) + np.log(width), value)
+        if not orders:
+            return [value]
+        # far out a ratio is the slope of the log density (Mills), and the difference of logarithms is rounding
+        near = value > FARTHEST
+        ratios = [np.exp(np.where(near, self._log_density(end) - value, -np.inf)) for end in ends]
+        nearest = np.where(low + high > 0.0, 0, 1)
+        for k, end in enumerate(ends):
+            slope = np.abs(self.law.slopes(end, self.parameters)[0])
+            ratios[k] = np.where(~near & (nearest == k), slope, ratios[k])
+        return [value, *self._derivatives(list(zip(ends, ratios, strict=True)), orders)]
+
+    def _derivatives(self, ends: list[tuple[FloatArray, FloatArray]], orders: int) -> list[FloatArray]:
+        """Return derivatives of log P from each end's t and f(t) / P."""
+        if not orders:
+            return []
+        (low, of_low), (high, of_high) = ends
+        inverse = self._inverse
+        slope_low, slope_high = (self.law.slopes(end, self.parameters)[0] for end in (low, high))
+        mean = (of_low - of_high) * inverse
+        bend_low, bend_high = of_low * slope_low, of_high * slope_high
+        mean2 = (bend_high - bend_low) * (inverse * inverse) - mean * mean
+        if orders == 2:
+            return [mean, mean2]
+        noise = low * of_low - high * of_high
+        both = (high * bend_high + of_high - low * bend_low - of_low) * inverse - mean * noise
+        noise2 = high * (of_high + high * bend_high) - low * (of_low + low * bend_low) - noise * noise
+        return [mean, mean2, noise, both, noise2]
+
+    def _with_lapses(self, parts: list[FloatArray]) -> list[FloatArray]:
+        """Return the log probability of a mixture with lapses, and its derivatives, from those without."""
+        if not self.law.lapses:
+            return parts
+        lapse = np.asarray(self.parameters.lapse, float)[..., None]
+        with np.errstate(divide="ignore"):
+            kept = np.log1p(-lapse) + parts[0]
+            value = np.logaddexp(kept, np.log(lapse) + self.rows.lapse)
+        if len(parts) == 1:
+            return [value]
+        share = np.exp(kept - value)
+        mixed = share * (1.0 - share)
+        mean, mean2 = parts[1:3]
+        found = [value, share * mean, share * mean2 + mixed * mean * mean]
+        if len(parts) > 3:
+            noise, both, noise2 = parts[3:]
+            found += [share * noise, share * both + mixed * mean * noise, share * noise2 + mixed * noise * noise]
+        return found
 
 
 @cache
@@ -305,11 +280,6 @@ def lobatto(points: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
     at = np.concatenate([[-1.0], np.sort(inner), [1.0]])
     weights = 2.0 / (points * (points - 1) * legendre.legval(at, last) ** 2)
     return tuple(at.tolist()), tuple(weights.tolist())
-
-
-def _finite(ends: FloatArray) -> FloatArray:
-    """Return ends of intervals with infinite ones at `OPEN`."""
-    return np.clip(ends, -OPEN, OPEN)
 
 
 def _towards_zero(low: FloatArray, high: FloatArray) -> tuple[NDArray[np.bool_], FloatArray, FloatArray]:

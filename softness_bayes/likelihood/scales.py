@@ -1,4 +1,4 @@
-"""Scales of observations: magnitude estimates, z-scores, plate forces and others (model.md 9).
+"""Scales of observations, such as magnitude estimates and z-scores, and the direction of ratings (model.md 9).
 
 A scale describes the observations; an `error_laws.ErrorLaw` describes their errors. `models` contains the observation
 model for each combination. For a fast command line, this module imports NumPy only on first use.
@@ -375,3 +375,37 @@ LOG_SD = replace(
     require=_accept,
 )
 """Scale of standard deviations between raters; not a scale of ratings."""
+
+
+@dataclass(frozen=True)
+class RatingDirection:
+    """Direction of ratings with the response: rising (+1) or falling (-1)."""
+
+    name: str
+    sign: float
+
+
+RISES = RatingDirection("rises-with-firing", +1.0)
+"""Direction in the paper: softness is proportional to the response."""
+FALLS = RatingDirection("falls-with-firing", -1.0)
+"""Usual direction of softness ratings: stiffer fabrics cause more firing and are rated less soft."""
+FREE = RatingDirection("free", +1.0)
+"""Either direction with prior probability 1/2, given by the sign of the exponent gamma."""
+RATING_DIRECTIONS: Mapping[str, RatingDirection] = MappingProxyType(
+    {direction.name: direction for direction in (RISES, FALLS)}
+)
+"""Directions of ratings by name."""
+
+
+def direction_named(name: str) -> RatingDirection:
+    """Return a direction by its name.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name.
+    """
+    for direction in (*RATING_DIRECTIONS.values(), FREE):
+        if name == direction.name:
+            return direction
+    raise InputError(f"direction: {name!r} is not known, expected {' or '.join([*RATING_DIRECTIONS, FREE.name])}")

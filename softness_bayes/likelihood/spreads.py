@@ -15,11 +15,12 @@ from types import MappingProxyType
 from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import chndtr, gammaln, ive, logsumexp, ndtri
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.contract import Likelihood, Parameters, RowsLeftOut
+from softness_bayes.likelihood.contract import Levels, Likelihood, Parameters, RowsLeftOut, Shape
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.pieces import in_pieces, left_out_in_pieces
@@ -180,24 +181,12 @@ class RaterSpreads(Likelihood):
         """Return 0 for each condition."""
         return self.drive(mean_rate, parameters)
 
-    def new_effects(
-        self,
-        rng: np.random.Generator,
-        parameters: Parameters,
-        shape: tuple[int, ...],
-        levels: Mapping[str, ArrayLike] | None = None,
-    ) -> SpreadEffects:
+    def new_effects(self, rng: Generator, parameters: Parameters, shape: Shape, levels: Levels = None) -> SpreadEffects:
         """Return the scatter of scales for the same number of new panels, of batch ``shape``."""
         drawn = rng.chisquare(self.model.freedom, (*shape, self.design.n_participants))
         return SpreadEffects(np.asarray(parameters.tau, float)[..., None] ** 2 * drawn)
 
-    def with_new_participants(
-        self, rng: np.random.Generator, parameters: Parameters, effects: SpreadEffects
-    ) -> SpreadEffects:
-        """Return the scatter for the same number of new panels."""
-        return self.new_effects(rng, parameters, effects.scatter.shape[:-1])
-
-    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: Parameters) -> SpreadEffects:
+    def draw_effects(self, rng: Generator, mean_rate: FloatArray, parameters: Parameters) -> SpreadEffects:
         """Return draws of the scatter given the standard deviations, one for each point of the batch.
 
         Their cumulative distribution at the nodes is inverted, with linear interpolation in log u.
@@ -219,12 +208,7 @@ class RaterSpreads(Likelihood):
         return SpreadEffects(np.where(end > 0, found, 0.0)[..., 0])
 
     def replicate(
-        self,
-        rng: np.random.Generator,
-        drive: FloatArray,
-        parameters: Parameters,
-        effects: SpreadEffects,
-        mean_rate: FloatArray | None = None,
+        self, rng: Generator, drive: FloatArray, parameters: Parameters, effects: SpreadEffects
     ) -> FloatArray:
         """Return a standard deviation for every row, shape (..., rows)."""
         variance = _variance(parameters)[..., None]

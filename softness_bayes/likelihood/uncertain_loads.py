@@ -10,18 +10,18 @@ and z is integrated out in closed form, like the other effects. Means, variances
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
-from scipy.special import log_ndtr, logsumexp, ndtri, ndtri_exp
+from scipy.special import logsumexp, ndtri
 from scipy.stats import qmc
 
-from softness_bayes.likelihood.contract import Effects, Parameters
+from softness_bayes.likelihood.contract import Effects, Levels, Parameters, Shape
 from softness_bayes.likelihood.design import Design, IndexArray, LoadErrors
 from softness_bayes.likelihood.error_laws import NormalLaw
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
@@ -82,52 +82,35 @@ class UncertainLoads(LogRatings):
         return self.errors
 
     @property
-    def fabric_of_rate(self) -> IndexArray:
-        """Fabric of each column of the mean rates."""
-        fabric = self.design.fabric
-        return np.concatenate([fabric, np.tile(fabric[self.errors.condition], len(self.errors.further))])
+    def condition_of_rate(self) -> IndexArray:
+        """Condition of each column of the mean rates."""
+        touches = np.tile(self.errors.condition, len(self.errors.further))
+        return np.concatenate([super().condition_of_rate, touches])
 
-    def with_values(self, values: ArrayLike) -> Self:
-        """Return the likelihood of other ratings of the same rows."""
-        return type(self)(values, self.design, self.model, self.errors, self._over)
-
-    def without(self, rows: NDArray[np.bool_]) -> Self:
-        """Return the likelihood of the other ratings, with x still centred over all rows."""
-        errors = replace(self.errors, of_row=self.errors.of_row[~rows])
-        return type(self)(self.values[~rows], self.design.without(rows), self.model, errors, self._over)
+    def _arguments(self, rows: NDArray[np.bool_] | None = None) -> dict[str, Any]:
+        """Return the errors of the loads of all ratings, or of some."""
+        return {"errors": self.errors if rows is None else replace(self.errors, of_row=self.errors.of_row[rows])}
 
     def finer(self) -> OverLoads:
         """Return the reference likelihood, which integrates over loads without approximation."""
         errors = replace(self.errors, knots=FINE_KNOTS)
         return OverLoads(self.values, self.design, self.model, errors, self._over)
 
-    def drive_at(self, elsewhere: FloatArray, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return `drive` at other mean rates [Hz], shape (..., k)."""
-        return super().drive_at(elsewhere, self._stated(mean_rate), parameters)
-
-    def drive(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return the response's contribution in each condition at its stated load, shape (..., conditions)."""
-        return self.drive_at(self._stated(mean_rate), mean_rate, parameters)
-
-    def predictor(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return log(N/N_ref + eps) at the stated loads, shape (..., conditions)."""
-        return super().predictor(self._stated(mean_rate), parameters)
-
-    def new_effects(
-        self,
-        rng: np.random.Generator,
-        parameters: Parameters,
-        shape: tuple[int, ...],
-        levels: Mapping[str, ArrayLike] | None = None,
-    ) -> Effects:
+    def new_effects(self, rng: Generator, parameters: Parameters, shape: Shape, levels: Levels = None) -> Effects:
         """Return effects of new participants, fabrics and loads, of batch ``shape``."""
         effects = super().new_effects(rng, parameters, shape, levels)
-        z = rng.standard_normal((*shape, len(self.errors.member)))
-        return LoadEffects(effects.mu, effects.participant, effects.fabric, z)
+        return LoadEffects(
+            effects.mu, effects.participant, effects.fabric, rng.standard_normal((*shape, len(self.errors.member)))
+        )
 
-    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
+    def with_new_participants(self, rng: Generator, parameters: Parameters, effects: Effects) -> Effects:
+        """Return these effects with the same number of new participants, under the same loads."""
+        new = super().with_new_participants(rng, parameters, effects)
+        return LoadEffects(new.mu, new.participant, new.fabric, effects.load)
+
+    def draw_effects(self, rng: Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
         """Return exact draws of all effects given the ratings, one for each point of the batch."""
-        effects, z = self._drawn(rng, self._law(mean_rate, parameters), parameters)
+        effects, z = self._drawn(rng, self._at(mean_rate, parameters), parameters)
         return LoadEffects(*effects, z)
 
     def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
@@ -136,51 +119,26 @@ class UncertainLoads(LogRatings):
         It is multiplied by varsigma and divided by the row's standard deviation, so that all residuals have standard
         deviation varsigma.
         """
-        touched, sd = self._touched(mean_rate, parameters, effects)
-        design, own = self.design, self.model.error_sd(parameters)[..., None]
-        left = self._log - touched - (effects.fabric[..., design.fabric])[..., design.condition]
-        left = left - effects.mu[..., None] - effects.participant[..., design.participant]
-        return self.model.error.normal_scores(left * (own / sd), parameters)
+        expected, sd = self._given_loads(self.drive(mean_rate, parameters), parameters, effects)
+        own = self.model.error_sd(parameters)[..., None]
+        return self.model.error.normal_scores((self._log - expected) * (own / sd), parameters)
 
-    def replicate(
-        self,
-        rng: np.random.Generator,
-        drive: FloatArray,
-        parameters: Parameters,
-        effects: Effects,
-        mean_rate: FloatArray | None = None,
-    ) -> FloatArray:
-        """Return one rating for every row, shape (..., rows), under loads with errors at these mean rates.
+    def replicate(self, rng: Generator, drive: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
+        """Return one rating for every row, shape (..., rows), under loads with errors."""
+        expected, sd = self._given_loads(drive, parameters, effects)
+        return self.model.scale.natural(expected + sd * self.model.error.draw(rng, expected.shape, parameters))
 
-        Raises
-        ------
-        TypeError
-            Without mean rates.
-        """
-        if mean_rate is None:
-            raise TypeError("errors of loads change ratings by the response: expected mean rates")
-        design = self.design
-        touched, sd = self._touched(mean_rate, parameters, effects)
-        away = (drive - self.drive(mean_rate, parameters) + effects.fabric[..., design.fabric])[..., design.condition]
-        log_rating = effects.mu[..., None] + touched + away + effects.participant[..., design.participant]
-        noise = self.model.error.draw(rng, log_rating.shape, parameters)
-        return np.asarray(self.model.scale.natural(log_rating + sd * noise))
-
-    def _stated(self, mean_rate: FloatArray) -> FloatArray:
-        """Return the mean rates under the stated loads."""
-        return mean_rate[..., : self.design.n_conditions]
-
-    def _drives(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
+    def _drives(self, drive: FloatArray) -> FloatArray:
         """Return the drive of each touch at all knots, shape (knots, ..., touches)."""
-        errors, every = self.errors, self.drive_at(mean_rate, mean_rate, parameters)
-        stated, others = np.split(every, [self.design.n_conditions], axis=-1)
+        errors = self.errors
+        stated, others = np.split(drive, [self.design.n_conditions], axis=-1)
         others = others.reshape(*others.shape[:-1], len(errors.further), errors.condition.size)
         middle = errors.knots.index(0.0)
         return np.insert(np.moveaxis(others, -2, 0), middle, stated[..., errors.condition], axis=0)
 
-    def _law(self, mean_rate: FloatArray, parameters: Parameters) -> EffectLaw:
+    def _law(self, drive: FloatArray, parameters: Parameters) -> EffectLaw:
         """Return the law of the log ratings; the z of shared errors are the last shared effects."""
-        drives, errors = self._drives(mean_rate, parameters), self.errors
+        drives, errors = self._drives(drive), self.errors
         mean, slope = (np.tensordot(weights, drives, 1) for weights in (errors.weights, errors.weights * errors.knots))
         variance = self.model.error_sd(parameters)[..., None] ** 2
         if errors.load is None:
@@ -189,15 +147,17 @@ class UncertainLoads(LogRatings):
         shared = self._shared(self.design.fabric[errors.condition], parameters, along)
         return EffectLaw.of(mean, variance, parameters.tau, shared)
 
-    def _touched(
-        self, mean_rate: FloatArray, parameters: Parameters, effects: Effects
+    def _given_loads(
+        self, drive: FloatArray, parameters: Parameters, effects: Effects
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the drive of each row for the z in `effects`, and the standard deviation of its error."""
-        law, loads = self._law(mean_rate, parameters), len(self.errors.member)
+        """Return the expected log rating of each row for the effects, and the standard deviation of its error."""
+        law, design, loads = self._law(drive, parameters), self.design, len(self.errors.member)
         slope = law.shared[..., law.shared.shape[-1] - loads :]
         touched = law.offset + (slope * effects.load[..., None, :]).sum(axis=-1)
+        touched = touched + effects.fabric[..., design.fabric[self.errors.condition]]
         sd = np.broadcast_to(np.sqrt(law.variance), (*law.variance.shape[:-1], touched.shape[-1]))
-        return touched[..., self.errors.of_row], sd[..., self.errors.of_row]
+        own = effects.mu[..., None] + effects.participant[..., design.participant]
+        return own + touched[..., self.errors.of_row], sd[..., self.errors.of_row]
 
 
 class OverLoads(UncertainLoads):
@@ -210,7 +170,7 @@ class OverLoads(UncertainLoads):
 
     def _over_each(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of log ratings, the law of a row being a mixture over its load."""
-        drives = self._drives(mean_rate, parameters)
+        drives = self._drives(self.drive(mean_rate, parameters))
         knots, *batch, touches = drives.shape
         shape = parameters.batch_shape(tuple(batch))
         drives = np.broadcast_to(drives, (knots, *shape, touches)).reshape(knots, -1, touches)
@@ -239,20 +199,17 @@ class OverLoads(UncertainLoads):
 
         They follow the normal law of z under the linear approximation; if the response is linear, the sum is exact.
         """
-        drives, law, loads = (
-            self._drives(mean_rate, parameters),
-            self._law(mean_rate, parameters),
-            len(self.errors.member),
-        )
+        drive, loads = self.drive(mean_rate, parameters), len(self.errors.member)
+        drives, law = self._drives(drive), self._law(drive, parameters)
         given_all = self._rows.shared(law)
         centre, root = given_all.mean[..., -loads:], np.linalg.cholesky(given_all.covariance[..., -loads:, -loads:])
         terms = []
         for step in ndtri(qmc.Sobol(loads, seed=1).random(VECTORS)):
             z = centre + root @ step
-            drive = self._between(drives, z[..., self.errors.load])
+            moved = self._between(drives, z[..., self.errors.load])
             # ratio of the prior of z to its sampling density
             weight = 0.5 * (step**2).sum() - 0.5 * (z**2).sum(axis=-1)
-            given = law._replace(offset=drive, shared=law.shared[..., :-loads])
+            given = law._replace(offset=moved, shared=law.shared[..., :-loads])
             terms.append(self._rows.log_density(given) + weight)
         total = logsumexp(terms, axis=0) - math.log(VECTORS)
         return np.asarray(total + np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(axis=-1))
@@ -265,21 +222,10 @@ class OverLoads(UncertainLoads):
 
 
 class _LoadedLaw(NormalLaw):
-    """Normal errors of ratings whose loads err: a mixture over z.
+    """Density of errors of exact ratings whose loads err: a normal one, mixed over z.
 
     The parameter `shift`, of shape (draws, rows, points), is d(z) - d(0) in units of varsigma.
     """
-
-    def draw(self, rng: np.random.Generator, shape: tuple[int, ...], parameters: Any) -> FloatArray:
-        """Return errors of rows whose z are drawn among the points."""
-        weight = np.exp(-0.5 * POINTS**2)
-        point = rng.choice(POINTS.size, size=shape, p=weight / weight.sum())
-        shift = np.broadcast_to(parameters.shift, (*shape, POINTS.size))
-        return rng.standard_normal(shape) + np.take_along_axis(shift, point[..., None], axis=-1)[..., 0]
-
-    def normal_scores(self, errors: FloatArray, parameters: Any) -> FloatArray:
-        """Return q with Phi(q) the mean of Phi(error - shift)."""
-        return np.asarray(ndtri_exp(self._mean(log_ndtr(errors[..., None] - parameters.shift))))
 
     def log_density(self, errors: FloatArray, parameters: Any) -> FloatArray:
         """Return the log of the mean density of error - shift."""

@@ -9,18 +9,18 @@ from functools import cached_property
 from typing import ClassVar, NamedTuple
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_ndtr, ndtr, owens_t
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.contract import Parameters, RowsLeftOut
+from softness_bayes.likelihood.contract import Levels, Parameters, RowsLeftOut, Shape
 from softness_bayes.likelihood.design import Design, Stated
-from softness_bayes.likelihood.directions import RISES, RatingDirection
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.normal_rows import EffectLaw, NormalRows
 from softness_bayes.likelihood.pieces import left_out_in_pieces
-from softness_bayes.likelihood.ratings import RatingsLikelihood
-from softness_bayes.likelihood.scales import STANDARDISED, Scale
+from softness_bayes.likelihood.ratings import RatingsLikelihood, RatingsModel
+from softness_bayes.likelihood.scales import RISES, STANDARDISED, RatingDirection, Scale
 from softness_bayes.parameters.laws import HalfNormal, Normal, Prior
 
 FloatArray = NDArray[np.float64]
@@ -39,7 +39,7 @@ class RegressionLine(NamedTuple):
 
 
 @dataclass(frozen=True)
-class StandardisedModel:
+class StandardisedModel(RatingsModel):
     """y = c0 ± c1 x + e, x = N/N_ref standardised over the rows (0 if it does not vary).
 
     c0 ~ N(0, 1), c1 ~ HalfNormal(1), e ~ N(0, varsigma²). Standardisation removes the participants' scales and
@@ -61,27 +61,18 @@ class StandardisedModel:
         """Return the standard deviation of a rating about the line, shape (...)."""
         return np.asarray(parameters.varsigma, float)
 
-    def drive(self, design: Design, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """± x of each condition of a design, shape (..., conditions), from mean rates [Hz] of that shape."""
-        return self.drive_at(mean_rate, design, mean_rate, parameters)
-
     def drive_at(
         self, elsewhere: FloatArray, design: Design, mean_rate: FloatArray, parameters: Parameters
     ) -> FloatArray:
         """Return `drive` at other mean rates [Hz], shape (..., k), standardised over the rows of the design."""
-        centre = (mean_rate @ design.weight)[..., None]
-        spread = np.sqrt((mean_rate - centre) ** 2 @ design.weight)[..., None]
+        stated = mean_rate[..., : design.n_conditions]
+        centre = (stated @ design.weight)[..., None]
+        spread = np.sqrt((stated - centre) ** 2 @ design.weight)[..., None]
         varies = spread > _CONSTANT * centre
         return self.direction.sign * np.where(varies, (elsewhere - centre) / np.where(varies, spread, 1.0), 0.0)
 
     def draw_effects(
-        self,
-        rng: np.random.Generator,
-        parameters: Parameters,
-        shape: tuple[int, ...],
-        n_participants: int,
-        n_fabrics: int,
-        levels: Mapping[str, ArrayLike] | None = None,
+        self, rng: Generator, parameters: Parameters, shape: Shape, people: int, fabrics: int, levels: Levels = None
     ) -> RegressionLine:
         """Prior draws of the line, of batch ``shape``; c0 and c1 in `levels` are used as given."""
         c0, c1 = ((levels or {}).get(name) for name in RegressionLine._fields)
@@ -90,47 +81,25 @@ class StandardisedModel:
             np.abs(rng.standard_normal(shape)) if c1 is None else np.broadcast_to(np.asarray(c1, float), shape),
         )
 
-    def with_new_participants(
-        self, rng: np.random.Generator, parameters: Parameters, effects: RegressionLine
-    ) -> RegressionLine:
-        """Return the same line: z-scores have no effects of participants."""
-        return effects
-
-    def for_others(
-        self,
-        rng: np.random.Generator,
-        parameters: Parameters,
-        effects: RegressionLine,
-        n_participants: int,
-        fabric: NDArray[np.intp],
-    ) -> RegressionLine:
-        """Return the same line: neither participants nor fabrics have effects."""
-        return effects
-
     def draw_ratings(
-        self,
-        rng: np.random.Generator,
-        design: Design,
-        drive: FloatArray,
-        parameters: Parameters,
-        effects: RegressionLine,
+        self, rng: Generator, design: Design, drive: FloatArray, parameters: Parameters, effects: RegressionLine
     ) -> FloatArray:
-        """One rating for every row of a design, shape (..., rows), given the line and `drive`."""
+        """Return one rating for every row of a design, shape (..., rows), given the line and `drive`."""
         expected = self.typical(effects, drive)[..., design.condition]
         noise = self.error.draw(rng, expected.shape, parameters)
         return expected + self.error_sd(parameters)[..., None] * noise
 
     def typical(self, effects: RegressionLine, drive: FloatArray) -> FloatArray:
-        """Expected rating for a response term ``drive``, shape (..., k)."""
+        """Return the expected rating for a response term ``drive``, shape (..., k)."""
         return effects.c0[..., None] + effects.c1[..., None] * drive
 
     def named_effects(self, effects: RegressionLine) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
-        """Effects by their names in files, each with its axes after the batch axes."""
+        """Return effects by their names in files, each with its axes after the batch axes."""
         return {"c0": (effects.c0, ()), "c1": (effects.c1, ())}
 
     @property
     def levels(self) -> Mapping[str, Prior]:
-        """Priors, by name, of quantities shared by all ratings and drawn after a run."""
+        """The priors, by name, of quantities shared by all ratings and drawn after a run."""
         return {"c0": Normal(0.0, 1.0), "c1": HalfNormal(1.0)}
 
     def observe(self, ratings: ArrayLike, design: Design, stated: Stated | None = None) -> StandardisedRatings:
@@ -217,7 +186,7 @@ class StandardisedRatings(RatingsLikelihood):
         """Return ± x, shape (..., conditions): a slope is in z-scores per standard deviation of the response."""
         return self.drive(mean_rate, parameters)
 
-    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: Parameters) -> RegressionLine:
+    def draw_effects(self, rng: Generator, mean_rate: FloatArray, parameters: Parameters) -> RegressionLine:
         """Return exact draws of the line given the ratings, one for each point of the batch: c1, then c0."""
         from scipy.stats import truncnorm  # imported here because the import takes a third of a second
 

@@ -23,7 +23,8 @@ from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.error_laws import STUDENT
-from softness_bayes.likelihood.information import Comparisons, EffectGroup, normal_information
+from softness_bayes.likelihood.lists import Comparisons
+from softness_bayes.likelihood.normal_rows import EffectGroup, normal_information
 from softness_bayes.likelihood.orders import OrderModel
 from softness_bayes.likelihood.plate import CompressionForces, plate_line
 from softness_bayes.likelihood.scales import MAGNITUDE, PAIRS, RANKS, SLIDER, STANDARDISED

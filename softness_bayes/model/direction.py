@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, stdtr
 
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.directions import FALLS, FREE, RISES, RatingDirection
 from softness_bayes.likelihood.layout import Layout
+from softness_bayes.likelihood.scales import FALLS, FREE, RISES, RatingDirection
 from softness_bayes.readable import counted, percent
 
 FloatArray = NDArray[np.float64]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.effects import RATER_SPREADS
+from softness_bayes.likelihood.intervals import RATER_SPREADS
 from softness_bayes.parameters.declared import SHAPE_PARAMETERS, Parameter
 from softness_bayes.ranges import Range
 from softness_bayes.touch.contact import Finger, FingerBox

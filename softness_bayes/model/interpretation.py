@@ -14,8 +14,8 @@ from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.error_laws import GUMBEL, LAPSES, NORMAL, STUDENT, ErrorLaw
 from softness_bayes.likelihood.layout import Layout, merge
+from softness_bayes.likelihood.lists import MOST_TIED, shares
 from softness_bayes.likelihood.models import rating_model
-from softness_bayes.likelihood.places import MOST_TIED, shares
 from softness_bayes.likelihood.scales import (
     AGGREGATED,
     CATEGORIES,

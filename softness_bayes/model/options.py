@@ -11,8 +11,18 @@ from typing import TYPE_CHECKING, Any, Self
 from softness_bayes.defaults import ACCURACY, ERRORS, NOISE, PRIOR_SET
 from softness_bayes.errors import InputError
 from softness_bayes.files.json_text import parse_json
-from softness_bayes.likelihood.directions import FREE, RATING_DIRECTIONS, RatingDirection, direction_named
-from softness_bayes.likelihood.scales import MAGNITUDE, OWN_SCALES, RATING_SCALES, Scale, name_of_scale, scale_named
+from softness_bayes.likelihood.scales import (
+    FREE,
+    MAGNITUDE,
+    OWN_SCALES,
+    RATING_DIRECTIONS,
+    RATING_SCALES,
+    RatingDirection,
+    Scale,
+    direction_named,
+    name_of_scale,
+    scale_named,
+)
 from softness_bayes.likelihood.scales import require_name as require_scale
 from softness_bayes.options import (
     AUTO,

@@ -193,7 +193,7 @@ class OtherTouches:
         """
         grid = self.posterior.fingers
         columns = (1 if grid is None else 1 + grid.grid.size) * self.scene.n_conditions
-        columns += self.posterior.observation.fabric_of_rate.size
+        columns += self.posterior.observation.condition_of_rate.size
         parts = [
             self._ratings(rng, theta[k], raters, None if modulus is None else modulus[k])
             for k in pieces(len(theta), columns)
@@ -240,7 +240,7 @@ class OtherTouches:
     ) -> Array:
         """Return the ratings by one new rater at every draw, shape (draws, conditions)."""
         model = self.posterior.observation.single
-        effects = model.with_new_participants(rng, parameters, others)
+        effects = model.for_others(rng, parameters, others, 1, np.arange(self.scene.fabric_modulus.size))
         return np.asarray(model.draw_ratings(rng, design, drive, parameters, effects))
 
 

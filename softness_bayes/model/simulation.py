@@ -15,9 +15,8 @@ from softness_bayes.data.forms import PANEL, AggregatedCells
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import NO_RESPONSE, Model, Parameters
 from softness_bayes.likelihood.design import Design, Stated
-from softness_bayes.likelihood.directions import RISES, RatingDirection
-from softness_bayes.likelihood.effects import RATER_SPREADS
 from softness_bayes.likelihood.error_laws import GUMBEL, NORMAL, ErrorLaw
+from softness_bayes.likelihood.intervals import RATER_SPREADS
 from softness_bayes.likelihood.models import model_of_different_raters, rating_model
 from softness_bayes.likelihood.plate import PLATE_PARAMETERS, CompressionForces
 from softness_bayes.likelihood.ratings import OF_FORCES
@@ -28,7 +27,9 @@ from softness_bayes.likelihood.scales import (
     MAGNITUDE,
     PAIRS,
     RANKS,
+    RISES,
     STANDARDISED,
+    RatingDirection,
     Scale,
 )
 from softness_bayes.model.scenes import scaled, scene_of, touch_parameters

@@ -21,8 +21,8 @@ from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import ErrorLaw
 from softness_bayes.likelihood.intervals import IntervalModel, SliderModel
-from softness_bayes.likelihood.places import RankedLists
-from softness_bayes.likelihood.row_laws import Rows, log_probability, row_terms
+from softness_bayes.likelihood.lists import RankedLists
+from softness_bayes.likelihood.row_laws import RowLaw, Rows
 from softness_bayes.likelihood.scales import AGGREGATED, CATEGORIES, PAIRS, RANKS, SLIDER, Scale
 from softness_bayes.model.interpretation import Interpretation
 from softness_bayes.model.options import ModelOptions
@@ -123,7 +123,7 @@ class SingleAnswers:
     def terms(self, effects: Array, given: Mapping[str, float]) -> Terms:
         """Return the log probability of all answers and its derivatives, for some effects and parameters."""
         rows, spread, law = self._law(given)
-        found = row_terms(self.law, rows, (self.design @ effects)[None], spread, law)
+        found = RowLaw(self.law, rows, (self.design @ effects)[None], spread, law).terms()
         weighted = self.design.multiply(-found.of_mean2[0][:, None])
         bend = (self.design.T @ csr_array(weighted)).toarray()
         return Terms(float(found.value.sum()), self.design.T @ found.of_mean[0], bend)
@@ -138,12 +138,12 @@ class SingleAnswers:
         rows, spread, law = self._law(given)
         expected = self.design @ effects
         variance = np.maximum(self.design.multiply(self.design @ covariance).sum(axis=1), TINY)
-        found = row_terms(self.law, rows, expected[None], spread, law)
+        found = RowLaw(self.law, rows, expected[None], spread, law).terms()
         others = 1.0 / np.maximum(1.0 / variance + found.of_mean2[0], 0.02 / variance)
         middle = expected - others * found.of_mean[0]
         at, weight = np.polynomial.hermite_e.hermegauss(NODES)
         points = middle + np.sqrt(others) * at[:, None]
-        density = log_probability(self.law, rows, points, np.broadcast_to(spread, (NODES, spread.shape[-1])), law)
+        density = RowLaw(self.law, rows, points, spread, law).log_probability()
         return np.asarray(logsumexp(density, axis=0, b=(weight / weight.sum())[:, None]) + self.jacobian)
 
     def natural(self, means: Array, given: Mapping[str, Array]) -> Array:

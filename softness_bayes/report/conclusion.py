@@ -15,7 +15,7 @@ from softness_bayes.checking.sentences import surprise_sentence, surprises
 from softness_bayes.checking.turning_check import DOUBTFUL, turns_reproduced
 from softness_bayes.data.oddities import few_raters_sentence
 from softness_bayes.files.run_files import FABRIC_RATINGS, RULER
-from softness_bayes.likelihood.directions import FALLS, RISES
+from softness_bayes.likelihood.scales import FALLS, RISES
 from softness_bayes.model.direction import odd_raters
 from softness_bayes.parameters.declared import EVERY_PARAMETER, MODULUS_SCALE, PARAMETERS, RECORDING_PARAMETERS
 from softness_bayes.people.free_means import word_of

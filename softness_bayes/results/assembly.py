@@ -41,8 +41,8 @@ from softness_bayes.files.run_files import (
     RATERS,
     RECORDED_RATES,
 )
-from softness_bayes.likelihood.effects import RATER_EFFECTS
 from softness_bayes.likelihood.error_laws import LAPSES, STUDENT
+from softness_bayes.likelihood.intervals import RATER_EFFECTS
 from softness_bayes.likelihood.models import OF_DIFFERENT_RATERS
 from softness_bayes.likelihood.scales import PAIRS, RANKS
 from softness_bayes.likelihood.spreads import SPREADS

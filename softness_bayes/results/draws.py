@@ -17,10 +17,9 @@ from softness_bayes.checking.inflection import Inflection
 from softness_bayes.checking.layout import LOAD_GROUP
 from softness_bayes.data import Experiment
 from softness_bayes.likelihood.contract import Parameters
-from softness_bayes.likelihood.directions import FREE
 from softness_bayes.likelihood.pieces import pieces
 from softness_bayes.likelihood.ratings import RatingsLikelihood, RatingsModel
-from softness_bayes.likelihood.scales import Scale
+from softness_bayes.likelihood.scales import FREE, Scale
 from softness_bayes.model.posterior import Density, Posterior
 from softness_bayes.parameters.declared import FABRIC_MODULUS
 from softness_bayes.parameters.space import ParameterSpace
@@ -124,7 +123,7 @@ class RatedDraws:
         Effects are drawn in chunks, because the responses of individual fingers are large.
         """
         ratings, flat = posterior.observation, theta.reshape(-1, theta.shape[-1])
-        width = ratings.fabric_of_rate.size
+        width = ratings.condition_of_rate.size
         width += 0 if posterior.fingers is None else posterior.fingers.grid.size * ratings.design.n_participants
         parts = [
             ratings.draw_effects(rng, posterior.response(flat[k]), posterior.rating_parameters(flat[k]))

@@ -50,6 +50,8 @@ def replicated_groups(rng: np.random.Generator, draws: RatedDraws) -> Groups:
     # with many loads, single loads have too few fabrics, so levelling is applied to groups of loads
     held = _held_at_peak(draws, replace(layout, load=groups.of[layout.load]))
     level = ratings.drive_at(held, few.mean_rate, few.parameters)
+    if level.shape != drive.shape:  # under other loads, the drive of a condition falls by as much
+        level = drive + (level - drive[..., : level.shape[-1]])[..., ratings.condition_of_rate]
     grouped = merge(layout, groups.of)[0]
     excess = excess_of_plateau(grouped, again, _rated(twin, draws, level, few))
     theta = draws.prior[: draws.replicates]
@@ -93,8 +95,7 @@ def _rated(rng: np.random.Generator, draws: RatedDraws, drive: Array, some: Subs
     """Return a rating for every row at each of some draws, drawn a few draws at a time."""
     made = np.empty((len(drive), draws.ratings.design.n_rows))
     for k in pieces(*made.shape):
-        parameters, effects = some.parameters.part(k), part_of(some.effects, k)
-        made[k] = draws.ratings.replicate(rng, drive[k], parameters, effects, some.mean_rate[k])
+        made[k] = draws.ratings.replicate(rng, drive[k], some.parameters.part(k), part_of(some.effects, k))
     return made
 
 

@@ -17,9 +17,8 @@ from softness_bayes.checking.calibration import DRAWS, Replicate
 from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import require_outputs
-from softness_bayes.likelihood.directions import RISES
 from softness_bayes.likelihood.models import rating_model
-from softness_bayes.likelihood.scales import MAGNITUDE, SLIDER
+from softness_bayes.likelihood.scales import MAGNITUDE, RISES, SLIDER
 from softness_bayes.model.build import COARSE, ExperimentModel, build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Posterior

@@ -160,7 +160,7 @@ def simulate(
     parameters, rate = posterior.rating_parameters(theta), posterior.response(theta)
     observation = observation.of_strangers()  # there are no plate forces for these raters
     effects = observation.new_effects(rng, parameters, ())
-    ratings = observation.replicate(rng, observation.drive(rate, parameters), parameters, effects, rate)
+    ratings = observation.replicate(rng, observation.drive(rate, parameters), parameters, effects)
     return observation.with_values(ratings), type(effects)(*(each[None] for each in effects))
 
 

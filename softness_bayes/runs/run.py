@@ -18,8 +18,7 @@ from softness_bayes.data import Afferents, Compression, Experiment, Measurements
 from softness_bayes.data.fabrics import warn_of_moduli
 from softness_bayes.files.command_line import storable
 from softness_bayes.files.run_files import FABRIC_RATINGS, RULER, THRESHOLDS
-from softness_bayes.likelihood.directions import direction_named
-from softness_bayes.likelihood.scales import PAIRS
+from softness_bayes.likelihood.scales import PAIRS, direction_named
 from softness_bayes.model.build import ExperimentModel, SkinModel, build, build_skin
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Density, Posterior

@@ -12,7 +12,7 @@ from softness_bayes.checking.check_table import check_table
 from softness_bayes.cli.summary import print_result
 from softness_bayes.data.oddities import few_raters_sentence
 from softness_bayes.files.run_files import RULER
-from softness_bayes.likelihood.directions import FALLS, RISES
+from softness_bayes.likelihood.scales import FALLS, RISES
 from softness_bayes.people.free_means import free_means
 from softness_bayes.report import page
 from softness_bayes.report.cards import Standing, cards

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from softness_bayes.likelihood.directions import FALLS
+from softness_bayes.likelihood.scales import FALLS
 from softness_bayes.model.scenes import touch_parameters, usual_values
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.priors import require_prior

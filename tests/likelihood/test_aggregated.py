@@ -10,8 +10,8 @@ from softness_bayes.errors import InputError
 from softness_bayes.likelihood.aggregated import AggregatedModel
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.directions import FALLS
 from softness_bayes.likelihood.magnitude import RatingModel
+from softness_bayes.likelihood.scales import FALLS
 from softness_bayes.likelihood.spreads import LARGE_ORDER, RaterSpreads, SpreadModel, log_bessel
 
 N, FABRICS, CELLS = 7, np.array([0, 0, 1, 1, 2]), 5

@@ -21,17 +21,15 @@ from softness_bayes.likelihood.aggregated import AggregatedModel, AggregatedRati
 from softness_bayes.likelihood.categories import CategoryModel, CategoryRatings
 from softness_bayes.likelihood.contract import NO_RESPONSE, Likelihood, Parameters
 from softness_bayes.likelihood.design import Design, LoadErrors
-from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
 from softness_bayes.likelihood.individual import IndividualModel, IndividualRatings
 from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.models import LIKELIHOODS, RATING_MODELS, rating_model
-from softness_bayes.likelihood.orders import OrderModel, OrderRatings
-from softness_bayes.likelihood.pairs import PairModel, PairRatings
+from softness_bayes.likelihood.orders import OrderModel, OrderRatings, PairModel, PairRatings
 from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.likelihood.ratings import RatingsLikelihood
-from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, RATING_SCALES, scale_named
+from softness_bayes.likelihood.scales import CATEGORIES, FALLS, MAGNITUDE, RATING_SCALES, RISES, scale_named
 from softness_bayes.likelihood.spreads import RaterSpreads, SpreadModel
 from softness_bayes.likelihood.uncertain_loads import UncertainLoads
 from softness_bayes.likelihood.z_scores import StandardisedModel, StandardisedRatings
@@ -267,8 +265,7 @@ def shuffled(y, order, people):
     if hasattr(y, "errors"):
         load = (y.load,) if hasattr(y, "load") else ()
         return type(y)(y.values[order], design, y.model, replace(y.errors, of_row=y.errors.of_row[order]), *load)
-    own = {"finer": y._finer} if isinstance(y, IntervalRatings) else {}
-    own = {"lists": y.lists[order]} if isinstance(y, OrderRatings) else own
+    own = {"lists": y.lists[order]} if isinstance(y, OrderRatings) else {}
     return type(y)(y.values[order], design, y.model, **own)
 
 
@@ -292,7 +289,7 @@ def replicates_fit_the_density(case):
     y, rng = case.observed, np.random.default_rng(5)
     rate, points = many(case)
     effects = y.new_effects(rng, points, (DRAWS,))
-    made = y.replicate(rng, y.drive(rate, points), points, effects, rate)
+    made = y.replicate(rng, y.drive(rate, points), points, effects)
     first, point = case.at(slice(0, 1))
     name = next(n for n in ("varsigma", "varsigma_f") if n in y.model.needs)
     # a category tells less of the spread than a number does
@@ -308,7 +305,7 @@ def replicates_have_uniform_places(case):
     """Each row of a replicated table lies uniformly in its law given the other rows."""
     y, rng = case.observed, np.random.default_rng(6)
     rate, points = many(case)
-    made = y.replicate(rng, y.drive(rate, points), points, y.new_effects(rng, points, (DRAWS,)), rate)[:140]
+    made = y.replicate(rng, y.drive(rate, points), points, y.new_effects(rng, points, (DRAWS,)))[:140]
     first, point = case.at(slice(0, 1))
     places = of_tables(y, made, lambda table: table.below_loo(first, point)[0])
     if case.numbers is not None:
@@ -323,7 +320,7 @@ def residuals_are_errors(case):
     y, rng = case.observed, np.random.default_rng(7)
     rate, points = many(case)
     effects = y.new_effects(rng, points, (DRAWS,))
-    made = y.replicate(rng, y.drive(rate, points), points, effects, rate)
+    made = y.replicate(rng, y.drive(rate, points), points, effects)
     first, point = case.at(slice(0, 1))
     residual = np.empty((600, ROWS))
     for k in range(len(residual)):
@@ -341,7 +338,7 @@ def effects_are_drawn_given_the_data(case):
     y, rng = case.observed, np.random.default_rng(8)
     rate, points = many(case)
     before = y.new_effects(rng, points, (DRAWS,))
-    made = y.replicate(rng, y.drive(rate, points), points, before, rate)
+    made = y.replicate(rng, y.drive(rate, points), points, before)
     first, point = case.at(slice(0, 1))
     after = [y.with_values(values).draw_effects(rng, first, point) for values in made[:200]]
     for k, name in enumerate(type(before)._fields):
@@ -463,7 +460,7 @@ class Ordered(LogRatings):
 class Noisy(LogRatings):
     """Replicates with more noise than the density has."""
 
-    def replicate(self, rng, drive, parameters, effects, mean_rate=None):
+    def replicate(self, rng, drive, parameters, effects):
         return super().replicate(rng, drive, parameters.replace(varsigma=2.0 * parameters.varsigma), effects)
 
 

@@ -14,7 +14,6 @@ from softness_bayes.likelihood.aggregated import AggregatedModel
 from softness_bayes.likelihood.categories import CategoryModel
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design, LoadErrors, Stated
-from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.likelihood.error_laws import error_law_named
 from softness_bayes.likelihood.individual import IndividualModel
 from softness_bayes.likelihood.models import (
@@ -23,7 +22,7 @@ from softness_bayes.likelihood.models import (
     under_load_errors,
 )
 from softness_bayes.likelihood.plate import CompressionForces
-from softness_bayes.likelihood.scales import scale_named
+from softness_bayes.likelihood.scales import FALLS, RISES, scale_named
 from softness_bayes.likelihood.spreads import RaterSpreads, SpreadModel
 from softness_bayes.touch.contact import Finger
 from softness_bayes.touch.finger_grid import FingerGrid

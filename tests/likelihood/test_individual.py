@@ -6,9 +6,9 @@ from numpy.testing import assert_allclose
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.directions import FALLS
 from softness_bayes.likelihood.individual import IndividualModel
 from softness_bayes.likelihood.magnitude import RatingModel
+from softness_bayes.likelihood.scales import FALLS
 from softness_bayes.touch.finger_grid import FingerGrid
 from support.points import rated
 

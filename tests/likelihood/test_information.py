@@ -9,15 +9,9 @@ from scipy.sparse import csr_array
 
 from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.error_laws import LAPSES
-from softness_bayes.likelihood.information import (
-    Comparisons,
-    EffectGroup,
-    normal_information,
-    order_information,
-    pair_information,
-)
-from softness_bayes.likelihood.orders import OrderModel
-from softness_bayes.likelihood.pairs import PairModel
+from softness_bayes.likelihood.lists import Comparisons, order_information, pair_information
+from softness_bayes.likelihood.normal_rows import EffectGroup, normal_information
+from softness_bayes.likelihood.orders import OrderModel, PairModel
 from support.points import rated
 
 STEP = 1e-4

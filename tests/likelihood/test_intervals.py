@@ -7,10 +7,10 @@ from scipy.stats import kstest
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design, Stated
-from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
 from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings, SliderModel
 from softness_bayes.likelihood.magnitude import RatingModel
+from softness_bayes.likelihood.scales import FALLS, RISES
 from support.interval_tables import POINTS, design_of, on_grid, points_of, rates_of, table
 
 LAWS = NORMAL, STUDENT, LAPSES

@@ -7,8 +7,8 @@ from scipy.stats import kstest, multivariate_normal, norm
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
+from softness_bayes.likelihood.scales import FALLS, RISES
 from support.points import rated
 
 DEFAULT = RatingModel()

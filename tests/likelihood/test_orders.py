@@ -13,10 +13,10 @@ from softness_bayes.checking.uniformity import uniformity_p_value
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.categories import CategoryModel
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.directions import FALLS
 from softness_bayes.likelihood.error_laws import GUMBEL, GUMBEL_SD, error_law_named
+from softness_bayes.likelihood.lists import MOST_TIED, shares
 from softness_bayes.likelihood.orders import OrderModel, OrderRatings
-from softness_bayes.likelihood.places import MOST_TIED, shares
+from softness_bayes.likelihood.scales import FALLS
 from support.points import rated
 
 RATE = np.array([0.0, 2.0, 7.0, 30.0])

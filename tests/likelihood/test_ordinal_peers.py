@@ -11,7 +11,7 @@ from scipy.stats import norm
 from softness_bayes.likelihood.categories import CategoryModel
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import LAPSES
-from softness_bayes.likelihood.pairs import PairModel, PairRatings
+from softness_bayes.likelihood.orders import PairModel, PairRatings
 from support.points import rated
 
 STORED = json.loads((Path(__file__).parents[1] / "reference" / "ordinal.json").read_text())

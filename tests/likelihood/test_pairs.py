@@ -13,8 +13,7 @@ from softness_bayes.data import Fabrics, Ratings
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import LAPSES
-from softness_bayes.likelihood.orders import OrderModel
-from softness_bayes.likelihood.pairs import PairModel, PairRatings
+from softness_bayes.likelihood.orders import OrderModel, PairModel, PairRatings
 from support.points import rated
 
 RATE = np.array([0.0, 2.0, 7.0, 30.0])

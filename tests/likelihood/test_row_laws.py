@@ -8,7 +8,7 @@ from scipy.stats import kstest, norm, t
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT, error_law_named
-from softness_bayes.likelihood.row_laws import Rows, below, lobatto, log_probability, row_terms, scores_at
+from softness_bayes.likelihood.row_laws import RowLaw, Rows, lobatto
 
 LAWS = NORMAL, STUDENT, LAPSES
 SPREAD, ONE = np.array([[0.4]]), np.array([[1.0]])
@@ -17,6 +17,10 @@ WIDTH = np.concatenate([np.zeros(5), 10.0 ** np.linspace(-7.0, 0.6, 20)])
 MIDDLE = np.linspace(-2.5, 2.5, 25)
 ROWS = Rows(MIDDLE - WIDTH / 2, MIDDLE + WIDTH / 2, np.log(np.linspace(0.01, 0.2, 25)))
 EXPECTED = 0.3 * np.sin(np.arange(25.0))[None]
+
+
+def log_probability(*given):
+    return RowLaw(*given).log_probability()
 
 
 def distribution(law):
@@ -41,11 +45,11 @@ def test_probabilities_are_those_of_scipy(law):
 def test_derivatives_are_those_of_differences(law):
     """With respect to the expectation and to the log spread, twice each and mixed."""
     wide = (WIDTH / SPREAD[0] > 2e-3) | (WIDTH == 0)
-    exact = row_terms(law, ROWS, EXPECTED, SPREAD, POINT, noise=True)
+    exact = RowLaw(law, ROWS, EXPECTED, SPREAD, POINT).terms(noise=True)
     h = 1e-4
 
     def at(mean, noise):
-        return row_terms(law, ROWS, EXPECTED + mean * h, SPREAD * np.exp(noise * h), POINT, noise=True)
+        return RowLaw(law, ROWS, EXPECTED + mean * h, SPREAD * np.exp(noise * h), POINT).terms(noise=True)
 
     assert_allclose(exact.value, log_probability(law, ROWS, EXPECTED, SPREAD, POINT), rtol=1e-13)
     for first, second, step in (("of_mean", "of_mean2", (1, 0)), ("of_noise", "of_noise2", (0, 1))):
@@ -89,7 +93,7 @@ def test_far_intervals_keep_their_digits():
     tails = [norm.logsf(20.0) + np.log1p(-np.exp(norm.logsf(20.5) - norm.logsf(20.0))), 0.0, norm.logsf(12.0)]
     tails[1] = norm.logcdf(-20.5) + np.log1p(-np.exp(norm.logcdf(-21.0) - norm.logcdf(-20.5)))
     assert_allclose(found[0], tails, rtol=1e-12)
-    for part in row_terms(NORMAL, rows, np.zeros((1, 3)), np.ones((1, 1)), POINT, noise=True):
+    for part in RowLaw(NORMAL, rows, np.zeros((1, 3)), np.ones((1, 1)), POINT).terms(noise=True):
         assert np.isfinite(part).all()
 
 
@@ -102,10 +106,11 @@ def test_scores_of_intervals_are_normal(law):
     with np.errstate(divide="ignore"):
         rows = Rows(np.log(np.maximum(number - 0.5, 0.0)), np.log(number + 0.5), np.full(size, -np.inf))
     expected = np.full((1, size), 0.4)
-    scores = scores_at(law, rows, rng.uniform(size=size), expected, SPREAD, POINT)[0]
+    of_rows = RowLaw(law, rows, expected, SPREAD, POINT)
+    scores = of_rows.scores(rng.uniform(size=size))[0]
     assert kstest(scores, "norm").pvalue > 1e-3
-    assert kstest(scores_at(law, rows, np.full(size, 0.5), expected, SPREAD, POINT)[0], "norm").pvalue < 1e-6
-    places = below(law, rows, expected, SPREAD, POINT)[0]
+    assert kstest(of_rows.scores(np.full(size, 0.5))[0], "norm").pvalue < 1e-6
+    places = of_rows.below()[0]
     assert_allclose(places.mean(), 0.5, atol=0.02)
 
 

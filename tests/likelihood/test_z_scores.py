@@ -16,15 +16,17 @@ from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.directions import FALLS, RATING_DIRECTIONS, RISES
 from softness_bayes.likelihood.models import rating_model
 from softness_bayes.likelihood.scales import (
     AGGREGATED,
     CATEGORIES,
+    FALLS,
     MAGNITUDE,
     PAIRS,
     RANKS,
+    RATING_DIRECTIONS,
     RATING_SCALES,
+    RISES,
     STANDARDISED,
 )
 from softness_bayes.likelihood.z_scores import RegressionLine, StandardisedModel, StandardisedRatings

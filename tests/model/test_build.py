@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.directions import FALLS
+from softness_bayes.likelihood.scales import FALLS
 from softness_bayes.model import simulation as study
 from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
 from softness_bayes.model.simulation import simulate_ratings

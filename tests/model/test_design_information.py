@@ -139,7 +139,7 @@ def test_foreseen_widths_are_those_of_posteriors(seed, scale, factor):
     rate, parameters = posterior.mean_rate(truth), posterior.rating_parameters(truth)
     seen = posterior.observation
     effects = seen.new_effects(rng, parameters, (1,))
-    rating = seen.replicate(rng, seen.drive(rate, parameters), parameters, effects, rate)[0]
+    rating = seen.replicate(rng, seen.drive(rate, parameters), parameters, effects)[0]
     data = model.experiment._replace(ratings=replace(model.experiment.ratings, rating=rating))
     result = sample(data, model.options, RunOptions(), seed=1)
     expected = foresee(model, as_it_is(model), truth)

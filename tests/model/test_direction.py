@@ -9,9 +9,9 @@ from scipy.stats import page_trend_test, spearmanr
 
 from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.directions import FALLS, FREE, RISES
 from softness_bayes.likelihood.error_laws import NORMAL
 from softness_bayes.likelihood.layout import Layout
+from softness_bayes.likelihood.scales import FALLS, FREE, RISES
 from softness_bayes.model.build import Parts, build
 from softness_bayes.model.direction import LEVEL, condition_means, find_trend, mean_correlation, odd_raters
 from softness_bayes.model.options import ModelOptions

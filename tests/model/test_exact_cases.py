@@ -11,8 +11,8 @@ from scipy import integrate
 from scipy.stats import kstest, norm
 
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.directions import FALLS
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
+from softness_bayes.likelihood.scales import FALLS
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.declared import PARAMETERS

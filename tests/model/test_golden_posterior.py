@@ -17,9 +17,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from softness_bayes.data import Compression, read_experiment
-from softness_bayes.likelihood.directions import FALLS, FREE
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
-from softness_bayes.likelihood.scales import AGGREGATED, CATEGORIES, PAIRS, RANKS, SLIDER, STANDARDISED
+from softness_bayes.likelihood.scales import AGGREGATED, CATEGORIES, FALLS, FREE, PAIRS, RANKS, SLIDER, STANDARDISED
 from softness_bayes.model.build import build, build_skin
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.touch.contact import Finger

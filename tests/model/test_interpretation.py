@@ -9,9 +9,18 @@ from numpy.testing import assert_allclose
 from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.data.oddities import step_of
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.directions import FALLS, FREE, RISES
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
-from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, PAIRS, RANKS, SLIDER, STANDARDISED
+from softness_bayes.likelihood.scales import (
+    CATEGORIES,
+    FALLS,
+    FREE,
+    MAGNITUDE,
+    PAIRS,
+    RANKS,
+    RISES,
+    SLIDER,
+    STANDARDISED,
+)
 from softness_bayes.model.build import build
 from softness_bayes.model.interpretation import interpret, stated
 from softness_bayes.model.options import ModelOptions

@@ -9,8 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from softness_bayes.data import Experiment, Fabrics
-from softness_bayes.likelihood.directions import FALLS
-from softness_bayes.likelihood.scales import MAGNITUDE
+from softness_bayes.likelihood.scales import FALLS, MAGNITUDE
 from softness_bayes.model import scenes
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions

@@ -21,7 +21,7 @@ from softness_bayes.checking.sentences import exactness_sentence
 from softness_bayes.cli import main, sample
 from softness_bayes.errors import InputError
 from softness_bayes.files.spreadsheet import table_of
-from softness_bayes.likelihood.directions import FALLS
+from softness_bayes.likelihood.scales import FALLS
 from softness_bayes.parameters.laws import LogNormal
 from softness_bayes.plotting.figures import figures_of
 from softness_bayes.readable import chance, number

@@ -25,9 +25,8 @@ from softness_bayes.checking.inflection import LEAST_DROP, curve_scene
 from softness_bayes.checking.uniformity import simultaneous_band
 from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.directions import FALLS
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
-from softness_bayes.likelihood.scales import RATING_SCALES
+from softness_bayes.likelihood.scales import FALLS, RATING_SCALES
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.plotting.checks import rank_ecdf_figure
@@ -455,5 +454,5 @@ def test_every_scale_is_calibrated(scale):
     truth = posterior.space.draw_prior(rng, 1)
     parameters, rate = posterior.rating_parameters(truth), posterior.response(truth)
     effects = observed.new_effects(rng, parameters, (1,))
-    made = observed.replicate(rng, observed.drive(rate, parameters), parameters, effects, rate)[0]
+    made = observed.replicate(rng, observed.drive(rate, parameters), parameters, effects)[0]
     assert np.isfinite(observed.with_values(made).log_likelihood(rate, parameters)).all()

@@ -16,10 +16,9 @@ from softness_bayes.defaults import LEFT_OUT
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.directions import FALLS
 from softness_bayes.likelihood.error_laws import ERROR_LAWS
 from softness_bayes.likelihood.magnitude import LogRatings
-from softness_bayes.likelihood.scales import STANDARDISED
+from softness_bayes.likelihood.scales import FALLS, STANDARDISED
 from softness_bayes.likelihood.z_scores import StandardisedRatings
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions

@@ -11,9 +11,8 @@ from softness_bayes import read_experiment, sample
 from softness_bayes.cli import main
 from softness_bayes.cli.options import collected
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.directions import FALLS
 from softness_bayes.likelihood.error_laws import LAPSES
-from softness_bayes.likelihood.scales import SLIDER
+from softness_bayes.likelihood.scales import FALLS, SLIDER
 from softness_bayes.model import build as building
 from softness_bayes.model.fingers import finger_of
 from softness_bayes.model.options import ModelOptions

@@ -11,7 +11,7 @@ from softness_bayes.cli.summary import print_result
 from softness_bayes.data import Experiment
 from softness_bayes.data.ratings import Ratings
 from softness_bayes.files.run_files import MODULUS_ERRORS
-from softness_bayes.likelihood.directions import FALLS, FREE
+from softness_bayes.likelihood.scales import FALLS, FREE
 from softness_bayes.model import build
 from softness_bayes.plotting.figures import FIGURES
 from softness_bayes.plotting.style import USUAL

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.directions import FREE
 from softness_bayes.likelihood.error_laws import NORMAL, STUDENT
-from softness_bayes.likelihood.scales import RANKS
+from softness_bayes.likelihood.scales import FREE, RANKS
 from softness_bayes.results.fitted import experiment_of, options_of
 from softness_bayes.results.result import Result
 from softness_bayes.runs.comparison import compare

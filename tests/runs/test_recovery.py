@@ -14,8 +14,8 @@ import pytest
 from numpy.typing import NDArray
 
 from softness_bayes.data import Experiment, Fabrics
-from softness_bayes.likelihood.directions import FALLS
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
+from softness_bayes.likelihood.scales import FALLS
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import LEAST_FIRING, Posterior

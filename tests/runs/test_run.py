@@ -15,8 +15,8 @@ from softness_bayes import arviz_bridge
 from softness_bayes.checking.inflection import curve_scene
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.directions import FALLS, direction_named
 from softness_bayes.likelihood.error_laws import NORMAL, STUDENT
+from softness_bayes.likelihood.scales import FALLS, direction_named
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values

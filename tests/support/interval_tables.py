@@ -4,10 +4,10 @@ import numpy as np
 
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design, Stated
-from softness_bayes.likelihood.directions import RISES
 from softness_bayes.likelihood.error_laws import NORMAL
 from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings
 from softness_bayes.likelihood.magnitude import RatingModel
+from softness_bayes.likelihood.scales import RISES
 
 CONDITIONS, POINTS = 6, 3
 

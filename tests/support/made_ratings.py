@@ -9,9 +9,8 @@ from softness_bayes.checking import checks
 from softness_bayes.checking.check_table import NEW_PARTICIPANTS
 from softness_bayes.checking.turning_check import EXCESS, excess_of_plateau, plateau
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.effects import Effects
 from softness_bayes.likelihood.layout import Layout
-from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
+from softness_bayes.likelihood.magnitude import Effects, LogRatings, RatingModel
 from softness_bayes.provenance import Finding, ResidualChecks, attributes_of
 from support.points import rated
 
