@@ -172,7 +172,7 @@ def read_experiment(
         Naming file, row, column and value.
     """
     require_mapping("columns", columns or {}, "{'rating': 'softness'}")
-    given = loads_of(*([] if value is None else [value] for value in (indentation_mm, force_n)))
+    given = loads_of(indentation_mm, force_n)
     request = Request(LOADED if given else RATINGS, columns or {}, decimal, wide)
     source, place = _separate_fabrics(ratings_path, fabrics_path, request)
 
@@ -291,7 +291,7 @@ def read_answers(
     InputError
         Naming file, row, column and value.
     """
-    given = loads_of(*([] if value is None else [value] for value in (indentation_mm, force_n)))
+    given = loads_of(indentation_mm, force_n)
     request = Request((LOADED if given else RATINGS).and_also(FABRICS), columns or {}, decimal, wide)
     source, _ = _separate_fabrics(ratings_path, fabrics_path, request)
     table = read_table(ratings_path, request)

@@ -77,11 +77,11 @@ def _incomplete(properties: Mapping[str, FloatArray]) -> dict[int, str]:
     return found
 
 
-CLOTH = {
-    "tensile_modulus": (TENSILE_MODULUS, Range(1e4, 2e9), "in kPa or Pa"),
-    "thickness": (THICKNESS, Range(2e-5, 2.5e-2), "in µm or m"),
-}
-"""Column, plausible range for cloth [SI] and likely mistake outside it, by property of fabrics."""
+_PLAUSIBLE = (
+    ("tensile_modulus", TENSILE_MODULUS, Range(1e4, 2e9), "is tensile_modulus_mpa in kPa or Pa?"),
+    ("thickness", THICKNESS, Range(2e-5, 2.5e-2), "is thickness_mm in µm or m?"),
+)
+"""Property, column, plausible range for cloth [SI] and likely mistake outside it."""
 MODULI = Range(1e1, 3e7)
 """E_fab of cloth [Pa]: 618 measured fabrics have 0.3 to 300 kPa, stiff ones like those in the paper some thousand."""
 USUAL_MODULI = Range(1e2, 5e6)
@@ -94,70 +94,6 @@ _UNITS = {
     BENDING_RIGIDITY.name: "in gf·cm²/cm or µN·m",
     TENSILE_MODULUS.name: "in other units than MPa and mm",
 }
-
-
-def cloth_notes(
-    names: Sequence[str], properties: Mapping[str, FloatArray], modulus: FloatArray, basis: Sequence[str]
-) -> list[str]:
-    """Return notes on properties and moduli outside the range of any cloth.
-
-    Parameters
-    ----------
-    names
-        The fabrics.
-    properties
-        Measured properties [SI], by their names in `CLOTH`; NaN where missing.
-    modulus
-        E_fab [Pa], NaN if unknown.
-    basis
-        Source column of each modulus.
-    """
-    notes = []
-    for name, (column, usual, remedy) in CLOTH.items():
-        if note := _beyond(names, properties[name], column.name, column, usual):
-            notes.append(f"{note}: is {column.name} {remedy}?")
-    source = next(column for column in basis if column)
-    wrong = f"is {source} {_UNITS[source]}, or is the unit wrong by a factor of a thousand?"
-    if note := _beyond(names, modulus, "E_fab", EFFECTIVE_MODULUS, MODULI):
-        notes.append(f"{note}: {wrong}")
-    elif not USUAL_MODULI.holds(median := float(np.exp(np.nanmedian(np.log(modulus))))):
-        expected = USUAL_MODULI.within(1 / EFFECTIVE_MODULUS.factor, EFFECTIVE_MODULUS.unit)
-        notes.append(f"looks wrong: the fabrics' median E_fab is {median / 1e3:.3g} kPa, expected {expected}: {wrong}")
-    return notes
-
-
-def other_moduli(
-    names: Sequence[str], basis: Sequence[str], modulus: FloatArray, others: Mapping[str, FloatArray]
-) -> list[str]:
-    """Return notes on fabrics whose other properties imply a different modulus from the one used.
-
-    Parameters
-    ----------
-    names, basis, modulus
-        The fabrics, the source column of each E_fab, and E_fab [Pa].
-    others
-        E_fab [Pa] implied by other columns, by column; NaN if not available.
-    """
-    notes = []
-    for column, other in others.items():
-        differ = [
-            f"{name} {taken / 1e3:.3g} and {value / 1e3:.3g} kPa"
-            for name, source, taken, value in zip(names, basis, modulus.tolist(), other.tolist(), strict=True)
-            if source != column and value > 0 and not 1 / AGREEMENT <= taken / value <= AGREEMENT
-        ]
-        if differ:
-            notes.append(f"E_fab from the column used and from {column} differ: {listing(differ, 3)}")
-    return notes
-
-
-def _beyond(names: Sequence[str], values: FloatArray, what: str, column: Column, usual: Range) -> str:
-    """Return a note on the values outside the usual range, empty if there are none."""
-    strange = [i for i, value in enumerate(values) if not np.isnan(value) and not usual.holds(value)]
-    if not strange:
-        return ""
-    shown = [f"{names[i]} {float(values[i]) / column.factor:.3g}" for i in strange]
-    expected = usual.within(1 / column.factor, column.unit)
-    return f"looks wrong: {what} of {len(strange)} of {len(names)} fabrics ({listing(shown, 3)}), expected {expected}"
 
 
 def _unmeasured() -> FloatArray:
@@ -390,21 +326,43 @@ class Fabrics:
         return replace(found, notes=tuple(f"{table.label}: {note}" for note in (*notes, *found.implausible())))
 
     def implausible(self) -> list[str]:
-        """Return notes on values that are implausible for cloth; raise an error for moduli outside the valid range."""
-        modulus = self.modulus(unknown=1.0)
-        known = np.array([bool(basis) for basis in self.basis])
-        modulus = np.where(known, modulus, np.nan)
-        measured = {name: getattr(self, name) for name in CLOTH}
+        """Return notes on values that are implausible for cloth, and on properties that imply different moduli.
+
+        Raises
+        ------
+        InputError
+            For moduli outside the valid range.
+        """
+        basis = self.basis
+        modulus = np.where([bool(column) for column in basis], self.modulus(unknown=1.0), np.nan)
+        source = next(column for column in basis if column)
+        remedy = f"is {source} {_UNITS[source]}, or is the unit wrong by a factor of a thousand?"
+        measured = [(getattr(self, name), column.name, column, *rest) for name, column, *rest in _PLAUSIBLE]
+        notes = []
+        for values, what, column, usual, wrong in (*measured, (modulus, "E_fab", EFFECTIVE_MODULUS, MODULI, remedy)):
+            strange = [i for i, value in enumerate(values) if not np.isnan(value) and not usual.holds(value)]
+            if strange:
+                shown = listing([f"{self.names[i]} {float(values[i]) / column.factor:.3g}" for i in strange], 3)
+                expected = usual.within(1 / column.factor, column.unit)
+                count = f"{what} of {len(strange)} of {len(self)} fabrics"
+                notes.append(f"looks wrong: {count} ({shown}), expected {expected}: {wrong}")
+        median = float(np.exp(np.nanmedian(np.log(modulus))))
+        if not any("E_fab" in note for note in notes) and not USUAL_MODULI.holds(median):
+            expected = USUAL_MODULI.within(1 / EFFECTIVE_MODULUS.factor, EFFECTIVE_MODULUS.unit)
+            said = f"the fabrics' median E_fab is {median / 1e3:.3g} kPa"
+            notes.append(f"looks wrong: {said}, expected {expected}: {remedy}")
         with np.errstate(over="ignore", under="ignore"):
             computed = PRINTED_RIGIDITY.rigidity(self.tensile_modulus, self.thickness, self.poisson_ratio)
-            others = {
-                BENDING_RIGIDITY.name: self.bending_rigidity / PLATE_LENGTH**3,
-                f"{TENSILE_MODULUS.name} and {THICKNESS.name}": computed / PLATE_LENGTH**3,
-            }
-        return [
-            *cloth_notes(self.names, measured, modulus, self.basis),
-            *other_moduli(self.names, self.basis, modulus, others),
-        ]
+        both = f"{TENSILE_MODULUS.name} and {THICKNESS.name}"
+        for other, rigidity in ((BENDING_RIGIDITY.name, self.bending_rigidity), (both, computed)):
+            differ = [
+                f"{self.names[i]} {modulus[i] / 1e3:.3g} and {value / 1e3:.3g} kPa"
+                for i, value in enumerate((rigidity / PLATE_LENGTH**3).tolist())
+                if basis[i] not in other and value > 0 and not 1 / AGREEMENT <= modulus[i] / value <= AGREEMENT
+            ]
+            if differ:
+                notes.append(f"E_fab from the column used and from {other} differ: {listing(differ, 3)}")
+        return notes
 
 
 def warn_of_moduli(fabrics: Fabrics) -> None:

@@ -7,6 +7,7 @@ import re
 import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 from decimal import Decimal
+from itertools import islice
 from typing import NamedTuple
 
 from softness_bayes.errors import InputError
@@ -32,29 +33,12 @@ def listing(names: Sequence[str], most: int = 8) -> str:
     return ", ".join(shown) + (f", … ({len(names)} in all)" if len(names) > most else "")
 
 
-class Guesses:
-    """Suggestions for misspelt names: similar ones.
-
-    Similar names are sought among the first `MOST_GUESSED` known ones, and for the first `MOST_ASKED` misspelt ones.
-
-    Parameters
-    ----------
-    known
-        The known names.
-    """
-
-    def __init__(self, known: Iterable[str]) -> None:
-        names = list(known)
-        self._known = names[:MOST_GUESSED]
-        self._left = MOST_ASKED
-
-    def of(self, name: str) -> str:
-        """Return ' (did you mean ...?)' if there is such a name, otherwise an empty text."""
-        self._left -= 1
-        if len(name) > _LONGEST_GUESSED or self._left < 0:
-            return ""
-        near = difflib.get_close_matches(name, self._known, 1)
-        return f" (did you mean {near[0]!r}?)" if near else ""
+def guess(name: str, known: Iterable[str]) -> str:
+    """Return ' (did you mean ...?)' if one of the first `MOST_GUESSED` known names is similar, otherwise nothing."""
+    if len(name) > _LONGEST_GUESSED:
+        return ""
+    near = difflib.get_close_matches(name, [*islice(known, MOST_GUESSED)], 1)
+    return f" (did you mean {near[0]!r}?)" if near else ""
 
 
 def look(name: str) -> str:

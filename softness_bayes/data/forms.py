@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -52,30 +51,25 @@ def unpaired(table: Table) -> Table:
     if all(same):
         table.faults.add_general("every pair is of one fabric with itself, expected two different fabrics")
     table.check()
-    caught = _catch_note([text for text, alike in zip(answers, same, strict=True) if alike and text])
+    notes = [f"rows are pairs: 1 means that {table.titles['fabric']} was softer than {table.titles[SECOND_FABRIC]}"]
+    told = [float(text) for text, alike in zip(answers, same, strict=True) if alike and text]
+    if told:
+        notes.append(
+            f"{counted(len(told), 'catch trial')} (a fabric with itself), which the model does not use: one was called "
+            f"softer in {len(told) - told.count(0.5)} of {len(told)}, the rate of false alarms; the first one in "
+            f"{told.count(1.0)} of these, beyond half of them a bias towards it"
+        )
     kept = np.flatnonzero(~np.array(same))
-    table, answers = table.take(kept), [answers[i] for i in kept]
-    both = table.take(np.repeat(np.arange(len(table)), 2))
-    second = {"fabric": table.cells[SECOND_FABRIC], RATING.name: [_OTHER[text] for text in answers]}
-    first = {"fabric": table.cells["fabric"], RATING.name: answers}
-    cells = {**both.cells, "list": [str(i + 1) for i in range(len(table)) for _ in range(2)]}
-    cells |= {name: [text for pair in zip(first[name], second[name], strict=True) for text in pair] for name in first}
-    del cells[SECOND_FABRIC]
-    titles = {**both.titles, "list": table.titles[SECOND_FABRIC]}
-    note = f"rows are pairs: 1 means that {table.titles['fabric']} was softer than {table.titles[SECOND_FABRIC]}"
-    return replace(both, cells=cells, titles=titles, notes=(*both.notes, note, *caught))
-
-
-def _catch_note(answers: Sequence[str]) -> list[str]:
-    """Return a note on pairs of a fabric with itself: how often they were answered at all, and with the first one."""
-    if not answers:
-        return []
-    told = [float(text) for text in answers if float(text) != 0.5]
-    return [
-        f"{counted(len(answers), 'catch trial')} (a fabric with itself), which the model does not use: one was called "
-        f"softer in {len(told)} of {len(answers)}, the rate of false alarms; the first one in {told.count(1.0)} of "
-        f"{len(told)}, beyond half of them a bias towards it"
+    both = table.take(np.repeat(kept, 2))
+    rows = [
+        row
+        for i in kept.tolist()
+        for row in ((table.cells["fabric"][i], answers[i]), (table.cells[SECOND_FABRIC][i], _OTHER[answers[i]]))
     ]
+    cells = {name: texts for name, texts in both.cells.items() if name != SECOND_FABRIC}
+    cells |= {"fabric": [name for name, _ in rows], RATING.name: [answer for _, answer in rows]}
+    cells["list"] = [str(1 + k // 2) for k in range(len(rows))]
+    return both.noted(*notes, cells=cells, titles={**both.titles, "list": table.titles[SECOND_FABRIC]})
 
 
 PANEL = "raters"
@@ -107,23 +101,24 @@ def cells_of(table: Table) -> tuple[Table, AggregatedCells | None]:
     if not holds_cells(table.cells):
         return table, None
     table.require(RATERS.name)
-    raters, n = table.numbers(RATERS), 2
+    raters = table.numbers(RATERS)
     for i in np.flatnonzero(np.isnan(raters) | (raters != np.round(raters))).tolist():
         if not table.is_faulty(i, RATERS.name):
             table.fault(i, RATERS.name, "expected a whole number")
-    known = raters[~np.isnan(raters)]
-    if known.size:
-        n = int(known.max())
-    if known.size and known.min() < known.max():
+    known = np.append(raters[~np.isnan(raters)], [] if np.isfinite(raters).any() else 2.0)
+    n = int(known.max())
+    if known.min() < n:
         table.faults.add_general(
             f"column {table.titles[RATERS.name]!r}: cells of {known.min():g} to {n} raters; expected the same "
             "raters in every cell, because raters' scales differ and the table does not show who is missing"
         )
+    notes = []
     if GEOMETRIC_MEAN.name in table:
-        name, note = GEOMETRIC_MEAN.name, ""
-        filed = table.cells[name]
+        name, filed = GEOMETRIC_MEAN.name, table.cells[GEOMETRIC_MEAN.name]
         table.numbers(GEOMETRIC_MEAN)  # text that is not a number above 0 is a fault
         geometric_sd = table.numbers(GEOMETRIC_SD)
+        if unused := [table.titles[column.name] for column in (MEAN, SD, SE) if column.name in table]:
+            notes.append(f"columns of arithmetic means, not used because there are geometric ones: {', '.join(unused)}")
     else:
         name = MEAN.name
         log_mean, log_sd = _converted(table, n)
@@ -132,19 +127,14 @@ def cells_of(table: Table) -> tuple[Table, AggregatedCells | None]:
         note = "arithmetic means and standard deviations are converted as if ratings were log-normal, an approximation"
         if SE.name in table and SD.name not in table:
             note = f"column {table.titles[SE.name]!r}: a standard deviation is the standard error times √{n}; {note}"
+        notes.append(note)
     told = "with" if np.isfinite(geometric_sd).any() else "without"
-    notes = [f"rows are geometric means of {n} raters, {told} the standard deviations of their log ratings"]
-    notes += [note] if note else []
-    if name == GEOMETRIC_MEAN.name and (unused := [table.titles[x.name] for x in (MEAN, SD, SE) if x.name in table]):
-        notes.append(f"columns of arithmetic means, not used because there are geometric ones: {', '.join(unused)}")
+    notes = [f"rows are geometric means of {n} raters, {told} the standard deviations of their log ratings", *notes]
     cells = {key: texts for key, texts in table.cells.items() if key not in OF_CELLS}
-    made = replace(
-        table,
-        cells=cells | {RATING.name: list(filed)},
-        titles={**table.titles, RATING.name: table.titles[name]},
-        notes=(*table.notes, *notes),
+    titles = {**table.titles, RATING.name: table.titles[name]}
+    return table.noted(*notes, cells=cells | {RATING.name: list(filed)}, titles=titles), AggregatedCells(
+        n, geometric_sd
     )
-    return made, AggregatedCells(n, geometric_sd)
 
 
 def _converted(table: Table, raters: int) -> tuple[FloatArray, FloatArray]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import ROUND_HALF_EVEN, Decimal
 from operator import attrgetter
@@ -25,7 +25,7 @@ from softness_bayes.data.columns import (
 )
 from softness_bayes.data.decimals import Marks
 from softness_bayes.data.fabrics import Fabrics, log_sd
-from softness_bayes.data.faults import Guesses, identity, listing, natural
+from softness_bayes.data.faults import MOST_ASKED, guess, identity, listing, natural
 from softness_bayes.data.formats import TableSource
 from softness_bayes.data.forms import PANEL, AggregatedCells, cells_of, covariates_in, unpaired
 from softness_bayes.data.reading import read_as
@@ -51,8 +51,10 @@ LOAD_COLUMNS = (
 )
 
 
-def loads_of(indentation_mm: Iterable[float] = (), force_n: Iterable[float] = ()) -> tuple[Load, ...]:
+def loads_of(indentation_mm: ArrayLike | None = (), force_n: ArrayLike | None = ()) -> tuple[Load, ...]:
     """Return the distinct loads of some indentations [mm] and forces [N]: indentations first, each in increasing order.
+
+    Single numbers and None are accepted too.
 
     Raises
     ------
@@ -62,7 +64,8 @@ def loads_of(indentation_mm: Iterable[float] = (), force_n: Iterable[float] = ()
     distinct: set[Load] = set()
     for (column, kind, _), given in zip(LOAD_COLUMNS, (indentation_mm, force_n), strict=True):
         try:
-            distinct |= {kind(column.parse(repr(float(value)))) for value in given}
+            values = [] if given is None else np.atleast_1d(np.asarray(given, dtype=float)).tolist()
+            distinct |= {kind(column.parse(repr(value))) for value in values}
         except ValueError as error:
             raise InputError(f"{column.name}: {error}") from None
     return tuple(sorted(distinct, key=rank))
@@ -299,7 +302,7 @@ class Ratings:
         InputError
             Naming file, row, column and value.
         """
-        given = loads_of(*([] if value is None else [value] for value in (indentation_mm, force_n)))
+        given = loads_of(indentation_mm, force_n)
         names = (lambda: None) if fabrics is None else (lambda: fabrics.names)
         request = Request(LOADED if given else RATINGS, columns or {}, decimal, wide, names)
         return read_as(lambda table: cls.from_table(table, fabrics, given), path, request)
@@ -388,7 +391,14 @@ def _rated_rows(table: Table, filed: FloatArray, drop_zeros: bool) -> tuple[IntA
     Codes for missing ratings are faults, and so are tables without ratings.
     """
     texts = table.cells[RATING.name]
-    for i in _missing_codes(texts, filed):
+    # a code is nine times as far from 0 as every other rating, or the only negative number among positive ones
+    codes = [i for i, text in enumerate(texts) if text in MISSING_CODES and not np.isnan(filed[i])]
+    others = np.delete(filed, codes)
+    others = others[~np.isnan(others)]
+    largest = np.abs(others).max(initial=0.0)  # it may be too large for a multiplication
+    for i in codes if others.size else ():
+        if not (abs(filed[i]) / FAR >= largest or filed[i] < 0 <= others.min()):
+            continue
         table.problem(
             i,
             RATING.name,
@@ -418,25 +428,6 @@ def _rated_rows(table: Table, filed: FloatArray, drop_zeros: bool) -> tuple[IntA
     return rated, used, notes
 
 
-def _missing_codes(texts: Sequence[str], values: FloatArray) -> list[int]:
-    """Return the ratings that are codes for missing values, such as 999 or -99.
-
-    A code is nine times as far from 0 as every other rating, or the only negative number among positive ones.
-
-    Parameters
-    ----------
-    texts, values
-        The ratings as written, and as numbers, NaN if missing.
-    """
-    codes = [i for i, text in enumerate(texts) if text in MISSING_CODES and not np.isnan(values[i])]
-    others = np.delete(values, codes)
-    others = others[~np.isnan(others)]
-    if not others.size:
-        return []
-    largest = np.abs(others).max()  # it may be too large for a multiplication
-    return [i for i in codes if abs(values[i]) / FAR >= largest or (values[i] < 0 <= others.min())]
-
-
 def _fabrics_in(table: Table, fabrics: Fabrics | None, notes: list[str]) -> Sequence[str]:
     """Return each row's fabric, by its name in the table of fabrics; an unknown one is a fault of its first row."""
     labels = table.labels("fabric")
@@ -450,11 +441,10 @@ def _fabrics_in(table: Table, fabrics: Fabrics | None, notes: list[str]) -> Sequ
     # names in another format, such as 1.0 for 1, mean the one fabric whose name differs in nothing else
     found = {name: alike.get(identity(name), []) for name in rows}
     same = {name: own[0] for name, own in found.items() if len(own) == 1}
-    guesses = Guesses(fabrics.names)
-    for name, count in rows.items():
-        if name in same or not name:
-            continue
-        problem = f"{quoted(name)} is not a fabric of {fabrics.source}{guesses.of(name)}"
+    unknown = [name for name in rows if name and name not in same]
+    for k, name in enumerate(unknown):
+        count, near = rows[name], guess(name, fabrics.names) if k < MOST_ASKED else ""
+        problem = f"{quoted(name)} is not a fabric of {fabrics.source}{near}"
         more = f", as in {count - 1} other rows" if count > 1 else ""
         table.problem(labels.index(name), "fabric", f"{problem}{more}")
     if same:

@@ -18,7 +18,7 @@ import numpy as np
 from softness_bayes.data import contents, shapes
 from softness_bayes.data.columns import LABELS, MISSING, NAMES, NUMBERS, Kind, summarises
 from softness_bayes.data.decimals import Cell, Reading, decimal_mark, mark_of
-from softness_bayes.data.faults import Guesses, Hint, TableError, listing
+from softness_bayes.data.faults import Hint, TableError, guess, listing
 from softness_bayes.data.formats import TableSource, is_workbook, sheets_of
 from softness_bayes.data.headers import Header
 from softness_bayes.data.shapes import Request
@@ -344,7 +344,7 @@ def check_renames(renames: Mapping[str, str], *tables: Table) -> None:
     for name, actual in renames.items():
         if name not in NAMES:
             raise InputError(
-                f"--column {name}={actual}: no column is called {name!r} here{Guesses(NAMES).of(name)}; "
+                f"--column {name}={actual}: no column is called {name!r} here{guess(name, NAMES)}; "
                 f"expected one of {', '.join(NAMES)}"
             )
         if all(table.titles.get(name, "").casefold() != actual.casefold() for table in tables):

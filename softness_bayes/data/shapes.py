@@ -26,7 +26,7 @@ from softness_bayes.data.columns import (
     summarises,
 )
 from softness_bayes.data.decimals import Marks
-from softness_bayes.data.faults import Guesses, identity, listing
+from softness_bayes.data.faults import MOST_ASKED, guess, identity, listing
 from softness_bayes.data.headers import Header
 from softness_bayes.data.sheets import Sheet, SheetNumber
 from softness_bayes.data.titles import LONGEST_TITLE, UNITS, analysed, bag, is_unit, key, unit_named
@@ -438,8 +438,10 @@ def with_people_in_rows(sheet: Sheet, header: Header, request: Request) -> Sheet
     if "fabric" not in header.at or {"participant", "rating"} & header.at.keys():
         return sheet
     named, numbered = [], []
-    for j in (j for j in header.free if _numeric(sheet.body, j)):
-        title = sheet.header[j]
+    for j in header.free:
+        title, cells = sheet.header[j], [cell for cell in _column(sheet, j) if cell.casefold() not in MISSING]
+        if 2 * sum(map(looks_numeric, cells)) <= len(cells):
+            continue  # a cell that is no number is a fault of its person
         stem = re.fullmatch(r"(.*?)[\s_.#-]*[0-9]{1,4}(?:\.0+)?", title)
         if looks_numeric(title):
             numbered.append(j)
@@ -533,9 +535,8 @@ def _rated(sheet: Sheet, free: Sequence[int], request: Request) -> list[_Rated]:
             both = " and ".join(quoted(sheet.header[j]) for j in (first, column.j))
             raise InputError(f"{sheet.titled}: columns {both} are both fabric {quoted(column.fabric)}, expected one")
     absent = sorted({*(known or ())} - {column.fabric for column in found})
-    guesses = Guesses(absent)
-    for title, name in strange:
-        near = guesses.of(name)
+    for k, (title, name) in enumerate(strange):
+        near = guess(name, absent) if k < MOST_ASKED else ""
         if near or name != title:
             raise InputError(f"{sheet.titled}, column {quoted(title)}: {quoted(name)} is not a known fabric{near}")
     if not found:

@@ -73,8 +73,3 @@ def test_wide_tables_have_covariates_in_their_rows(file):
     assert "copied to the results as covariates of participants (no model uses them): sex" in shown.stdout
     told = call("check", "--data", wide, "--fabrics", cloth, "--force-n", 1, "--json")
     assert [one["covariates"] for one in json.loads(told.stdout)["participants"]] == [{"sex": "f"}, {"sex": "m"}]
-
-
-def test_participants_without_a_rating_have_none(file):
-    left = TABLE + "P4,30,felt,1,1,,a,good,,y\nP4,30,lawn,1,1,,a,good,,y\n"
-    assert Ratings.read(file(left)).covariates == Ratings.read(file(TABLE)).covariates

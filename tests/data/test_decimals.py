@@ -4,15 +4,12 @@ import csv
 import time
 import unicodedata
 
-import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from softness_bayes.cli import main
-from softness_bayes.cli.streams import visible
 from softness_bayes.data import Fabrics, Ratings, read_experiment
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.scales import MAGNITUDE
 from support.refusals import refusal
 
 HEADER = ["participant", "fabric", "indentation_mm", "rating"]
@@ -99,21 +96,6 @@ def test_what_is_no_number_is_quoted_as_it_stands(tmp_path, ratings, options, pr
     assert problem in refusal(Ratings.read, table(tmp_path, ratings), **options)
 
 
-def test_groups_and_missing_numbers_among_decimal_commas_are_read(tmp_path):
-    assert Ratings.read(table(tmp_path, ["5,5", "n.a.", "."])).rating.tolist() == [5.5]
-    assert Ratings.read(table(tmp_path, ["1.234.567,5"]), decimal=",").rating.tolist() == [1234567.5]
-
-
-def test_values_out_of_range_are_quoted_as_they_stand(tmp_path):
-    read = Ratings.read(table(tmp_path, ["5,5", "-0,820"]))
-    with pytest.raises(InputError, match="of 0 or above, got '-0,820'"):
-        MAGNITUDE.require(read)
-    with pytest.raises(
-        InputError, match=r"expected a number from 1e-06 to 8 \(a fingertip's radius is 8 mm\), got '0,00000001'"
-    ):
-        Ratings.read(table(tmp_path, ["5,5"], load="0,00000001"))
-
-
 def test_names_that_are_the_same_without_spaces_at_the_end_are_one(tmp_path):
     path = tmp_path / "ratings.csv"
     rows = "P1,a,1,5\nP1 ,b ,1,6\nP1\u00a0,a,2,5\nP2 ,b ,2,6\n"
@@ -133,20 +115,6 @@ def test_no_table_passes_an_escape_sequence_to_the_terminal(tmp_path, encoding):
         done = CliRunner().invoke(main, ["check", "--data", str(path)])
         assert done.exit_code == 2
         assert not any(unicodedata.category(c) == "Cc" and c != "\n" for c in done.output)
-
-
-def test_what_is_not_seen_is_made_visible():
-    assert visible("a\x1b[31mb\u202e\x9b\tc\n") == "a\\x1b[31mb\\u202e\\x9b\tc\n"
-
-
-def test_names_of_a_table_are_shown_with_their_invisible_characters(tmp_path):
-    path = tmp_path / "ratings.csv"
-    head = "participant,fabric,effective_modulus_kpa,indentation_mm,rating\n"
-    path.write_text(f"{head}P1,den\u202eim,100,1,5\n", encoding="utf-8")
-    done = CliRunner().invoke(main, ["check", "--data", str(path)])
-    assert done.exit_code == 0
-    assert "den\\u202eim" in done.output
-    assert read_experiment(path).fabrics.names == ("den\u202eim",)
 
 
 # no reader is worse than linear
@@ -179,29 +147,6 @@ def test_a_long_cell_is_refused_in_a_line_and_soon(tmp_path, cell):
     assert taken < 2
     assert len(message) < len(str(path)) + 350
     assert "\n" not in message
-
-
-def test_many_fabrics_take_time_in_proportion(tmp_path):
-    def taken(n):
-        cloth = Fabrics(tuple(f"f{k}" for k in range(n)), effective_modulus=np.linspace(1e3, 1e6, n))
-        path = table(tmp_path, ["5"] * n, ",", f"{n}.csv")
-        begun = time.perf_counter()
-        read = Ratings.read(path, cloth)
-        cloth.take(read.fabrics)
-        return time.perf_counter() - begun
-
-    taken(100)
-    # eightfold rows: eight times as long, sixty-four if it were quadratic
-    assert min(taken(8_000) for _ in range(2)) < 25 * min(taken(1_000) for _ in range(3))
-
-
-@pytest.mark.parametrize(
-    "header", ["fabric,effective_modulus_kpa", f'fabric,effective_modulus_kpa,"{"," * 3000}","{"," * 3000}"']
-)
-def test_a_long_name_or_title_is_quoted_in_a_line(tmp_path, header):
-    path = tmp_path / "fabrics.csv"
-    path.write_text(f'{header}\n"{"x" * 3000}",\n')
-    assert len(refusal(Fabrics.read, path)) < len(str(path)) + 350
 
 
 # thousands that cannot be decimals

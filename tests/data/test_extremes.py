@@ -6,7 +6,7 @@ import pytest
 
 from support.command_line import call
 
-VALUES = ("1e300", "-1e300", "1e308", "1e400", "1e-300", "5e-324", "1e-30", "0", "-0", "inf", "nan")
+VALUES = ("1e300", "-1e300", "1e400", "5e-324", "-0", "inf")
 TABLES = {
     "indentation_mm,rating,tensile_modulus_mpa,thickness_mm,poisson_ratio": ("2,5,3,0.2,0.3", "2,6,4,0.2,0.3"),
     "force_n,rating,effective_modulus_kpa,effective_modulus_cv,load_cv": ("2,5,30,0.1,0.1", "2,6,40,0.1,0.1"),
@@ -48,24 +48,3 @@ def test_an_extreme_number_is_read_or_refused_by_name(tmp_path, head, rows, k):
         if done.returncode:
             assert "table.csv: " in done.stderr, value
             assert "expected" in done.stderr or "error" in done.stderr.partition(": ")[2], (value, done.stderr)
-
-
-@pytest.mark.parametrize(
-    ("row", "k", "value"),
-    [
-        ("force_n,rating,effective_modulus_kpa,effective_modulus_cv,load_cv", 0, "1e300"),
-        ("force_n,rating,effective_modulus_kpa,effective_modulus_cv,load_cv", 2, "1e-300"),
-        ("force_n,rating,effective_modulus_kpa,effective_modulus_cv,load_cv", 2, "1e300"),
-        ("force_n,rating,effective_modulus_low_kpa,effective_modulus_high_kpa", 2, "1e-300"),
-        ("force_n,rating,effective_modulus_low_kpa,effective_modulus_high_kpa", 3, "1e300"),
-        ("indentation_mm,rating,tensile_modulus_mpa,thickness_mm,poisson_ratio", 2, "1e300"),
-        ("indentation_mm,rating,tensile_modulus_mpa,thickness_mm,poisson_ratio", 3, "1e-300"),
-        ("force [kN],rating,effective modulus [GPa]", 2, "1e300"),
-    ],
-)
-def test_what_no_touch_has_is_refused_where_it_is_read(tmp_path, row, k, value):
-    write(tmp_path / "table.csv", row, TABLES[row], k, value)
-    done = call("check", "--data", tmp_path / "table.csv")
-    assert done.returncode == 2
-    assert "row 2" in done.stderr
-    assert "expected" in done.stderr

@@ -82,8 +82,3 @@ def test_what_is_read_is_written_and_read_again(read, text):
 def test_what_does_not_fit_is_refused(read, old, new, problem):
     assert old in ERRORS
     assert problem in refusal(read, ERRORS.replace(old, new))
-
-
-def test_a_table_without_any_modulus_is_refused(read):
-    with pytest.raises(InputError, match="fabric 'foam': expected effective_modulus_kpa"):
-        read("fabric,effective_modulus_kpa\nfoam,\nfelt,\n")

@@ -1,8 +1,5 @@
 """Problems of tables: all of them in one message, each once, and none that follows from another."""
 
-from click.testing import CliRunner
-
-from softness_bayes.cli import main
 from softness_bayes.data import Compression, Fabrics, Ratings, read_experiment
 from support.refusals import refusal
 
@@ -23,13 +20,6 @@ def test_all_problems_of_ratings_are_named_in_the_order_of_rows(file):
         "  row 5, column 'rating': expected a finite number, got '?'",
         f"  row 5, column 'indentation_mm': {depth} '9'",
     ]
-
-
-def test_one_problem_stands_in_one_line(file):
-    path = file(f"{HEADER}P1,voile,1,five\nP1,voile,1,8\n")
-    assert refusal(Ratings.read, path) == f"{path}: row 2, column 'rating': expected a finite number, got 'five'"
-    path = file(f"{HEADER}P1,voile,1,five\n")
-    assert refusal(Ratings.read, path) == f"{path}: row 2, column 'rating': expected a finite number, got 'five'"
 
 
 def test_the_first_twenty_are_shown_and_all_are_counted(file):
@@ -61,12 +51,6 @@ def test_all_missing_columns_are_named_at_once(file):
     )
 
 
-def test_a_want_of_fabrics_is_named_beside_other_problems(file):
-    lines = refusal(read_experiment, file(f"{HEADER}P1,a,1,x\nP1,b,1,2\n")).splitlines()
-    assert lines[1].startswith("  the fabrics have no properties: name their table with --fabrics, put a fabrics.csv")
-    assert lines[2] == "  row 2, column 'rating': expected a finite number, got 'x'"
-
-
 def test_an_unknown_fabric_is_named_once_with_its_number_of_rows(file):
     path, cloth = file(HEADER + "P1,viole,1,5\n" * 5 + "P1,x,1,7\nP1,denim,1,6\n"), file(CLOTH, "cloth.csv")
     assert refusal(read_experiment, path, cloth).splitlines() == [
@@ -89,13 +73,6 @@ def test_all_problems_of_fabrics_are_named_and_none_that_follows(file):
         "  row 4, column 'fabric': expected one row for each fabric, got 'b'; give the mean of repeated measurements",
         "  row 6, column 'thickness_cv': expected a number from 0 to 3, got '9'",
     ]
-
-
-def test_fabrics_without_enough_for_a_modulus_are_all_named(file):
-    path = file("fabric,tensile_modulus_mpa,thickness_mm\na,1,\nb,,2\nc,1,1\n", "fabrics.csv")
-    lines = refusal(Fabrics.read, path).splitlines()
-    assert lines[0] == f"{path}: 2 problems:"
-    assert [line.split(":")[0] for line in lines[1:]] == ["  row 2, fabric 'a'", "  row 3, fabric 'b'"]
 
 
 def test_a_fault_in_the_only_measured_fabric_does_not_make_the_others_wrong(file):
@@ -131,10 +108,3 @@ def test_the_remedy_for_commas_is_said_once(file):
     assert message.count("--decimal ,") == 1
     assert message.count("expected a finite number") == 2
     assert refusal(Ratings.read, file(f'{HEADER}P1,a,"1,5","1,5"\n')).count("--decimal ,") == 1
-
-
-def test_the_command_line_shows_all_and_ends_with_2(file):
-    path = file(f"{HEADER}P1,a,1,x\nP1,b,y,2\n")
-    done = CliRunner().invoke(main, ["check", "--data", str(path), "--fabrics", str(file(CLOTH, "cloth.csv"))])
-    assert done.exit_code == 2
-    assert f"{path}: 4 problems:\n  row 2, column" in done.output

@@ -4,11 +4,9 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from softness_bayes.cli import main
 from softness_bayes.data import Compression, Fabrics, Ratings, read_experiment
-from softness_bayes.data.columns import NAMES, NUMBERS, SYNONYMS
+from softness_bayes.data.columns import NAMES, SYNONYMS
 from softness_bayes.data.titles import UNITS, analysed, key, unit_named
 from softness_bayes.errors import InputError
 from softness_bayes.touch.contact import Force, Indentation
@@ -100,24 +98,12 @@ def test_a_header_unit_beside_a_rename_is_converted_or_refused(file):
     )
 
 
-def test_percentages_of_errors_are_converted(file):
-    read = cloth(file, "effective_modulus_kpa,effective modulus cv (%)", "10,15")
-    assert read.effective_modulus_cv.tolist() == [0.15]
-
-
 def test_cells_with_a_percent_sign_are_percentages(file):
     for title in ("effective_modulus_cv", "effective modulus cv (%)"):
         read = cloth(file, f"effective_modulus_kpa,{title}", "10,12.5 %")
         assert read.effective_modulus_cv.tolist() == [0.125]
     with pytest.raises(InputError, match="expected a finite number, got '5%'"):
         Ratings.read(file("fabric,force_n,rating\na,1,5%\n"))
-
-
-def test_values_beyond_the_range_are_named_in_the_unit_of_the_file(file):
-    with pytest.raises(
-        InputError, match=r"row 2, column 'depth_um': expected a number from 0.001 to 8000 µm \(.*\), got '0'"
-    ):
-        ratings(file, "depth_um", "0")
 
 
 def test_factors_are_exact():
@@ -135,13 +121,6 @@ def test_factors_are_exact():
     assert unit_named("mpa", "pressure").name == "MPa"
     assert unit_named("nm", "length").name == "nm"
     assert unit_named("Nm", "rigidity").name == "N·m"
-
-
-def test_values_keep_every_digit_in_another_unit():
-    depth = NUMBERS["indentation_mm"]
-    rng = np.random.default_rng(2)
-    for value in rng.uniform(10, 3000, 200).tolist():
-        assert depth.parse(repr(value), unit=unit_named("µm", "length")) == float(f"{value!r}e-6")
 
 
 @pytest.mark.parametrize("title", ["E_bar", "depth_in", "trial 1", "m", "E" * 3000, "(" * 150 + " " * 40])
@@ -211,13 +190,6 @@ def test_of_two_loads_in_every_row_the_user_takes_one(file):
     assert Ratings.read(path, columns={"force_n": "force [N]"}).loads == (Force(2.0), Force(3.0))
 
 
-def test_a_load_that_is_given_is_not_sought(file):
-    path = file("fabric,rating,depth [mm]\na,2,9\n")
-    assert Ratings.read(path, force_n=2.0).loads == (Force(2.0),)
-    experiment = read_experiment(path, file("fabric,effective_modulus_kpa\na,10\n", "cloth.csv"), force_n=2.0)
-    assert experiment.ratings.loads == (Force(2.0),)
-
-
 def test_a_title_without_a_unit_is_not_guessed(file):
     message = refusal(ratings, file, "Indentation")
     assert "no load column" in message
@@ -247,19 +219,6 @@ def test_forces_of_a_plate_by_other_names(file):
     path = file("subject,indenter,displacement_mm,force_N\n1,flat_plate,0.5,0.2\n1,point,0.5,0.1\n")
     read = Compression.read(path)
     assert (read.indentation.tolist(), read.force.tolist()) == ([0.0005], [0.2])
-
-
-def test_check_says_every_name_and_conversion(file):
-    path = file("Stoff;Weichheit;Kraft [gf];B (gf·cm²/cm)\na;5;100;0,1\nb;6;100;0,2\n")
-    done = CliRunner().invoke(main, ["check", "--data", str(path)])
-    assert done.exit_code == 0
-    for said in (
-        "note: ratings.csv: column 'Stoff' is read as fabric",
-        "note: ratings.csv: column 'Weichheit' is read as rating",
-        "note: ratings.csv: column 'Kraft [gf]' is read as force_n, converted, 1 gf = 0.00980665 N",
-        "note: ratings.csv: column 'B (gf·cm²/cm)' is read as bending_rigidity_n_m, converted, 1 gf·cm²/cm = 9.806",
-    ):
-        assert said in done.output
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import datetime
 
 import pytest
 
-from softness_bayes.data import Fabrics, Ratings, read_experiment
+from softness_bayes.data import Ratings, read_experiment
 from softness_bayes.data.shapes import with_one_row_of_titles
 from softness_bayes.data.sheets import Sheet
 from softness_bayes.errors import InputError
@@ -32,18 +32,6 @@ def test_units_below_the_titles_are_read(file, title, unit, loads):
     assert (len(found), found.n_missing) == (4, 0)
     assert found.rows.tolist() == [3, 4, 5, 6]
     assert any("the second row contains units" in note for note in found.notes)
-
-
-def test_units_of_fabrics_are_read(file):
-    cloth = Fabrics.read(file("fabric;E;thickness\n;MPa;µm\ncotton;12;400\n"))
-    assert (cloth.tensile_modulus.tolist(), cloth.thickness.tolist()) == ([12e6], [400e-6])
-
-
-@pytest.mark.parametrize("unit", ["MN/m²", "mm", "gramweight", "kilo"])
-def test_a_unit_that_a_load_cannot_have_is_refused(file, unit):
-    """The row has no rating: it must not be passed over as a missing one."""
-    with pytest.raises(InputError):
-        Ratings.read(file(f"participant,fabric,force_n,rating\n,,{unit},\n{ROWS}"))
 
 
 def test_a_word_for_a_load_is_named_where_there_is_no_rating(file):
@@ -123,9 +111,3 @@ def test_trials_side_by_side_are_named(file):
     with pytest.raises(InputError, match="columns 'trial 1', 'trial 2' look like repeated ratings") as error:
         Ratings.read(file("participant,fabric,force_n,trial 1,trial 2\nA,silk,1,5,6\nB,silk,1,7,8\n"))
     assert "misspelt" not in str(error.value)
-
-
-def test_a_load_of_each_kind_in_every_row_is_one_problem(file):
-    head = "participant,fabric,force_n,indentation_mm,rating\n"
-    with pytest.raises(InputError, match="every row has an indentation and a force, expected one load; remove"):
-        Ratings.read(file(f"{head}A,silk,1,2,5\nB,silk,1,3,7\n"))

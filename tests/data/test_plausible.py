@@ -4,10 +4,8 @@ import re
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from softness_bayes.cli import main
-from softness_bayes.data import Compression, Fabrics, Ratings, read_experiment
+from softness_bayes.data import Fabrics, Ratings, read_experiment
 from softness_bayes.errors import InputError
 from support.paths import ROOT, SHARED
 
@@ -38,15 +36,6 @@ def strange(read):
 def test_loads_beyond_a_finger_are_refused(file, load, expected):
     with pytest.raises(InputError, match=f"row 2, column {re.escape(expected)}, got '{load.split(',')[1]}'"):
         rated(file, 5, load=load)
-
-
-def test_loads_that_a_finger_bears_are_read(file):
-    assert len(rated(file, 5, load="indentation_mm,8")) == len(rated(file, 5, load="force_n,100")) == 1
-    with pytest.raises(InputError, match="expected a number from 1e-06 to 8"):
-        Compression.read(file("participant,indentation_mm,force_n\na,9,1\n"))
-    done = CliRunner().invoke(main, ["predict", "--fabrics", str(ROOT / "data/fabrics.csv"), "--indentation-mm", "9"])
-    assert done.exit_code == 2
-    assert "a fingertip's radius is 8 mm" in done.output
 
 
 # ratings
@@ -110,13 +99,6 @@ def test_two_moduli_of_one_cloth_are_compared(file):
     notes = Fabrics.read(file(text.format("2.94e-6"), "fabrics.csv")).notes
     assert notes[1:] == (f"{named} kPa",)
     assert len(Fabrics.read(file(text.format("3.4e-6"), "fabrics.csv")).notes) == 1
-
-
-def test_check_prints_what_looks_wrong(file):
-    path = file("participant,fabric,force_n,rating,bending_rigidity_n_m\nP,a,1,5,0.1\nP,b,1,6,0.2\nP,c,1,7,1e-5\n")
-    done = CliRunner().invoke(main, ["check", "--data", str(path)])
-    assert done.exit_code == 0
-    assert "note: ratings.csv: looks wrong: E_fab of 2 of 3 fabrics (a 1e+05, b 2e+05), expected" in done.output
 
 
 def test_nothing_looks_wrong_in_measured_and_shipped_fabrics():

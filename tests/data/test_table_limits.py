@@ -30,12 +30,6 @@ try:
 except InputError as error:
     print("refused:", error)
 """
-BEFORE = """
-import sys, openpyxl
-sheet = openpyxl.load_workbook(sys.argv[1], data_only=True).active
-print(len([[cell.value for cell in row] for row in sheet.iter_rows()]))
-"""
-"""Reading of every cell up to the last one."""
 
 
 def limited(program, *arguments, seconds=SECONDS):
@@ -91,14 +85,8 @@ def merged(*places):
         (merged("A4:A1048576"), {}, "4 P1 P2 far.xlsx: merged cells A4:A1048576: their value is used in each row"),
         (merged("F7:XFD1048576", "F1:XFD1"), {}, "4 P1 P2"),
         (behind(b'<hyperlinks><hyperlink ref="A1:XFD1048576"/></hyperlinks>'), {}, "4 P1 P2"),
-        (among(b'<row r="7"><c r="ZZZZ7"><v>1</v></c></row>'), {}, "refused: "),
         (among(b'<row r="7">' + b" " * 2**27 + b"</row>"), {}, "unpacks to 128 MB, expected at most 64 MB"),
-        (among(b"<row>" + b"<c/>" * 10**7 + b"</row>"), {}, "has more than 524288 cells"),
         (among(b'<row><c r="XFD8"><v>1</v></c></row>' * 5000), {}, "more than 16777216 cells, with the empty"),
-        (merged(*["A2:A1048576"] * 10**5), {}, "has more than 4096 merged regions"),
-        (behind(b"<rowBreaks>", b'<brk id="1"/>' * 10**6, b"</rowBreaks>"), {}, "styles and other elements"),
-        (lambda xml: b'<!DOCTYPE a [<!ENTITY b "<c/>">]>' + xml, {}, "has document types, which workbooks do not have"),
-        (lambda xml: (b"<a>" + b"<c/>" * 10**6 + b"</a>").decode().encode("utf-16"), {}, "has more than 524288 cells"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
@@ -108,20 +96,6 @@ def test_workbooks_of_few_bytes_take_little_memory_and_time(tmp_path, change, ce
     done = limited(NOW, path)
     assert done.returncode == 0, done.stderr
     assert expected in done.stdout
-
-
-@pytest.mark.parametrize(("change", "cells"), [(None, {"XFD1048576": "x"}), (merged("A4:XFD1048576"), {})])
-def test_the_limits_stop_a_reader_of_every_cell(tmp_path, change, cells):
-    near, far = book(tmp_path / "near.xlsx"), book(tmp_path / "far.xlsx", change, **cells)
-    assert limited(BEFORE, near).stdout == "5\n"
-    assert limited(BEFORE, far, seconds=3).returncode != 0
-
-
-def test_a_rare_method_of_compression_is_refused_before_unpacking(tmp_path):
-    path = tmp_path / "ratings.xlsx"
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_LZMA) as archive:
-        archive.writestr(SHEET, b" " * 2**20)
-    assert "compression method 14" in limited(NOW, path).stdout
 
 
 def test_a_parquet_file_of_few_bytes_and_many_rows_is_refused(tmp_path):
@@ -150,15 +124,13 @@ CHECK = "import sys; from softness_bayes.cli import main; main(['check', *sys.ar
     ("ratings", "fabrics", "expected"),
     [
         (f"participant,fabric,indentation_mm,rating{OTHERS}\nP1,a,1,5{ONES}\nP1,b,1,3{TWOS}\n", CLOTH, "2 ratings"),
-        (f"participnt{OTHERS}\nP1{ONES}\nP2{TWOS}\n", CLOTH, "look like repeated ratings"),
-        (f"participant,a,b,thirt{OTHERS}\nP1,5,4,3{ONES}\nP2,3,1,2{TWOS}\n", CLOTH + "third,5\n", "mean 'third'?"),
         (
             f"participant,a,b{OTHERS}\nP1,5,4{ONES}\nP2,3,1{TWOS}\n",
             CLOTH + "".join(f"{i} qualities,10\n" for i in range(10_000)),
             "of 2 pairs of fabric and load",
         ),
     ],
-    ids=["long", "unknown", "misspelt", "many fabrics"],
+    ids=["long", "many fabrics"],
 )
 def test_wide_tables_are_checked_in_little_time(tmp_path, ratings, fabrics, expected):
     (tmp_path / "ratings.csv").write_text(ratings, encoding="utf-8")

@@ -9,7 +9,7 @@ from softness_bayes.cli import main
 from softness_bayes.data import Fabrics, Ratings, read_experiment
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import MAGNITUDE
-from softness_bayes.touch.contact import Force, Indentation
+from softness_bayes.touch.contact import Force
 from support.refusals import refusal
 
 CLOTH = Fabrics(("voile", "denim", "felt"), effective_modulus=np.array([3e3, 100e3, 20e3]))
@@ -51,13 +51,6 @@ def test_a_column_per_fabric_and_load(file, titles):
     assert f"ratings.csv: one column per fabric and load: {bare}" in read.notes
     assert Ratings.read(path, CLOTH).fabrics == ("voile", "denim")
     assert read.covariates["age"]
-
-
-def test_forces_and_indentations_side_by_side(file):
-    read = Ratings.read(file("Versuchsperson;voile_1N;voile_2mm;denim_50gf\n01;5,5;6;7\n2;8;9;10\n"))
-    rows = ["01,voile,,1,5.5", "01,voile,2,,6", "01,denim,,0.4903325,7", "2,voile,,1,8", "2,voile,2,,9"]
-    assert_same(read, long_form(file, [*rows, "2,denim,,0.4903325,10"]))
-    assert read.loads == (Indentation(0.002), Force(0.4903325), Force(1.0))
 
 
 def test_a_column_per_fabric_with_loads_in_rows_or_given(file):
