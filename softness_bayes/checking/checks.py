@@ -398,7 +398,7 @@ def check_spreads(term: Likelihood, mean_rate: Array, parameters: Parameters, rn
     Parameters
     ----------
     term
-        The standard deviations, as `likelihood.spreads.RaterSpreads`.
+        The standard deviations, as `likelihood.aggregated.RaterSpreads`.
     mean_rate
         As for `Likelihood.residual`, shape (draws, ...).
     parameters

@@ -73,13 +73,9 @@ class CategoryModel(IntervalModel):
     ) -> Effects:
         """Return effects of new participants, of batch ``shape``; mu from its prior unless in `levels`."""
         drawn = super().draw_effects(rng, parameters, shape, people, fabrics, levels)
-        return self.with_thresholds(drawn, parameters)
-
-    def with_thresholds(self, effects: Effects, parameters: Parameters) -> CategoryEffects:
-        """Return the effects together with the thresholds of categories."""
         found = self.thresholds(parameters)
-        threshold = np.broadcast_to(found, (*effects.mu.shape, found.shape[-1]))
-        return CategoryEffects(effects.mu, effects.participant, effects.fabric, threshold)
+        threshold = np.broadcast_to(found, (*shape, found.shape[-1]))
+        return CategoryEffects(drawn.mu, drawn.participant, drawn.fabric, threshold)
 
     def draw_ratings(
         self,
@@ -128,10 +124,6 @@ class CategoryRatings(IntervalRatings):
     def ends(self) -> tuple[FloatArray, FloatArray] | None:
         """None, because the thresholds of categories are sampled."""
         return None
-
-    def draw_effects(self, rng: Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
-        """Return draws of mu and participants' scales given the ratings, together with the thresholds."""
-        return self.model.with_thresholds(super().draw_effects(rng, mean_rate, parameters), parameters)
 
     def _rows_at(self, parameters: Parameters) -> Rows:
         ends = self.model.thresholds(parameters)

@@ -18,11 +18,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from types import MappingProxyType
-from typing import Any, NamedTuple, Protocol, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.special import betaln, ndtri_exp, stdtr
 
 from softness_bayes.errors import InputError
@@ -43,7 +43,7 @@ LARGEST_SCORE = 10.0
 
 _HALF_WAY = 4.0  # value of z at the midpoint of the series' variable
 _ORDERS = 40, 20  # numbers of terms in 1/nu and in z
-_LARGE = 100.0  # degrees of freedom beyond which the constant of the density comes from Stirling's series
+_LARGE = 100.0  # degrees of freedom beyond which rounding of 1 + u²/nu would matter
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class ErrorLaw(ABC):
     needs
         Names of the law's own parameters.
     lapses
-        True if a share `lapse` of the observations does not depend on the touch (`Lapses`).
+        True if a share `lapse` of the observations does not depend on the touch (`RaterRange`, `WholeScale`).
     concave
         True if the log density is concave and there are no lapses: log probabilities of rows then have one maximum.
     slow_functions
@@ -162,33 +162,14 @@ class GumbelLaw(ErrorLaw):
         return GUMBEL_SD * (t - 1.0), -(GUMBEL_SD**2) * t
 
 
-def log_constant(nu: ArrayLike) -> FloatArray:
-    """Return log of the density at 0, shape of `nu`; for infinite `nu`, that of the normal law."""
-    nu = np.asarray(nu, float)
-    small = np.minimum(nu, _LARGE)
-    exact = -betaln(0.5 * small, 0.5) - 0.5 * np.log(small)
-    if not nu.size or nu.max() < _LARGE:
-        return np.asarray(exact)
-    w = 1.0 / np.maximum(nu, _LARGE)
-    series = -_LOG_ROOT_TWO_PI - w / 4.0 + w**3 / 24.0 - w**5 / 20.0
-    return np.where(nu < _LARGE, exact, series)
-
-
-def log_one_plus(x: FloatArray, nu: FloatArray) -> FloatArray:
-    """Return log(1 + x), to be multiplied by `nu`; if that is small, by `numpy.log`, whose rounding is then harmless.
-
-    It is faster, because not all processors have vector instructions for `numpy.log1p`.
-    """
-    if nu.max() > _LARGE:
-        return np.log1p(x)
-    found = x + 1.0
-    return np.log(found, out=found)
-
-
 def student_log_density(u: FloatArray, nu: FloatArray) -> FloatArray:
     """Return the log density at `u`, which is broadcast with `nu`."""
     different, place = _different(nu)
-    return log_constant(different)[place] - 0.5 * (nu + 1.0) * log_one_plus(u * u / nu, nu)
+    constant = -betaln(0.5 * different, 0.5) - 0.5 * np.log(different)
+    squares = u * u / nu
+    # not all processors have vector instructions for log1p; where nu is small the rounding of 1 + u²/nu is harmless
+    logs = np.log1p(squares) if different[-1] > _LARGE else np.log(squares + 1.0)
+    return constant[place] - 0.5 * (nu + 1.0) * logs
 
 
 def student_normal_score(u: FloatArray, nu: FloatArray) -> FloatArray:
@@ -278,28 +259,6 @@ If lapses ended there, these two numbers, which define the range, would themselv
 """
 
 
-class Lapses(Protocol):
-    """Distribution of the lapses of every row."""
-
-    def log_probability(self, low: FloatArray, high: FloatArray, scale: Scale) -> FloatArray:
-        """Return the log probability of an interval as a lapse, shape (rows,); of an exact number, the log density.
-
-        Parameters
-        ----------
-        low, high
-            Ends of each row's interval, as in the file, shape (rows,); equal for an exact number, whose density is
-            that on the additive scale.
-        scale
-            Scale of the ratings.
-        """
-
-    def draw(self, rng: np.random.Generator, shape: tuple[int, ...], scale: Scale) -> FloatArray:
-        """Return a lapse for every row, as in the file, of shape (..., rows)."""
-
-    def take(self, rows: NDArray[np.bool_]) -> Self:
-        """Return the distribution for a selection of the rows."""
-
-
 class RaterRange(NamedTuple):
     """Lapses that are uniform on the additive scale, over a range of their rater's; fields are (..., rows)."""
 
@@ -331,17 +290,26 @@ class RaterRange(NamedTuple):
         return cls(scale.additive(least) - np.log(BEYOND), scale.additive(most) + np.log(BEYOND))
 
     def log_probability(self, low: FloatArray, high: FloatArray, scale: Scale) -> FloatArray:
-        """Implement `Lapses.log_probability`."""
+        """Return the log probability of an interval as a lapse, shape (rows,); of an exact number, the log density.
+
+        Parameters
+        ----------
+        low, high
+            Ends of each row's interval, as in the file, shape (rows,); equal for an exact number, whose density is
+            that on the additive scale.
+        scale
+            Scale of the ratings.
+        """
         with np.errstate(divide="ignore"):
             inside = np.minimum(scale.additive(high), self.most) - np.maximum(scale.additive(low), self.least)
             return np.asarray(np.log(np.where(low == high, 1.0, np.maximum(inside, 0.0)) / (self.most - self.least)))
 
     def draw(self, rng: np.random.Generator, shape: tuple[int, ...], scale: Scale) -> FloatArray:
-        """Implement `Lapses.draw`."""
+        """Return a lapse for every row, as in the file, of shape (..., rows)."""
         return scale.natural(self.least + rng.random(shape) * (self.most - self.least))
 
     def take(self, rows: NDArray[np.bool_]) -> Self:
-        """Implement `Lapses.take`."""
+        """Return the distribution for a selection of the rows."""
         return type(self)(self.least[rows], self.most[rows])
 
 
@@ -352,14 +320,18 @@ class WholeScale(NamedTuple):
     """Upper end of the scale."""
 
     def log_probability(self, low: FloatArray, high: FloatArray, scale: Scale) -> FloatArray:
-        """Implement `Lapses.log_probability`."""
+        """Return the log probability of an interval as a lapse, or log density, shape (rows,); as for `RaterRange`."""
         with np.errstate(divide="ignore"):
             return np.where(low == high, scale.log_slope(low), np.log(high - low)) - np.log(self.end)
 
     def draw(self, rng: np.random.Generator, shape: tuple[int, ...], scale: Scale) -> FloatArray:
-        """Implement `Lapses.draw`."""
+        """Return a lapse for every row, as in the file, of shape (..., rows)."""
         return self.end * rng.random(shape)
 
     def take(self, rows: NDArray[np.bool_]) -> Self:
-        """Implement `Lapses.take`."""
+        """Return the distribution for a selection of the rows."""
         return self
+
+
+Lapses = RaterRange | WholeScale
+"""Distributions of the lapses of every row."""

@@ -54,13 +54,6 @@ class IndividualEffects(NamedTuple):
     deviation: FloatArray
     """The finger's deviations from the typical one, shape (..., participants, quantities), as `FingerGrid.names`."""
 
-    def drive(self, drive: FloatArray, design: Design) -> FloatArray:
-        """Return the drive of each row's rater in the row's condition, shape (..., rows), from that of all fingers."""
-        column = (1 + self.finger[..., design.participant]) * design.n_conditions + design.condition
-        shape = np.broadcast_shapes(drive.shape[:-1], column.shape[:-1])
-        drive, column = (np.broadcast_to(v, (*shape, v.shape[-1])) for v in (drive, column))
-        return np.take_along_axis(drive, column, axis=-1)
-
 
 @dataclass(frozen=True)
 class IndividualModel(RatingModel):
@@ -89,7 +82,10 @@ class IndividualModel(RatingModel):
 
     def felt(self, design: Design, drive: FloatArray, effects: Effects) -> FloatArray:
         """Return the drive of every row on its rater's finger, from that of all fingers, shape (..., rows)."""
-        return np.asarray(effects.drive(drive, design))
+        column = (1 + effects.finger[..., design.participant]) * design.n_conditions + design.condition
+        shape = np.broadcast_shapes(drive.shape[:-1], column.shape[:-1])
+        drive, column = (np.broadcast_to(v, (*shape, v.shape[-1])) for v in (drive, column))
+        return np.take_along_axis(drive, column, axis=-1)
 
     def deviation(self, finger: NDArray[np.intp], parameters: Parameters) -> FloatArray:
         """Return the deviations of fingers of the grid from the typical one, shape (..., participants, quantities)."""
@@ -101,16 +97,6 @@ class IndividualModel(RatingModel):
         """Return effects by their names in files, each with its axes after the batch axes."""
         own = {EFFECT_OF[name]: (effects.deviation[..., k], ("participant",)) for k, name in enumerate(self.grid.names)}
         return {"mu": (effects.mu, ()), "participant_effect": (effects.participant, ("participant",)), **own}
-
-    def deviation_of_known(self, finger: NDArray[np.intp], known: SkinLaws, parameters: Parameters) -> FloatArray:
-        """Return `deviation` for the people in `known`, whose grids are centred on the laws of their own fingers."""
-        found, z = self.deviation(finger, parameters), self.grid.z
-        nothing = np.zeros(self.grid.size)
-        log_b, m = known.deviation(*(z.get(name, nothing)[finger] for name in SKIN))
-        for name, own in zip(SKIN, (log_b, m), strict=True):
-            if name in self.grid.names:
-                found[..., self.grid.names.index(name)] = own
-        return found
 
     def observe(self, ratings: ArrayLike, design: Design, stated: Stated | None = None) -> IndividualRatings:
         """Return the likelihood of these ratings under this model."""
@@ -246,11 +232,13 @@ class IndividualRatings(LogRatings):
         deviation, pressed = self.model.deviation(finger, parameters), self.pressed
         if pressed is None:
             return deviation
-        # people who are not raters have index -1, the last column, which is dropped
-        known = pressed.skins(self.model.grid.names, parameters)
-        own = self.model.deviation_of_known(finger[..., pressed.rater], known, parameters)
-        among = pressed.rater >= 0
-        deviation[..., pressed.rater[among], :] = own[..., among, :]
+        # people who are not raters have index -1, the last column, which is dropped; grids are centred on own fingers
+        grid, among = self.model.grid, pressed.rater >= 0
+        own, nothing = finger[..., pressed.rater], np.zeros(grid.size)
+        known = pressed.skins(grid.names, parameters).deviation(*(grid.z.get(name, nothing)[own] for name in SKIN))
+        for name, values in zip(SKIN, known, strict=True):
+            if name in grid.names:
+                deviation[..., pressed.rater[among], grid.names.index(name)] = values[..., among]
         return deviation
 
     def _drives(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:

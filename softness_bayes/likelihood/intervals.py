@@ -23,8 +23,8 @@ from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import Levels, Parameters, RowsLeftOut, Shape
 from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw, Lapses, RaterRange, WholeScale
-from softness_bayes.likelihood.magnitude import Effects, RatingModel
-from softness_bayes.likelihood.pieces import in_pieces, left_out_in_pieces, over_draws
+from softness_bayes.likelihood.magnitude import RatingModel
+from softness_bayes.likelihood.pieces import over_draws
 from softness_bayes.likelihood.quadrature import Integrals
 from softness_bayes.likelihood.rater_effects import Given, NormalTable, Table
 from softness_bayes.likelihood.ratings import RatingsLikelihood
@@ -273,63 +273,40 @@ class IntervalRatings(RatingsLikelihood):
     def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of all ratings together, shape (...); arguments as in `Likelihood`."""
         density = self._integrals.laplace if self._how == LAPLACE else self._integrals.log_density
-
-        def whole(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-            given, shape = self._given(mean_rate, parameters)
-            return density(given).reshape(*shape, 1) - self._log
-
-        return in_pieces(whole, self.design.n_rows, mean_rate, parameters)[..., 0]
+        given, shape = self._given(mean_rate, parameters)
+        return density(given).reshape(shape) - self._log
 
     def left_out(self, mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
         """Return the law of each rating given all the others at its observation, arrays of shape (..., rows).
 
         Half the probability of an equal rating counts as below. Lapses are left out of that.
         """
-
-        def alone(mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
-            given, shape = self._given(mean_rate, parameters)
-            density, below = (part[:, self._back].reshape(*shape, -1) for part in self._integrals.of_rows(given))
-            return RowsLeftOut(density - self._slope, below)
-
-        return left_out_in_pieces(alone, self.design.n_rows, mean_rate, parameters)
+        given, shape = self._given(mean_rate, parameters)
+        density, below = (part[:, self._back].reshape(*shape, -1) for part in self._integrals.of_rows(given))
+        return RowsLeftOut(density - self._slope, below)
 
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of all ratings of each participant given all others', shape (..., participants)."""
-
-        def whole(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-            given, shape = self._given(mean_rate, parameters)
-            density = self._integrals.of_raters(given)
-            found = np.zeros((len(density), self.design.n_participants))
-            found[:, self._raters] = density
-            found -= np.bincount(self.design.participant, self._slope, self.design.n_participants)
-            return found.reshape(*shape, -1)
-
-        return in_pieces(whole, self.design.n_rows, mean_rate, parameters)
+        given, shape = self._given(mean_rate, parameters)
+        found = np.zeros((*shape, self.design.n_participants))
+        found[..., self._raters] = self._integrals.of_raters(given).reshape(*shape, -1)
+        return found - np.bincount(self.design.participant, self._slope, self.design.n_participants)
 
     def draw_effects(self, rng: Generator, mean_rate: FloatArray, parameters: Parameters) -> Any:
         """Return draws of all effects given the ratings, one for each point of the batch."""
-        shape = parameters.batch_shape(mean_rate.shape[:-1])
-        design, raters = self.design, self._raters.size
-
-        def drawn(mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-            given, shape = self._given(mean_rate, parameters)
-            drawn = self._integrals.draw(rng, given)
-            own = np.zeros((*drawn.own.shape[:2], 3))
-            present = [True, given.tau_gamma is not None, given.tau_varsigma is not None]
-            own[..., present] = drawn.own
-            parts = (drawn.mu[:, None], np.swapaxes(own, 1, 2).reshape(len(own), -1), drawn.fabric)
-            return np.concatenate(parts, axis=1).reshape(*shape, -1)
-
-        found = in_pieces(drawn, design.n_rows, mean_rate, parameters)
-        effects = self.model.draw_effects(rng, parameters, shape, design.n_participants, design.n_fabrics)
-        spreads = (np.asarray(parameters.tau, float), *self.model.rater_spreads(parameters))
-        own = [np.array(effects.participant)]
-        if isinstance(effects, RaterEffects):
-            own += [np.array(effects.log_gamma), np.array(effects.log_varsigma)]
-        for k, (each, spread) in enumerate(zip(own, spreads, strict=False)):
-            each[..., self._raters] = spread[..., None] * found[..., 1 + k * raters : 1 + (k + 1) * raters]
-        fabric = np.asarray(parameters.omega, float)[..., None] * found[..., 1 + 3 * raters :]
-        return (RaterEffects if self.model.differ else Effects)(found[..., 0], own[0], fabric, *own[1:])
+        given, shape = self._given(mean_rate, parameters)
+        drawn = self._integrals.draw(rng, given)
+        effects = self.new_effects(rng, parameters, shape)
+        found = {"mu": drawn.mu.reshape(shape)}
+        if given.omega is not None:
+            found["fabric"] = (given.omega * drawn.fabric).reshape(effects.fabric.shape)
+        every = {"participant": given.tau, "log_gamma": given.tau_gamma, "log_varsigma": given.tau_varsigma}
+        present = ((name, spread) for name, spread in every.items() if spread is not None)
+        for k, (name, spread) in enumerate(present):
+            own = np.array(getattr(effects, name))  # of participants without ratings, those of new ones
+            own[..., self._raters] = (spread * drawn.own[..., k]).reshape(*shape, -1)
+            found[name] = own
+        return effects._replace(**found)
 
     def replicate(self, rng: Generator, drive: FloatArray, parameters: Parameters, effects: Any) -> FloatArray:
         """Return one rating for every row, shape (..., rows), on its rater's grid."""

@@ -168,11 +168,7 @@ class LogRatings(RatingsLikelihood):
     """
 
     def __init__(
-        self,
-        ratings: ArrayLike,
-        design: Design,
-        model: RatingModel = RatingModel(),
-        over: Design | None = None,
+        self, ratings: ArrayLike, design: Design, model: RatingModel = RatingModel(), over: Design | None = None
     ) -> None:
         super().__init__(ratings, design, model, over)
         wrong = ~(np.isfinite(self.values) & (self.values > 0))

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.aggregated import AggregatedModel, AggregatedRatings
+from softness_bayes.likelihood.aggregated import AggregatedModel, AggregatedRatings, RaterSpreads
 from softness_bayes.likelihood.categories import CategoryModel, CategoryRatings
 from softness_bayes.likelihood.contract import Likelihood, Parameters
 from softness_bayes.likelihood.design import LoadErrors
@@ -37,7 +37,6 @@ from softness_bayes.likelihood.scales import (
     RatingDirection,
     Scale,
 )
-from softness_bayes.likelihood.spreads import RaterSpreads
 from softness_bayes.likelihood.uncertain_loads import UncertainLoads
 from softness_bayes.likelihood.z_scores import StandardisedModel, StandardisedRatings
 
@@ -65,15 +64,8 @@ RATING_MODELS: Mapping[tuple[Scale, ErrorLaw], Callable[[RatingDirection], Ratin
 """Constructors of observation models, which take a direction, by scale of the ratings and error law."""
 
 OF_INTERVALS: Mapping[tuple[Scale, ErrorLaw], Callable[[RatingDirection], RatingsModel]] = MappingProxyType(
-    {
-        **{
-            (scale, law): partial(model, law=law)
-            for scale, model in ((MAGNITUDE, IntervalModel), (SLIDER, SliderModel))
-            for law in ERROR_LAWS.values()
-        },
-        (RANKS, GUMBEL): OrderModel,
-        **{(PAIRS, law): partial(PairModel, law=law) for law in (NORMAL, LAPSES)},
-    }
+    {key: model for key, model in RATING_MODELS.items() if key[0] in (MAGNITUDE, SLIDER, RANKS, PAIRS)}
+    | {(MAGNITUDE, NORMAL): IntervalModel}
 )
 """The same for ratings that represent intervals, or that are places in lists."""
 

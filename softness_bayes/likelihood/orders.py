@@ -164,6 +164,9 @@ class OrderRatings(RatingsLikelihood):
         If a place is not finite, a list is of several participants, or more than `MOST_TIED` touches share a place.
     """
 
+    most: ClassVar[float] = np.inf
+    """Largest number of touches in a list."""
+
     def __init__(
         self,
         ratings: ArrayLike,
@@ -178,6 +181,8 @@ class OrderRatings(RatingsLikelihood):
         self.lists = design.participant if lists is None else np.asarray(lists, np.intp)
         self._list, place = np.unique(self.lists, return_inverse=True)
         self._places = RankedLists.of(self.values, place)
+        if self._places.width > self.most:
+            raise InputError(f"ratings: a list holds {self._places.width} touches, expected pairs")
         owner = np.zeros(self._list.size, np.intp)
         owner[place] = design.participant
         if (owner[place] != design.participant).any():
@@ -400,18 +405,7 @@ class PairRatings(OrderRatings):
     """
 
     model: PairModel
-
-    def __init__(
-        self,
-        ratings: ArrayLike,
-        design: Design,
-        model: PairModel = PairModel(),
-        over: Design | None = None,
-        lists: IndexArray | None = None,
-    ) -> None:
-        super().__init__(ratings, design, model, over, lists)
-        if self._places.width > 2:
-            raise InputError(f"ratings: a list holds {self._places.width} touches, expected pairs")
+    most: ClassVar[float] = 2
 
     def _latent(self, rng: Generator, drive: FloatArray, parameters: Parameters) -> FloatArray:
         """Return simulated latent values whose order is the answer, shape (..., rows); a guess is a random order."""

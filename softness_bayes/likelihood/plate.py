@@ -20,7 +20,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import NO_RESPONSE, Levels, Likelihood, Parameters, RowsLeftOut, Shape
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
-from softness_bayes.likelihood.pieces import backward, cholesky, forward, left_out_in_pieces
+from softness_bayes.likelihood.pieces import backward, cholesky, forward
 from softness_bayes.likelihood.scales import PLATE_FORCE, Scale
 from softness_bayes.parameters.laws import Prior
 from softness_bayes.touch.contact import STRAIN, Finger, SkinDisplacement, plate_line
@@ -30,7 +30,6 @@ Array = NDArray[np.float64]
 
 _LEAST_VARIANCE = 1e-20
 _LOG_TWO_PI = math.log(2.0 * math.pi)
-_WIDTH = 8  # numbers per force and draw in leave-one-out densities
 
 
 PLATE_PARAMETERS = ("b", "m", "tau_b", "tau_m", "varsigma_f")
@@ -178,13 +177,17 @@ class CompressionForces(Likelihood):
 
     def left_out(self, mean_rate: Array, parameters: Parameters) -> RowsLeftOut:
         """Return the law of each force given all the others at its observation, arrays of shape (..., rows)."""
-
-        def alone(rate: Array, some: Parameters) -> RowsLeftOut:
-            mean, sd = self._without_one(rate, some)
-            score = (self._log - mean) / sd
-            return RowsLeftOut(-0.5 * (score**2 + _LOG_TWO_PI) - np.log(sd) - self._log, ndtr(score))
-
-        return left_out_in_pieces(alone, _WIDTH * self.values.size, mean_rate, parameters)
+        law, typical = self.finger_law(parameters, mean_rate), self.drive(mean_rate, parameters)
+        variance = np.maximum(self.model.error_sd(parameters) ** 2, _LEAST_VARIANCE)[..., None]
+        z = np.column_stack([np.ones(self.values.size), self._line.slope])
+        residual = self._log - typical - (z * law.mean[..., self.finger, :]).sum(axis=-1)
+        reach = (z[..., None] * law.root[..., self.finger, :, :]).sum(axis=-2)
+        spread = np.stack(np.broadcast_arrays(parameters.tau_b, parameters.tau_m), axis=-1)[..., None, :]
+        least = 1.0 / (variance + ((spread * z) ** 2).sum(axis=-1))  # the precision without any other force
+        precision = np.maximum((1.0 - (reach**2).sum(axis=-1) / variance) / variance, least)
+        score = residual / variance / np.sqrt(precision)
+        density = -0.5 * (score**2 + _LOG_TWO_PI - np.log(precision)) - self._log
+        return RowsLeftOut(density, ndtr(score))
 
     def drive(self, mean_rate: Array, parameters: Parameters) -> Array:
         """Return the log force [ln N] of every row on the typical finger, shape (..., rows)."""
@@ -241,21 +244,6 @@ class CompressionForces(Likelihood):
     def _own(self, effects: FingerEffects) -> Array:
         """Return the finger's contribution to each log force, shape (..., rows)."""
         return effects.log_b[..., self.finger] + effects.m[..., self.finger] * self._line.slope
-
-    def _without_one(self, mean_rate: Array, parameters: Parameters) -> tuple[Array, Array]:
-        """Return mean and standard deviation of each log force given all the others, shape (..., rows).
-
-        The precision is that of one force at least, without any other.
-        """
-        law, typical = self.finger_law(parameters, mean_rate), self.drive(mean_rate, parameters)
-        variance = np.maximum(self.model.error_sd(parameters) ** 2, _LEAST_VARIANCE)[..., None]
-        z = np.column_stack([np.ones(self.values.size), self._line.slope])
-        own = typical + (z * law.mean[..., self.finger, :]).sum(axis=-1)
-        reach = (z[..., None] * law.root[..., self.finger, :, :]).sum(axis=-2)
-        spread = np.stack(np.broadcast_arrays(parameters.tau_b, parameters.tau_m), axis=-1)[..., None, :]
-        least = 1.0 / (variance + ((spread * z) ** 2).sum(axis=-1))
-        precision = np.maximum((1.0 - (reach**2).sum(axis=-1) / variance) / variance, least)
-        return self._log - (self._log - own) / variance / precision, precision**-0.5
 
     def _given(self, mean_rate: Array, parameters: Parameters) -> _Given:
         """Return the law of each finger's deviations given its forces."""

@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.special import stdtrit
 from scipy.stats import qmc
 
@@ -33,9 +34,9 @@ from softness_bayes.likelihood.row_laws import RowLaw
 
 FloatArray = NDArray[np.float64]
 
-SPACING = 1.1
+SPACING = 0.8
 """Spacing of nodes, in standard deviations of the narrowest density that they may have to resolve."""
-REACH = 6.0
+REACH = 7.0
 """Distance of the outermost nodes from the mode, in standard deviations of the widest density."""
 MOST_NODES = 3000
 """Most nodes of a rater's scale or of the level."""
@@ -244,7 +245,7 @@ class Marginal:
     def draw(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Return draws of mu, (draws,), and of raters' effects less the level in units of their spreads, as `own`."""
         points, tau = self.points, self._tau
-        mu = _draw_between(rng, self.mu, self.levels.joint)
+        mu = _draw_near(rng, _between(self.mu), _between(self.levels.joint))
         if points.others.shape[-1]:
             z = (points.scale - mu[:, None, None]) / tau[..., None]
             weight = points.log_weight - 0.5 * z * z
@@ -264,23 +265,10 @@ def _number(extent: FloatArray, narrow: FloatArray) -> int:
 
 
 def _between(values: FloatArray) -> FloatArray:
-    """Return values at `FINER` points between the inner nodes (..., nodes), by cubics through four nodes."""
-    t = np.arange(FINER) / FINER
-    weights = np.array(
-        [
-            -t * (t - 1.0) * (t - 2.0) / 6.0,
-            (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0,
-            -(t + 1.0) * t * (t - 2.0) / 2.0,
-            (t + 1.0) * t * (t - 1.0) / 6.0,
-        ]
-    )
-    windows = np.lib.stride_tricks.sliding_window_view(values, 4, axis=-1)
-    return np.asarray((windows @ weights).reshape(*values.shape[:-1], -1))
-
-
-def _draw_between(rng: np.random.Generator, nodes: FloatArray, log_density: FloatArray) -> FloatArray:
-    """Return draws from densities at evenly spaced nodes (..., nodes), refined between them."""
-    return _draw_near(rng, _between(nodes), _between(log_density))
+    """Return values at evenly spaced nodes (..., nodes), and at `FINER` - 1 points between neighbours, by cubics."""
+    nodes = np.arange(values.shape[-1])
+    at = np.linspace(0.0, nodes[-1], FINER * nodes[-1] + 1)
+    return np.asarray(CubicSpline(nodes, values, axis=-1)(at))
 
 
 def _draw_near(rng: np.random.Generator, nodes: FloatArray, log_density: FloatArray) -> FloatArray:

@@ -106,6 +106,8 @@ class RatingsLikelihood(Likelihood):
     """
 
     name: ClassVar[str] = RATINGS
+    load_errors: LoadErrors | None = None
+    """The additional loads at which responses are needed; None if loads are exact."""
 
     def __init__(self, ratings: ArrayLike, design: Design, model: Any, over: Design | None = None) -> None:
         self.values = np.array(ratings, dtype=float)
@@ -194,11 +196,6 @@ class RatingsLikelihood(Likelihood):
     @property
     def ends(self) -> tuple[FloatArray, FloatArray] | None:
         """Ends of the intervals that the ratings represent, each (rows,); None if ratings are exact numbers."""
-        return None
-
-    @property
-    def load_errors(self) -> LoadErrors | None:
-        """The additional loads at which responses are needed; None if loads are exact."""
         return None
 
     def with_pressed(self, pressed: Any) -> Self:

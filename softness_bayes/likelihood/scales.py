@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal
 
 from softness_bayes.errors import InputError, quoted
 from softness_bayes.readable import some_of
@@ -30,28 +30,8 @@ STANDARDISED_MEAN, STANDARDISED_SD = 1.0, 3.0
 """Largest absolute mean, and largest standard deviation, of ratings that can be z-scores."""
 
 
-class Filed(Protocol):
-    """The parts of a table of ratings that a scale checks."""
-
-    @property
-    def rating(self) -> NDArray[np.float64]:
-        """Ratings as in the file, shape (rows,)."""
-
-    @property
-    def rows(self) -> NDArray[np.intp]:
-        """Line of each rating in its file, shape (rows,)."""
-
-    @property
-    def source(self) -> str:
-        """The file."""
-
-    @property
-    def rating_column(self) -> str:
-        """Name of the ratings' column in it."""
-
-    @property
-    def not_positive(self) -> str:
-        """The first negative rating, as written in the file."""
+def _accept(table: Any) -> None:
+    """Accept every table: forces are checked while they are read, and sliders by the ends of their scale."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +63,7 @@ class Scale:
     additive, natural
         Transformation to the additive scale, and its inverse; arrays of any shape.
     require
-        Raises `InputError`, naming file, row, column and value, for a table that is not on this scale.
+        Raises `InputError`, naming file, row, column and value, for a table (`data.Ratings`) that is not on this scale.
     log_slope
         Log of the derivative of `natural`, at observations.
     """
@@ -97,11 +77,11 @@ class Scale:
     mean: str
     axis: Literal["log", "linear"]
     drawn: tuple[float, float]
-    own_units: bool
     additive: Callable[[Any], NDArray[np.float64]]
     natural: Callable[[Any], NDArray[np.float64]]
-    require: Callable[[Filed], None]
     log_slope: Callable[[Any], NDArray[np.float64]]
+    own_units: bool = False
+    require: Callable[[Any], None] = _accept
     answer: str = ""
     """Word for several rows that form one answer; empty if each row is an answer."""
     model: Callable[[Any], Any] | None = None
@@ -185,7 +165,7 @@ def _log_odds_slope(values: Any) -> NDArray[np.float64]:
     return np.log(values) + np.log1p(-values)
 
 
-def _require_positive(table: Filed) -> None:
+def _require_positive(table: Any) -> None:
     """Raise an error for negative ratings: magnitude estimates are 0 or above (model.md 9)."""
     import numpy as np
 
@@ -206,7 +186,7 @@ def _require_positive(table: Filed) -> None:
         )
 
 
-def _require_standardised(table: Filed) -> None:
+def _require_standardised(table: Any) -> None:
     """Raise an error for ratings that cannot be z-scores: `STANDARDISED_MEAN` and `STANDARDISED_SD` (model.md 9)."""
     mean, sd = float(table.rating.mean()), float(table.rating.std())
     if abs(mean) > STANDARDISED_MEAN or sd > STANDARDISED_SD:
@@ -215,10 +195,6 @@ def _require_standardised(table: Filed) -> None:
             f"standard deviation 1, got mean {mean:.3g} and standard deviation {sd:.3g}; standardise them, or "
             "omit --ratings if they are magnitude estimates"
         )
-
-
-def _accept(table: Filed) -> None:
-    """Accept every table: forces are checked while they are read, and sliders by the ends of their scale."""
 
 
 MAGNITUDE = Scale(
@@ -253,7 +229,6 @@ STANDARDISED = Scale(
     mean="mean",
     axis="linear",
     drawn=(float("-inf"), float("inf")),
-    own_units=False,
     additive=_same,
     natural=_same,
     require=_require_standardised,
@@ -272,7 +247,6 @@ SLIDER = Scale(
     own_units=True,
     additive=_logit,
     natural=_share,
-    require=_accept,
     log_slope=_log_odds_slope,
 )
 CATEGORIES = replace(

@@ -68,18 +68,13 @@ class UncertainLoads(LogRatings):
         self, ratings: ArrayLike, design: Design, model: RatingModel, errors: LoadErrors, over: Design | None = None
     ) -> None:
         super().__init__(ratings, design, model, over)
-        self.errors = errors
+        self.errors = self.load_errors = errors
 
     @cached_property
     def _rows(self) -> NormalRows:
         errors, design = self.errors, self.design
         touches = Design(errors.of_row, design.participant, design.fabric[errors.condition], design.n_participants)
         return NormalRows(touches, self._log, self.model.level.mean)
-
-    @property
-    def load_errors(self) -> LoadErrors:
-        """The additional loads at which responses are needed."""
-        return self.errors
 
     @property
     def condition_of_rate(self) -> IndexArray:

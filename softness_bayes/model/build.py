@@ -12,6 +12,7 @@ from softness_bayes.data import Afferents, Compression, Experiment, Measurements
 from softness_bayes.data.faults import listing
 from softness_bayes.data.oddities import few_raters_sentence
 from softness_bayes.errors import InputError
+from softness_bayes.likelihood.aggregated import RaterSpreads, SpreadModel
 from softness_bayes.likelihood.design import Design, LoadErrors
 from softness_bayes.likelihood.individual import IndividualModel
 from softness_bayes.likelihood.layout import Layout, merge
@@ -25,7 +26,6 @@ from softness_bayes.likelihood.models import (
 from softness_bayes.likelihood.plate import CompressionForces, PressedRaters
 from softness_bayes.likelihood.ratings import SKIN, RatingsLikelihood, RatingsModel
 from softness_bayes.likelihood.scales import FREE, MAGNITUDE, RISES, STANDARDISED, RatingDirection
-from softness_bayes.likelihood.spreads import RaterSpreads, SpreadModel
 from softness_bayes.model.direction import DRAWS, DirectionChoice, evidence_of
 from softness_bayes.model.fingers import (
     answers_of,

@@ -41,11 +41,11 @@ from softness_bayes.files.run_files import (
     RATERS,
     RECORDED_RATES,
 )
+from softness_bayes.likelihood.aggregated import SPREADS
 from softness_bayes.likelihood.error_laws import LAPSES, STUDENT
 from softness_bayes.likelihood.intervals import RATER_EFFECTS
 from softness_bayes.likelihood.models import OF_DIFFERENT_RATERS
 from softness_bayes.likelihood.scales import PAIRS, RANKS
-from softness_bayes.likelihood.spreads import SPREADS
 from softness_bayes.model.posterior import Density, Posterior
 from softness_bayes.model.prediction import drive_slope, rates_of_other_moduli, rates_of_other_skins
 from softness_bayes.provenance import (

@@ -32,12 +32,12 @@ from softness_bayes.checking.checks import (
 )
 from softness_bayes.checking.sentences import residual_sentence, residual_sentences
 from softness_bayes.checking.uniformity import uniformity_p_value
+from softness_bayes.likelihood.aggregated import RaterSpreads, SpreadModel
 from softness_bayes.likelihood.contract import NO_RESPONSE, Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.intervals import IntervalModel
 from softness_bayes.likelihood.magnitude import Effects, LogRatings, RatingModel
 from softness_bayes.likelihood.scales import RISES
-from softness_bayes.likelihood.spreads import RaterSpreads, SpreadModel
 from softness_bayes.provenance import Finding
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import CLASSICAL, MENDED

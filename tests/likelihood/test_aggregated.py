@@ -7,12 +7,11 @@ from scipy.special import ive
 from scipy.stats import chi2, kstest
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.aggregated import AggregatedModel
+from softness_bayes.likelihood.aggregated import LARGE_ORDER, AggregatedModel, RaterSpreads, SpreadModel, log_bessel
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.scales import FALLS
-from softness_bayes.likelihood.spreads import LARGE_ORDER, RaterSpreads, SpreadModel, log_bessel
 
 N, FABRICS, CELLS = 7, np.array([0, 0, 1, 1, 2]), 5
 ONE_PANEL = Design(np.arange(CELLS), np.zeros(CELLS, int), FABRICS, 1)

@@ -17,7 +17,7 @@ from scipy.stats import kstest
 
 import softness_bayes
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.aggregated import AggregatedModel, AggregatedRatings
+from softness_bayes.likelihood.aggregated import AggregatedModel, AggregatedRatings, RaterSpreads, SpreadModel
 from softness_bayes.likelihood.categories import CategoryModel, CategoryRatings
 from softness_bayes.likelihood.contract import NO_RESPONSE, Likelihood, Parameters
 from softness_bayes.likelihood.design import Design, LoadErrors
@@ -30,7 +30,6 @@ from softness_bayes.likelihood.orders import OrderModel, OrderRatings, PairModel
 from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.scales import CATEGORIES, FALLS, MAGNITUDE, RATING_SCALES, RISES, scale_named
-from softness_bayes.likelihood.spreads import RaterSpreads, SpreadModel
 from softness_bayes.likelihood.uncertain_loads import UncertainLoads
 from softness_bayes.likelihood.z_scores import StandardisedModel, StandardisedRatings
 from softness_bayes.touch.finger_grid import FingerGrid

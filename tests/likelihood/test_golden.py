@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from oracles import make_likelihood_goldens, raters
-from softness_bayes.likelihood.aggregated import AggregatedModel
+from softness_bayes.likelihood.aggregated import AggregatedModel, RaterSpreads, SpreadModel
 from softness_bayes.likelihood.categories import CategoryModel
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design, LoadErrors, Stated
@@ -23,7 +23,6 @@ from softness_bayes.likelihood.models import (
 )
 from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.likelihood.scales import FALLS, RISES, scale_named
-from softness_bayes.likelihood.spreads import RaterSpreads, SpreadModel
 from softness_bayes.touch.contact import Finger
 from softness_bayes.touch.finger_grid import FingerGrid
 
