@@ -37,7 +37,6 @@ VERBS = tuple(verb for verbs in GROUPS.values() for verb in verbs)
 HOMES: Mapping[str, str] = {
     "demo": "start.demo",
     "new": "start.new",
-    "design": "experiment.command",
     "list": "listing.command",
     "status": "resume.status",
     "plot": "report.plot",

@@ -9,7 +9,6 @@ import os
 import re
 import shlex
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
@@ -24,29 +23,25 @@ PROGRAM = "softness-bayes"
 TRY = "try: "
 """Beginning of the line with the suggested command."""
 
-RATINGS, FABRICS, RUN, OTHER = "{ratings}", "{fabrics}", "{run}", "{other run}"
-"""Placeholders in suggested commands, for existing files and runs."""
-NEW, OUT, SIMULATED = "{new}", "{out}", "{simulated}"
-"""Placeholders for new directories."""
-
-WORKS: Mapping[str, tuple[str, ...]] = {
-    "check": ("--data", RATINGS),
-    "sample": ("--data", RATINGS, "--out", OUT),
-    "status": (RUN,),
-    "resume": (RUN,),
-    "plot": (RUN, "--figures", "rating"),
-    "simulate": ("--fabrics", FABRICS, "--indentation-mm", "2", "--out", SIMULATED),
-    "report": (RUN,),
-    "compare": (RUN, OTHER),
-    "predict": ("--posterior", RUN, "--fabrics", FABRICS, "--force-n", "1"),
-    "rank": (RUN, "--force-n", "1"),
-    "target": (RUN, "--rating", "20", "--force-n", "1"),
-    "design": ("--given", RUN),
-    "explore": (RUN,),
-    "new": (NEW,),
-    "list": ("readings",),
+WORKS: Mapping[str, Callable[[Sequence[str]], Sequence[str | None]]] = {
+    "check": lambda runs: ("--data", readable_ratings()),
+    "sample": lambda runs: ("--data", readable_ratings(), "--out", vacant("results")),
+    "status": lambda runs: (runs[0],),
+    "resume": lambda runs: (runs[0],),
+    "plot": lambda runs: (runs[0], "--figures", "rating"),
+    "simulate": lambda runs: ("--fabrics", readable_fabrics(), "--indentation-mm", "2", "--out", vacant("simulated")),
+    "report": lambda runs: (runs[0],),
+    "compare": lambda runs: (runs[0], runs[1]),
+    "predict": lambda runs: ("--posterior", runs[0], "--fabrics", readable_fabrics(), "--force-n", "1"),
+    "rank": lambda runs: (runs[0], "--force-n", "1"),
+    "target": lambda runs: (runs[0], "--rating", "20", "--force-n", "1"),
+    "design": lambda runs: ("--given", runs[0]),
+    "explore": lambda runs: (runs[0],),
+    "new": lambda runs: (vacant("my-study"),),
+    "list": lambda runs: ("readings",),
 }
-"""Command -> arguments with which it works."""
+"""Command -> function of the runs in this directory, which returns arguments with which it works; None for a missing
+file."""
 
 LISTS: Mapping[str, str] = {
     "--reading": "list readings",
@@ -107,19 +102,10 @@ def working(verb: str, typed: Sequence[str] = ()) -> list[str]:
 
     Runs that were named on the command line are preferred to others.
     """
-    runs = [*dict.fromkeys([*filter(is_run, typed), *finished_runs()])] if RUN in WORKS[verb] else []
-    if RUN in WORKS[verb] and len(runs) < 1 + (OTHER in WORKS[verb]):
+    try:
+        words = WORKS[verb]([*dict.fromkeys([*filter(is_run, typed), *finished_runs()])])
+    except IndexError:  # too few runs
         return working("sample") if readable_ratings() is not None else [PROGRAM, "demo"]
-    names: Mapping[str, Callable[[], str | None]] = {
-        RATINGS: readable_ratings,
-        FABRICS: readable_fabrics,
-        RUN: lambda: runs[0],
-        OTHER: lambda: runs[1],
-        NEW: partial(vacant, "my-study"),
-        OUT: partial(vacant, "results"),
-        SIMULATED: partial(vacant, "simulated"),
-    }
-    words = [names[word]() if word in names else word for word in WORKS[verb]]
     known = [word for word in words if word is not None]
     return [PROGRAM, verb, *known] if len(known) == len(words) else _new()
 

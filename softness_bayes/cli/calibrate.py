@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.design import design_lines
+from softness_bayes.cli.check_text import design_lines
 from softness_bayes.cli.interrupts import keeping
 from softness_bayes.cli.options import (
     TOUCHES,

@@ -1,129 +1,194 @@
-"""Precision of a design and cost of a run, foreseen before any sampling, as lines of text."""
+"""`softness-bayes design`: the touches whose ratings would tell most."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from softness_bayes.readable import percent
+import click
+
+from softness_bayes.cli.options import (
+    FILE,
+    collected,
+    load_options,
+    number,
+    out,
+    path,
+    seed,
+    trust_code,
+    typed,
+)
+from softness_bayes.cli.running import reading
+from softness_bayes.errors import InputError
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.ranges import PANEL, Count, Range
+from softness_bayes.results.run_options import DataFiles
 
 if TYPE_CHECKING:
-    from softness_bayes.model.build import ExperimentModel
-    from softness_bayes.touch.accuracy import Errors
-    from softness_bayes.touch.scene import Discretisation
+    from softness_bayes.experiments.choice import Plan
+    from softness_bayes.touch.contact import Load
 
-SPREADS = frozenset({"tau", "varsigma", "omega", "tau_b", "tau_m", "varsigma_f"})
-"""Standard deviations of participants, fabrics and ratings, which are estimated better with more of each."""
+DESIGN = "design"
+TABLE, GAINS, RECORD, FIGURE = "design.csv", "gain.csv", "design.json", "design"
+FORMATS = ("png", "pdf")
+MADE = (TABLE, GAINS, RECORD, *(f"{FIGURE}.{suffix}" for suffix in FORMATS))
 
-MOST_OTHERS = 6
-"""Largest number of alternative designs that are listed."""
-
-
-def design_lines(expected: dict[str, Any]) -> list[str]:
-    """Return the result of `model.understanding.foreseen` as lines of text."""
-    lines = [
-        "How precise is this design?",
-        f"Expected posterior sd / prior sd at {expected['truths']} true values from the prior: median (10 % to 90 "
-        "% quantile).",
-        "Linear approximation, without sampling. In test runs, 61 of 64 posterior widths were within a factor "
-        "of 1.5 of it.",
-    ]
-    count, used = expected["loads"]
-    if used < count:
-        lines.append(f"Neighbouring loads among the {count} are merged into {used} for this prediction.")
-    for name, ratio in expected["sd_ratio"].items():
-        lines.append(f"  {name:14} {_limits(ratio)}")
-    if expected["not_foreseen"]:
-        lines.append(f"  not covered: {', '.join(expected['not_foreseen'])}")
-    for place in expected["turning_points"]:
-        lines.append(f"  {_place(place, expected['truths'])}")
-    lines.append("Which changes would help most? (information gained, and the sd ratio that falls most, now and then)")
-    for other in expected["others"][:MOST_OTHERS]:
-        lines.append(
-            f"  {other['design']} ({other['further_ratings']} ratings more): {other['bits']:+.1f} bits; "
-            f"{_most(expected['sd_ratio'], other['sd_ratio'])}"
-        )
-    return lines
+KPA = 1e3
 
 
-def _place(place: dict[str, Any], truths: int) -> str:
-    share = f"the response turns over in {percent(place['prior_share'])} of prior draws"
-    if place["factor_90"] is None:
-        return f"turning point at {place['load']}: precision not predicted; {share}"
-    low, middle, high = place["factor_90"]
-    found = f"if there is one ({place['truths']} of {truths} true values)"
-    return (
-        f"turning point at {place['load']}: E_fab known to a factor of {middle:.2f} ({low:.2f} to {high:.2f}), "
-        f"posterior sd {place['sd_ratio'][1]:.2f} of the prior sd, {found}; {share}"
-    )
+@click.command()
+@click.option(
+    "--given",
+    type=FILE,
+    multiple=True,
+    metavar="DIR",
+    help="A finished run. Give two runs of the same ratings to tell them apart (--about run).",
+)
+@collected("files", DataFiles, without=("compression", "afferents", "force_n", "indentation_mm"))
+@collected("model", ModelOptions, without=("noise",))
+@click.option(
+    "--about",
+    metavar="NAME,...",
+    default="",
+    help="What is to be learnt: parameters, turning@2mm or turning@1N, run (which of two); by default everything.",
+)
+@path("--candidates", "FILE", "Table of fabrics that could be rated; by default the rated ones.")
+@click.option(
+    "--moduli",
+    metavar="LOW:HIGH:N",
+    help="Effective moduli [kPa] of fabrics to obtain; by default 12 over the range of the rated ones.",
+)
+@load_options(" of a candidate. Repeatable; by default as rated.")
+@click.option("--largest-load", metavar="LOAD", help="Leave out loads of its kind above this one, such as 2mm or 1N.")
+@number("--conditions", Count(1, 50), "Largest number of touches.", 8)
+@click.option(
+    "--raters",
+    metavar="same|new:N",
+    default="same",
+    show_default=True,
+    help="Raters, each of whom rates every touch once: those of the run, or N new ones.",
+)
+@number("--budget", Range(0.0, above=True), "Budget, in the unit of the costs.", metavar="X")
+@number("--cost-fabric", Range(0.0), "Cost of a fabric that has to be obtained.", 0.0, "X")
+@number("--cost-load", Range(0.0), "Cost of each load.", 0.0, "X")
+@number("--cost-rating", Range(0.0), "Cost of one rating.", 1.0, "X")
+@seed
+@out(DESIGN)
+@click.option("--force", is_flag=True, help="Replace the files that 'design' wrote there.")
+@trust_code
+def command(
+    given: tuple[Path, ...],
+    files: DataFiles,
+    model: ModelOptions,
+    about: str,
+    candidates: Path | None,
+    moduli: str | None,
+    indentation_mm: tuple[float, ...],
+    force_n: tuple[float, ...],
+    largest_load: str | None,
+    conditions: int,
+    raters: str,
+    budget: float | None,
+    cost_fabric: float,
+    cost_load: float,
+    cost_rating: float,
+    seed: int,
+    out: Path,
+    force: bool,
+) -> None:
+    """Choose the touches whose ratings would tell most, from a finished run.
 
-
-def _most(now: dict[str, list[float]], other: dict[str, list[float]]) -> str:
-    """Return the parameter whose median ratio falls most, spreads of people and ratings aside, with both ratios."""
-    name = min(now.keys() - SPREADS, key=lambda one: (other[one][1] / now[one][1], one))
-    if other[name][1] > 0.95 * now[name][1]:
-        return "no ratio falls by more than 5 %"
-    return f"{name} {now[name][1]:.2f} to {other[name][1]:.2f}"
-
-
-def _limits(ratio: list[float]) -> str:
-    low, middle, high = ratio
-    return f"{middle:.2f} ({low:.2f} to {high:.2f})"
-
-
-def cost_lines(model: ExperimentModel) -> list[str]:
-    """Return how a run evaluates its model: stages, nodes, errors and cost, and the alternatives.
-
-    Errors are the largest over draws of the prior and conditions: of the response, relative to the peak of each draw,
-    and of log(N/N_ref + eps). Costs are the time per parameter vector in batches of 64, measured on this machine.
+    Candidates are the fabrics that were rated, and moduli of fabrics to obtain, under the loads of the run. Touches
+    whose contact exceeds half the fingertip's radius are left out, and none is chosen more than twice. Moduli have the
+    errors of the run (15 % where it took them as exact; --modulus-cv): a design that ignores them misleads.
+    With --data instead of --given the plan is made from the prior, before any rating.
     """
-    import pandas as pd
+    from softness_bayes.data import Fabrics, loads_of
+    from softness_bayes.experiments.choice import Costs
+    from softness_bayes.experiments.design import design
+    from softness_bayes.files.json_text import as_json
+    from softness_bayes.files.outputs import require_outputs, write_outputs
+    from softness_bayes.files.spreadsheet import csv_of
+    from softness_bayes.plotting.experiments import gain_figure
+    from softness_bayes.plotting.style import files_of
 
-    from softness_bayes.model.scenes import prior_draws
-    from softness_bayes.model.understanding import BATCH, ladder, seconds
-    from softness_bayes.touch.accuracy import DRAWS
-
-    scene, chosen, draws = model.scene, model.resolution, prior_draws(model.posterior.space)
-    assert chosen is not None, "the command line sets an accuracy"
-    d = chosen.discretisation
-    cost, others = seconds(scene, draws.parameters), model.posterior.other_loads
-    cost += 0.0 if others is None else seconds(others, draws.parameters)
-    mechanics = f"{d.nodes} nodes to exp(-{d.saturation:g}), tolerance {d.field_tolerance:.0e}"
-    stages = [
-        {"stage": "mechanics", "resolution": mechanics, **_shown(chosen.mechanics)},
-        {"stage": "firing rates", "resolution": _rates(scene.firing, d), **_shown(chosen.firing)},
-        {"stage": "sum", "resolution": "", **_shown(chosen.errors)},
-    ]
-    presets = [
-        {
-            "nodes": one.discretisation.nodes,
-            "to exp(-x)": one.discretisation.saturation,
-            "tolerance": f"{one.discretisation.field_tolerance:.0e}",
-            "rates": _terms(one.discretisation),
-            **_shown(one.errors),
-            "cost [µs]": f"{1e6 * taken:.1f}",
-            "": "<- chosen" if one.discretisation == d else "",
-        }
-        for one, taken in ladder(scene, draws)
-    ]
-    return [
-        f"accuracy {model.options.accuracy:g}, {scene.n_conditions} conditions, errors over {DRAWS} draws of the prior",
-        f"\n{pd.DataFrame(stages).to_string(index=False)}",
-        f"\ncost: {1e6 * cost:.1f} µs for each parameter vector, {BATCH} at a time, on one core",
-        f"\npresets:\n{pd.DataFrame(presets).to_string(index=False)}",
-    ]
-
-
-def _rates(firing: object, d: Discretisation) -> str:
-    from softness_bayes.touch.neuron.fixed_channels import FixedChannels
-
-    if not isinstance(firing, FixedChannels):
-        return f"surface, {_terms(d)}"
-    return f"curve through {d.rate_nodes} rates, {_terms(d)}"
+    if bool(given) == (files.data is not None):
+        raise InputError("design: give either --given, a finished run, or --data, before any rating")
+    if len(given) > 2:
+        raise InputError(f"design: expected one run, or two to tell apart, got {len(given)}")
+    inputs = [path for path in (candidates, files.data, files.fabrics) if path is not None]
+    require_outputs(out, MADE, DESIGN, force, inputs)
+    chosen = None if candidates is None else Fabrics.read(candidates)
+    loads = loads_of(indentation_mm, force_n)
+    with reading(*given) as results:
+        source: Any = files.read() if not results else results[0] if len(results) == 1 else results
+        plan = design(
+            source,
+            tuple(name.strip() for name in about.split(",") if name.strip()),
+            candidates=chosen,
+            moduli=None if moduli is None else _grid(moduli),
+            loads=loads or None,
+            largest_load=None if largest_load is None else _largest(largest_load),
+            conditions=conditions,
+            raters=_raters(raters),
+            costs=Costs(budget, cost_fabric, cost_load, cost_rating),
+            modulus_cv=model.modulus_cv if typed("modulus_cv") else None,
+            options=model,
+            seed=seed,
+        )
+    contents: dict[str, bytes | str] = {
+        TABLE: csv_of(plan.table, index=False),
+        GAINS: csv_of(plan.gains, index=False),
+        RECORD: as_json(plan.record, RECORD, indent=1) + "\n",
+    }
+    write_outputs(out, contents | files_of(gain_figure(plan.gains, plan.about), FIGURE, FORMATS), DESIGN)
+    _show(plan)
+    click.echo(f"written to {out}: {', '.join(MADE)}", err=True)
 
 
-def _terms(d: Discretisation) -> str:
-    return "all terms" if d.rate_terms is None else f"{d.rate_terms} terms"
+def _grid(text: str) -> list[float]:
+    """Return moduli [Pa] evenly spaced in the logarithm from LOW:HIGH:N [kPa]."""
+    import numpy as np
+
+    try:
+        low, high, number = text.split(":")
+        ends, n = (float(low), float(high)), int(number)
+    except ValueError:
+        raise InputError(f"--moduli: expected LOW:HIGH:N, such as 20:2000:8 [kPa], got {text!r}") from None
+    if not (0 < ends[0] <= ends[1] < float("inf") and 1 <= n <= 200):
+        raise InputError(f"--moduli: expected 0 < LOW <= HIGH [kPa] and N from 1 to 200, got {text!r}")
+    return list(np.geomspace(*ends, n) * KPA)
 
 
-def _shown(errors: Errors) -> dict[str, str]:
-    return {"error / peak": f"{float(errors.peak):.1e}", "error of log": f"{float(errors.log):.1e}"}
+def _largest(text: str) -> Load:
+    """Return a load from a text such as 2mm or 1N."""
+    from softness_bayes.experiments.design import load_named
+
+    load = load_named(text)
+    if load is None:
+        raise InputError(f"--largest-load: expected a load such as 2mm or 1N, got {text!r}")
+    return load
+
+
+def _raters(text: str) -> int | None:
+    """Return the number of new raters from same or new:N; None for the same raters."""
+    if text == "same":
+        return None
+    kind, _, number = text.partition(":")
+    if kind != "new" or not number.isdigit() or not PANEL.low <= int(number) <= PANEL.high:
+        raise InputError(f"--raters: expected same or new:N, such as new:12, got {text!r}")
+    return int(number)
+
+
+def _show(plan: Plan) -> None:
+    """Print the chosen touches, and what they are expected to tell."""
+    columns = ["order", "fabric", "to_obtain", "e_fab_kpa", "indentation_mm", "force_n", "raters", "step_nats"]
+    shown = plan.table[columns].dropna(axis=1, how="all")
+    click.echo(f"rate next, to learn {', '.join(plan.about)} (the most informative first):")
+    click.echo(shown.to_string(index=False, float_format="{:.4g}".format))
+    b = plan.bracket
+    click.echo(f"information: {b.low:.2f} to {b.high:.2f} nats (± {b.se:.2f})")
+    ratios = sorted(plan.sd_ratio.items(), key=lambda each: each[1])
+    click.echo("expected posterior sd / present sd: " + ", ".join(f"{name} {ratio:.2f}" for name, ratio in ratios[:8]))
+    for note in plan.notes:
+        click.echo(f"note: {note}")

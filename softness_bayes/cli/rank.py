@@ -90,20 +90,8 @@ def command(directory: Path, touches: Touches, against: Path | None, seed: int, 
 
 def _show(ranking: Ranking, most: int = 20) -> None:
     """Print the order of the fabrics under each load, without the middle of tables with most rows, and the ties."""
-    columns = [
-        "order",
-        "fabric",
-        "e_fab_kpa",
-        "people",
-        "people_low",
-        "people_high",
-        "typical_rating",
-        "place_low",
-        "place",
-        "place_high",
-        "tie",
-        "p_silent",
-    ]
+    columns = ["order", "fabric", "e_fab_kpa", "people", "people_low", "people_high", "typical_rating"]
+    columns += ["place_low", "place", "place_high", "tie", "p_silent"]
     for one, (load, rows) in zip(ranking.loads, ranking.table.groupby("load", sort=False), strict=True):
         first = "the softest first (the highest predicted rating)" if ranking.word == "softest" else "the highest first"
         click.echo(f"{load}, {first}; people: their own mean, typical_rating: what the chain predicts")

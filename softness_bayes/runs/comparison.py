@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +17,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.ranges import require_kind, require_mapping
 from softness_bayes.results.fitted import differences, experiment_of
 from softness_bayes.results.result import Result
-from softness_bayes.runs.left_out import LEAVE, Leave, LeftOut
+from softness_bayes.runs.left_out import LEAVE, Leave, LeftOut, Refits
 from softness_bayes.sampler.diagnostics import Goal
 from softness_bayes.sampler.sampling import Settings
 
@@ -132,11 +133,13 @@ def compare(
     require_mapping("results", results, "{'hertz': result, 'attenuated': other}")
     for label, result in results.items():
         require_kind(f"results: {label}", result, Result, "a Result, as returned by sample or Result.load")
-    leave = _leave(leave)
+    if leave not in LEAVE and isinstance(leave, str):
+        raise InputError(f"compare: cannot hold out {leave!r}; expected one of {', '.join(LEAVE)}")
+    leave = LEAVE[leave] if isinstance(leave, str) else leave
     _require_comparable(results)
     told = differences(dict(results))
     found = {
-        label: leave.predict(result, settings, lambda unit, of=label: progress(f"{of} without {unit}"), executor)  # type: ignore[misc]
+        label: leave.predict(result, Refits(settings, partial(_told, progress, label), executor))
         for label, result in results.items()
     }
     order = sorted(found, key=lambda label: -float(found[label].log_density.sum()))
@@ -159,6 +162,10 @@ def compare(
     return Comparison(pd.DataFrame.from_dict(rows, orient="index").rename_axis("result"), unit, interior)
 
 
+def _told(progress: Callable[[str], None], label: str, unit: str) -> None:
+    progress(f"{label} without {unit}")
+
+
 def _differences(log_density: Array, best: Array, clusters: Mapping[str, NDArray[np.intp]]) -> dict[str, float]:
     """Return the columns for a model's predictions and their differences from those of the best model."""
     behind = log_density - best
@@ -179,14 +186,6 @@ def _reliability(left: LeftOut) -> dict[str, float]:
         "pareto_k_high": int((left.pareto_k > largest_pareto_k(left.draws)).sum()),
         "unfinished": left.unfinished,
     }
-
-
-def _leave(leave: str | Leave) -> Leave:
-    if isinstance(leave, Leave):
-        return leave
-    if leave not in LEAVE:
-        raise InputError(f"compare: cannot hold out {leave!r}; expected one of {', '.join(LEAVE)}")
-    return LEAVE[leave]
 
 
 def _clusters(result: Result, leave: Leave) -> dict[str, NDArray[np.intp]]:

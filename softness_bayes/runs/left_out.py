@@ -41,16 +41,23 @@ class LeftOut(NamedTuple):
     """Number of refits that did not converge."""
 
 
-Predict = Callable[[Result, Settings, Callable[[str], None], Executor | None], LeftOut]
-"""Predicts each unit of a result; takes settings of refits, a function called after each, and their executor."""
+class Refits(NamedTuple):
+    """How models are refitted without a unit."""
+
+    settings: Settings
+    """Settings of the sampler."""
+    progress: Callable[[str], None] = lambda unit: None
+    """Function called with the name of the unit after each refit."""
+    executor: Executor | None = None
+    """Executor that runs refits instead of `settings.processes` processes, one task per refit, with the same draws."""
 
 
 @dataclass(frozen=True)
 class Leave:
-    """A kind of unit to leave out, and the function that predicts each such unit."""
+    """A kind of unit to leave out, and the function that predicts each such unit of a result."""
 
     name: str
-    predict: Predict
+    predict: Callable[[Result, Refits], LeftOut]
 
 
 def leave_by_weights(log_density: Array) -> LeftOut:
@@ -65,7 +72,7 @@ def leave_by_weights(log_density: Array) -> LeftOut:
     return LeftOut(logsumexp(weights + log_density.T, axis=1), shape, len(log_density))
 
 
-def _by_rating(result: Result, *_: Any) -> LeftOut:
+def _by_rating(result: Result, _: Refits) -> LeftOut:
     """Leave out each rating; lists and pairs, whose rows depend on one another, are left out as a whole."""
     if not result.scale.answer:
         return _stored(result, "log_likelihood", "rating")
@@ -73,7 +80,7 @@ def _by_rating(result: Result, *_: Any) -> LeftOut:
     return leave_by_weights(posterior.observation.log_likelihood_answers(*_at_draws(posterior, result)))
 
 
-def _by_participant(result: Result, *_: Any) -> LeftOut:
+def _by_participant(result: Result, _: Refits) -> LeftOut:
     return _stored(result, "log_likelihood_participant", "ratings_of_participant")
 
 
@@ -89,32 +96,35 @@ def _at_draws(posterior: Posterior, result: Result) -> tuple[Array, Any]:
     return posterior.response(theta), posterior.rating_parameters(theta)
 
 
-def _by_fabric(result: Result, *how: Any) -> LeftOut:
+def _by_fabric(result: Result, refits: Refits) -> LeftOut:
     """Refit the model without each fabric, because a fabric changes the posterior too much for importance weights."""
     ratings = experiment_of(result).ratings
-    return _by_group(result, "fabric", ratings.fabric, ratings.fabrics, 1 << 21, False, *how)
+    unknown = np.full(len(ratings.fabrics), np.nan)
+    left = LeftOut(unknown, unknown, 0)
+    return _refitted(result, "fabric", ratings.fabric, ratings.fabrics, left, 1 << 21, refits)
 
 
-def _by_condition(result: Result, *how: Any) -> LeftOut:
+def _by_condition(result: Result, refits: Refits) -> LeftOut:
     """Leave out each fabric under each load by importance weights, or by refits if these fail."""
-    ratings = experiment_of(result).ratings
+    experiment = experiment_of(result)
+    ratings, group = experiment.ratings, experiment.ratings.conditions.of_rating
     pairs = zip(ratings.conditions.fabric, ratings.conditions.load, strict=True)
     names = [f"{ratings.fabrics[fabric]} at {ratings.loads[load]}" for fabric, load in pairs]
-    return _by_group(result, "condition", ratings.conditions.of_rating, names, 1 << 22, True, *how)
+    posterior = build(experiment, options_of(result)).posterior
+    left = leave_by_weights(posterior.observation.log_likelihood_blocks(*_at_draws(posterior, result), group))
+    return _refitted(result, "condition", group, names, left, 1 << 22, refits)
 
 
-def _by_group(
+def _refitted(
     result: Result,
     unit: str,
     group: NDArray[np.intp],
     names: Sequence[str],
+    left: LeftOut,
     key: int,
-    weigh: bool,
-    settings: Settings,
-    progress: Callable[[str], None],
-    executor: Executor | None = None,
+    refits: Refits,
 ) -> LeftOut:
-    """Leave out groups of ratings, by importance weights where these are wanted and reliable, otherwise by refits.
+    """Refit a model without each group of ratings whose importance weights are missing or unreliable.
 
     Parameters
     ----------
@@ -122,74 +132,39 @@ def _by_group(
         What a group is, for messages.
     group, names
         Index of each rating's group, shape (ratings,), and the names of the groups.
+    left
+        Predictions by importance weights, NaN where there are none.
     key
         Key of the seeds of refits.
-    weigh
-        Whether importance weights are tried first.
     """
     if (group == group[0]).all():
         raise InputError(f"compare: there is only one {unit}, so no data remain to predict it from")
     posterior = build(experiment_of(result), options_of(result)).posterior
-    unknown = np.full(len(names), np.nan)
-    left = LeftOut(unknown, unknown, 0)
-    if weigh:
-        left = leave_by_weights(posterior.observation.log_likelihood_blocks(*_at_draws(posterior, result), group))
-    density, shape, seed = left.log_density.copy(), left.pareto_k.copy(), int(result.attributes["seed"])
-    again = [k for k in range(len(names)) if not weigh or shape[k] > largest_pareto_k(left.draws)]
-    without = [Without(k, names[k], group == k, (seed, key, k)) for k in again]
-    found = _each_anew(posterior, without, settings, progress, executor)
-    for k, one in found.items():
-        density[k], shape[k] = one.log_density, np.nan
-    return LeftOut(density, shape, left.draws, sum(not one.converged for one in found.values()))
+    settings, seed, unfinished = replace(refits.settings, processes=1), int(result.attributes["seed"]), 0
+    density, shape = left.log_density.copy(), left.pareto_k.copy()
+    again = np.flatnonzero(shape > largest_pareto_k(left.draws)) if left.draws else np.arange(len(shape))
+    processes = min(refits.settings.processes or available_processors(), max(len(again), 1))
+    tasks = [(int(k), group == k, (seed, key, int(k)), settings) for k in again]
+    with Workers(posterior, processes, refits.executor) as workers:
+        for k, density[k], converged in workers.as_finished(_without, tasks):
+            shape[k] = np.nan
+            unfinished += not converged
+            refits.progress(names[k])
+    return LeftOut(density, shape, left.draws, unfinished)
 
 
-class Without(NamedTuple):
-    """A unit without which a model is refitted."""
-
-    unit: int
-    name: str
-    rows: NDArray[np.bool_]
-    """Mask of the ratings in the unit."""
-    seed: tuple[int, int, int]
-
-
-class Anew(NamedTuple):
-    """Prediction of a unit by a model that was refitted without it."""
-
-    unit: int
-    log_density: float
-    """Log density of the unit's ratings given all others."""
-    converged: bool
-
-
-def _each_anew(
-    posterior: Posterior,
-    without: Sequence[Without],
-    settings: Settings,
-    progress: Callable[[str], None],
-    executor: Executor | None,
-) -> dict[int, Anew]:
-    """Refit a model without each of some units, one task per unit; return predictions by index."""
-    found: dict[int, Anew] = {}
-    processes = min(settings.processes or available_processors(), max(len(without), 1))
-    names = {one.unit: one.name for one in without}
-    with Workers(posterior, processes, executor) as workers:
-        for one in workers.as_finished(_anew, [(one, replace(settings, processes=1)) for one in without]):
-            found[one.unit] = one
-            progress(names[one.unit])
-    return found
-
-
-def _anew(posterior: Posterior, left: Without, settings: Settings) -> Anew:
-    """Refit a model without a unit, and predict the unit."""
-    observation, rows = posterior.observation, left.rows
+def _without(
+    posterior: Posterior, unit: int, rows: NDArray[np.bool_], seed: tuple[int, int, int], settings: Settings
+) -> tuple[int, float, bool]:
+    """Refit a model without some ratings; return their log density given all others, and whether it has converged."""
+    observation = posterior.observation
     rest = posterior.with_term(observation.without(rows))
-    sampled = sample_until(rest, settings, np.random.SeedSequence(left.seed[0], spawn_key=left.seed[1:]))
+    sampled = sample_until(rest, settings, np.random.SeedSequence(seed[0], spawn_key=seed[1:]))
     kept = sampled.chains.kept(sampled.verdict.burn_in, _DRAWS)
     theta = posterior.natural(kept.coordinates).reshape(-1, posterior.space.dimension)
     at = posterior.response(theta), posterior.rating_parameters(theta)
     density = observation.log_likelihood_blocks(*at, rows.astype(np.intp))[:, 1]
-    return Anew(left.unit, float(logsumexp(density) - np.log(density.size)), sampled.verdict.converged)
+    return unit, float(logsumexp(density) - np.log(density.size)), sampled.verdict.converged
 
 
 LEAVE: Mapping[str, Leave] = MappingProxyType(

@@ -117,8 +117,8 @@ def inject(run, states, folder, seed, cases):
     return ends
 
 
-def test_fifty_faults_leave_the_same_draws_or_a_refusal(run, states, tmp_path):
-    ends = inject(run, states, tmp_path, [TEST_SEED, 0], 50)
+def test_thirty_faults_leave_the_same_draws_or_a_refusal(run, states, tmp_path):
+    ends = inject(run, states, tmp_path, [TEST_SEED, 0], 30)
     assert {*ends} >= {"salvaged", "told", "killed"}  # else nothing happened
 
 

@@ -90,7 +90,7 @@ def test_figure_is_drawn_and_never_over_another_file(told, tmp_path):
 
 
 def test_lines_of_a_design(told):
-    from softness_bayes.cli.design import design_lines
+    from softness_bayes.cli.check_text import design_lines
 
     design = json.loads(told[0].stdout)["design"]
     lines = design_lines(design | {"not_foreseen": ["nu"]})

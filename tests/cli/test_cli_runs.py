@@ -41,8 +41,8 @@ IMPORTS = (
 """What tells of the modules that a process imports outside of its main thread."""
 
 
-def begin(directory, *more, ready=lambda status: status.steps):
-    """Start a run in a process of its own, which keeps every state, and wait until its status is `ready`."""
+def begin(directory, *more):
+    """Start a run in a process of its own, which keeps every state, and wait until it has steps."""
     program = (
         # a shell that runs the tests in the background has interrupts ignored, by its children too
         "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
@@ -62,7 +62,7 @@ def begin(directory, *more, ready=lambda status: status.steps):
         start_new_session=True,
     )
     while process.poll() is None:
-        if (directory / "out" / "checkpoint" / "manifest.json").exists() and ready(read_status(directory / "out")):
+        if (directory / "out" / "checkpoint" / "manifest.json").exists() and read_status(directory / "out").steps:
             return process
         time.sleep(0.02)
     raise AssertionError(process.communicate())
@@ -138,6 +138,9 @@ def test_a_killed_run_is_reported_on_continued_and_draws_what_an_uninterrupted_o
     assert "Its results are complete; use --more-steps to continue it." in again.stdout
     assert (copied / "posterior.nc").read_bytes() == before
     (copied / "posterior.nc").unlink()
+    manifest.write_bytes(sealed({**kept, "written": None}))  # as if killed before the result was written
+    assert "interrupted" in call("status", copied).stdout
+    manifest.write_bytes(sealed(kept))
     again = call("resume", copied, "--processes", "2")
     assert again.returncode == 0
     assert "posterior.nc: no such file; expected the posterior.nc of a run; the results are" in again.stderr
@@ -258,32 +261,19 @@ def test_too_many_failures_end_a_run_with_4_and_its_state_safe(tmp_path, monkeyp
     assert "in nonfinite.csv" in call("status", out).stdout
 
 
-@pytest.fixture(scope="module")
-def unwritten(tmp_path_factory, brief):
-    """A directory with the data and a run that was killed when its sampling had ended, before it had a result."""
-    directory = tmp_path_factory.mktemp("unwritten")
-    few_ratings(directory)
-    process = begin(directory, "--processes", "2", ready=lambda status: status.ended)
-    process.kill()
-    process.communicate()
-    status = read_status(directory / "out")
-    assert (status.ended, status.written) == (True, False)
-    return directory
-
-
 @pytest.mark.parametrize("times", [1, pytest.param(20, marks=pytest.mark.slow)])
-def test_a_run_killed_while_its_result_is_written_is_resumed_every_time(unwritten, tmp_path, times):
+def test_a_killed_run_is_resumed_by_a_process_every_time(killed, tmp_path, times):
     """ArviZ was imported in a thread, and often only in part when the main thread needed it."""
-    shutil.copy(unwritten / "ratings.csv", tmp_path)
+    shutil.copy(killed / "ratings.csv", tmp_path)
     program = (
         f"{IMPORTS}sys.path.append({str(ROOT / 'tests')!r}); from support.report_runs import quickly; "
         "made = quickly(); made.__enter__(); from softness_bayes.cli import main; main(prog_name='softness-bayes')"
     )
     for k in range(times):
         out = tmp_path / f"out{k}"
-        shutil.copytree(unwritten / "out", out)
+        shutil.copytree(killed / "out", out)
         done = subprocess.run(
-            [sys.executable, "-c", program, "resume", str(out), "--processes", "2"],
+            [sys.executable, "-c", program, "resume", str(out), "--processes", "2", "--no-figures"],
             capture_output=True,
             text=True,
             env=os.environ | {"PYTHONPATH": str(ROOT)},

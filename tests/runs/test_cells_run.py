@@ -6,37 +6,22 @@ import pytest
 from softness_bayes.checking.check_table import doubts
 from softness_bayes.checking.checks import DEVIATIONS, EXPONENTS
 from softness_bayes.checking.sentences import residual_sentences
-from softness_bayes.data import Experiment
-from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import AGGREGATED
-from softness_bayes.model.build import build, raters_told
-from softness_bayes.model.options import ModelOptions
+from softness_bayes.model.build import raters_told
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_ratings
-from softness_bayes.results.fitted import experiment_of, options_of
 from softness_bayes.results.result import Result
 from softness_bayes.touch.readings import MENDED
 from support.command_line import call
-from support.report_runs import CLOTH, COARSE, HELD, LOADS, RATERS, cells_run
+from support.report_runs import CLOTH, LOADS
+from support.variants import RATERS
 
 
 @pytest.fixture(scope="module")
-def run(once, tmp_path_factory):
+def run(variant_run, tmp_path_factory):
     directory = tmp_path_factory.mktemp("cells") / "run"
-    once("cells-run", cells_run).save(directory)
+    variant_run("cells").save(directory)
     return directory
-
-
-def test_a_result_keeps_the_cells_and_their_model(run):
-    result = Result.load(run)
-    ratings, options = experiment_of(result).ratings, options_of(result)
-    assert ratings.cells.raters == RATERS
-    assert (ratings.cells.geometric_sd > 1).all()
-    assert any(f"geometric means of {RATERS} raters" in str(said) for said in result.attributes.values())
-    assert options.scale is AGGREGATED
-    posterior = build(experiment_of(result), options).posterior
-    assert [term.name for term in posterior.terms] == ["ratings", "spreads"]
-    assert {"tau", "varsigma"} <= set(posterior.names)
 
 
 def test_standard_deviations_tell_of_both_spreads(run):
@@ -93,20 +78,3 @@ def test_the_verbs_take_a_run_on_cells(run, few_pictures, tmp_path):
     one, mean = (np.log(float(row[f"{k}_high"]) / float(row[f"{k}_low"])) for k in ("new_rater_rating", "mean_rating"))
     assert one > 2 * mean
     assert call("rank", run, "--force-n", "1").returncode == 0
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        ({"resolution": 1.0}, "means of several raters need exact numbers with normal errors"),
-        ({"individual": ("b",)}, "individual"),
-        ({"load_cv": 0.1}, "errors of loads .load_cv. are not modelled for aggregated ratings"),
-    ],
-)
-def test_what_means_do_not_have_is_refused(options, said):
-    made = simulate_ratings(
-        np.random.default_rng(1), CLOTH, LOADS, usual_values(MENDED), participants=9, scale=AGGREGATED
-    ).ratings
-    asked = ModelOptions(scale=AGGREGATED, fix=HELD, discretisation=COARSE, **options)
-    with pytest.raises(InputError, match=said):
-        build(Experiment(made, CLOTH, ()), asked)

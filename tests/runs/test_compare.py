@@ -1,7 +1,6 @@
 """Which model predicts best: exact answers, simulated data with a right one, and data that cannot tell."""
 
 import dataclasses
-import functools
 import itertools
 
 import numpy as np
@@ -27,7 +26,7 @@ from softness_bayes.model.simulation import simulate_compression, simulate_ratin
 from softness_bayes.parameters.laws import HalfNormal
 from softness_bayes.results.fitted import differences, experiment_of, options_of
 from softness_bayes.runs.comparison import clustered_error, compare, stacking_weights
-from softness_bayes.runs.left_out import LEAVE, leave_by_weights
+from softness_bayes.runs.left_out import LEAVE, Refits, leave_by_weights
 from softness_bayes.runs.run import sample, sample_skin
 from softness_bayes.sampler.diagnostics import Goal
 from softness_bayes.sampler.sampling import Settings
@@ -50,11 +49,7 @@ BRIEF = Settings(ensembles=2, max_steps=60, processes=1, pilot=(20,), optima=1, 
 
 @pytest.fixture(scope="module", autouse=True)
 def quickly():
-    """Learn little in the pilot walk, and run two ensembles."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            "softness_bayes.sampler.sampling.Settings", functools.partial(Settings, pilot=(15,), optima=1, ensembles=2)
-        )
+    with report_runs.quickly():
         yield
 
 
@@ -179,7 +174,7 @@ def test_what_sets_models_apart(results):
 def test_stored_densities_of_participants(results, experiment):
     stored = results["right"].group("log_likelihood_participant")["ratings_of_participant"]
     assert stored.dims == ("chain", "draw", "participant")
-    assert stored.shape == (1, 500, 12)
+    assert stored.shape == (1, 120, 12)
     # conditionals are not the marginals: their sum is not the joint density
     assert stored["participant"].values.tolist() == list(experiment.ratings.participants)
 
@@ -230,7 +225,7 @@ def test_a_fabric_left_out_by_hand(results, experiment):
     axes = np.linspace(0.4, 1.6, 61), np.linspace(0.2, 0.5, 61)
     theta = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
     prior, whole = posterior.log_prior(theta), posterior.log_likelihood(theta)
-    found = LEAVE["fabric"].predict(results["right"], dataclasses.replace(BRIEF, max_steps=200), lambda _: None)
+    found = LEAVE["fabric"].predict(results["right"], Refits(dataclasses.replace(BRIEF, max_steps=200)))
     for k in range(4):
         rest = posterior.with_term(posterior.observation.without(experiment.ratings.fabric == k))
         expected = logsumexp(prior + whole) - logsumexp(prior + rest.log_likelihood(theta))
@@ -289,7 +284,7 @@ def test_a_condition_left_out_by_hand(results, experiment):
     axes = np.linspace(0.4, 1.6, 61), np.linspace(0.2, 0.5, 61)
     theta = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
     prior, whole = posterior.log_prior(theta), posterior.log_likelihood(theta)
-    found = LEAVE["condition"].predict(results["right"], dataclasses.replace(BRIEF, max_steps=200), lambda _: None)
+    found = LEAVE["condition"].predict(results["right"], Refits(dataclasses.replace(BRIEF, max_steps=200)))
     assert found.log_density.shape == (4,)
     for k in range(4):
         rows = experiment.ratings.conditions.of_rating == k
@@ -335,8 +330,7 @@ def of_whole_numbers(experiment):
     ratings = made(1, participants=4)
     table = dataclasses.replace(ratings, rating=np.maximum(np.round(ratings.rating), 1.0))
     whole, brief = experiment._replace(ratings=table), {"max_steps": 2, "processes": 1, "discretisation": COARSE}
-    with report_runs.quickly():
-        return {name: sample(whole, fix=FIXED, **brief, **options) for name, options in (WHOLE | EXACT).items()}
+    return {name: sample(whole, fix=FIXED, **brief, **options) for name, options in (WHOLE | EXACT).items()}
 
 
 @pytest.mark.parametrize("leave", ["rating", "participant"])
@@ -352,6 +346,3 @@ def test_models_of_the_same_events_are_compared_and_all_other_pairs_are_refused(
     for names in itertools.product(WHOLE, EXACT):
         with pytest.raises(InputError, match="whose probabilities are not densities: use --resolution 0 for both"):
             compare({name: of_whole_numbers[name] for name in names}, leave)
-
-
-# the command line

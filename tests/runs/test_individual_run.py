@@ -11,41 +11,18 @@ from scipy.stats import multivariate_normal
 from softness_bayes.checking.checks import FINGERS
 from softness_bayes.checking.individual import POPULATION
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.scales import STANDARDISED
-from softness_bayes.model import fingers as individual
 from softness_bayes.model.build import Parts, build, people_notes
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.model.scenes import usual_values
-from softness_bayes.model.simulation import simulate_compression
 from softness_bayes.model.understanding import warnings
-from softness_bayes.parameters.laws import HalfNormal, Normal
-from softness_bayes.report.page import report_page
-from softness_bayes.results.fitted import experiment_of, options_of
-from softness_bayes.results.result import Result
-from softness_bayes.runs.run import sample
 from softness_bayes.touch.finger_grid import FingerGrid
 from softness_bayes.touch.fingers import FingerFamily
-from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation
 from support.report_runs import OPTIONS, experiment, quickly
+from support.variants import pressed_too
 
 
-def pressed_too():
-    """The experiment, and forces on the fingers of its third and fifth rater, and on those of two strangers."""
-    whole = experiment()
-    made = simulate_compression(np.random.default_rng(5), usual_values(MENDED, n_fingers=4), fingers=4).compression
-    people = whole.ratings.participants
-    return whole._replace(compression=replace(made, participants=("F1", people[4], "F3", people[2])))
-
-
-@pytest.fixture(scope="module")
-def result(few_pictures):
-    with quickly(), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(individual, "NODES", {1: {"b": 9}})
-        return sample(pressed_too(), **OPTIONS, individual=("b",))
-
-
-def test_a_result_holds_the_raters_fingers(result):
+def test_a_result_holds_the_raters_fingers(variant_run):
+    result = variant_run("own fingers")
     posterior = result.group("posterior")
     people = posterior["participant"].values.astype(str)
     drawn = posterior["rater_log_b"].values
@@ -63,31 +40,6 @@ def test_a_result_holds_the_raters_fingers(result):
     )
     assert [*table["pressed"]] == [False, False, False, True, False, True]
     assert np.isfinite(result.provenance.findings[FINGERS].p_value)
-
-
-def test_its_model_comes_back_from_the_file(result, tmp_path):
-    result.save(tmp_path / "run")
-    again = Result.load(tmp_path / "run")
-    assert (tmp_path / "run" / "rater_fingers.csv").is_file()
-    assert_allclose(again.fingers["median"], result.fingers["median"])
-    options = options_of(again)
-    assert options.individual == ("b",)
-    with quickly():
-        one, other = build(experiment_of(again), options).posterior, build(pressed_too(), options).posterior
-        theta = one.space.draw_prior(np.random.default_rng(0), 3)
-        assert_allclose(one.log_likelihood(theta), other.log_likelihood(theta), rtol=1e-8)
-    assert ModelOptions.from_record(options.record()).individual == ("b",)
-
-
-def test_it_predicts_ratings_of_raters_with_fingers_of_their_own(result):
-    with quickly():
-        table = result.predict(draws=20)
-    assert (table["new_rater_rating_high"] > table["typical_rating_high"]).all()
-
-
-def test_a_report_hides_the_raters_names(result):
-    page = report_page(result)
-    assert "--individual b" in page
 
 
 def test_two_raters_and_two_fabrics_agree_with_quadrature():
@@ -136,43 +88,8 @@ def test_the_notes_say_who_was_pressed():
     assert "treated as different people" in people_notes(whole._replace(compression=others), alike)[-1]
 
 
-def test_what_cannot_be_combined_is_refused():
-    made = experiment()
-    one = made._replace(
-        ratings=replace(
-            made.ratings,
-            participants=made.ratings.participants[:1],
-            participant=np.zeros_like(made.ratings.participant),
-        )
-    )
-    with quickly():
-        for of, options, message in (
-            (one, {}, "one participant only"),
-            (made, {"priors": {"omega": HalfNormal(0.3)}}, "omega: the model of these data has no such parameter"),
-            (made, {"priors": {"radius": Normal(8, 0.5)}}, "a prior of radius cannot be combined"),
-            (made, {"load_cv": 0.05}, "errors of loads .* cannot be combined"),
-            (experiment(standardised=True), {"scale": STANDARDISED}, "need magnitude estimates"),
-        ):
-            with pytest.raises(InputError, match=message):
-                build(of, ModelOptions(fix=OPTIONS["fix"], individual=("b",), **options))
+def test_names_of_own_values_are_checked():
     with pytest.raises(InputError, match="expected some of b, m, sigma_0, gamma, varsigma, each once"):
         ModelOptions(individual=("b", "alpha"))
-    with pytest.raises(InputError, match="tau_b: the model of these data has no such parameter"), quickly():
-        build(made, ModelOptions(fix={**OPTIONS["fix"], "tau_b": 0.3}))
-
-
-def test_spreads_of_nothing_give_the_usual_likelihood():
-    plain = ModelOptions(fix=OPTIONS["fix"], accuracy=1e-5)
-    with quickly():
-        alike = build(experiment(), replace(plain, fix={**plain.fix, "tau_b": 0.0}, individual=("b",))).posterior
-        usual = build(experiment(), plain).posterior
-        theta = usual.space.draw_prior(np.random.default_rng(2), 20)
-        expected = usual.log_likelihood(theta)
-        repeated = np.concatenate([alike.mean_rate(theta)] * (1 + alike.fingers.grid.size), axis=-1)
-        found = alike.observation.log_likelihood(repeated, alike.rating_parameters(theta))
-        assert_allclose(found, expected, rtol=0, atol=1e-8)
-        # what is left is the error of the fingers' responses; far from the ratings it is multiplied by the misfit
-        found, plausible = alike.log_likelihood(theta), expected > expected.max() - 1000.0
-        assert plausible.sum() > 5
-        assert_allclose(found[plausible], expected[plausible], rtol=0, atol=1e-3)
-        assert_allclose(found, expected, rtol=1e-5, atol=0)
+    with pytest.raises(InputError, match=r"own fingers .* and their own answers .* cannot be combined"):
+        ModelOptions(individual=("b", "gamma"))

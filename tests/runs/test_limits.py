@@ -20,6 +20,10 @@ LIMITS = {
     "shared loads": {"shared_load_cv": 1e-6},
     "finger": {"priors": {"radius": Normal(8.0, 1e-4), "receptor_depth": Normal(0.7, 1e-5)}},
     "fingers of their own": {"individual": ("b",), "fix": FIXED | {"tau_b": 0.0}},
+    "answers of their own": {
+        "individual": ("gamma", "varsigma"),
+        "fix": FIXED | {"tau_gamma": 0.0, "tau_varsigma": 0.0},
+    },
     "two quantities of a finger": {"individual": ("b", "sigma_0"), "fix": FIXED | NO_SPREAD},
 }
 """Options whose errors almost vanish."""

@@ -8,8 +8,6 @@ import pytest
 
 from softness_bayes.checking import inflection
 from softness_bayes.cli.summary import print_result
-from softness_bayes.data import Experiment
-from softness_bayes.data.ratings import Ratings
 from softness_bayes.files.run_files import MODULUS_ERRORS
 from softness_bayes.likelihood.scales import FALLS, FREE
 from softness_bayes.model import build
@@ -19,23 +17,9 @@ from softness_bayes.results import predictions
 from softness_bayes.results.fitted import experiment_of, options_of
 from softness_bayes.results.request import Request
 from softness_bayes.runs.run import sample
-from softness_bayes.touch.contact import Force
 from softness_bayes.touch.load_groups import groups_of
-from support.report_runs import CLOTH, OPTIONS, quickly
-
-MEANT, TOUCHES = (0.5, 1.0, 2.0), 8
-"""Forces that were meant [N], and the touches at each, each with another force."""
-
-
-def experiment() -> Experiment:
-    """Return ratings that fall with the fabrics' stiffness, by four participants."""
-    rng, total = np.random.default_rng(3), TOUCHES * len(MEANT)
-    newton = np.sort(np.repeat(MEANT, TOUCHES) * np.exp(rng.uniform(-0.1, 0.1, total)))
-    fabric, participant = np.arange(total) % 4, np.arange(total) // 4 % 4
-    rating = 300.0 * (CLOTH.effective_modulus[fabric] / 1e4) ** -0.8 * np.exp(0.05 * rng.standard_normal(total))
-    people, touch = ("P1", "P2", "P3", "P4"), np.arange(total)
-    ratings = Ratings(people, CLOTH.names, tuple(map(Force, newton)), participant, fabric, touch, rating, touch + 2)
-    return Experiment(ratings, CLOTH, ())
+from support.report_runs import OPTIONS, quickly
+from support.variants import MEANT, TOUCHES, measured_loads
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +34,7 @@ def run():
     with quickly(), pytest.MonkeyPatch.context() as patch:
         for module in (inflection, predictions):
             patch.setattr(module, "response_curves", counted)
-        return sample(experiment(), **OPTIONS), asked
+        return sample(measured_loads(), **OPTIONS), asked
 
 
 def test_curves_and_turning_points_are_made_for_groups_of_loads(run):
@@ -115,9 +99,9 @@ def test_falling_ratings_of_single_measured_loads_are_taken_as_falling(monkeypat
     """No load alone shows an order of fabrics; groups of them do."""
     with quickly():
         options = Request().with_options(**OPTIONS).model
-        found = build.Parts(experiment(), options).direction()
+        found = build.Parts(measured_loads(), options).direction()
         assert found.direction is FALLS
         assert found.sentence.startswith("--direction falls-with-firing was chosen from the data")
         # each load alone, as it was before: nothing is seen, and both directions are sampled
         monkeypatch.setattr(build, "groups_of", functools.partial(groups_of, most=1000))
-        assert build.Parts(experiment(), options).direction().direction is FREE
+        assert build.Parts(measured_loads(), options).direction().direction is FREE

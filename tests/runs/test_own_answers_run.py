@@ -4,22 +4,15 @@ import json
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose
 
 from softness_bayes.checking.checks import NOISE
 from softness_bayes.checking.individual import POPULATION
 from softness_bayes.checking.sentences import residual_sentences
-from softness_bayes.errors import InputError
 from softness_bayes.likelihood.error_laws import STUDENT
-from softness_bayes.likelihood.scales import STANDARDISED
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.laws import HalfNormal
-from softness_bayes.report.page import report_page
-from softness_bayes.results.fitted import experiment_of, options_of
-from softness_bayes.results.result import Result
-from softness_bayes.runs.run import sample
 from support.command_line import call
 from support.paths import DATA
 from support.report_runs import OPTIONS, experiment, quickly
@@ -27,13 +20,8 @@ from support.report_runs import OPTIONS, experiment, quickly
 OWN = ("gamma", "varsigma")
 
 
-@pytest.fixture(scope="module")
-def result(few_pictures):
-    with quickly():
-        return sample(experiment(), **OPTIONS | {"max_steps": 20}, individual=OWN)
-
-
-def test_a_result_holds_the_raters_exponents_and_noise(result):
+def test_a_result_holds_the_raters_exponents_and_noise(variant_run):
+    result = variant_run("own answers")
     posterior, table = result.group("posterior"), result.answers
     people = posterior["participant"].values.astype(str)
     assert result.fingers is None
@@ -48,7 +36,8 @@ def test_a_result_holds_the_raters_exponents_and_noise(result):
     assert (table["median"] < table["high"]).all()
 
 
-def test_its_checks_and_its_error_are_said(result):
+def test_its_checks_and_its_error_are_said(variant_run):
+    result = variant_run("own answers")
     findings = result.provenance.findings
     exponents, noise, *_ = residual_sentences(findings, ())
     assert "more than the model allows" in exponents
@@ -57,32 +46,6 @@ def test_its_checks_and_its_error_are_said(result):
     assert_allclose(table.loc[("posterior", "participants' own noise"), "p_value"], findings[NOISE].p_value)
     # the nodes' error is part of the exactness check
     assert result.provenance.errors.exactness_sd < 0.05
-    assert "--individual gamma,varsigma" in report_page(result)
-
-
-def test_its_model_comes_back_from_the_file(result, tmp_path):
-    result.save(tmp_path / "run")
-    again = Result.load(tmp_path / "run")
-    assert_allclose(again.answers["median"], result.answers["median"])
-    assert options_of(again).individual == OWN
-    assert ModelOptions.from_record(options_of(again).record()).individual == OWN
-    with quickly():
-        one = build(experiment_of(again), options_of(again)).posterior
-        other = build(experiment(), options_of(result)).posterior
-        theta = one.space.draw_prior(np.random.default_rng(0), 3)
-        assert_allclose(one.log_likelihood(theta), other.log_likelihood(theta), rtol=1e-8)
-        table = again.predict(draws=20)
-    assert (table["new_rater_rating_high"] > table["typical_rating_high"]).all()
-
-
-def test_spreads_of_nothing_give_the_usual_likelihood():
-    plain = ModelOptions(fix=OPTIONS["fix"])
-    none = {**plain.fix, "tau_gamma": 0.0, "tau_varsigma": 0.0}
-    with quickly():
-        alike = build(experiment(), replace(plain, fix=none, individual=OWN)).posterior
-        usual = build(experiment(), plain).posterior
-        theta = usual.space.draw_prior(np.random.default_rng(2), 20)
-        assert_allclose(alike.log_likelihood(theta), usual.log_likelihood(theta), rtol=0, atol=1e-8)
 
 
 def with_zeros():
@@ -103,28 +66,6 @@ def test_they_combine_with_zeros_heavy_tails_and_deviations_of_fabrics():
         assert {"tau_gamma", "omega", "nu"} <= {*posterior.names}
         theta = posterior.space.draw_prior(np.random.default_rng(2), 3)
         assert np.isfinite(posterior.log_likelihood(theta)).all()
-
-
-def test_what_cannot_be_combined_is_refused():
-    made = experiment()
-    alone = np.zeros_like(made.ratings.participant)
-    one = made._replace(ratings=replace(made.ratings, participants=made.ratings.participants[:1], participant=alone))
-    with quickly():
-        for of, options, message in (
-            (one, {}, "one participant only, whose exponents cannot be distinguished from the typical one's"),
-            (made, {"load_cv": 0.05}, "own exponents and errors of loads .* cannot be combined"),
-            (
-                experiment(standardised=True),
-                {"scale": STANDARDISED},
-                "own exponents or noise are modelled for magnitude and slider ratings, not for standardised ratings",
-            ),
-        ):
-            with pytest.raises(InputError, match=message):
-                build(of, ModelOptions(fix=OPTIONS["fix"], individual=("gamma",), **options))
-    with pytest.raises(InputError, match=r"own fingers .* and their own answers .* cannot be combined"):
-        ModelOptions(individual=("b", "gamma"))
-    with pytest.raises(InputError, match="tau_gamma: the model of these data has no such parameter"), quickly():
-        build(made, ModelOptions(fix={**OPTIONS["fix"], "tau_gamma": 0.3}))
 
 
 def test_simulated_raters_have_their_own(tmp_path):

@@ -2,8 +2,6 @@
 
 import dataclasses
 import functools
-import json
-import math
 
 import numpy as np
 import pandas as pd
@@ -14,14 +12,12 @@ from scipy.stats import halfnorm, kstest, lognorm, multivariate_normal, norm
 from softness_bayes import arviz_bridge
 from softness_bayes.checking.inflection import curve_scene
 from softness_bayes.data import Experiment, Fabrics
-from softness_bayes.errors import InputError
-from softness_bayes.likelihood.error_laws import NORMAL, STUDENT
-from softness_bayes.likelihood.scales import FALLS, direction_named
+from softness_bayes.likelihood.error_laws import NORMAL
+from softness_bayes.likelihood.scales import direction_named
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_ratings
-from softness_bayes.parameters.laws import HalfNormal, LogNormal
 from softness_bayes.results import predictions
 from softness_bayes.results.exact import FIRST_DRAWS
 from softness_bayes.results.request import Request
@@ -30,11 +26,10 @@ from softness_bayes.results.result_file import SCHEMA
 from softness_bayes.results.run_options import RunOptions
 from softness_bayes.runs.run import sample
 from softness_bayes.sampler.sampling import Settings
-from softness_bayes.touch import scene
-from softness_bayes.touch.contact import Finger, Force, Indentation
+from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.neuron import fixed_channels
 from softness_bayes.touch.neuron.rate_curve import CurveError, RateCurve
-from softness_bayes.touch.readings import CLASSICAL, MENDED
+from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation
 from support.report_runs import COARSE
 
@@ -195,31 +190,6 @@ def test_the_options_in_the_file_are_those_of_the_run(result, options):
     again = Request.of(result)
     direction = result.attributes["direction"]
     assert again == options._replace(model=options.model.decide(errors=NORMAL, direction=direction_named(direction)))
-    special = Request().with_options(
-        fix={"b": 1 / 3},
-        priors={"c_K": LogNormal(1.16, 0.03, 0.1), "gamma": HalfNormal(2 / 3)},
-        prior_set="in-vivo",
-        readings=CLASSICAL,
-        direction=FALLS,
-        finger=Finger(radius=7e-3, contact_centre=(11e-3, 9e-3)),
-        modulus_cv=0.15,
-        shared_modulus_cv=0.1,
-        unknown_modulus=LogNormal(50, 1.5),
-        load_cv=0.05,
-        shared_load_cv=0.03,
-        individual=("b", "sigma_0"),
-        errors=STUDENT,
-        resolution=0.5,
-        slider_ends=(0.0, 100.0),
-        n_categories=7,
-        discretisation=scene.Discretisation(8, 9.0, 1e-5),
-        max_seconds=math.inf,
-        processes=3,
-        quick=True,
-    )
-    assert Request.from_record(json.loads(json.dumps(special.record()))) == special
-    names = {field.name for part in special for field in dataclasses.fields(part)}
-    assert special.record().keys() == names
 
 
 # whether it is what the model says
@@ -501,19 +471,6 @@ def test_one_participant_has_no_spread(experiment):
     posterior = build(experiment._replace(ratings=alone), ModelOptions(discretisation=Discretisation())).posterior
     assert "tau" not in posterior.names
     assert posterior.space.held["tau"] == 0
-
-
-def test_ratings_that_have_no_logarithm_are_refused(experiment):
-    negative = dataclasses.replace(experiment.ratings, rating=experiment.ratings.rating - 10)
-    with pytest.raises(InputError, match="magnitude estimate of 0 or above"):
-        sample(experiment._replace(ratings=negative), ModelOptions(discretisation=Discretisation()), RunOptions())
-
-
-def test_multipliers_beyond_the_surface_and_noise_with_free_ones_are_refused(experiment):
-    with pytest.raises(InputError, match="prior of c_K: halfnormal"):
-        build(experiment, ModelOptions(priors={"c_K": HalfNormal(1.0)}, discretisation=Discretisation()))
-    with pytest.raises(InputError, match="fix c_Na, c_K, c_L, c_A"):
-        build(experiment, ModelOptions(noise=1.0, discretisation=Discretisation()))
 
 
 def test_the_result_says_whether_it_is_exact_enough(result):

@@ -1,73 +1,28 @@
 """Runs on loads with errors, from the data to the files, the report and the command line."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from softness_bayes.checking.checks import ALONG, FABRICS
-from softness_bayes.data import Experiment, Ratings, ratings_csv
+from softness_bayes.data import Ratings, ratings_csv
 from softness_bayes.likelihood import uncertain_loads
-from softness_bayes.model.build import build
 from softness_bayes.report.cards import input_errors_of
 from softness_bayes.report.page import report_page
-from softness_bayes.results.fitted import experiment_of, options_of
 from softness_bayes.results.result import Result
 from softness_bayes.runs.run import sample
 from support.command_line import FIXED, QUICK, TOUCH, call, refused
 from support.paths import DATA
 from support.report_runs import OPTIONS, experiment, quickly
+from support.variants import errors_of_loads
 
 
-def rated() -> Experiment:
-    """Ratings of which every third has no error of its own, and the first an exact load."""
-    made = experiment()
-    cv = np.where(np.arange(len(made.ratings)) % 3, 0.1, np.nan)
-    cv[0] = 0.0
-    return made._replace(ratings=replace(made.ratings, load_cv=cv))
-
-
-@pytest.fixture(scope="module")
-def result(few_pictures):
-    with quickly():
-        return sample(rated(), **OPTIONS, load_cv=0.05)
-
-
-def test_data_and_model_come_back_from_the_file(result, tmp_path):
-    result.save(tmp_path / "run")
-    again = Result.load(tmp_path / "run")
-    assert_array_equal(again.group("constant_data")["load_cv"].values, rated().ratings.load_cv)
-    assert options_of(again).load_cv == 0.05
-    with quickly():
-        one, other = (build(each, options_of(again)).posterior for each in (experiment_of(again), rated()))
-    theta = np.stack([again.values(20)[name] for name in one.names], axis=-1)
-    assert_allclose(one.log_likelihood(theta), other.log_likelihood(theta), rtol=1e-9)
-    kept = again.group("log_likelihood_joint")["ratings"].values.T.ravel()
-    whole = np.stack([again.values()[name] for name in one.names], axis=-1)
-    assert_allclose(one.log_likelihood(whole), kept, rtol=1e-6)
-
-
-def test_it_predicts_ratings(result):
-    with quickly():
-        table = result.predict(draws=20)
-    assert (table["new_rater_rating_high"] > table["typical_rating_high"]).all()
-
-
-def test_replicates_are_spread_as_the_model_says(result):
-    """Replicated ratings given the draws' effects scatter by more than varsigma where the response has a slope."""
-    assert np.isfinite(result.group("posterior_predictive")["rating"].values).all()
-    assert np.isfinite(result.group("log_likelihood")["rating"].values).all()
-    assert np.isfinite(result.provenance.findings[FABRICS].p_value)
-    assert np.isfinite(result.provenance.findings[ALONG].p_value)
-
-
-def test_it_says_whether_loads_were_taken_as_exact(result, report_run):
+def test_it_says_whether_loads_were_taken_as_exact(variant_run, report_run):
+    result = variant_run("loads")
     said = result.said_of_loads()
     assert said.startswith("loads: the model includes relative errors of 0.05 to 0.1, independent for each rating")
     assert said in input_errors_of(result).remarks
-    assert "relative errors of 0.05 to 0.1" in report_page(result)
     assert_allclose(result.load_cv[:4], [0.0, 0.1, 0.1, 0.05])
     plain = report_run("ratings")
     assert plain.said_of_loads().startswith("loads: treated as exact")
@@ -79,7 +34,7 @@ def test_it_says_whether_loads_were_taken_as_exact(result, report_run):
 
 
 def test_the_table_keeps_its_errors(tmp_path):
-    made = rated()
+    made = errors_of_loads()
     path = tmp_path / "ratings.csv"
     path.write_text(ratings_csv(made.ratings), encoding="utf-8")
     again = Ratings.read(path)

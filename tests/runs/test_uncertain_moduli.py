@@ -9,37 +9,19 @@ from scipy.stats import kstest
 
 from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError
-from softness_bayes.model.build import build
 from softness_bayes.parameters.laws import LogNormal
-from softness_bayes.report.page import report_page
-from softness_bayes.results.fitted import Fitted, experiment_of, options_of
-from softness_bayes.results.result import Result
-from softness_bayes.runs.run import sample
+from softness_bayes.results.fitted import Fitted
 from support.command_line import call
 from support.paths import DATA
-from support.report_runs import CLOTH, OPTIONS, experiment, quickly
+from support.report_runs import CLOTH, quickly
+from support.variants import vague_moduli
 
 NAMES = tuple(f"fabric_modulus[{name}]" for name in CLOTH.names)
 
 
-def rated(**errors):
-    """Ratings whose first fabric has an error of its own, the second none, the third a bracket, the last nothing."""
-    made, none = experiment(), np.full(4, np.nan)
-    fabrics = replace(
-        CLOTH,
-        effective_modulus=np.array([*CLOTH.effective_modulus[:2], np.nan, np.nan]),
-        effective_modulus_cv=np.array([0.2, *none[1:]]),
-        effective_modulus_low=np.array([*none[:2], 2e5, np.nan]),
-        effective_modulus_high=np.array([*none[:2], 8e5, np.nan]),
-    )
-    return made._replace(fabrics=fabrics, **errors)
-
-
 @pytest.fixture(scope="module")
-def result(few_pictures):
-    unknown = LogNormal(150, 1.5)
-    with quickly():
-        return sample(rated(), **OPTIONS, unknown_modulus=unknown)
+def result(variant_run):
+    return variant_run("moduli")
 
 
 def test_predicted_ratings_have_the_posterior_of_the_moduli(result):
@@ -52,7 +34,7 @@ def test_predicted_ratings_have_the_posterior_of_the_moduli(result):
         assert_allclose(found[:, k], result.fabrics.effective_modulus[k] if own is None else own * 1e3)
     assert (table["typical_rating_low"] < table["typical_rating_high"]).all()
     # as the user names them: an error, a bracket, and one that is known
-    given = rated().fabrics.take(CLOTH.names[:3])
+    given = vague_moduli().fabrics.take(CLOTH.names[:3])
     again = fitted.modulus(np.random.default_rng(1), given)
     place = [result.fabrics.names.index(name) for name in given.names]
     assert_allclose(again, found[:, place])
@@ -74,23 +56,6 @@ def test_a_result_holds_the_moduli_that_were_not_known(result):
     # the parameters' priors are those of parameters alone
     assert not [name for name in result.provenance.priors if "modulus" in name]
     assert {*NAMES} - {NAMES[1]} <= {*result.summary().index}
-
-
-def test_its_data_and_model_come_back_from_the_file(result, tmp_path):
-    result.save(tmp_path / "run")
-    again = Result.load(tmp_path / "run")
-    assert (tmp_path / "run" / "fabric_moduli.csv").is_file()
-    assert (tmp_path / "run" / "modulus_errors.csv").is_file()  # of the one fabric that is taken as exact
-    with quickly():
-        one, other = (build(each, options_of(again)).posterior for each in (experiment_of(again), rated()))
-    assert one.names == other.names
-    values = again.values(20)
-    theta = np.stack([values[name] for name in one.names], axis=-1)
-    assert_allclose(one.log_likelihood(theta), other.log_likelihood(theta), rtol=1e-9)
-    assert_allclose(one.log_prior(theta), other.log_prior(theta), rtol=1e-9)
-    kept = again.group("log_likelihood_joint")["ratings"].values.T.ravel()
-    whole = np.stack([again.values()[name] for name in one.names], axis=-1)
-    assert_allclose(one.log_likelihood(whole), kept, rtol=1e-6)
 
 
 def test_predictions_of_its_fabrics_are_at_their_posterior_moduli(result):
@@ -129,7 +94,6 @@ def test_an_unknown_fabric_that_no_one_rated_has_the_law_of_unknown_moduli(resul
 def test_sentences_and_page_say_what_became_of_the_moduli(result):
     assert any(line.startswith("fabric moduli: the ratings narrow") for line in result.learnt())
     assert not result.moduli_assumed
-    assert "Would errors of the fabrics" in report_page(result)
 
 
 @pytest.mark.parametrize(

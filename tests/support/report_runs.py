@@ -12,7 +12,7 @@ import pytest
 
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.likelihood import uncertain_loads
-from softness_bayes.likelihood.scales import AGGREGATED, SLIDER, STANDARDISED
+from softness_bayes.likelihood.scales import SLIDER, STANDARDISED
 from softness_bayes.model import scenes
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression, simulate_ratings
@@ -102,18 +102,6 @@ def skin_run() -> Result:
     made = simulate_compression(rng, usual_values(MENDED, n_fingers=4), fingers=4)
     with quickly():
         return sample_skin(made.compression, max_steps=20, processes=1, seed=3)
-
-
-RATERS = 20
-
-
-def cells_run() -> Result:
-    """Return a run on means of `RATERS` raters, with their standard deviations."""
-    values, rng = usual_values(MENDED, given={"sigma_0": 7.0, "varsigma": 0.2}), np.random.default_rng(12)
-    held = {name: value for name, value in HELD.items() if name != "tau"}
-    with quickly():
-        made = simulate_ratings(rng, CLOTH, LOADS, values, participants=RATERS, scale=AGGREGATED)
-        return sample(Experiment(made.ratings, CLOTH, ()), **OPTIONS | {"fix": held, "scale": AGGREGATED})
 
 
 def slider_run() -> Result:
