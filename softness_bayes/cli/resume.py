@@ -60,7 +60,8 @@ def command(
     files and the number of lost steps are reported.
     """
     from softness_bayes.checkpoints.checkpoint import Checkpoint
-    from softness_bayes.provenance import versions
+    from softness_bayes.checkpoints.identity import differences
+    from softness_bayes.provenance import VERSION, versions
     from softness_bayes.results.request import Request
     from softness_bayes.supplied import require_trusted
 
@@ -85,15 +86,13 @@ def command(
         max_seconds=limits.max_seconds,
         processes=limits.processes or how.processes,
     )
-    now, then = versions(), checkpoint.request["versions"]
-    if changed := [
-        f"{name.removeprefix('version_')} {then.get(name)} (now {now[name]})"
-        for name in now
-        if now[name] != then.get(name)
-    ]:
+    then, now = (
+        {name.removeprefix(VERSION): value for name, value in every.items()}
+        for every in (checkpoint.request["versions"], versions())
+    )
+    if changed := differences(then, now):
         click.echo(
-            f"note: the run was started with {', '.join(changed)}: draws may differ from those of an uninterrupted run",
-            err=True,
+            f"note: the run was started with {changed}: draws may differ from those of an uninterrupted run", err=True
         )
     files = DataFiles.recorded_in(directory, checkpoint.request["files"])
     files = replace(files, **{name: getattr(moved, name) or getattr(files, name) for name in MOVABLE})
@@ -147,29 +146,31 @@ def status(directory: Path) -> None:
     from softness_bayes.runs.rank_table import is_calibration, progress_of
 
     if is_calibration(directory):
-        _of_a_calibration(directory, progress_of(directory))
-        return
-    if (directory / RUNS).is_dir() and not (directory / CHECKPOINT).exists():
+        lines = _of_a_calibration(directory, progress_of(directory))
+    elif (directory / RUNS).is_dir() and not (directory / CHECKPOINT).exists():
         begun = sorted(path.parent.parent for path in (directory / RUNS).glob(f"*/{CHECKPOINT}/{MANIFEST}"))
-        _of_a_study(directory, {path.name: read_status(path) for path in begun})
-        return
-    status = read_status(directory)
+        lines = _of_a_study(directory, {path.name: read_status(path) for path in begun})
+    else:
+        lines = _of_a_run(directory, read_status(directory))
+    click.echo("\n".join(lines))
+
+
+def _of_a_run(directory: Path, status: Status) -> list[str]:
+    """Return the steps, the state and the last check of a run, in lines."""
     verdict, togo = status.verdict, f", about {status.missing} to go" if status.missing else ""
     lines = [f"{directory}: {_what(status)}", f"steps: {status.steps} in {status.seconds:.0f} s{togo}"]
     if status.failures:
         points = counted(status.failures, "point")
         lines.append(f"the density could not be computed at {points}, listed in nonfinite.csv")
     if verdict is None:
-        lines.append("convergence has not been checked yet")
-    else:
-        lines.append(f"at step {verdict.steps}: {in_numbers(verdict, status.seconds)}")
-        lines += [needed(verdict, status.seconds / status.steps)] if status.steps and not verdict.converged else []
-        lines.append(verdict.sentence())
-    click.echo("\n".join(lines))
+        return [*lines, "convergence has not been checked yet"]
+    lines.append(f"at step {verdict.steps}: {in_numbers(verdict, status.seconds)}")
+    lines += [needed(verdict, status.seconds / status.steps)] if status.steps and not verdict.converged else []
+    return [*lines, verdict.sentence()]
 
 
-def _of_a_calibration(directory: Path, now: CalibrationProgress) -> None:
-    """Print the numbers of finished replicates and of those that are left."""
+def _of_a_calibration(directory: Path, now: CalibrationProgress) -> list[str]:
+    """Return the numbers of finished replicates and of those that are left, in lines."""
     asked = max(now.asked, now.finished)
     size, left = some_of(now.finished, asked, "replicate"), asked - now.finished
     state = "no process is running it"
@@ -177,11 +178,11 @@ def _of_a_calibration(directory: Path, now: CalibrationProgress) -> None:
         state = "a process is running it" + ("" if math.isnan(now.seconds) else f", about {now.seconds:.0f} s to go")
     elif left:
         state = f"interrupted, {state}; the same 'softness-bayes calibrate' runs the other {left}"
-    click.echo(f"{directory}: {size} finished, {now.unconverged} did not converge\n{state}")
+    return [f"{directory}: {size} finished, {now.unconverged} did not converge", state]
 
 
-def _of_a_study(directory: Path, runs: dict[str, Status]) -> None:
-    """Print the numbers of tables of a study by their state, and the progress of each run."""
+def _of_a_study(directory: Path, runs: dict[str, Status]) -> list[str]:
+    """Return the numbers of tables of a study by their state, and the progress of each run, in lines."""
     from softness_bayes.files.run_files import POSTERIOR, RUNS
     from softness_bayes.runs.batch import read_asked
     from softness_bayes.runs.study import refused_tables
@@ -191,19 +192,18 @@ def _of_a_study(directory: Path, runs: dict[str, Status]) -> None:
     under_way = sum(one.running for one in runs.values())
     refused, asked = [name for name in refused_tables(directory) if name not in runs], read_asked(directory)
     asked = asked._replace(fits=max(asked.fits - len(refused), len(runs)))
-    waiting = asked.fits - len(runs)
     last = max(((directory / RUNS / name / POSTERIOR).stat().st_mtime for name in done), default=0.0)
     left = asked.seconds_left(len(done), last)
-    click.echo(
-        f"{directory}: {counted(len(done), 'run')} ended ({good} converged), {under_way} running, "
-        f"{len(runs) - len(done) - under_way} interrupted, {waiting} not begun"
-        + (f"; {counted(len(refused), 'table was', 'tables were')} refused ({', '.join(refused)})" if refused else "")
-        + ("" if math.isnan(left) or not under_way else f"; about {left:.0f} s to go")
-    )
+    whole = f"{directory}: {counted(len(done), 'run')} ended ({good} converged), {under_way} running, "
+    whole += f"{len(runs) - len(done) - under_way} interrupted, {asked.fits - len(runs)} not begun"
+    if refused:
+        whole += f"; {counted(len(refused), 'table was', 'tables were')} refused ({', '.join(refused)})"
+    lines = [whole if math.isnan(left) or not under_way else f"{whole}; about {left:.0f} s to go"]
     for name, one in runs.items():
         rate = one.seconds / max(one.steps, 1)
         togo = f", about {one.missing * rate:.0f} s to go" if one.missing and one.steps else ""
-        click.echo(f"{name}: {_what(one)}; {counted(one.steps, 'step')} in {one.seconds:.0f} s{togo}")
+        lines.append(f"{name}: {_what(one)}; {counted(one.steps, 'step')} in {one.seconds:.0f} s{togo}")
+    return lines
 
 
 def _what(status: Status) -> str:
