@@ -170,15 +170,16 @@ BENDING_RIGIDITY = _number("bending_rigidity_n_m", "bending rigidity", "N m", _P
 EFFECTIVE_MODULUS = _number("effective_modulus_kpa", "effective modulus", "kPa", _POSITIVE)
 EFFECTIVE_MODULUS_LOW = _number("effective_modulus_low_kpa", "least modulus", "kPa", _POSITIVE)
 EFFECTIVE_MODULUS_HIGH = _number("effective_modulus_high_kpa", "largest modulus", "kPa", _POSITIVE)
-_MEASURED = {
+_VALUES = {
     "tensile_modulus": TENSILE_MODULUS,
     "thickness": THICKNESS,
+    "poisson_ratio": POISSON_RATIO,
     "bending_rigidity": BENDING_RIGIDITY,
     "effective_modulus": EFFECTIVE_MODULUS,
 }
+_MEASURED = {name: column for name, column in _VALUES.items() if column is not POISSON_RATIO}
 PROPERTIES: Mapping[str, Column] = {
-    **_MEASURED,
-    "poisson_ratio": POISSON_RATIO,
+    **_VALUES,
     **{
         f"{name}_cv": _number(f"{name}_cv", f"relative error of the {column.label}", "", RELATIVE_ERRORS)
         for name, column in _MEASURED.items()

@@ -36,6 +36,8 @@ def unpaired(table: Table) -> Table:
     """Return a table of pairs with two rows per pair, which form a list; other tables are returned unchanged."""
     if SECOND_FABRIC not in table:
         return table
+    from scipy.special import betaincinv
+
     if "list" in table:
         table.faults.add_general(
             f"columns {table.titles[SECOND_FABRIC]!r} and {table.titles['list']!r}: each row is already a "
@@ -54,10 +56,14 @@ def unpaired(table: Table) -> Table:
     notes = [f"rows are pairs: 1 means that {table.titles['fabric']} was softer than {table.titles[SECOND_FABRIC]}"]
     told = [float(text) for text, alike in zip(answers, same, strict=True) if alike and text]
     if told:
+        called = len(told) - told.count(0.5)
+        rates = []
+        for count, total in ((called, len(told)), (told.count(1.0), called)):
+            low, high = 100 * betaincinv(count + 0.5, total - count + 0.5, (0.05, 0.95))  # Jeffreys' interval
+            rates.append(f"{count} of {total} (90 % interval {low:.0f} to {high:.0f} %)")
         notes.append(
             f"{counted(len(told), 'catch trial')} (a fabric with itself), which the model does not use: one was called "
-            f"softer in {len(told) - told.count(0.5)} of {len(told)}, the rate of false alarms; the first one in "
-            f"{told.count(1.0)} of these, beyond half of them a bias towards it"
+            f"softer in {rates[0]}, the rate of false alarms; the first one in {rates[1]}, beyond 50 % a bias to it"
         )
     kept = np.flatnonzero(~np.array(same))
     both = table.take(np.repeat(kept, 2))
