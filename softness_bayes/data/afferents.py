@@ -190,13 +190,15 @@ def _check_row(table: Table, i: int, values: Mapping[str, float]) -> None:
 
     for column in (CURVATURE, DISTANCE):
         if not states(column):
-            table.fault(i, column.name, f"expected {column.expected()} where there is a response, got ''")
+            table.problem(i, column.name, f"expected {column.expected()} where there is a response, got ''")
     if not states(COUNT):
         return
     text = table.cells[COUNT.name][i]
     if states(RATE):
-        table.fault(i, COUNT.name, f"expected a rate or a count, got both: {text!r}")
+        table.problem(i, COUNT.name, f"expected a rate or a count, got both: {text!r}")
     elif values[COUNT.name] % 1 > 0:
-        table.fault(i, COUNT.name, f"expected a whole number of spikes, got {text!r}")
+        table.fault(i, COUNT.name, "expected a whole number of spikes")
     elif not states(WINDOW):
-        table.fault(i, COUNT.name, f"expected a count with its duration in column {WINDOW.name!r}, got {text!r} alone")
+        table.problem(
+            i, COUNT.name, f"expected a count with its duration in column {WINDOW.name!r}, got {text!r} alone"
+        )

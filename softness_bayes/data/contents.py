@@ -245,7 +245,8 @@ def with_dates_named(table: Table) -> Table:
 def with_people_known(table: Table) -> Table:
     """Refuse rows of one fabric and load that repeat, where an unused column tells them apart as people would."""
     people = {*table.cells.get("participant", ())}
-    if len(people) > 1 or holds_cells(table.cells) or len(table) < 2:
+    measured = {RATING.name, FORCE.name} & table.cells.keys()
+    if len(people) > 1 or holds_cells(table.cells) or len(table) < 2 or not measured:
         return table
     keys = table.keys(*_DESIGN)
     repeats = len(keys) - len({*keys})

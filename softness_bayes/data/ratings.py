@@ -446,6 +446,8 @@ def _fabrics_in(table: Table, fabrics: Fabrics | None, notes: list[str]) -> Sequ
         count, near = rows[name], guess(name, fabrics.names) if k < MOST_ASKED else ""
         problem = f"{quoted(name)} is not a fabric of {fabrics.source}{near}"
         more = f", as in {count - 1} other rows" if count > 1 else ""
+        if k == 0 and len(unknown) > 1 and not known & {*labels}:
+            more += f"; its fabrics are {listing([*map(quoted, fabrics.names)])}"
         table.problem(labels.index(name), "fabric", f"{problem}{more}")
     if same:
         told = listing([f"{name!a} as {own!a}" for name, own in same.items()])

@@ -125,11 +125,11 @@ def without_survey_rows(sheet: Sheet) -> Sheet:
     """Leave out the rows of questions and of import codes that Qualtrics writes below the header."""
     records = sheet.records
     codes = next((i for i in (1, 2) if sum('"ImportId"' in cell for cell in [*records, [], [], []][i]) > 1), None)
-    if codes is None:
+    questions = records[1] if codes != 1 and len(records) > 1 else []
+    stems = Counter(text.rpartition(" - ")[0] for text in questions if " - " in text)
+    if codes is None and max(stems.values(), default=0) < 2:
         return sheet
-    titles = list(records[0])
-    questions = records[1] if codes == 2 else []
-    stems = Counter(text.rpartition(" - ")[0] for text in questions)
+    titles, codes = list(records[0]), codes or 1
     for j, text in enumerate(questions[: len(titles)]):
         stem, _, option = text.rpartition(" - ")
         if option and stems[stem] > 1 and re.fullmatch(r"Q?[0-9]+(?:[._#][0-9A-Za-z]+)*", titles[j]):
@@ -254,18 +254,22 @@ def _with_column(sheet: Sheet, j: int, cells: Sequence[str], note: str) -> Sheet
 
 
 def with_json_cells(sheet: Sheet, header: Header, request: Request) -> Sheet:
-    """Read cells such as {"Q0": "28.5"}, which hold the answers of a trial in jsPsych."""
+    """Read cells such as {"Q0": "28.5"}, which hold the answers of a trial in jsPsych; several become columns."""
     for j, title in enumerate(sheet.header):
         cells = _column(sheet, j)
         if not any(cell.startswith("{") for cell in cells):
             continue
         objects = [_object(cell) for cell in cells]
-        names = {name for one in objects for name in one}
-        if len(names) == 1 and all(one or not cell for cell, one in zip(cells, objects, strict=True)):
-            (name,) = names
-            texts = ["" if one.get(name) is None else str(one[name]) for one in objects]
-            note = f"column {quoted(title)}: its cells are JSON, of which {name!r} is read"
-            sheet = _with_column(sheet, j, texts, note)
+        names = [*dict.fromkeys(name for one in objects for name in one)]
+        if not names or any(cell and not one for cell, one in zip(cells, objects, strict=True)):
+            continue
+        texts = [["" if one.get(name) is None else str(one[name]) for name in names] for one in objects]
+        note = f"column {quoted(title)}: its cells are JSON, of which {listing([repr(name) for name in names])} is read"
+        if len(names) == 1:
+            sheet = _with_column(sheet, j, [own[0] for own in texts], note)
+        elif not {name.casefold() for name in names} & {text.casefold() for text in sheet.header}:
+            body = ([*row, *own] for row, own in zip(sheet.body, texts, strict=True))
+            sheet = sheet.noted(note, records=[[*sheet.header, *names], *body])
     return sheet
 
 

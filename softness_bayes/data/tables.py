@@ -138,10 +138,13 @@ class Table:
             if series and RATING.name in absent:
                 self.faults.add_general(
                     f"columns {listing([quoted(title) for title in series])} look like repeated ratings: put each "
-                    "rating in a separate row, in a column 'rating'"
+                    "rating in a separate row, in a column 'rating'; if they are loads, write the unit, as in "
+                    f"{quoted(series[0] + ' mm')}"
                 )
             else:
                 what = " and ".join(map(repr, absent))
+                if absent == [RATING.name] and "participant" not in self and len(self.others) > 1:
+                    what += "; if its columns are people, call them P1, P2, …"
                 self.lack(f"no column{'s' * (len(absent) > 1)} {what}", *absent, wide=RATING.name in absent)
             self.check()
 

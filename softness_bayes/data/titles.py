@@ -151,7 +151,7 @@ def names_of(quantity: str) -> str:
 @lru_cache(2**16)
 def key(title: str) -> str:
     """Return what a title shares with those that differ in case, Unicode form, spaces and punctuation only."""
-    text = unicodedata.normalize("NFKC", title).casefold()
+    text = unicodedata.normalize("NFKC", re.sub("(?<=[a-z])(?=[A-Z][a-zA-Z])", " ", title)).casefold()
     return " ".join(re.sub(r"[\W_]+", " ", unicodedata.normalize("NFKC", text)).split())
 
 
@@ -184,7 +184,8 @@ class Title(NamedTuple):
 @lru_cache(2**16)
 def analysed(text: str) -> Title:
     """Return a title and its parts."""
-    stem, unit, bracketed = _without_unit(text)
+    # what Gorilla writes before the columns of its spreadsheet says nothing
+    stem, unit, bracketed = _without_unit(re.sub(r"^spreadsheet\s*:\s*", "", text, flags=re.IGNORECASE))
     bare, power = _without_power(stem)
     if power and unit is None:
         bare, unit, bracketed = _without_unit(bare)

@@ -375,7 +375,7 @@ def test_negative_ratings_are_refused_on_demand(file, value):
 
 def test_fabrics_given_by_name(file):
     path = file(FABRICS, "cloth.csv")
-    ratings, fabrics, notes, _ = read_experiment(file(RATINGS), path)
+    ratings, fabrics, notes, *_ = read_experiment(file(RATINGS), path)
     assert ratings.fabrics == fabrics.names == ("voile", "denim")
     assert fabrics.source == str(path)
     assert [fabrics.names[i] for i in ratings.fabric] == ["denim", "voile", "voile"]
@@ -394,7 +394,7 @@ b,2,,2,.5
 
 def test_fabrics_in_the_ratings_win_over_those_beside(file):
     file(FABRICS, "fabrics.csv")
-    ratings, fabrics, notes, _ = read_experiment(file(OWN))
+    ratings, fabrics, notes, *_ = read_experiment(file(OWN))
     assert fabrics.names == ratings.fabrics == ("a", "b")
     assert fabrics.tensile_modulus.tolist() == [3e6, 2e6]
     assert fabrics.thickness.tolist() == [0.5e-3, 0.5e-3]
@@ -501,7 +501,7 @@ def test_ratings_can_carry_their_fabrics(tmp_path):
 
 @needs_shared
 def test_laboratory_ratings():
-    ratings, fabrics, notes, _ = read_experiment(
+    ratings, fabrics, notes, *_ = read_experiment(
         SHARED / "data" / "lab_ratings.csv", SHARED / "data" / "lab_fabrics.csv"
     )
     assert len(ratings) == 1053
