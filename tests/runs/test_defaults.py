@@ -64,6 +64,8 @@ OTHERS: dict[str, object] = {
     "force_n": 1.5,
     "round_load": 0.05,
     "drop_zeros": True,
+    "drift": True,
+    "steps_per_tau": 30.0,
     "wide": True,
 }
 """For every option that the command line has, a value that is not its default."""
