@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
-from scipy.stats import rankdata
 
 from softness_bayes.errors import InputError
 
@@ -144,6 +143,8 @@ def shares(numbers: FloatArray, lists: IndexArray) -> FloatArray:
     lists
         Index of each row's list, shape (rows,).
     """
+    from scipy.stats import rankdata  # imported here because it takes a third of a second
+
     order = np.argsort(lists, kind="stable")
     found = np.full(np.shape(numbers), 0.5)
     for rows in np.split(order, np.flatnonzero(np.diff(lists[order])) + 1):

@@ -24,7 +24,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.special import stdtrit
-from scipy.stats import qmc
 
 from softness_bayes.likelihood.error_laws import student_log_density
 from softness_bayes.likelihood.laplace import Laplace, laplace
@@ -326,6 +325,8 @@ def importance_draws(
 @cache
 def heavy_tailed(number: int, dimension: int, freedom: float) -> FloatArray:
     """Return fixed draws of independent Student's t from Sobol numbers, shape (number, dimension)."""
+    from scipy.stats import qmc  # imported here because it takes a third of a second
+
     uniform = np.clip(qmc.Sobol(dimension, seed=1).random(number), 1e-12, 1.0 - 1e-12)
     found = np.asarray(stdtrit(freedom, uniform))
     found.flags.writeable = False

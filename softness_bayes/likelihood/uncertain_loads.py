@@ -17,9 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline
 from scipy.special import logsumexp, ndtri
-from scipy.stats import qmc
 
 from softness_bayes.likelihood.contract import Effects, Levels, Parameters, Shape
 from softness_bayes.likelihood.design import Design, IndexArray, LoadErrors
@@ -194,6 +192,8 @@ class OverLoads(UncertainLoads):
 
         They follow the normal law of z under the linear approximation; if the response is linear, the sum is exact.
         """
+        from scipy.stats import qmc  # imported here because it takes a third of a second
+
         drive, loads = self.drive(mean_rate, parameters), len(self.errors.member)
         drives, law = self._drives(drive), self._law(drive, parameters)
         given_all = self._rows.shared(law)
@@ -211,6 +211,8 @@ class OverLoads(UncertainLoads):
 
     def _between(self, drives: FloatArray, z: FloatArray) -> FloatArray:
         """Return drives (knots, ..., touches) interpolated at z (..., touches), by cubic splines."""
+        from scipy.interpolate import CubicSpline  # imported here because it takes a third of a second
+
         knots = np.array(self.errors.knots)
         share = CubicSpline(knots, np.eye(knots.size))(np.clip(z, knots[0], knots[-1]))
         return np.asarray((np.moveaxis(drives, 0, -1) * share).sum(axis=-1))

@@ -410,11 +410,12 @@ def _correlations(rows: FloatArray, x: FloatArray) -> FloatArray:
 
 def _ranks(values: FloatArray) -> FloatArray:
     """Return ranks from 1 along the last axis; ties (up to rounding errors) share their mean rank."""
-    from scipy.stats import rankdata  # imported here because it takes a third of a second
+    import pandas as pd
 
     values = values - values.min(axis=-1, keepdims=True)
     extent = np.maximum(values.max(axis=-1, keepdims=True), 1e-6)
-    return np.asarray(rankdata(np.round(values / extent, _DIGITS), axis=-1))
+    rows = pd.DataFrame(np.round(values / extent, _DIGITS).reshape(-1, values.shape[-1]))
+    return np.asarray(rows.rank(axis=1), float).reshape(values.shape)
 
 
 def _mean(layout: Layout, each: FloatArray) -> FloatArray:

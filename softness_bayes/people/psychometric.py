@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
-from scipy.special import ndtr, ndtri
-from scipy.stats import binom
+from scipy.special import bdtr, ndtr, ndtri
 
 from softness_bayes.data import Ratings
 from softness_bayes.people.answers import told_pairs
@@ -126,7 +125,7 @@ def comparison_cautions(ratings: Ratings) -> list[str]:
     known, agrees = with_others != against, with_others > against
     for who, name in enumerate(ratings.participants):
         own = known & (ratings.participant[pairs[:, 0]] == who)
-        if own.any() and binom.cdf(agrees[own].sum(), own.sum(), 0.5) < BELOW_CHANCE:
+        if own.any() and bdtr(agrees[own].sum(), own.sum(), 0.5) < BELOW_CHANCE:
             said.append(
                 f"{name} answers below chance: with the majority of all other answers in {agrees[own].sum()} of "
                 f"{counted(int(own.sum()), 'pair')}; are the answers reversed?"

@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from softness_bayes.data.afferents import Afferents
 from softness_bayes.parameters.declared import PARAMETERS, PRIOR_SETS, SHAREABLE
@@ -34,6 +33,8 @@ def log_additive_sd(data: Afferents) -> float:
     It knows nothing of skin or receptors: a model that explains the data should not be much worse. NaN if the table has
     as many effects as there are rows.
     """
+    from scipy.optimize import least_squares  # imported here because it takes a quarter of a second
+
     texts = np.array([str(load) for load in data.loads]), data.curvature, data.distance
     columns = [np.ones(len(data))]
     for values in texts:
@@ -80,7 +81,7 @@ class Agreement(NamedTuple):
     @property
     def p_value(self) -> float:
         """Probability of at least this distance if both sources have the same parameters."""
-        return float(chi2.sf(self.chi_square, self.degrees))
+        return float(chdtrc(self.degrees, self.chi_square))
 
     @property
     def contradicts(self) -> bool:

@@ -60,27 +60,6 @@ def own_time(walks: FloatArray) -> FloatArray:
     return autocorrelation_time(deviations / np.where(spread > 0, spread, 1.0))
 
 
-def indicator_time(walks: FloatArray, below: FloatArray) -> FloatArray:
-    """Return the autocorrelation time of the indicator that a quantity lies below a threshold, in steps.
-
-    Mean and variance are those of the whole ensemble. A walker that never crosses the threshold has no autocorrelation
-    of its own; with the common mean it lengthens the time as it should.
-
-    Parameters
-    ----------
-    walks
-        Values of shape (..., steps, walkers).
-    below
-        Thresholds of shape (...).
-
-    Returns
-    -------
-    ndarray, shape (...)
-        Infinite if no walker crosses the threshold.
-    """
-    return pooled_time((walks <= below[..., None, None]).astype(float))
-
-
 def pooled_time(walks: FloatArray) -> FloatArray:
     """Return the autocorrelation time of quantities, in steps, with the mean and variance of the whole ensemble.
 
@@ -124,13 +103,16 @@ def r_hat_between(walks: FloatArray) -> FloatArray:
     Returns
     -------
     ndarray, shape (quantities,)
-        Infinite for a quantity that never moves.
+        Infinite for a quantity that moves in no ensemble.
     """
     ensembles, _, steps, walkers = walks.shape
     every = max(1, steps * walkers // _R_HAT_DRAWS)
     thinned = walks[..., ::every, :]
     chains = [thinned[:, k].reshape(ensembles, -1) for k in range(walks.shape[1])]
-    return np.array([arviz_bridge.r_hat(c) if np.ptp(c) > 0 and c.shape[1] > 3 else math.inf for c in chains])
+    with np.errstate(invalid="ignore"):  # an indicator of exactly half of the draws is constant when folded
+        return np.array(
+            [arviz_bridge.r_hat(c) if np.ptp(c, axis=1).any() and c.shape[1] > 3 else math.inf for c in chains]
+        )
 
 
 def ess_tail(walks: FloatArray, tau: FloatArray | None = None) -> FloatArray:
@@ -155,8 +137,10 @@ def ess_tail(walks: FloatArray, tau: FloatArray | None = None) -> FloatArray:
         every = 1 if tau is None else max(1, int(tau[k] / _TAIL_STRIDE))
         walk = walks[:, k, ::every]
         thresholds = np.quantile(walk, _TAILS)
-        times = [every * indicator_time(walk, np.broadcast_to(t, ensembles)).mean() for t in thresholds]
-        sizes.append(ensembles * steps * walkers / np.max(times))
+        # if no draw is above a quantile, because many are equal to it, only the other one counts
+        below = [walk <= t for t in thresholds if (walk > t).any()]
+        times = [every * pooled_time(one.astype(float)).mean() for one in below]
+        sizes.append(ensembles * steps * walkers / max(times, default=1.0))
     return np.array(sizes)
 
 

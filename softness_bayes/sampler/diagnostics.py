@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -16,7 +17,6 @@ from softness_bayes.sampler.chain_statistics import (
     ess_between,
     ess_bulk,
     ess_tail,
-    indicator_time,
     own_time,
     pooled_time,
     r_hat_between,
@@ -123,7 +123,7 @@ class Verdict:
     ess_bulk, ess_tail
         Effective sample sizes, shape (quantities,); NaN as long as length or R-hat fails.
     ess_between
-        The smaller one of bulk and tail from the differences between ensembles, shape (parameters and log posterior,).
+        The smaller one of bulk and tail from the differences between ensembles, shape (quantities,).
     acceptance
         Share of accepted proposals.
     stuck
@@ -135,8 +135,7 @@ class Verdict:
     starts
         Result of the search for starting points.
     own
-        Longest autocorrelation time, in steps, of any quantity and ensemble about the mean of each walker, if the
-        run is shorter than twice the goal in times about the common mean; otherwise NaN.
+        Longest autocorrelation time, in steps, of any quantity and ensemble about the mean of each walker.
     """
 
     names: tuple[str, ...]
@@ -156,7 +155,7 @@ class Verdict:
     goal: Goal
     shares: tuple[ModeShare, ...] = ()
     starts: Starts = NO_STARTS
-    own: float = math.nan
+    own: float = math.inf
 
     @property
     def converged(self) -> bool:
@@ -279,12 +278,11 @@ class Verdict:
         Indications are ensembles that disagree strongly, or an autocorrelation time about the common mean that is many
         times longer than about individual means, although the run is long in terms of the latter.
         """
-        alone = float(self.tau.max()) if math.isnan(self.own) else self.own
-        if not self.kept >= _ALONE * alone:
+        if not self.kept >= _ALONE * self.own:
             return ""
         if self.r_hat.max() > _APART:
             return f"the ensembles are in separate modes of {self.names[int(self.r_hat.argmax())]}"
-        if self.tau.max() > _LONGER * alone:
+        if self.tau.max() > _LONGER * self.own:
             return f"walkers of an ensemble are in separate modes of {self.names[self.worst]}"
         return ""
 
@@ -318,22 +316,25 @@ def look(
     starts
         Result of the search for starting points, for the record.
     """
-    _, stored, walkers, quantities = values.shape
+    _, stored, walkers, _ = values.shape
     walks = np.moveaxis(values, -1, 1)
     first = _burn_in(walks, goal)
     walks = walks[..., first:, :]
-    tau, r_hat = _times(walks), r_hat_between(walks)
+    kept, tau, own = stored - first, _times(walks), float(own_time(walks).max())
+    moved = (np.ptp(walks, axis=-2) > 0).any(axis=1)
     shares: tuple[ModeShare, ...] = ()
     if inside is not None:
-        indicators = np.moveaxis(inside[:, first:], -1, 1).astype(float)
-        walks = np.concatenate([walks, indicators], axis=1)
-        shares, times, apart = _shares(indicators)
-        names = (*names, *(f"the share of mode {k}" for k in range(1, len(shares) + 1)))
-        tau = np.concatenate([tau, times])
-        r_hat = np.concatenate([r_hat, apart])
-    kept, worst, missing = stored - first, int(tau.argmax()), np.full(len(names), math.nan)
+        held = np.moveaxis(inside[:, first:], -1, 1).astype(float)
+        share = held.mean(axis=(0, 2, 3))
+        mixed = np.flatnonzero((share > 0) & (share < 1))  # the others cannot be judged
+        times = np.ones(share.size)
+        times[mixed] = _times(held[:, mixed], pooled_time)
+        error = np.sqrt(share * (1.0 - share) * times / held[:, 0].size)
+        shares = tuple(ModeShare(*one) for one in zip(share.tolist(), error.tolist(), strict=True))
+        walks, tau = np.concatenate([walks, held[:, mixed]], axis=1), np.concatenate([tau, times[mixed]])
+        names = (*names, *(f"the share of mode {k + 1}" for k in mixed))
+    worst, missing = int(tau.argmax()), np.full(len(names), math.nan)
     of_each = pooled_time(walks[:, worst]) if math.isfinite(tau[worst]) else np.full(len(values), math.inf)
-    moved = (np.ptp(walks[:, :quantities], axis=-2) > 0).any(axis=1)
     verdict = Verdict(
         names=names,
         steps=stored * stride,
@@ -343,34 +344,30 @@ def look(
         walkers=walkers,
         tau=tau * stride,
         tau_error=relative_error(of_each),
-        r_hat=r_hat,
+        r_hat=r_hat_between(walks),
         ess_bulk=missing,
         ess_tail=missing,
-        ess_between=missing[:quantities],
+        ess_between=missing,
         acceptance=acceptance,
         stuck=int((~moved).sum()),
         goal=goal,
         shares=shares,
         starts=starts,
-        own=float(own_time(walks[:, :quantities]).max()) * stride
-        if kept < 2.0 * goal.lengths * tau.max()
-        else math.nan,
+        own=own * stride,
     )
     if not verdict.agrees:
         return verdict
     # effective sample sizes take longest, and are computed only if all other criteria hold
-    count = walks[:, 0].size / tau[quantities:]  # of the modes' indicators
-    walks = walks[:, :quantities]
-    bulk, tail = (np.concatenate([size(walks, tau), count]) for size in (ess_bulk, ess_tail))
+    bulk, tail = ess_bulk(walks, tau), ess_tail(walks, tau)
     return replace(verdict, ess_bulk=bulk, ess_tail=tail, ess_between=ess_between(walks))
 
 
-def _times(walks: FloatArray) -> FloatArray:
+def _times(walks: FloatArray, time: Callable[[FloatArray], FloatArray] = autocorrelation_time) -> FloatArray:
     """Return the autocorrelation time of each quantity, from walks of shape (ensembles, quantities, stored, walkers).
 
     The walkers of all ensembles share one mean: their times are of one chain, and known twice as well from all of them.
     """
-    return np.array([autocorrelation_time(np.concatenate([*walks[:, k]], axis=-1)) for k in range(walks.shape[1])])
+    return np.array([float(time(np.concatenate([*walks[:, k]], axis=-1))) for k in range(walks.shape[1])])
 
 
 def _burn_in(walks: FloatArray, goal: Goal) -> int:
@@ -379,26 +376,3 @@ def _burn_in(walks: FloatArray, goal: Goal) -> int:
     late = _times(walks[:, :, stored // 2 :])
     reach = np.where(np.isfinite(late), late, np.inf).max()
     return int(min(math.ceil(goal.burn_in * min(reach, stored)), stored // 2))
-
-
-def _shares(walks: FloatArray) -> tuple[tuple[ModeShare, ...], FloatArray, FloatArray]:
-    """Return each mode's share, the autocorrelation time of being in it, and R-hat between ensembles.
-
-    The indicators of being in each mode have the shape (ensembles, modes, stored, walkers); all walkers of all
-    ensembles share one mean. If no walker moves between modes, the time is as long as the walk. A mode with no draws,
-    or with all of them, cannot be judged and counts as well mixed.
-    """
-    modes = walks.shape[1]
-    share = walks.mean(axis=(0, 2, 3))
-    mixed = (share > 0) & (share < 1)
-    together = np.moveaxis(walks, 0, -2).reshape(modes, walks.shape[2], -1)
-    times, apart = np.ones(modes), np.ones(modes)
-    times[mixed] = indicator_time(together[mixed], np.full(int(mixed.sum()), 0.5))
-    half = walks.shape[2] // 2
-    halves = np.concatenate([walks[:, :, :half].mean(axis=(2, 3)), walks[:, :, half:].mean(axis=(2, 3))])
-    # split R-hat; ranks and folding add nothing for a quantity that is 0 or 1
-    within = (halves * (1.0 - halves)).mean(axis=0)
-    with np.errstate(divide="ignore"):  # ensembles that never change modes
-        apart[mixed] = np.sqrt(1.0 + halves.var(axis=0, ddof=1)[mixed] / within[mixed])
-    error = np.sqrt(share * (1.0 - share) * times / walks[:, 0].size)
-    return tuple(ModeShare(*one) for one in zip(share.tolist(), error.tolist(), strict=True)), times, apart

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from softness_bayes.errors import NumericalError
 from softness_bayes.sampler.adaptation import TriangularMap
@@ -77,6 +76,8 @@ def find_optimum(target: TargetDensity, rng: np.random.Generator, best: bool = T
     NumericalError
         If all those draws have density zero.
     """
+    from scipy.optimize import minimize  # imported here because it takes a quarter of a second
+
     candidates = target.draw_start(rng, CANDIDATES)
     density = target(candidates)
     if not np.isfinite(density).any():

@@ -14,7 +14,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from softness_bayes.errors import InputError
 from softness_bayes.touch.contact import Indentation, Load, Loads
@@ -42,6 +41,8 @@ class _Threshold:
     """The E_star at which the stress on the axis reaches a value, under one load."""
 
     def __init__(self, scene: Scene, load: Load) -> None:
+        from scipy.interpolate import CubicSpline  # imported here because it takes a third of a second
+
         low, high = scene.tables[load].modulus_range
         # the tables of indentations have no lower end
         low, self.high = np.log(1.0 if isinstance(load, Indentation) else low), np.log(high)

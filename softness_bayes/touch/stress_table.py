@@ -26,7 +26,6 @@ from functools import lru_cache
 import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from softness_bayes.errors import InputError
 from softness_bayes.touch.contact import Finger, FingerBox, Fingertip, Fingertips, Force, Indentation, Load, Loads
@@ -113,6 +112,8 @@ class Inversion:
 
     def _distance(self, y: Array, radius: Array, decay: Array, peak: Array) -> Array:
         """Invert the field by the secant method: distances at which it is y^(1/root) of its peak; (n, len(y))."""
+        from scipy.interpolate import CubicSpline  # imported here because it takes a third of a second
+
         radius, decay, peak, log_y = radius[:, None], decay[:, None], peak[:, None], np.log(y)
 
         def log_y_at(log_rho: Array) -> Array:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from oracles.autoregressive import autoregressive, walks
-from softness_bayes.sampler.chain_statistics import autocorrelation_time, indicator_time, own_time
+from softness_bayes.sampler.chain_statistics import autocorrelation_time, own_time, pooled_time
 
 
 @pytest.mark.parametrize("tau", [1.0, 8.0, 30.0])
@@ -40,11 +40,10 @@ def test_a_walker_that_never_moves_has_no_autocorrelation_time():
     assert autocorrelation_time(walks(values))[0, 0] == np.inf
 
 
-def test_indicator_time_of_independent_and_of_stuck_walkers():
-    rng = np.random.default_rng(3)
-    free = rng.standard_normal((1, 1, 4000, 20))
-    assert indicator_time(free, np.array([[-1.6]])) == pytest.approx(1, rel=0.1)
+def test_the_time_of_an_indicator_of_independent_and_of_stuck_walkers():
+    free = np.random.default_rng(3).standard_normal((4000, 20))
+    assert pooled_time((free <= -1.6).astype(float)) == pytest.approx(1, rel=0.1)
     # walkers that keep to one side each: few crossings, however fast each walker moves on its side
     sides = np.abs(free) * np.where(np.arange(20) < 1, -1, 1)
-    assert indicator_time(sides, np.array([[0.0]]))[0, 0] > 100
-    assert indicator_time(free, np.array([[-99.0]]))[0, 0] == np.inf
+    assert pooled_time((sides <= 0).astype(float)) > 100
+    assert pooled_time((free <= -99).astype(float)) == np.inf

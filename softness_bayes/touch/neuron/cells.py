@@ -20,7 +20,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize.elementwise import find_root
 
 from softness_bayes.touch.neuron.membrane import (
     Channels,
@@ -206,6 +205,8 @@ def _first_root(
 
     Where there is none, it is a voltage of the grid.
     """
+    from scipy.optimize.elementwise import find_root  # imported here because it takes a quarter of a second
+
     first = np.maximum(beyond.argmax(axis=1), 1)
     found = find_root(function, (grid[first - 1], grid[first]), args=channels, tolerances=_VOLTAGE_ERROR)
     return np.where(found.success, found.x, grid[first])
