@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checking.check_table import posterior_quantities
+from softness_bayes.checking.fabric_order import places
 from softness_bayes.checking.layout import groups_in, layout_of, values_in
 from softness_bayes.checking.quantities import QUANTITIES, Columns
 from softness_bayes.likelihood.layout import Layout
@@ -74,8 +75,7 @@ def highest_rated(tree: xr.DataTree) -> tuple[HighestRated, ...]:
         here = np.flatnonzero(layout.load == load)
         if here.size < 2:
             continue
-        top = predicted[:, here] == predicted[:, here].max(axis=1, keepdims=True)
-        share = (top / top.sum(axis=1, keepdims=True)).mean(axis=0)
+        share = places(predicted[:, here]).probability[:, 0]
         best = int(share.argmax())
         error = float(np.sqrt(share[best] * (1.0 - share[best]) / len(predicted)))
         name = str(fabrics[layout.design.fabric[here[best]]])

@@ -6,7 +6,7 @@ of the log-likelihood in the logarithm of the modulus.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-ERRORS = (0.05, 0.10, 0.20)
-"""Relative errors of the moduli for which consequences are reported."""
+ERROR = 0.1
+"""Relative error of the moduli for which consequences are reported; those of others are in proportion."""
 
 DIRECTIONS = 24
 """Number of fabrics up to which moduli are changed one at a time; with more, all are changed at once in this many
@@ -135,31 +135,20 @@ def posterior_shift(quantity: Array, score: Array, share: float = 1.0) -> Shift:
     return Shift(sd, float(noise / (2.0 * sd)) if sd > 0 else float(np.sqrt(noise)))
 
 
-def shift_table(names: Sequence[str], shifts: Sequence[Shift]) -> pd.DataFrame:
-    """Return the effect of errors of the moduli on each quantity.
+def shift_table(shifts: Mapping[str, Shift]) -> pd.DataFrame:
+    """Return the effect of errors of the moduli on quantities by name.
 
     Returns
     -------
     DataFrame
-        A row per quantity: shift_5, shift_10 and shift_20, standard deviation of the shift of its posterior mean, in
-        posterior standard deviations, if all moduli that are taken as exact had independent errors of 5, 10 and 20 %,
-        to first order; each with its Monte-Carlo error, NAME_mcse.
+        A row per quantity: shift_10, standard deviation of the shift of its posterior mean, in posterior standard
+        deviations, if all moduli that are taken as exact had independent errors of 10 %, to first order; and
+        shift_10_mcse, its Monte-Carlo error.
     """
     import pandas as pd
 
-    rows = []
-    for one in shifts:
-        row = {}
-        for error in ERRORS:
-            row[shift_column(error)] = error * one.sd
-            row[f"{shift_column(error)}_mcse"] = error * one.mcse
-        rows.append(row)
-    return pd.DataFrame(rows, index=pd.Index([*names], name="quantity"))
-
-
-def shift_column(error: float) -> str:
-    """Return the column of a `shift_table` for a relative error of the moduli."""
-    return f"shift_{100 * error:.0f}"
+    rows = {name: {"shift_10": ERROR * one.sd, "shift_10_mcse": ERROR * one.mcse} for name, one in shifts.items()}
+    return pd.DataFrame.from_dict(rows, orient="index").rename_axis("quantity")
 
 
 def clear_shifts(table: pd.DataFrame) -> pd.DataFrame:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from softness_bayes.checking.checks import (
 )
 from softness_bayes.checking.exactness import HARMLESS, Exactness
 from softness_bayes.checking.individual import FAR, POPULATION
-from softness_bayes.checking.modulus_errors import ERRORS, LINEAR, clear_shifts, shift_column
+from softness_bayes.checking.modulus_errors import ERROR, LINEAR, clear_shifts
 from softness_bayes.checking.quantities import PLACE, TURNS_OVER
 from softness_bayes.checking.sensitivity import DETERMINED, INFORMED, SENSITIVE
 from softness_bayes.checking.turning_check import DOUBTFUL, FALL, LARGEST_RATIO, NEEDED, Reproduction, turns_reproduced
@@ -431,21 +431,13 @@ def shift_sentences(table: pd.DataFrame) -> list[str]:
     clear = clear_shifts(table)
     if clear.empty:
         return []
-    *smaller, largest = (f"{100 * error:.0f} %" for error in ERRORS)
     return [
-        f"if the moduli had independent errors of {', '.join(smaller)} or {largest}, posterior means would "
-        "move by these numbers of posterior standard deviations (to first order; larger shifts than "
+        f"if the moduli had independent errors of {percent(ERROR)}, posterior means would move by these numbers of "
+        "posterior standard deviations (to first order, in proportion to the errors; larger shifts than "
         f"{LINEAR:g} are only a rough guide: repeat the run with the errors)",
-        *(f"  {name}: {_shifts(row)}" for name, row in clear.iterrows()),
+        *(
+            f"  {name}: "
+            + (f"{row['shift_10']:.2g} ± {row['shift_10_mcse']:.1g}" if row["shift_10"] <= LINEAR else "more than 1")
+            for name, row in clear.iterrows()
+        ),
     ]
-
-
-def _shifts(row: Any) -> str:
-    """Return the shifts up to `LINEAR`, and the smallest error that causes a larger one."""
-    said: list[str] = []
-    for error in ERRORS:
-        name = shift_column(error)
-        if row[name] > LINEAR:
-            return ", ".join([*said, f"more than {LINEAR:g} from {100 * error:.0f} %"])
-        said.append(f"{row[name]:.2g} ± {row[f'{name}_mcse']:.1g} at {100 * error:.0f} %")
-    return ", ".join(said)

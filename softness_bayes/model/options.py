@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Self
 
@@ -20,7 +19,9 @@ from softness_bayes.likelihood.scales import (
     RATING_SCALES,
     RatingDirection,
     Scale,
+    direction_named,
     name_of_scale,
+    scale_named,
 )
 from softness_bayes.likelihood.scales import require_name as require_scale
 from softness_bayes.options import (
@@ -33,7 +34,6 @@ from softness_bayes.options import (
     NumbersByName,
     Options,
     described,
-    later,
     option,
 )
 from softness_bayes.ranges import (
@@ -45,6 +45,7 @@ from softness_bayes.ranges import (
     RESOLUTIONS,
     SHARED_LOAD_ERRORS,
     SHARED_MODULUS_ERRORS,
+    require_kind,
 )
 from softness_bayes.supplied import installed
 
@@ -54,9 +55,6 @@ if TYPE_CHECKING:
     from softness_bayes.touch.contact import Finger
     from softness_bayes.touch.readings import Readings
     from softness_bayes.touch.scene import Discretisation
-
-
-_MENDED = "softness_bayes.touch.readings:MENDED"
 
 
 class FixedValues(NumbersByName):
@@ -148,11 +146,13 @@ class ReadingsByPlace(ByName):
 
     metavar = "SET|PLACE=NAME"
 
-    of, such_as = (
-        "softness_bayes.touch.readings:Readings",
-        "Readings, such as NAMED_READINGS['printed'] or Readings(pressure=...)",
-    )
-    accept = Kind.accept
+    def accept(self, name: str, value: Any) -> Readings:
+        """Return readings."""
+        from softness_bayes.touch.readings import Readings
+
+        require_kind(name, value, Readings, "Readings, such as NAMED_READINGS['printed'] or Readings(pressure=...)")
+        readings: Readings = value
+        return readings
 
     def parse(self, texts: Sequence[str]) -> Readings:
         """Return the readings of texts such as pressure=hertz; one without = names the set that they change."""
@@ -173,8 +173,7 @@ class ReadingsByPlace(ByName):
 
     def restore(self, stored: Mapping[str, str]) -> Readings:
         """Return the readings of names."""
-        readings: Readings = later(_MENDED).override(stored)
-        return readings
+        return _mended().override(stored)
 
     def complete(self, incomplete: str) -> Iterable[str]:
         """Return the named sets and the places, or the readings of a place."""
@@ -189,8 +188,13 @@ class ReadingsByPlace(ByName):
 class FingerValues(NumbersByName):
     """Values of a finger by name, which differ from those of the default finger."""
 
-    of, such_as = "softness_bayes.touch.contact:Finger", "a Finger, such as Finger(receptor_depth=0.6e-3)"
-    accept = Kind.accept
+    def accept(self, name: str, value: Any) -> Finger:
+        """Return a finger."""
+        from softness_bayes.touch.contact import Finger
+
+        require_kind(name, value, Finger, "a Finger, such as Finger(receptor_depth=0.6e-3)")
+        finger: Finger = value
+        return finger
 
     def parse(self, texts: Sequence[str]) -> Finger:
         """Return the finger of texts such as receptor_depth_mm=0.6."""
@@ -264,7 +268,7 @@ class Chosen(Kind):
     such_as
         Examples, for messages.
     of, named
-        MODULE:NAME of the class of the objects, and of a function that returns the object of a name.
+        Return the class of the objects, and the object of a name.
     name_of
         Returns the name of an object.
     group
@@ -275,17 +279,22 @@ class Chosen(Kind):
         self,
         choices: tuple[str, ...],
         such_as: str,
-        of: str,
-        named: str,
+        of: Callable[[], type],
+        named: Callable[[str], Any],
         name_of: Callable[[Any], str] = attrgetter("name"),
         group: str = "",
     ) -> None:
-        self.choices, self.such_as, self.of, self.group = choices, such_as, of, group
-        self._named, self._name_of = named, name_of
+        self.choices, self.group, self._such_as = choices, group, such_as
+        self._of, self._named, self._name_of = of, named, name_of
+
+    def accept(self, name: str, value: Any) -> Any:
+        """Return an object of the class."""
+        require_kind(name, value, self._of(), self._such_as)
+        return value
 
     def parse(self, text: str) -> Any:
         """Return the object of a name."""
-        return None if text == AUTO else later(self._named)(text)
+        return None if text == AUTO else self._named(text)
 
     def write(self, value: Any) -> str:
         """Return the name."""
@@ -295,16 +304,47 @@ class Chosen(Kind):
 class Resolution(Kind):
     """Resolutions of the scene, for Python alone."""
 
-    of, such_as = "softness_bayes.touch.scene:Discretisation", "a Discretisation or None"
+    def accept(self, name: str, value: Any) -> Discretisation:
+        """Return a resolution."""
+        from softness_bayes.touch.scene import Discretisation
+
+        require_kind(name, value, Discretisation, "a Discretisation or None")
+        resolution: Discretisation = value
+        return resolution
 
     def parse(self, text: str) -> Discretisation:
         """Return the resolution of its fields as JSON."""
-        resolution: Discretisation = later(self.of)(**parse_json(text))
-        return resolution
+        from softness_bayes.touch.scene import Discretisation
+
+        return Discretisation(**parse_json(text))
 
     def write(self, value: Discretisation) -> str:
         """Return the fields as JSON."""
         return json.dumps(asdict(value))
+
+
+def _mended() -> Readings:
+    from softness_bayes.touch.readings import MENDED
+
+    return MENDED
+
+
+def _usual_finger() -> Finger:
+    from softness_bayes.touch.contact import Finger
+
+    return Finger()
+
+
+def _error_law() -> type[ErrorLaw]:
+    from softness_bayes.likelihood.error_laws import ErrorLaw
+
+    return ErrorLaw
+
+
+def _error_law_named(name: str) -> ErrorLaw:
+    from softness_bayes.likelihood.error_laws import error_law_named
+
+    return error_law_named(name)
 
 
 @described
@@ -337,7 +377,7 @@ class ModelOptions(Options):
     readings: Readings = option(
         ReadingsByPlace(),
         flag="--reading",
-        default_factory=partial(later, _MENDED),
+        default_factory=_mended,
         help="Named set of readings of the model's equations: mended (the default), printed or hertz; or another "
         "reading of one equation, such as pressure=hertz, or a custom one, such as pressure=mymodule:mine. "
         "'list readings' shows them.",
@@ -348,8 +388,8 @@ class ModelOptions(Options):
         Chosen(
             (AUTO, FREE.name, *RATING_DIRECTIONS),
             "RISES, FALLS, FREE or None",
-            "softness_bayes.likelihood.scales:RatingDirection",
-            "softness_bayes.likelihood.scales:direction_named",
+            lambda: RatingDirection,
+            direction_named,
         ),
         None,
         "--direction",
@@ -363,7 +403,7 @@ class ModelOptions(Options):
     finger: Finger = option(
         FingerValues(),
         flag="--finger",
-        default_factory=lambda: later(FingerValues.of)(),
+        default_factory=_usual_finger,
         help="One value of the finger, such as receptor_depth_mm=0.6. Names: radius_mm, receptor_depth_mm, "
         "poisson_ratio, pad_length_mm, pad_width_mm, contact_x_mm or contact_y_mm. A --prior of "
         "radius or receptor_depth samples it instead.",
@@ -423,12 +463,7 @@ class ModelOptions(Options):
         affects_draws=True,
     )
     errors: ErrorLaw | None = option(
-        Chosen(
-            (AUTO, *ERRORS),
-            "NORMAL, STUDENT, LAPSES or None",
-            "softness_bayes.likelihood.error_laws:ErrorLaw",
-            "softness_bayes.likelihood.error_laws:error_law_named",
-        ),
+        Chosen((AUTO, *ERRORS), "NORMAL, STUDENT, LAPSES or None", _error_law, _error_law_named),
         None,
         "--errors",
         "Distribution of the errors of log ratings: normal, student (Student's t with sampled degrees of "
@@ -479,8 +514,8 @@ class ModelOptions(Options):
         Chosen(
             tuple(RATING_SCALES),
             "a Scale, such as SLIDER or CATEGORIES",
-            "softness_bayes.likelihood.scales:Scale",
-            "softness_bayes.likelihood.scales:scale_named",
+            lambda: Scale,
+            scale_named,
             name_of_scale,
             OWN_SCALES,
         ),

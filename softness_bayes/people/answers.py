@@ -45,6 +45,9 @@ WIDE = 5.0
 LEAST_SPREAD = 0.2
 """Smallest spread of the ratings of which the means have five times as much."""
 
+REACH, GRID = 4.0, 321
+"""Half-width, in prior standard deviations, and number of points of the grid of a mean that is drawn again."""
+
 ORDER_DRAWS = 400
 """Draws of the effects for the probability of orders that are left out."""
 
@@ -145,6 +148,35 @@ class SingleAnswers:
         points = middle + np.sqrt(others) * at[:, None]
         density = RowLaw(self.law, rows, points, spread, law).log_probability()
         return np.asarray(logsumexp(density, axis=0, b=(weight / weight.sum())[:, None]) + self.jacobian)
+
+    @property
+    def open_ended(self) -> IntArray:
+        """Conditions all of whose ratings are intervals without an end on one and the same side; none for pairs."""
+        if self.scale is PAIRS:
+            return np.zeros(0, np.intp)
+        ends = (1.0, float(self.categories)) if self.categories else (-np.inf, np.inf)
+        beyond = [self.rows.low == ends[0], (self.rows.low if self.categories else self.rows.high) == ends[1]]
+        own = (self.design[:, : self.conditions] != 0).astype(int)
+        return np.flatnonzero(np.any([own.T @ side == own.sum(axis=0) for side in beyond], axis=0))
+
+    def redraw(self, rng: np.random.Generator, effects: Array, condition: int, given: Mapping[str, float]) -> Array:
+        """Return draws of the mean of one condition given all other effects (draws, effects), shape (draws,).
+
+        Its law is tabulated over a grid, because no normal law has the shape of one that is open to one side.
+        """
+        mine = np.flatnonzero(self.design[:, [condition]].toarray().ravel())
+        rows, spread, law = self._law(given)
+        rows = rows.take(mine)
+        grid = self.centre + self.wide * np.linspace(-REACH, REACH, GRID)
+        others = effects @ self.design[mine].T.toarray() - effects[:, [condition]]
+        points = (others[:, None] + grid[:, None]).reshape(-1, mine.size)
+        own = spread if spread.shape[-1] == 1 else spread[:, mine]
+        density = RowLaw(self.law, rows, points, own, law).log_probability()
+        density = density.sum(axis=-1).reshape(-1, GRID) - 0.5 * ((grid - self.centre) / self.wide) ** 2
+        share = np.exp(density - density.max(axis=1, keepdims=True)).cumsum(axis=1)
+        at = rng.random((len(share), 1)) * share[:, -1:]
+        place = (share < at).sum(axis=1)
+        return np.asarray(grid[place] + (grid[1] - grid[0]) * (rng.random(len(place)) - 0.5))
 
     def natural(self, means: Array, given: Mapping[str, Array]) -> Array:
         """Return means (draws, conditions) as ratings, expected categories or shares won, for parameters (draws,)."""

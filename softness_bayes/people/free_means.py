@@ -26,7 +26,7 @@ from softness_bayes.model.interpretation import Interpretation, interpret
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.laws import Prior
-from softness_bayes.people.answers import Answers, answers_of, told_pairs
+from softness_bayes.people.answers import Answers, SingleAnswers, answers_of, told_pairs
 from softness_bayes.touch.load_groups import groups_of
 
 if TYPE_CHECKING:
@@ -244,7 +244,11 @@ def _fit(answers: Answers, options: ModelOptions) -> tuple[Array, Array, Mapping
     draws = []
     for k, count in enumerate(np.bincount(share, minlength=len(points))):
         shape = int(count), found[k].effects.size
-        draws.append(found[k].effects + rng.standard_normal(shape) @ np.linalg.cholesky(found[k].covariance).T)
+        drawn = found[k].effects + rng.standard_normal(shape) @ np.linalg.cholesky(found[k].covariance).T
+        if isinstance(answers, SingleAnswers):
+            for condition in answers.open_ended:
+                drawn[:, condition] = answers.redraw(rng, drawn, int(condition), values[k])
+        draws.append(drawn)
     effects = np.concatenate(draws)
     means = effects[:, : answers.conditions]
     if answers.raters:

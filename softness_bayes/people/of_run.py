@@ -14,7 +14,7 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.people.answers import left_out_of_draws, told_pairs
 from softness_bayes.people.free_means import FreeMeans, free_means
 from softness_bayes.people.psychometric import psychometric_table
-from softness_bayes.people.ruler import NORMAL_90, Ruler, ruler
+from softness_bayes.people.ruler import ruler
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,22 +36,11 @@ def people_tables(ratings: Ratings, options: ModelOptions, tree: xr.DataTree) ->
     DataFrame
         Index load and fabric; columns people, people_low, people_high and p_highest (`FreeMeans.table`).
     DataFrame
-        Index quantity (share, gain, lost, misfit); columns value, low and high, NaN where there is no limit.
+        `ruler.ruler`.
     """
-    import pandas as pd
-
     found = free_means(ratings, options)
-    measured = _ruler_of(found, ratings, options, tree)
-    spread, of_gain = NORMAL_90 * measured.lost_se, NORMAL_90 * measured.gain_se
-    rows = {
-        "share": (measured.share, measured.share_low, measured.share_high),
-        "gain": (measured.gain, measured.gain - of_gain, measured.gain + of_gain),
-        "lost": (measured.lost, measured.lost - spread, measured.lost + spread),
-        "misfit": (measured.misfit, np.nan, np.nan),
-    }
-    table = pd.DataFrame.from_dict(rows, orient="index", columns=["value", "low", "high"])
     means = found.table().set_index(["load", "fabric"])[["people", "people_low", "people_high", "p_highest"]]
-    return means, table.rename_axis("quantity")
+    return means, _ruler_of(found, ratings, options, tree)
 
 
 def threshold_table(ratings: Ratings, tree: xr.DataTree) -> pd.DataFrame:
@@ -69,7 +58,7 @@ def threshold_table(ratings: Ratings, tree: xr.DataTree) -> pd.DataFrame:
     return pd.concat(found, ignore_index=True)
 
 
-def _ruler_of(found: FreeMeans, ratings: Ratings, options: ModelOptions, tree: xr.DataTree) -> Ruler:
+def _ruler_of(found: FreeMeans, ratings: Ratings, options: ModelOptions, tree: xr.DataTree) -> pd.DataFrame:
     if options.scale is RANKS:
         density = values_in(tree, "log_likelihood_participant", "ratings_of_participant")[0]
         density = density[:, np.unique(ratings.participant)]

@@ -42,31 +42,6 @@ FREE_SD = 0.5
 down with a probability of 90 %."""
 
 
-class Ruler(NamedTuple):
-    """The share of the predictive density that a chain keeps."""
-
-    share: float
-    """Share between all fabrics alike (0) and free means (1); NaN if free means predict no better than equal ones."""
-    share_low: float
-    share_high: float
-    """90 % limits."""
-    gain: float
-    """Log density of the answers under free means over that with all fabrics alike."""
-    gain_se: float
-    """Its standard error for other answers about the same fabrics."""
-    lost: float
-    """Log density under free means over that under the chain."""
-    lost_se: float
-    misfit: float
-    """Standard deviation of people's means about the chain's, beyond their own error, in units of the ratings; of
-    magnitude estimates, of their logarithms."""
-
-    @property
-    def loses(self) -> bool:
-        """True if the chain predicts worse than free means, beyond the error."""
-        return bool(np.isfinite(self.share) and self.lost > NORMAL_90 * self.lost_se)
-
-
 class Following(NamedTuple):
     """Answers to whether a chain follows the ratings: the one rule, from the table of its ruler."""
 
@@ -142,7 +117,7 @@ def following(table: pd.DataFrame) -> Following:
     return Following(True if 0.5 * (high - low) <= TOLD else None, False)
 
 
-def ruler(free: FreeMeans, chain: Array, predicted: Array) -> Ruler:
+def ruler(free: FreeMeans, chain: Array, predicted: Array) -> pd.DataFrame:
     """Return the ruler of a run.
 
     Parameters
@@ -153,22 +128,37 @@ def ruler(free: FreeMeans, chain: Array, predicted: Array) -> Ruler:
         Log density of each answer given all others under the chain, shape (answers,).
     predicted
         Rating of the typical rater that the chain predicts, in the unit of `free.rating`, shape (conditions,).
+
+    Returns
+    -------
+    DataFrame
+        Columns value, low and high (90 % limits, NaN where there are none). Index: share, between all fabrics alike (0)
+        and free means (1), NaN if free means predict no better than equal ones; gain, the log density of the answers
+        under free means over that with all fabrics alike, for other answers about the same fabrics; lost, that under
+        free means over that under the chain; misfit, the standard deviation of people's means about the chain's, beyond
+        their own error, in units of the ratings or, of magnitude estimates, of their logarithms.
     """
+    import pandas as pd
+
     each = free.log_density - free.log_density_alike
     over = _by_cluster(each, free.cluster)
     kept = _by_cluster(chain - free.log_density_alike, free.cluster)
-    gain, lost, lost_se = over.sum(), (over - kept).sum(), _error(over - kept)
-    share = half = np.nan
-    if gain > SEEN * _error(each):
-        share = kept.sum() / gain
-        half = NORMAL_90 * _error(kept - share * over) / gain
+    gain, lost = over.sum(), (over - kept).sum()
+    share = kept.sum() / gain if gain > SEEN * _error(each) else np.nan
     logs = free.scale.axis == "log"
     people, ours = (np.log(free.rating), np.log(predicted)) if logs else (free.rating, predicted)
     apart = people.mean(axis=0) - ours
     noise = people - people.mean(axis=1, keepdims=True)
     excess = apart.var(ddof=1) - noise.var(axis=0).mean() if apart.size > 1 else 0.0
-    numbers = share, share - half, share + half, gain, _error(each), lost, lost_se, np.sqrt(max(excess, 0.0))
-    return Ruler(*map(float, numbers))
+    error = {
+        "share": _error(kept - share * over) / gain,
+        "gain": _error(each),
+        "lost": _error(over - kept),
+        "misfit": np.nan,
+    }
+    value = pd.Series({"share": share, "gain": gain, "lost": lost, "misfit": np.sqrt(max(excess, 0.0))})
+    half = NORMAL_90 * pd.Series(error)
+    return pd.DataFrame({"value": value, "low": value - half, "high": value + half}).rename_axis("quantity")
 
 
 def _by_cluster(values: Array, cluster: NDArray[np.intp]) -> Array:

@@ -183,7 +183,7 @@ def modulus_shifts(draws: RatedDraws, inflection: Mapping[str, Variable]) -> pd.
     modulus = inflection["inflection_e_fab_kpa"].values[index]
     for name, where in zip(draws.load_groups.names, modulus.T, strict=True):
         quantities[f"turning point at {name}"] = np.log(where)
-    return shift_table([*quantities], [posterior_shift(values, score, share) for values in quantities.values()])
+    return shift_table({name: posterior_shift(values, score, share) for name, values in quantities.items()})
 
 
 def touch_illustration(

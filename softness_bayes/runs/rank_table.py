@@ -90,7 +90,7 @@ class Calibrated:
 
         calibration = self.calibration
         judged = pd.DataFrame({name: one._asdict() for name, one in calibration.judge().items()}).T
-        return pd.DataFrame(calibration.coverage()).join(judged, on="quantity").set_index(["quantity", "mass"])
+        return calibration.coverage().join(judged, on="quantity").set_index(["quantity", "mass"])
 
     def sentence(self) -> str:
         """Return the verdict in one line: the alarms or, without any, the power."""

@@ -170,6 +170,19 @@ def test_intervals_cover_the_truth(kind):
     assert share == pytest.approx(0.9, abs=0.04)
 
 
+def test_a_fabric_that_all_put_into_the_highest_category_is_known_to_be_there(rng):
+    """The law of its mean is open above: a normal one about the mode would reach down to the lowest categories."""
+    made = laboratory("categories", rng, np.array([[-0.8, -0.5], [-0.3, 0.0], [0.2, 0.4], [0.5, 0.7], [3.5, 4.0]]))
+    rated = made.ratings.rating[made.ratings.fabric == 4]
+    assert (rated == 6.0).all()
+    found = free_means(made.ratings, made.options)
+    low, high = np.quantile(found.rating[:, found.fabric == 4], (0.05, 0.95), axis=0)
+    assert (low > 5.5).all()
+    assert (high > 5.97).all()
+    rest = np.quantile(found.rating[:, found.fabric == 2], (0.05, 0.95), axis=0)
+    assert (np.diff(rest, axis=0) > 0.05).all()  # others are as uncertain as before
+
+
 def test_a_custom_scale_is_refused(rng):
     with pytest.raises(InputError, match="custom scale"):
         free_means(laboratory("normal", rng).ratings, ModelOptions(scale=replace(MAGNITUDE, model=RatingModel)))

@@ -9,7 +9,7 @@ from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.scales import MAGNITUDE, PAIRS
 from softness_bayes.people.free_means import free_means, word_of
-from softness_bayes.people.ruler import ruler
+from softness_bayes.people.ruler import UNKNOWN, following, ruler
 from softness_bayes.people.sentences import highest_sentences, needed_sentences, pair_sentences, ruler_sentence
 from softness_bayes.report.conclusion import Facts, conclude
 from support.laboratories import FABRICS, RATERS, laboratory
@@ -43,28 +43,29 @@ def test_a_chain_that_is_right_keeps_all_and_a_flat_one_nothing(falling):
         ruler(found, chain_density(made.ratings, means), 20.0 * np.exp(means[found.fabric, found.load]))
         for means in (right, flat, 0.5 * (right + flat))
     )
-    assert whole.share == pytest.approx(1.0, abs=0.05)
-    assert not whole.loses
-    assert whole.misfit < 0.1
-    assert nothing.share == pytest.approx(0.0, abs=0.05)
-    assert nothing.loses
-    assert 0.1 < half.share < 0.9
-    assert half.share_low < half.share < half.share_high
-    assert half.misfit == pytest.approx(np.std((right - flat) / 2.0), rel=0.3)
+    assert whole["value"]["share"] == pytest.approx(1.0, abs=0.05)
+    assert following(whole).keeps is not False
+    assert whole["value"]["misfit"] < 0.1
+    assert nothing["value"]["share"] == pytest.approx(0.0, abs=0.05)
+    assert following(nothing) == (False, True)
+    low, share, high = half.loc["share", ["low", "value", "high"]]
+    assert 0.1 < share < 0.9
+    assert low < share < high
+    assert half["value"]["misfit"] == pytest.approx(np.std((right - flat) / 2.0), rel=0.3)
 
 
 def test_a_reversed_chain_loses_more_than_all(falling):
     made, found = falling
     reverse = 2.0 * FALLING.mean(axis=0) - FALLING
-    assert ruler(found, chain_density(made.ratings, reverse), np.ones(10)).share < 0.0
+    assert ruler(found, chain_density(made.ratings, reverse), np.ones(10))["value"]["share"] < 0.0
 
 
 def test_without_differences_there_is_nothing_to_keep():
     made = laboratory("normal", np.random.default_rng(5), np.zeros((5, 2)))
     found = free_means(made.ratings, made.options)
     one = ruler(found, np.zeros(made.ratings.rating.size), np.full(10, 20.0))
-    assert np.isnan(one.share)
-    assert not one.loses
+    assert np.isnan(one["value"]["share"])
+    assert following(one) == UNKNOWN
     table = pd.DataFrame({"value": [np.nan, 0.1], "low": np.nan, "high": np.nan}, index=["share", "misfit"])
     assert "do not tell the fabrics apart" in ruler_sentence(table, MAGNITUDE)
 
@@ -92,7 +93,7 @@ def test_a_chain_of_pairs_that_is_right_keeps_all():
     found = free_means(made.ratings, made.options)
     assert np.unique(found.cluster).size == 10
     right = ruler(found, found.log_density, found.rating.mean(axis=0))
-    assert right.share == pytest.approx(1.0)
+    assert right["value"]["share"] == pytest.approx(1.0)
     (line, _) = highest_sentences(found.table(), found.word, found.scale)
     assert line.startswith("A is the softest at 1 mm (probability ")
     assert " of those it met are below it; the lowest mean is that of E" in line

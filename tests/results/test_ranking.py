@@ -3,15 +3,22 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 
 from softness_bayes.data import Fabrics
 from softness_bayes.data.lists import read_order
 from softness_bayes.errors import InputError
+from softness_bayes.people.verdicts import REASONS
+from softness_bayes.report.conclusion import conclude, facts_of
 from softness_bayes.results.people import cautions
+from softness_bayes.runs.run import sample
 from support.command_line import call, refused
-from support.report_runs import LOADS, quickly
+from support.paths import ROOT
+from support.report_runs import CLOTH, LOADS, OPTIONS, converged, experiment, quickly
+
+REAL = ROOT / ".." / "shared" / "data" / "fabric_bending_618_drapetester.csv"
 
 NEW = Fabrics(tuple("abcdef"), effective_modulus=np.array([10.0, 20.0, 2e5, 3e5, 2e5, 4e4]))
 
@@ -65,6 +72,28 @@ def test_fabrics_of_one_response_tie(ranking):
         assert "no receptor fires in 100 % of the draws" in rows.loc["a", "remarks"]
 
 
+def test_places_and_pairs_agree_with_each_other(ranking):
+    place = ranking.place_table.pivot_table("probability", ["load", "fabric"], "place").fillna(0.0)
+    assert_allclose(place.sum(axis=1), 1.0)
+    assert_allclose(place.groupby("load").sum(), 1.0)
+    mean = (place * place.columns).sum(axis=1)
+    given = ranking.table.set_index(["load", "fabric"])["place"]
+    assert_allclose(mean, given[mean.index])
+    pairs = ranking.pair_table
+    assert len(pairs) == 2 * 15
+    assert_allclose(pairs[["p_softer", "p_tie", "p_harder"]].sum(axis=1), 1.0)
+    # a fabric's mean place is one more than the expected number of softer fabrics, ties counting half
+    softer = dict.fromkeys(given.index, 1.0)
+    for row in pairs.itertuples():
+        softer[row.load, row.other] += row.p_softer + 0.5 * row.p_tie
+        softer[row.load, row.fabric] += row.p_harder + 0.5 * row.p_tie
+    assert_allclose([softer[key] for key in given.index], given)
+    following = pairs.set_index(["load", "fabric", "other"])["p_softer"]
+    rows = ranking.table.iloc[:6]
+    said = [following["2 mm", one, other] for one, other in zip(rows["fabric"][:-1], rows["fabric"][1:], strict=True)]
+    assert_allclose(rows["p_softer_than_next"][:-1], said)
+
+
 def test_probabilities_are_shares_of_draws_counted_one_by_one(ranking):
     """Each draw's ratings sorted and compared by hand; ratings that differ by rounding alone are equal."""
     for one in ranking.loads:
@@ -81,13 +110,6 @@ def test_probabilities_are_shares_of_draws_counted_one_by_one(ranking):
                 places[name] += order.index(rating) + 1 + (order.count(rating) - 1) / 2
         told = ranking.table[ranking.table["load"] == str(one.load)].set_index("fabric")["place"]
         assert_allclose(told[[*NEW.names]], np.array([*places.values()]) / len(draws))
-        rows = ranking.table[ranking.table["load"] == str(one.load)]
-        following = table.set_index(["fabric", "other"])["p_softer"]
-        said = [following[pair] for pair in zip(rows["fabric"][:-1], rows["fabric"][1:], strict=True)]
-        assert_allclose(rows["p_softer_than_next"][:-1], said)
-    place = ranking.place_table.pivot_table("probability", ["load", "fabric"], "place").fillna(0.0)
-    assert_allclose(place.sum(axis=1), 1.0)
-    assert_allclose(place.groupby("load").sum(), 1.0)
 
 
 def test_too_many_fabrics_are_refused(result):
@@ -189,3 +211,47 @@ def test_simulated_ratings_and_a_rising_scale_are_not_carried_to_cloth_in_silenc
         table["rated"] = 10.0 + sign * table["e_fab_kpa"].rank()
         turned = replace(result, tables={**dict(result.tables.items()), "fabric_ratings": table})
         assert any("stiffer fabrics were rated higher" in said for said in cautions(turned, NEW)) == warned
+
+
+FALLING = np.array([0.7, 1.5, 0.25, 0.45])
+"""Factors by which people's ratings fall steadily with the moduli of `CLOTH`, as a power law does."""
+
+
+@pytest.fixture(scope="module")
+def falling():
+    """A run on ratings that fall steadily with stiffness, which no chain with a threshold repeats."""
+    made, rng = experiment(), np.random.default_rng(2)
+    log = np.log(40.0 * FALLING)[made.ratings.fabric] + 0.1 * rng.standard_normal(len(made.ratings))
+    with quickly():
+        return converged(sample(made._replace(ratings=replace(made.ratings, rating=np.exp(log))), **OPTIONS))
+
+
+def test_on_a_falling_law_people_s_order_comes_first_and_rank_decides_what_they_decided(falling):
+    names = [CLOTH.names[k] for k in np.argsort(-FALLING)]
+    first, *_ = conclude(facts_of(falling)).lines
+    assert first.startswith(f"People:    {names[0]} is the highest rated at ")
+    with quickly():
+        ranked = falling.rank(draws=60)
+    pairs = ranked.pair_table
+    by_people = pairs[pairs["because"] == "people's own ratings"]
+    assert len(by_people) == 12  # all six pairs under both loads
+    place = {name: k for k, name in enumerate(names)}
+    for row in by_people.itertuples():
+        assert (row.verdict == "rated higher") == (place[row.fabric] < place[row.other])
+    assert ranked.sentence.startswith("12 of 12 pairs of fabrics are decided (12 by people's own ratings)")
+
+
+@pytest.mark.skipif(not REAL.is_file(), reason="the table is not there")
+def test_of_real_fabrics_that_nobody_rated_the_pairs_that_cannot_be_decided_are_said(falling):
+    """Every thirtieth of 618: most are softer than any rated one, silent or alike; every pair has one verdict."""
+    rigidity = pd.read_csv(REAL)["bending_warp_N_m"].to_numpy()[::30]
+    cloth = Fabrics(tuple(f"cloth {k}" for k in range(rigidity.size)), bending_rigidity=rigidity)
+    with quickly():
+        ranked = falling.rank(cloth, LOADS, draws=60)
+    pairs, total = ranked.pair_table, rigidity.size * (rigidity.size - 1)
+    assert len(pairs) == total
+    undecided = pairs["verdict"] == "cannot decide"
+    assert undecided.mean() > 0.5
+    assert f"{(~undecided).sum()} of {total} pairs of fabrics" in ranked.sentence
+    assert set(pairs["because"][undecided]) <= {*REASONS[2:]}
+    assert not (pairs["because"] == "people's own ratings").any()  # nobody rated them

@@ -10,13 +10,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy.special import expit
-from scipy.stats import norm
 
 from softness_bayes.checking.calibration import (
     DRAWS,
     FALSE_ALARM,
     Calibration,
-    alarm_of,
     coverage_sentence,
     rank_law,
     verdict,
@@ -105,26 +103,17 @@ def test_judgement_of_exact_ranks():
     assert judged.spread_p > 0.5
 
 
+def alarms(rank, threshold):
+    """Whether each table of ranks (tables, replicates) of one quantity raises the alarm."""
+    judged = Calibration(tuple(map(str, range(len(rank)))), rank.T).judge()
+    return np.array([min(one.uniform_p, one.spread_p) < threshold for one in judged.values()])
+
+
 def test_a_right_model_raises_the_alarm_as_seldom_as_is_said(rng):
-    """Whole tables of independent quantities, by the rule that the stated power is simulated with."""
-    names, size, tables = 9, 60, 6000
-    alarm = alarm_of(size, DRAWS, FALSE_ALARM / (2 * names))
-    rank = rng.integers(DRAWS + 1, size=(names * tables, size))
-    alarms = alarm(rank).reshape(tables, names).any(axis=1).mean()
-    assert 0.0 < alarms < FALSE_ALARM + 3 * math.sqrt(FALSE_ALARM / tables)
-
-
-def test_the_simulated_rule_is_the_verdicts(rng):
-    """The same tables, some at fault, judged one by one and all at once."""
-    z = rng.standard_normal((60, 80)) * np.linspace(0.6, 1.7, 60)[:, None] + rng.normal(0, 0.3, 60)[:, None]
-    rank = np.floor(norm.cdf(z) * (DRAWS + 1)).astype(int)
-    calibration = Calibration(("x", "y"), np.zeros((80, 2), int))
-    one_by_one = []
-    for row in rank:
-        judged = Calibration(("x",), row[:, None]).judge()["x"]
-        one_by_one.append(min(judged) < calibration.threshold)
-    assert 10 < sum(one_by_one) < 50
-    np.testing.assert_array_equal(alarm_of(80, DRAWS, calibration.threshold)(rank), one_by_one)
+    """Whole tables of independent quantities."""
+    names, size, tables = 9, 60, 150
+    found = alarms(rng.integers(DRAWS + 1, size=(names * tables, size)), FALSE_ALARM / (2 * names))
+    assert found.reshape(tables, names).any(axis=1).mean() < FALSE_ALARM + 3 * math.sqrt(FALSE_ALARM / tables)
 
 
 def ranked(rng, tables, size, width=1.0, shift=0.0):
@@ -134,20 +123,18 @@ def ranked(rng, tables, size, width=1.0, shift=0.0):
 
 
 def test_the_stated_fault_is_found_nine_times_in_ten(rng):
-    """In other tables, made of truths and draws themselves."""
-    size, tables = 60, 600
+    """In other tables, made of truths and draws themselves; the stated power is a lower limit, and a close one."""
+    size, tables = 60, 200
     calibration = Calibration(("x", "y", "z"), np.zeros((size, 3), int))
     width, shift = calibration.least_width, calibration.least_shift
-    assert 1.2 < width.value < 1.6
-    assert 0.3 < shift.value < 0.8
-    assert max(width.error, shift.error) < 0.01
-    alarm = alarm_of(size, DRAWS, calibration.threshold)
-    for fault in ({"width": width.value}, {"shift": shift.value}, {"shift": -shift.value}):
-        found = alarm(ranked(rng, tables, size, **fault)).mean()
-        assert found == pytest.approx(0.9, abs=4 * math.sqrt(0.09 / tables))
+    assert 1.2 < width < 1.6
+    assert 0.3 < shift < 1.0
+    for fault in ({"width": width}, {"shift": shift}, {"shift": -shift}):
+        found = alarms(ranked(rng, tables, size, **fault), calibration.threshold).mean()
+        assert 0.9 - 4 * math.sqrt(0.09 / tables) < found < 0.99
     # half of either is found far less often
-    for fault in ({"width": 0.5 + 0.5 * width.value}, {"shift": 0.5 * shift.value}):
-        assert alarm(ranked(rng, tables, size, **fault)).mean() < 0.5
+    for fault in ({"width": 0.5 + 0.5 * width}, {"shift": 0.5 * shift}):
+        assert alarms(ranked(rng, tables, size, **fault), calibration.threshold).mean() < 0.5
 
 
 def test_the_law_of_ranks(rng):
@@ -158,19 +145,19 @@ def test_the_law_of_ranks(rng):
 
 
 def test_coverage_counts_ranks():
-    rows = Calibration(("x",), np.repeat(np.arange(DRAWS + 1), 2)[:, None]).coverage()
+    rows = Calibration(("x",), np.repeat(np.arange(DRAWS + 1), 2)[:, None]).coverage().to_dict("records")
     assert [(row["mass"], row["expected"]) for row in rows] == [(0.5, 0.5), (0.8, 0.8), (0.9, 0.9), (0.95, 0.96)]
     assert all(row["share"] == row["expected"] for row in rows)
     assert all(row["low"] < row["share"] < row["high"] for row in rows)
     off = Calibration(("x",), np.zeros((50, 1), int)).coverage()
-    assert all(row["covered"] == 0 for row in off)
+    assert (off["covered"] == 0).all()
 
 
 def test_shares_outside_their_limits_are_as_many_as_chance_has(rng):
     def outside(rank):
         words = coverage_sentence(Calibration(("x",), rank)).split()
         assert words[2] == "4"
-        return int(words[0]), sum(row["outside"] for row in Calibration(("x",), rank).coverage())
+        return int(words[0]), Calibration(("x",), rank).coverage()["outside"].sum()
 
     found = np.array([outside(rng.integers(DRAWS + 1, size=(70, 1))) for _ in range(400)])
     assert 0.05 < found[0, 1] < 0.2  # of four, at 5 % or less
@@ -439,7 +426,7 @@ def test_the_kept_calibration_says_what_its_ranks_say():
     assert ((table["true_turning_point_kpa[2.5 mm]"] > 0) == (table["true_turns[2.5 mm]"] == 1)).all()
     assert 0 < table["true_turns[2.5 mm]"].sum() < len(table)
     shares = pd.read_csv(kept / "coverage.csv")["share"].to_numpy()
-    np.testing.assert_allclose(shares, [row["share"] for row in found.coverage()])
+    np.testing.assert_allclose(shares, found.coverage()["share"])
 
 
 @pytest.mark.parametrize("scale", RATING_SCALES.values(), ids=RATING_SCALES)

@@ -258,8 +258,8 @@ def test_replicates_that_ran_longer_or_did_not_converge_are_counted_and_kept():
     assert fine.passed
     said = fine.sentence()
     assert said.startswith("Calibrated: 100 replicates (0 ran longer than 2000 steps, 0 did not")
-    assert f"A posterior {fine.calibration.least_width.value:.2f} ± 0.01 times too narrow" in said
-    assert f"shifted by {fine.calibration.least_shift.value:.2f} ± 0.01 of its standard deviations" in said
+    assert f"A posterior {fine.calibration.least_width:.2f} times too narrow" in said
+    assert f"shifted by {fine.calibration.least_shift:.2f} of its standard deviations" in said
     late = Calibrated(even | {7: made_up(7, steps=9000), 8: made_up(8, converged=False)})
     assert late.passed
     assert "(1 ran longer than 2000 steps, 1 did not converge and was ranked by chains through" in late.sentence()
@@ -281,7 +281,7 @@ def test_replicates_ranked_through_the_truth_decide_but_give_no_power():
     # as many replicates with independent draws detect smaller faults
     assert found.calibration.least_width == Calibrated(fine).calibration.least_width
     twice = Calibrated({**fine, **{100 + k: one for k, one in fine.items()}})
-    assert twice.calibration.least_width.value < found.calibration.least_width.value
+    assert twice.calibration.least_width < found.calibration.least_width
     # without any, no fault would have been detected, but they do raise an alarm
     alone = Calibrated(through)
     assert not alone.passed
@@ -294,7 +294,7 @@ def test_few_replicates_are_too_few_to_tell():
     """Six of which half lie outside a 90 % interval raise no alarm, and are not called calibrated."""
     found = Calibrated({k: made_up(rank) for k, rank in enumerate((1, 2, 40, 55, 60, 98))})
     assert found.calibration.faults() == []
-    assert next(row for row in found.calibration.coverage() if row["mass"] == 0.9)["share"] == 0.5
+    assert found.calibration.coverage().set_index("mass")["share"][0.9] == 0.5
     said = found.sentence()
     assert said.startswith("Too few replicates: 6 replicates")
     assert "Calibrated" not in said

@@ -49,6 +49,7 @@ OTHERS: dict[str, object] = {
     "scale": SLIDER,
     "noise": 0.25,
     "exact_reweight": True,
+    "drift": True,
     "max_steps": 123,
     "quick": True,
     "max_seconds": 90.0,
@@ -64,8 +65,6 @@ OTHERS: dict[str, object] = {
     "force_n": 1.5,
     "round_load": 0.05,
     "drop_zeros": True,
-    "drift": True,
-    "steps_per_tau": 30.0,
     "wide": True,
 }
 """For every option that the command line has, a value that is not its default."""
