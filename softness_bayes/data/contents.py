@@ -313,8 +313,8 @@ def without_copies(table: Table) -> Table:
 def _chances_of_equal(table: Table, rows: Sequence[int], distinct: Sequence[int]) -> FloatArray:
     """Return the probability, roughly, that a rating is given again for the same touch.
 
-    It is that of an error of 30 % that rounding hides, or twice that of two equal ratings of different touches, if
-    this is larger.
+    It is that of an error of 30 % that rounding hides, or four times that of two equal ratings of different touches,
+    if this is larger; and at most 0.6, as on a scale of a few categories.
     """
     people = table.cells.get("participant", [""] * len(table))
     texts = [text.replace(",", ".") for text in table.cells[RATING.name]]
@@ -330,7 +330,7 @@ def _chances_of_equal(table: Table, rows: Sequence[int], distinct: Sequence[int]
     for i in rows:
         decimals = len((re.split("[eE]", texts[i])[0] + ".").split(".")[1])
         rounding = 10.0**-decimals / (0.75 * values[i]) if values[i] else 1.0
-        found.append(min(0.6, max(rounding, 1e-3 if decimals else 0.1, 2.0 * alike[people[i]])))
+        found.append(min(0.6, max(rounding, 1e-3 if decimals else 0.1, 4.0 * alike[people[i]])))
     return np.array(found)
 
 

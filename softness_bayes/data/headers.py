@@ -241,8 +241,7 @@ class Header:
         words = [*map(bag, LESS_CLEAR.get(self.kind.sheet, {}).get(name, ()))]
         if not words:
             return
-        bags = {j: (bag(self.titles[j].stem), bag(self.titles[j].text)) for j in self.free}
-        near = [*dict.fromkeys(j for word in words for j, own in bags.items() if word in own)]
+        near = [*dict.fromkeys(j for word in words for j in self.free if word in self.titles[j].bags)]
         likely = self._apart([j for j in near if self._may_be(name, j)])
         if len(likely) > 1 and name == "participant":
             ways = " or ".join(f"--column {name}={quoted(self.titles[j].text)}" for j in likely[:4])

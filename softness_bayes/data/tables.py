@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.data.columns import MISSING, RATING, Column
+from softness_bayes.data.columns import MISSING, RATING, Column, is_reversed
 from softness_bayes.data.decimals import plain
 from softness_bayes.data.faults import Fault, Faults, Hint, TableError, listing
 from softness_bayes.data.sheets import SheetNumber
@@ -121,7 +121,7 @@ class Table:
         """Add that some columns are missing, with the titles that there are and what may mend it."""
         hints: list[Hint] = [{}]
         for name in names:
-            may_be = [title for title, (own, _) in self.perhaps.items() if own == name][:3]
+            may_be = [title for title, (own, _) in self.perhaps.items() if own == name and not is_reversed(title)][:3]
             hints = [{**hint, name: title} for title in may_be for hint in hints if title not in hint.values()] or hints
         titles = [quoted(title) for title in (*self.titles.values(), *self.others)]
         remarks = dict.fromkeys(remark for name, remark in self.perhaps.values() if name in names and remark)

@@ -151,7 +151,7 @@ def names_of(quantity: str) -> str:
 @lru_cache(2**16)
 def key(title: str) -> str:
     """Return what a title shares with those that differ in case, Unicode form, spaces and punctuation only."""
-    text = unicodedata.normalize("NFKC", re.sub("(?<=[a-z])(?=[A-Z][a-zA-Z])", " ", title)).casefold()
+    text = unicodedata.normalize("NFKC", title).casefold()
     return " ".join(re.sub(r"[\W_]+", " ", unicodedata.normalize("NFKC", text)).split())
 
 
@@ -190,7 +190,8 @@ def analysed(text: str) -> Title:
     if power and unit is None:
         bare, unit, bracketed = _without_unit(bare)
     words = [word for word in key(bare).split() if len(word) > 1 or not word.isalpha()]
-    bags = {bag(text), bag(bare)} | ({bag(" ".join(words))} if len(words) > 1 else set())
+    apart = re.sub("(?<=[a-z])(?=[A-Z][a-zA-Z])", " ", bare)  # ResponseId
+    bags = {bag(text), bag(bare), bag(apart)} | ({bag(" ".join(words))} if len(words) > 1 else set())
     return Title(text, bare, unit, bracketed, power, frozenset(bags))
 
 

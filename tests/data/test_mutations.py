@@ -350,7 +350,7 @@ def damage(t, random):
 
 def meant(text: str, mark: str) -> float | None:
     """What a text means where `mark` stands before decimals; NaN if it is empty, None if it is no number."""
-    if text.casefold() in ("", "na", "n/a", "nan", "-"):
+    if text.strip().casefold() in ("", "na", "n/a", "nan", "-"):
         return np.nan
     text = text.translate(str.maketrans(".,", ",.")) if mark == "," else text
     if re.fullmatch(r"[+-]?[0-9]{1,3}(,[0-9]{3})+(\.[0-9]*)?", text):

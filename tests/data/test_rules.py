@@ -272,6 +272,21 @@ def test_a_hint_is_tried_before_it_is_given(file):
     assert refusal(Fabrics.read, file("fabric,B\na,3e-6\nb,5e-6\n")).endswith("--column bending_rigidity_n_m=B")
 
 
+@pytest.mark.parametrize(
+    ("header", "said"),
+    [
+        ("fabric,indentation_mm,Ada,Bo", "no column 'rating'; if its columns are people, call them P1, P2, …"),
+        ("participant,a_1,a_2,b_1", "if they are loads, write the unit, as in 'a_1 mm'"),
+        ("participant,cloth,indentation_mm,rating", "'2' is not a fabric of"),
+        ("fabric,indentation_mm,stiffness", "seems to be higher for harder"),
+    ],
+)
+def test_messages_say_what_mends_and_give_no_hint_that_misreads(file, header, said):
+    message = refusal(read, file, f"{header}\n1,2,3,4\n".replace(",4", "" if header.count(",") < 3 else ",4"))
+    assert said in message
+    assert "try:" not in message
+
+
 # names of one identity
 
 
@@ -311,10 +326,28 @@ def test_names_are_joined_within_and_between_tables(file):
 
 
 def test_repeats_survive_a_file(file):
-    repeated = "participant,fabric,indentation_mm,rating\n" + "P1,a,1,5\nP1,a,1,5\nP1,b,1,7\nP1,b,1,8\n"
-    found = Ratings.read(file(repeated))
+    """Equal ones too, which without numbers of trials would be taken for copies."""
+    both = "".join(line.replace(",1,", f",1,{t},", 1) + "\n" for t in (1, 2) for line in BARE.splitlines())
+    found = Ratings.read(file(HEAD + both))
     again = Ratings.read(file(ratings_csv(found), "again.csv"))
-    assert again.rating.tolist() == found.rating.tolist() == [5, 5, 7, 8]
+    assert again.rating.tolist() == found.rating.tolist()
+    assert len(again) == 24
+
+
+def test_repeats_on_a_coarse_scale_are_read_and_copied_blocks_refused(file):
+    random = np.random.default_rng(12)
+    latent = random.normal(0, 1.2, (6, 1)) + random.normal(0, 1.2, (1, 24))
+    first, second = (np.clip(np.round(4 + latent + random.normal(0, 0.6, (6, 24))), 1, 7) for _ in range(2))
+
+    def text(*sessions):
+        rows = [(p, k, y[p, k]) for y in sessions for p in range(6) for k in range(24)]
+        lines = [f"P{p},f{k // 2},{1 + k % 2},{value:g}" for p, k, value in rows]
+        return "\n".join(["participant,fabric,indentation_mm,rating", *lines]) + "\n"
+
+    assert np.mean(first == second) > 0.3
+    assert len(Ratings.read(file(text(first, second)))) == 288
+    second[2] = first[2]
+    assert "rows are copies of other rows" in refusal(Ratings.read, file(text(first, second)))
 
 
 # files
