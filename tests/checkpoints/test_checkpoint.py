@@ -24,7 +24,7 @@ from softness_bayes.sampler.sampling import walk
 from softness_bayes.sampler.target import Failure, Nonfinite
 from support.faults import named
 from support.full_disk import fill_disk
-from support.killable import SEED, WHAT, follow, settings
+from support.killable import SEED, WHAT, follow, same, settings
 from support.killable import fake_posterior as posterior_of_the_fake
 from support.paths import ROOT
 
@@ -41,31 +41,6 @@ def start(directory, steps=STEPS, processes=1, pause=0.001):
 def kill(process):
     process.kill()
     process.communicate()
-
-
-def same(one, other):
-    """Assert that two states are bit by bit the same, time apart."""
-    for name in ("phase", "steps", "stride", "due", "ended", "relearnt", "slow", "nonfinite"):
-        assert getattr(one, name) == getattr(other, name), name
-    for a, b in zip(one.ensembles, other.ensembles, strict=True):
-        np.testing.assert_array_equal(a.coordinates, b.coordinates)
-        np.testing.assert_array_equal(a.log_density, b.log_density)
-        assert a.random[0] == b.random[0]
-        assert a.random[2:] == b.random[2:]
-        np.testing.assert_array_equal(a.random[1], b.random[1])
-    for a, b in zip(one.map.bends, other.map.bends, strict=True):
-        np.testing.assert_array_equal(a, b)
-    for name in ("centre", "axes", "scale"):
-        np.testing.assert_array_equal(getattr(one.map, name), getattr(other.map, name))
-    if one.steps:
-        for name in ("coordinates", "log_density", "accepted"):
-            np.testing.assert_array_equal(getattr(one.chains, name), getattr(other.chains, name))
-    a, b = one.verdict, other.verdict
-    assert (a is None) == (b is None)
-    if a is not None:
-        assert (a.steps, a.tau_error, a.goal) == (b.steps, b.tau_error, b.goal)
-        np.testing.assert_array_equal(a.tau, b.tau)
-        np.testing.assert_array_equal(a.ess_between, b.ess_between)
 
 
 @pytest.fixture(scope="module")

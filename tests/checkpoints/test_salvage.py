@@ -9,7 +9,7 @@ from softness_bayes.errors import InputError, LockedError
 from softness_bayes.files.lock import Lock
 from softness_bayes.sampler.sampling import walk
 from support.faults import named
-from support.killable import SEED, WHAT, fake_posterior, settings
+from support.killable import SEED, WHAT, fake_posterior, same, settings
 
 STEPS = 100
 
@@ -51,12 +51,6 @@ def continued(directory):
     return said, begun, state
 
 
-def same_draws(one, other):
-    assert one.steps == other.steps
-    assert (one.chains.coordinates == other.chains.coordinates).all()
-    assert (one.chains.log_density == other.chains.log_density).all()
-
-
 @pytest.mark.parametrize("damage", [cut, flip, lambda path: path.unlink()], ids=["cut", "flip", "gone"])
 @pytest.mark.parametrize("part", ["manifest.json", "last", "second", "first"])
 def test_a_run_goes_on_from_its_last_whole_state(run, states, part, damage):
@@ -80,7 +74,7 @@ def test_a_run_goes_on_from_its_last_whole_state(run, states, part, damage):
     said, begun, last = continued(run)
     assert said == opened.damage
     assert begun.steps == left
-    same_draws(last, states[-1])
+    same(last, states[-1])
 
 
 def test_several_damaged_files_cost_as_much_as_the_worst(run, states):
@@ -90,7 +84,7 @@ def test_several_damaged_files_cost_as_much_as_the_worst(run, states):
     said, begun, last = continued(run)
     assert all(name in said for name in (names[-1], names[-3], "manifest.json"))
     assert f"continues from step {begun.steps}, the last intact state: the steps after it are lost" in said
-    same_draws(last, states[-1])
+    same(last, states[-1])
 
 
 def test_where_nothing_is_whole_the_run_is_refused_by_name(run):

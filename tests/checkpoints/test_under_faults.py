@@ -7,7 +7,7 @@ from softness_bayes.checkpoints import checkpoint as storage
 from softness_bayes.errors import SoftnessError
 from softness_bayes.sampler.sampling import walk
 from support.faults import STOPS, Killed, named, read_back, spoilt, stopped, written
-from support.killable import SEED, fake_posterior, settings
+from support.killable import SEED, fake_posterior, same, settings
 from support.randomness import SEED as TEST_SEED
 
 STEPS = 60
@@ -42,22 +42,7 @@ def place(state):
 def known(state, states):
     """Assert that a state is one of the run, bit by bit."""
     (one,) = (s for s in states if place(s) == place(state) and s.ended == state.ended)
-    for a, b in zip(one.ensembles, state.ensembles, strict=True):
-        np.testing.assert_array_equal(a.coordinates, b.coordinates)
-        np.testing.assert_array_equal(a.log_density, b.log_density)
-        np.testing.assert_array_equal(a.random[1], b.random[1])
-        assert a.random[2:] == b.random[2:]
-    np.testing.assert_array_equal(one.map.axes, state.map.axes)
-    assert (one.due, one.nonfinite) == (state.due, state.nonfinite)
-    if one.steps:
-        for name in ("coordinates", "log_density", "accepted"):
-            np.testing.assert_array_equal(getattr(one.chains, name), getattr(state.chains, name))
-
-
-def continued(state, states):
-    """Assert that a state leads to the draws of the run that nothing happened to."""
-    last = list(walk(fake_posterior(), settings(STEPS), SEED, state))[-1]
-    np.testing.assert_array_equal(last.chains.coordinates, states[-1].chains.coordinates)
+    same(one, state)
 
 
 def damaged(run, states, directory, random):
@@ -113,7 +98,7 @@ def inject(run, states, folder, seed, cases):
         else:
             ends.append(interrupted(kind, states, directory, random))
         if case % 25 == 0 and (state := read_back(directory)[0]) is not None:
-            continued(state, states)
+            same(list(walk(fake_posterior(), settings(STEPS), SEED, state))[-1], states[-1])
     return ends
 
 

@@ -54,7 +54,7 @@ TURNING = {f"inflection_{name}" for name in ("outcome", "e_fab_kpa", "ratio", "f
 def quickly():
     """Learn little in the pilot walk."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("softness_bayes.sampler.sampling.Settings", functools.partial(Settings, pilot=(50, 50), optima=1))
+        patch.setattr("softness_bayes.sampler.sampling.Settings", functools.partial(Settings, pilot=(20, 20), optima=1))
         yield
 
 
