@@ -89,7 +89,7 @@ def test_pairs_with_a_reference_have_thresholds_and_catch_trials(tmp_path):
     assert "against F4 at 1 N (72 pairs): judged equal at E_fab" in done.stdout
     assert "guess rate 0.333 (0.333 to 0.333)" in done.stdout
     assert "10 catch trials (a fabric with itself)" in done.stdout
-    assert "the first one in 9 of these" in done.stdout
+    assert "the first one in 9 of 10 (90 % interval 67 to 98 %)" in done.stdout
     assert "72 comparisons of two fabrics" in done.stdout
     refused = call(*data, "--guess", "often", cwd=tmp_path)
     assert refused.returncode == 2
