@@ -284,7 +284,8 @@ def without_copies(table: Table) -> Table:
     """
     if RATING.name not in table or holds_cells(table.cells) or SECOND_FABRIC in table:
         return table
-    every = [*zip(*table.cells.values(), *table.others.values(), strict=True)]
+    others = [texts for title, texts in table.others.items() if title != "sheet"]  # sheets may be copies of each other
+    every = [*zip(*table.cells.values(), *others, strict=True)]
     first: dict[tuple[str, ...], int] = {}
     copies = [i for i, row in enumerate(every) if first.setdefault(row, i) != i and table.cells[RATING.name][i]]
     if not copies or len(first) < 2:
@@ -307,6 +308,7 @@ def without_copies(table: Table) -> Table:
         f"{counted(len(copies), 'row is a copy', 'rows are copies')} of other rows ({equal}): remove them; or, if they "
         "are further trials, number these in a column 'trial'"
     )
+    table.check()
     return table
 
 

@@ -58,6 +58,7 @@ def identity(name: str) -> tuple[str, ...]:
     text = look(name)
     if re.fullmatch(r"[+-]?[0-9]{1,30}(?:[.,][0-9]{1,30})?", text):
         return (f"{Decimal(text.replace(',', '.')).normalize():f}",)
+    text = re.sub(r"(?<=[0-9])[.,]0+$", "", text)
     apart = "".join(" " if c in _BETWEEN or unicodedata.category(c) in ("Pd", "Zs") else c for c in text)
     parts: list[str] = []
     for part in re.findall(r"\d+|[^\d\s]+", apart):

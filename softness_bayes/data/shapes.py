@@ -222,22 +222,31 @@ def _is_load(text: str) -> bool:
 
 
 def _with_loads(titles: list[str], second: list[str], below: Rows) -> Joined:
-    """Return titles of fabrics with the loads below them; a fabric stands once before several, as in merged cells."""
-    loaded = [j for j, text in enumerate(second) if _is_load(text)]
-    others = [j for j, text in enumerate(second) if text and j not in loaded]
-    measured = any(quantity_of(OWNERS.get(bag(titles[j]), "fabric")) for j in loaded)
-    if len(loaded) < 2 or measured or any(titles[j] for j in others):
+    """Return titles of fabrics under loads, of which the upper ones stand once before several, as in merged cells."""
+    for upper in (second, titles):
+        loaded = [j for j, text in enumerate(upper) if _is_load(text)]
+        if len(loaded) > 1:
+            break
+    else:
         return None
-    found, fabric = list(titles), ""
+    under = upper is titles  # fabrics below the loads
+    filled = [j for j, text in enumerate(second) if text and (j >= loaded[0] if under else j in loaded)]
+    measured = any(quantity_of(OWNERS.get(bag((second if under else titles)[j]), "fabric")) for j in filled)
+    if measured or any(titles[j] for j, text in enumerate(second) if text and j not in filled):
+        return None
+    found, carried = list(titles), ""
     for j in range(len(titles)):
-        if j in loaded:
-            fabric = titles[j] or fabric
-            if not fabric:
+        if j in filled:
+            carried = titles[j] or carried
+            if not carried:
                 return None
-            found[j] = f"{fabric} @ {second[j]}"
+            found[j] = f"{second[j]} @ {carried}" if under else f"{carried} @ {second[j]}"
         else:
-            found[j], fabric = titles[j] or second[j], ""
-    return found, f"the second row contains loads: {listing([quoted(found[j]) for j in loaded])}"
+            found[j], carried = titles[j] or second[j], ""
+    return (
+        found,
+        f"{'the first' if under else 'the second'} row contains loads: {listing([quoted(found[j]) for j in filled])}",
+    )
 
 
 # columns, where the header is known

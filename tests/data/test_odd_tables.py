@@ -57,6 +57,7 @@ def test_data_are_no_units(row):
         ",cotton,cotton,silk,silk\nparticipant,1 N,2 mm,1 N,2 mm\n",
         "participant,cotton,,silk,\n,1 N,2 mm,1 N,2 mm\n",
         "participant,cotton,,silk,\nparticipant,1N,2mm,1N,2mm\n",
+        "participant,1 N,2 mm,1 N,2 mm\n,cotton,cotton,silk,silk\n",
     ],
 )
 def test_loads_below_fabrics_are_read(file, head):

@@ -295,6 +295,7 @@ def test_messages_say_what_mends_and_give_no_hint_that_misreads(file, header, sa
     [
         ("1", "1.0", True),
         ("01", "1", True),
+        ("judge 3", "Judge 3.00", True),
         ("P1", "p-01", True),
         ("T-shirt", "Tshirt", True),
         ("café", "cafe\u0301", True),

@@ -169,6 +169,14 @@ def test_sheets_of_which_several_may_be_meant_are_named(tmp_path):
         Fabrics.read(path)
 
 
+def test_sheets_that_are_copies_of_each_other_are_refused(tmp_path):
+    frame = pd.DataFrame(
+        {"participant": ["P1"] * 6, "fabric": [*"abcdef"], "force_n": 1.0, "rating": [2.5, 7.1, 4.4, 9.3, 6.2, 8.8]}
+    )
+    path = book(tmp_path / "study.xlsx", raw=frame, clean=frame)
+    assert "6 rows are copies of other rows" in refusal(Ratings.read, path)
+
+
 def test_damaged_workbooks_and_others_are_refused(tmp_path):
     pytest.importorskip("openpyxl")
     path = tmp_path / "ratings.xlsx"
