@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import itertools
 import math
 
 import numpy as np
@@ -11,7 +10,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from scipy import integrate
 
 from softness_bayes.data import Ratings, write_ratings
 from softness_bayes.data.columns import BEARABLE, FINGERTIP, summarises
@@ -19,7 +17,6 @@ from softness_bayes.data.faults import identity
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.scales import FALLS, RISES
-from softness_bayes.parameters.laws import HalfNormal, LogNormal, Normal, Uniform
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import Readings
@@ -136,14 +133,6 @@ def test_the_attenuated_pressure_has_a_unit_of_stress(smooth_firing, paper):
 
 
 @FEW
-@given(st.lists(touched(), min_size=2, max_size=6))
-def test_a_batch_is_its_single_vectors(scene, several):
-    together = scene.total_rate(TouchParameters(*(np.array(value) for value in zip(*several, strict=True))))
-    alone = np.array([scene.total_rate(parameters) for parameters in several])
-    np.testing.assert_allclose(together, alone, rtol=1e-12)
-
-
-@FEW
 @given(touched())
 def test_no_more_receptors_than_there_are_and_none_without_a_rate(scene, parameters):
     found = scene.respond(parameters)
@@ -239,38 +228,6 @@ def test_likelihood_sees_ratios_of_rates_only(case, factor):
     observed = LogRatings(ratings, design)
     found = observed.log_likelihood(factor * rate, parameters.replace(eps=0.1 * factor))
     assert float(found) == pytest.approx(float(observed.log_likelihood(rate, parameters)), rel=1e-9, abs=1e-8)
-
-
-# the priors
-
-PRIORS = st.one_of(
-    st.builds(LogNormal, in_decades(1e-3, 1e6), st.floats(0.02, 1.5)),
-    st.builds(LogNormal, in_decades(1e-3, 1e3), st.floats(0.02, 1.0), st.floats(0.02, 0.5)),
-    st.builds(HalfNormal, in_decades(1e-3, 1e3)),
-    st.builds(Normal, st.floats(-100, 100), in_decades(1e-2, 1e2)),
-    st.tuples(st.floats(-100, 100), in_decades(1e-2, 1e2)).map(lambda t: Uniform(t[0], t[0] + t[1])),
-)
-
-
-@FEW
-@given(PRIORS)
-def test_every_prior_integrates_to_its_own_distribution_function(prior):
-    p = np.array([1e-6, 0.02, 0.3, 0.5, 0.8, 0.99, 1 - 1e-6])
-    x = prior.quantile(p)
-    # x itself is rounded, which moves the probability by its density; and so is 1 - p
-    rounding = np.spacing(np.abs(x)) * np.exp(prior.log_density(x)) + np.finfo(float).eps
-    assert (np.abs(prior.cumulative(x) - p) <= 1e-10 * p + 4 * rounding).all()
-    for (low, high), share in zip(itertools.pairwise(x), np.diff(p), strict=True):
-        mass, _ = integrate.quad(lambda at: math.exp(prior.log_density(at)), low, high, epsabs=0, epsrel=1e-10)
-        assert mass == pytest.approx(share, rel=1e-6)
-
-
-@FEW
-@given(in_decades(1e-3, 1e3), st.floats(0.02, 1.5), in_decades(1e-3, 1e3), st.floats(-3, 3))
-def test_lognormal_knows_no_unit(median, sd, factor, deviate):
-    x = median * math.exp(sd * deviate)
-    found = LogNormal(factor * median, sd).log_density(factor * x)
-    assert float(found) == pytest.approx(float(LogNormal(median, sd).log_density(x)) - math.log(factor), abs=1e-9)
 
 
 # the tables

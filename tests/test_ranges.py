@@ -12,9 +12,8 @@ from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError
 from softness_bayes.model.scenes import touch_parameters, usual_values
 from softness_bayes.model.simulation import simulate_ratings
-from softness_bayes.parameters.choice import parameter_space, require_values
+from softness_bayes.parameters.choice import require_values
 from softness_bayes.parameters.declared import EVERY_PARAMETER, PARAMETERS
-from softness_bayes.parameters.laws import HalfNormal, LogNormal, Normal, Uniform
 from softness_bayes.parameters.priors import parse_prior
 from softness_bayes.ranges import FORCES, INDENTATIONS, PARTICIPANTS, PROCESSES, STEPS, Count, Range
 from softness_bayes.sampler.sampling import Settings
@@ -86,21 +85,6 @@ def test_the_chain_answers_at_every_corner_of_the_ranges(readings, smooth_firing
 def test_priors_without_width_or_beyond_floating_point_are_refused_with_the_range(text):
     with pytest.raises(InputError, match="expected a"):
         parse_prior(text)
-
-
-@pytest.mark.parametrize(
-    "prior", [LogNormal(80, 5.0), LogNormal(80, 0.3, 1e-6), LogNormal(80, 1e-6), Normal(1, 2e-6), Uniform(1, 1 + 2e-6)]
-)
-def test_the_narrowest_and_widest_priors_can_be_drawn_from(prior):
-    draws = prior.draw(np.random.default_rng(0), 2000)
-    assert np.isfinite(prior.log_density(draws)).all()
-    assert np.unique(draws).size > 100
-
-
-def test_a_prior_lies_where_its_parameter_does():
-    for prior in (LogNormal(1e7, 0.3), Uniform(0, 1e7), HalfNormal(1e-9)):
-        with pytest.raises(InputError, match=r"prior of b: median of .* expected a number from 1e-06 to"):
-            parameter_space(priors={"b": prior})
 
 
 def test_loads_are_checked_where_they_are_made():

@@ -1,7 +1,5 @@
 """The posterior density of a fake scene: its parts, its coordinates, where it ends."""
 
-import pickle
-
 import numpy as np
 import pytest
 from scipy import integrate
@@ -107,8 +105,3 @@ def test_where_the_prior_hardly_fires_starts_are_of_a_wider_one():
     assert ((posterior.mean_rate(posterior.natural(z)) > 0).sum(axis=-1) >= 3).all()
     assert np.isfinite(posterior(z)).all()
     np.testing.assert_array_equal(*(posterior.draw_start(np.random.default_rng(9), 8) for _ in range(2)), strict=True)
-
-
-def test_a_posterior_travels_to_a_worker(posterior):
-    z = posterior.draw_start(np.random.default_rng(5), 4)
-    np.testing.assert_array_equal(pickle.loads(pickle.dumps(posterior))(z), posterior(z))

@@ -216,15 +216,3 @@ def test_vanishing_errors_give_the_likelihood_of_known_moduli():
     drawn = nearly.space.draw_prior(np.random.default_rng(1), 20)
     drawn[:, :2] = theta
     assert_allclose(nearly.log_likelihood(drawn), known.log_likelihood(theta), rtol=0, atol=0.02)
-
-
-def test_fabrics_that_are_known_alike_are_exchangeable():
-    """Names and places of fabrics do not matter: with their ratings exchanged, their moduli are too."""
-    cloth = Fabrics(("a", "b", "c"), effective_modulus=np.array([90.0, 90.0, 400.0]) * KPA)
-    ratings = made(cloth)
-    swapped = replace(ratings, fabric=np.array([1, 0, 2])[ratings.fabric])
-    options = ModelOptions(fix=held("gamma"), modulus_cv=0.3, discretisation=FINE)
-    one, other = (build(Experiment(each, cloth, ()), options).posterior for each in (ratings, swapped))
-    theta = one.space.draw_prior(np.random.default_rng(2), 12)
-    assert_allclose(other.log_likelihood(theta[:, [0, 2, 1, 3]]), one.log_likelihood(theta), rtol=0, atol=1e-9)
-    assert np.abs(other.log_likelihood(theta) - one.log_likelihood(theta)).max() > 1e-3

@@ -21,7 +21,7 @@ from softness_bayes.likelihood.scales import STANDARDISED
 from softness_bayes.likelihood.uncertain_loads import UncertainLoads
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.model.scenes import at_other_loads, scaled, scene_of, touch_parameters, usual_values
+from softness_bayes.model.scenes import scaled, scene_of, touch_parameters, usual_values
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.parameters.laws import HalfNormal
@@ -63,27 +63,6 @@ def test_the_error_of_a_load_is_that_of_its_row_or_else_of_all():
     assert_allclose(ratings.load_log_sd()[1:], 0.0)
     drawn = np.exp(ratings.load_log_sd()[0] * np.random.default_rng(0).standard_normal(200_000))
     assert_allclose(drawn.std() / drawn.mean(), 0.1, rtol=0.01)
-
-
-def test_touches_and_the_loads_beside_them():
-    experiment = made(participants=2)
-    conditions = experiment.ratings.conditions
-    log_sd = np.where(conditions.load[conditions.of_rating] == 1, 0.1, 0.0)
-    log_sd[0] = 0.2
-    posterior = build(experiment, ModelOptions(fix=held("gamma"), discretisation=FINE)).posterior
-    errors = LoadErrors.of(posterior.observation.design, log_sd)
-    assert_allclose(np.stack([errors.condition, errors.log_sd], 1)[errors.of_row, 0], conditions.of_rating)
-    assert_allclose(errors.log_sd[errors.of_row], log_sd)
-    touched = at_other_loads(posterior.scene, errors)
-    size = errors.condition.size
-    for touch, (condition, sd) in enumerate(zip(errors.condition, errors.log_sd, strict=True)):
-        for side, z in enumerate((-np.sqrt(3.0), np.sqrt(3.0))):
-            k = touch + side * size
-            assert touched.fabric[k] == conditions.fabric[condition]
-            stated = experiment.ratings.loads[conditions.load[condition]]
-            assert touched.loads[touched.load[k]] == scaled(stated, float(np.exp(z * sd)))
-    with pytest.raises(InputError, match="0 or above"):
-        LoadErrors.of(posterior.observation.design, -log_sd)
 
 
 # the posterior

@@ -68,10 +68,6 @@ def test_no_flipped_bit_changes_what_is_loaded(small, tmp_path, rng):
     assert refused > 75
 
 
-def test_no_flipped_bit_changes_what_is_loaded_of_a_run(runs, tmp_path, rng):
-    assert sum(flips(runs / "skin", tmp_path, rng, 5)) == 5
-
-
 def test_damage_is_found_before_hdf5_reads_the_file(small, tmp_path, rng, monkeypatch):
     """Some flipped bits send HDF5 into an endless loop."""
     whole, path = bytearray((small / "posterior.nc").read_bytes()), tmp_path / "posterior.nc"

@@ -72,28 +72,6 @@ def test_fabrics_of_one_response_tie(ranking):
         assert "no receptor fires in 100 % of the draws" in rows.loc["a", "remarks"]
 
 
-def test_places_and_pairs_agree_with_each_other(ranking):
-    place = ranking.place_table.pivot_table("probability", ["load", "fabric"], "place").fillna(0.0)
-    assert_allclose(place.sum(axis=1), 1.0)
-    assert_allclose(place.groupby("load").sum(), 1.0)
-    mean = (place * place.columns).sum(axis=1)
-    given = ranking.table.set_index(["load", "fabric"])["place"]
-    assert_allclose(mean, given[mean.index])
-    pairs = ranking.pair_table
-    assert len(pairs) == 2 * 15
-    assert_allclose(pairs[["p_softer", "p_tie", "p_harder"]].sum(axis=1), 1.0)
-    # a fabric's mean place is one more than the expected number of softer fabrics, ties counting half
-    softer = dict.fromkeys(given.index, 1.0)
-    for row in pairs.itertuples():
-        softer[row.load, row.other] += row.p_softer + 0.5 * row.p_tie
-        softer[row.load, row.fabric] += row.p_harder + 0.5 * row.p_tie
-    assert_allclose([softer[key] for key in given.index], given)
-    following = pairs.set_index(["load", "fabric", "other"])["p_softer"]
-    rows = ranking.table.iloc[:6]
-    said = [following["2 mm", one, other] for one, other in zip(rows["fabric"][:-1], rows["fabric"][1:], strict=True)]
-    assert_allclose(rows["p_softer_than_next"][:-1], said)
-
-
 def test_probabilities_are_shares_of_draws_counted_one_by_one(ranking):
     """Each draw's ratings sorted and compared by hand; ratings that differ by rounding alone are equal."""
     for one in ranking.loads:
@@ -110,6 +88,13 @@ def test_probabilities_are_shares_of_draws_counted_one_by_one(ranking):
                 places[name] += order.index(rating) + 1 + (order.count(rating) - 1) / 2
         told = ranking.table[ranking.table["load"] == str(one.load)].set_index("fabric")["place"]
         assert_allclose(told[[*NEW.names]], np.array([*places.values()]) / len(draws))
+        rows = ranking.table[ranking.table["load"] == str(one.load)]
+        following = table.set_index(["fabric", "other"])["p_softer"]
+        said = [following[pair] for pair in zip(rows["fabric"][:-1], rows["fabric"][1:], strict=True)]
+        assert_allclose(rows["p_softer_than_next"][:-1], said)
+    place = ranking.place_table.pivot_table("probability", ["load", "fabric"], "place").fillna(0.0)
+    assert_allclose(place.sum(axis=1), 1.0)
+    assert_allclose(place.groupby("load").sum(), 1.0)
 
 
 def test_too_many_fabrics_are_refused(result):
