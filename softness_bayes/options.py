@@ -19,6 +19,7 @@ import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields
 from functools import cached_property, partial
+from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, ClassVar, Self, TypeVar
@@ -30,6 +31,12 @@ Described = TypeVar("Described", bound="Options")
 
 AUTO = "auto"
 """The word that leaves a choice to the data; in Python and in records it is None."""
+
+
+def later(place: str) -> Any:
+    """Return the object at MODULE:NAME of this package, imported when it is needed, so that help needs no NumPy."""
+    module, _, name = place.partition(":")
+    return getattr(import_module(module), name)
 
 
 class Kind:
@@ -47,6 +54,10 @@ class Kind:
     """Words that the value may be, if there are few."""
     group = ""
     """Group of entry points from which a value that is not among the choices may come."""
+    of = ""
+    """MODULE:NAME of the class of the values, if they are not texts."""
+    such_as = "a text"
+    """Examples of values, for messages."""
 
     def accept(self, name: str, value: Any) -> Any:
         """Return a value given in Python in its final form.
@@ -56,7 +67,7 @@ class Kind:
         InputError
             Naming the option, if it cannot have this value.
         """
-        require_kind(name, value, str, "a text")
+        require_kind(name, value, later(self.of) if self.of else str, self.such_as)
         return value
 
     def parse(self, text: Any) -> Any:

@@ -7,7 +7,7 @@ whose fields are attributes; families of attributes such as ``reading_pressure``
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, dataclass, fields, replace
 from importlib.metadata import version
 from types import MappingProxyType
@@ -216,13 +216,6 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class ResidualChecks:
-    """Checks of the residuals of fabrics, conditions and participants."""
-
-    findings: tuple[Finding, ...] = ()
-
-
-@dataclass(frozen=True)
 class Silence:
     """Shares of draws without firing, and of contacts outside the range of Hertz's theory."""
 
@@ -332,14 +325,10 @@ class Provenance:
         return self._section(NumericalErrors)
 
     @property
-    def residuals(self) -> ResidualChecks:
-        """Checks of the residuals."""
-        return self._section(ResidualChecks)
-
-    @property
     def findings(self) -> dict[str, Finding]:
         """Findings of the checks of residuals, by quantity."""
-        return {one.quantity: one for one in self.residuals.findings}
+        every = [_finding(one) for one in parse_json(str(self.attributes.get("findings", "[]")))]
+        return {one.quantity: one for one in every}
 
     @property
     def silence(self) -> Silence:
@@ -421,10 +410,14 @@ class _Codec(NamedTuple):
     write: Callable[[Any], Any]
 
 
-def _known(finding: Finding) -> dict[str, Any]:
-    """Return the fields of a finding that have a value other than their default."""
-    found = {each.name: (getattr(finding, each.name), each.default) for each in fields(finding)}
-    return {name: value for name, (value, default) in found.items() if value not in (default, ()) and value == value}
+def findings_attribute(findings: Iterable[Finding]) -> dict[str, str]:
+    """Return findings as an attribute, without what is as by default."""
+    usual = {each.name: each.default for each in fields(Finding)}
+    known = [
+        {name: value for name, value in vars(one).items() if value not in (usual[name], ()) and value == value}
+        for one in findings
+    ]
+    return {"findings": as_json(known, "findings of the run")}
 
 
 def _finding(known: Mapping[str, Any]) -> Finding:
@@ -444,10 +437,6 @@ _CODECS: Mapping[str, _Codec] = MappingProxyType(
         ),
         "Mapping[str, Any]": _Codec(
             lambda value: parse_json(str(value)), lambda value: as_json(value, "options of the run")
-        ),
-        "tuple[Finding, ...]": _Codec(
-            lambda value: tuple(_finding(one) for one in parse_json(str(value))),
-            lambda value: as_json([_known(one) for one in value], "findings of the run"),
         ),
         "RatingDirection": _Codec(lambda value: direction_named(str(value)), lambda value: value.name),
         "Scale": _Codec(lambda value: scale_named(str(value)), name_of_scale),

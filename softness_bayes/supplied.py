@@ -162,18 +162,12 @@ def reference(value: Any) -> str | None:
 
     The running script is not searched, because no later command can import it.
     """
-    try:
-        return _found(value)
-    except (LookupError, TypeError):  # not found, or not hashable
-        return next(_references(value, _modules()), None)
-
-
-@cache
-def _found(value: Any) -> str:
-    """Return the importable name of a hashable value; raise `LookupError`, which is not cached, if it has none."""
-    for name in _references(value, _modules()):
-        return name
-    raise LookupError
+    modules = [
+        (name, module)
+        for name, module in list(sys.modules.items())
+        if isinstance(module, ModuleType) and name.partition(".")[0] not in (SCRIPT, "__mp_main__", PACKAGE)
+    ]
+    return next(_references(value, modules), None)
 
 
 def require_reference(what: str, value: Any) -> str:
@@ -202,34 +196,19 @@ def require_reference(what: str, value: Any) -> str:
     )
 
 
-def _modules() -> list[tuple[str, ModuleType]]:
-    return [
-        (name, module)
-        for name, module in list(sys.modules.items())
-        if isinstance(module, ModuleType) and name.partition(".")[0] not in (SCRIPT, "__mp_main__", PACKAGE)
-    ]
-
-
 def _references(value: Any, modules: list[tuple[str, ModuleType]]) -> Iterator[str]:
     """Return the names of a value in some modules; an equal copy, as in a worker process, counts."""
     if isinstance(value, type) or (callable(value) and hasattr(value, "__qualname__")):
         for name, module in modules:
-            if name == value.__module__ and _at(module, value.__qualname__) is value:
+            found: Any = module if name == value.__module__ else None
+            for part in value.__qualname__.split("."):
+                found = getattr(found, part, None)
+            if found is value:
                 yield f"{name}:{value.__qualname__}"
         return
     for exactly in (True, False):
         for name, module in modules:
             for attribute, other in list(vars(module).items()):
-                if other is value if exactly else _alike(other, value):
+                same = other is value if exactly else type(other) is type(value) and is_dataclass(value)
+                if same and (exactly or other == value):
                     yield f"{name}:{attribute}"
-
-
-def _alike(other: Any, value: Any) -> bool:
-    return type(other) is type(value) and is_dataclass(value) and bool(other == value)
-
-
-def _at(module: ModuleType, path: str) -> Any:
-    found: Any = module
-    for part in path.split("."):
-        found = getattr(found, part, None)
-    return found

@@ -23,10 +23,10 @@ from softness_bayes.provenance import (
     Provenance,
     RatingData,
     RatingSettings,
-    ResidualChecks,
     Silence,
     attributes_of,
     family_of,
+    findings_attribute,
 )
 from softness_bayes.results.lookup import MissingError, Named
 from softness_bayes.touch.readings import MENDED, NAMED_READINGS
@@ -38,12 +38,6 @@ SECTIONS = {
     "rating_model": RatingSettings(0.5, STANDARDISED, 1e-3, "12 nodes", "student", "heavy tails", "whole numbers"),
     "rating_data": RatingData("abc", "def", 4),
     "errors": NumericalErrors(1e-4, 1e-5, "Exact enough.", 0.01, 0.03, 0.99, 0.4, True, 0.02),
-    "residuals": ResidualChecks(
-        (
-            Finding("fabrics", 0.1, 0.2, 0.3, False, ("--prior a", "b"), 3, "felt", 0.4, 0.5, "log rating"),
-            Finding("noise", np.nan, modelled=True),
-        )
-    ),
     "silence": Silence(0.1, 0.2, 0.3, 0.4, 0.5, 0.6),
     "plate": PlateData("123", 2, 4.0, 2.2, 2.0, 2.4, 0.5),
 }
@@ -58,6 +52,13 @@ def test_a_section_comes_back_as_it_was_written(name, section):
     assert all(isinstance(value, (str, int, float)) and not isinstance(value, bool) for value in written.values())
     assert all(value == value for value in written.values())  # a missing number equals itself on some Pythons alone
     assert getattr(Provenance(written), name) == section
+
+
+def test_findings_come_back_as_they_were_written():
+    whole = Finding("fabrics", 0.1, 0.2, 0.3, False, ("--prior a", "b"), 3, "felt", 0.4, 0.5, "log rating")
+    found = Provenance(findings_attribute([whole, Finding("noise", np.nan, modelled=True)])).findings
+    assert found["fabrics"] == whole
+    assert (found["noise"].modelled, found["noise"].advice, np.isnan(found["noise"].p_value)) == (True, (), True)
 
 
 def test_families_are_read_without_what_only_begins_like_them():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Self
 
@@ -19,9 +20,7 @@ from softness_bayes.likelihood.scales import (
     RATING_SCALES,
     RatingDirection,
     Scale,
-    direction_named,
     name_of_scale,
-    scale_named,
 )
 from softness_bayes.likelihood.scales import require_name as require_scale
 from softness_bayes.options import (
@@ -34,6 +33,7 @@ from softness_bayes.options import (
     NumbersByName,
     Options,
     described,
+    later,
     option,
 )
 from softness_bayes.ranges import (
@@ -45,7 +45,6 @@ from softness_bayes.ranges import (
     RESOLUTIONS,
     SHARED_LOAD_ERRORS,
     SHARED_MODULUS_ERRORS,
-    require_kind,
 )
 from softness_bayes.supplied import installed
 
@@ -55,6 +54,9 @@ if TYPE_CHECKING:
     from softness_bayes.touch.contact import Finger
     from softness_bayes.touch.readings import Readings
     from softness_bayes.touch.scene import Discretisation
+
+
+_MENDED = "softness_bayes.touch.readings:MENDED"
 
 
 class FixedValues(NumbersByName):
@@ -146,13 +148,11 @@ class ReadingsByPlace(ByName):
 
     metavar = "SET|PLACE=NAME"
 
-    def accept(self, name: str, value: Any) -> Readings:
-        """Return readings."""
-        from softness_bayes.touch.readings import Readings
-
-        require_kind(name, value, Readings, "Readings, such as NAMED_READINGS['printed'] or Readings(pressure=...)")
-        readings: Readings = value
-        return readings
+    of, such_as = (
+        "softness_bayes.touch.readings:Readings",
+        "Readings, such as NAMED_READINGS['printed'] or Readings(pressure=...)",
+    )
+    accept = Kind.accept
 
     def parse(self, texts: Sequence[str]) -> Readings:
         """Return the readings of texts such as pressure=hertz; one without = names the set that they change."""
@@ -173,7 +173,8 @@ class ReadingsByPlace(ByName):
 
     def restore(self, stored: Mapping[str, str]) -> Readings:
         """Return the readings of names."""
-        return _mended().override(stored)
+        readings: Readings = later(_MENDED).override(stored)
+        return readings
 
     def complete(self, incomplete: str) -> Iterable[str]:
         """Return the named sets and the places, or the readings of a place."""
@@ -188,13 +189,8 @@ class ReadingsByPlace(ByName):
 class FingerValues(NumbersByName):
     """Values of a finger by name, which differ from those of the default finger."""
 
-    def accept(self, name: str, value: Any) -> Finger:
-        """Return a finger."""
-        from softness_bayes.touch.contact import Finger
-
-        require_kind(name, value, Finger, "a Finger, such as Finger(receptor_depth=0.6e-3)")
-        finger: Finger = value
-        return finger
+    of, such_as = "softness_bayes.touch.contact:Finger", "a Finger, such as Finger(receptor_depth=0.6e-3)"
+    accept = Kind.accept
 
     def parse(self, texts: Sequence[str]) -> Finger:
         """Return the finger of texts such as receptor_depth_mm=0.6."""
@@ -268,7 +264,7 @@ class Chosen(Kind):
     such_as
         Examples, for messages.
     of, named
-        Return the class of the objects, and the object of a name.
+        MODULE:NAME of the class of the objects, and of a function that returns the object of a name.
     name_of
         Returns the name of an object.
     group
@@ -279,22 +275,17 @@ class Chosen(Kind):
         self,
         choices: tuple[str, ...],
         such_as: str,
-        of: Callable[[], type],
-        named: Callable[[str], Any],
+        of: str,
+        named: str,
         name_of: Callable[[Any], str] = attrgetter("name"),
         group: str = "",
     ) -> None:
-        self.choices, self.group, self._such_as = choices, group, such_as
-        self._of, self._named, self._name_of = of, named, name_of
-
-    def accept(self, name: str, value: Any) -> Any:
-        """Return an object of the class."""
-        require_kind(name, value, self._of(), self._such_as)
-        return value
+        self.choices, self.such_as, self.of, self.group = choices, such_as, of, group
+        self._named, self._name_of = named, name_of
 
     def parse(self, text: str) -> Any:
         """Return the object of a name."""
-        return None if text == AUTO else self._named(text)
+        return None if text == AUTO else later(self._named)(text)
 
     def write(self, value: Any) -> str:
         """Return the name."""
@@ -304,47 +295,16 @@ class Chosen(Kind):
 class Resolution(Kind):
     """Resolutions of the scene, for Python alone."""
 
-    def accept(self, name: str, value: Any) -> Discretisation:
-        """Return a resolution."""
-        from softness_bayes.touch.scene import Discretisation
-
-        require_kind(name, value, Discretisation, "a Discretisation or None")
-        resolution: Discretisation = value
-        return resolution
+    of, such_as = "softness_bayes.touch.scene:Discretisation", "a Discretisation or None"
 
     def parse(self, text: str) -> Discretisation:
         """Return the resolution of its fields as JSON."""
-        from softness_bayes.touch.scene import Discretisation
-
-        return Discretisation(**parse_json(text))
+        resolution: Discretisation = later(self.of)(**parse_json(text))
+        return resolution
 
     def write(self, value: Discretisation) -> str:
         """Return the fields as JSON."""
         return json.dumps(asdict(value))
-
-
-def _mended() -> Readings:
-    from softness_bayes.touch.readings import MENDED
-
-    return MENDED
-
-
-def _usual_finger() -> Finger:
-    from softness_bayes.touch.contact import Finger
-
-    return Finger()
-
-
-def _error_law() -> type[ErrorLaw]:
-    from softness_bayes.likelihood.error_laws import ErrorLaw
-
-    return ErrorLaw
-
-
-def _error_law_named(name: str) -> ErrorLaw:
-    from softness_bayes.likelihood.error_laws import error_law_named
-
-    return error_law_named(name)
 
 
 @described
@@ -377,7 +337,7 @@ class ModelOptions(Options):
     readings: Readings = option(
         ReadingsByPlace(),
         flag="--reading",
-        default_factory=_mended,
+        default_factory=partial(later, _MENDED),
         help="Named set of readings of the model's equations: mended (the default), printed or hertz; or another "
         "reading of one equation, such as pressure=hertz, or a custom one, such as pressure=mymodule:mine. "
         "'list readings' shows them.",
@@ -388,8 +348,8 @@ class ModelOptions(Options):
         Chosen(
             (AUTO, FREE.name, *RATING_DIRECTIONS),
             "RISES, FALLS, FREE or None",
-            lambda: RatingDirection,
-            direction_named,
+            "softness_bayes.likelihood.scales:RatingDirection",
+            "softness_bayes.likelihood.scales:direction_named",
         ),
         None,
         "--direction",
@@ -403,7 +363,7 @@ class ModelOptions(Options):
     finger: Finger = option(
         FingerValues(),
         flag="--finger",
-        default_factory=_usual_finger,
+        default_factory=lambda: later(FingerValues.of)(),
         help="One value of the finger, such as receptor_depth_mm=0.6. Names: radius_mm, receptor_depth_mm, "
         "poisson_ratio, pad_length_mm, pad_width_mm, contact_x_mm or contact_y_mm. A --prior of "
         "radius or receptor_depth samples it instead.",
@@ -463,7 +423,12 @@ class ModelOptions(Options):
         affects_draws=True,
     )
     errors: ErrorLaw | None = option(
-        Chosen((AUTO, *ERRORS), "NORMAL, STUDENT, LAPSES or None", _error_law, _error_law_named),
+        Chosen(
+            (AUTO, *ERRORS),
+            "NORMAL, STUDENT, LAPSES or None",
+            "softness_bayes.likelihood.error_laws:ErrorLaw",
+            "softness_bayes.likelihood.error_laws:error_law_named",
+        ),
         None,
         "--errors",
         "Distribution of the errors of log ratings: normal, student (Student's t with sampled degrees of "
@@ -514,8 +479,8 @@ class ModelOptions(Options):
         Chosen(
             tuple(RATING_SCALES),
             "a Scale, such as SLIDER or CATEGORIES",
-            lambda: Scale,
-            scale_named,
+            "softness_bayes.likelihood.scales:Scale",
+            "softness_bayes.likelihood.scales:scale_named",
             name_of_scale,
             OWN_SCALES,
         ),

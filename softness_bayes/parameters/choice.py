@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Set
+from collections.abc import Collection, Iterable, Mapping, Sequence, Set
 from dataclasses import replace
-
-import numpy as np
 
 from softness_bayes.errors import InputError
 from softness_bayes.parameters.declared import (
@@ -31,9 +29,6 @@ from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, Channels, Membr
 from softness_bayes.touch.neuron.surface import DESIGNS, FiringSurface
 
 _ROUNDING = 1e-9
-
-CUT_OFF = 1e-3
-"""Largest share of a prior allowed outside the range of a parameter whose priors are truncated at both ends."""
 
 
 def parameter_space(
@@ -93,7 +88,7 @@ def parameter_space(
     """
     require_mapping("fix", fix or {}, "{'m': 2.0}")
     fix, priors = dict(fix or {}), as_priors(priors or {})
-    freed = set(free) | set(priors)
+    freed = {*free, *priors}
     absent = {*absent, *(FINGER_PARAMETERS.keys() - {*(PLATE_PARAMETERS if n_fingers else ()), *spreads})}
     absent |= (ERROR_PARAMETERS.keys() - {*of_errors}) | (ANSWER_PARAMETERS.keys() - {*spreads})
     absent |= RECORDING_PARAMETERS.keys() - {*recorded}
@@ -102,47 +97,32 @@ def parameter_space(
     forced = _not_identifiable(freed, n_participants, n_fingers, membrane)
     fix |= {name: value for name, value in forced.items() if name not in {*fix, *absent}}
     held = {name: value for name, value in HELD.items() if name not in (*freed, *absent)} | fix
-    for name, value in held.items():
-        _require_value(EVERY_PARAMETER[name], value)
-    chosen = {**_of_set(prior_set, skin_displacement, {*held, *priors}), **priors}
-    sampled = _sampled({*held, *absent}, {name: magnitude(prior) for name, prior in chosen.items()}, skin_displacement)
-    sampled = tuple(replace(p, prior=Signed(p.prior)) if p.name in signed else p for p in sampled)
-    # a membrane without a firing-rate surface still has default values; computing its rates raises a clear error
-    if membrane.name not in DESIGNS or not any(p.name in Channels._fields for p in sampled):
-        return ParameterSpace(sampled, held, None)
-    firing = FiringSurface.load(membrane)
-    return ParameterSpace(_within_surface(sampled, held, firing), held, firing)
-
-
-def _of_set(prior_set: str, skin_displacement: SkinDisplacement, others: Collection[str]) -> Mapping[str, Prior]:
-    """Return the priors of a set; a custom reading of the skin has none and requires priors of m and b."""
-    found = PRIOR_SETS[prior_set]
-    if skin_displacement in found:
-        return found[skin_displacement]
-    if missing := [name for name in ("b", "m") if name not in others]:
+    require_values(held)
+    if skin_displacement in PRIOR_SETS[prior_set]:
+        priors = {**PRIOR_SETS[prior_set][skin_displacement], **priors}
+    elif missing := [name for name in ("b", "m") if name not in {*held, *priors}]:
         raise InputError(
             f"skin_displacement={skin_displacement.name}: no set of priors covers this reading; give --prior "
             f"or --fix for {' and '.join(missing)} (in Python priors or fix)"
         )
-    return {}
-
-
-def _sampled(
-    others: Collection[str], priors: Mapping[str, Prior], skin_displacement: SkinDisplacement
-) -> tuple[Parameter, ...]:
-    """Return all parameters except some, with the chosen priors and units."""
     units = dict.fromkeys(("m", "tau_m", "m_rec"), skin_displacement.exponent_unit)
-    return tuple(
-        replace(p, prior=_suitable(p, priors.get(name, p.prior)), unit=units.get(name, p.unit))
-        for name, p in EVERY_PARAMETER.items()
-        if name not in others
-    )
+    sampled = []
+    for name, p in EVERY_PARAMETER.items():
+        if name not in {*held, *absent}:
+            prior = p.suited(magnitude(priors.get(name, p.prior)))
+            prior = Signed(prior) if name in signed else prior
+            sampled.append(replace(p, prior=prior, unit=units.get(name, p.unit)))
+    # a membrane without a firing-rate surface still has default values; computing its rates raises a clear error
+    if membrane.name not in DESIGNS or not any(p.name in Channels._fields for p in sampled):
+        return ParameterSpace(tuple(sampled), held, None)
+    firing = FiringSurface.load(membrane)
+    return ParameterSpace(_within_surface(sampled, held, firing), held, firing)
 
 
 def _require_free_to_choose(freed: Set[str], fix: Mapping[str, float], absent: Collection[str], prior_set: str) -> None:
     """Raise an error for parameters not in the model or both fixed and sampled, and for an unknown set of priors."""
     for name in (*fix, *freed):
-        _declared(name)
+        declared(name)
         if name in fix and name in SHAPE_PARAMETERS:
             raise InputError(
                 f"{name} is a value of the finger: set it with --finger {name}_mm=VALUE (in Python a Finger), "
@@ -161,60 +141,29 @@ def _require_free_to_choose(freed: Set[str], fix: Mapping[str, float], absent: C
 def _not_identifiable(
     freed: Collection[str], n_participants: int | None, n_fingers: int | None, membrane: Membrane
 ) -> dict[str, float]:
-    """Return the parameters not identifiable from these data or for this membrane, with their fixed values."""
-    held: dict[str, float] = {}
-    if n_participants == 1:
-        if "tau" in freed:
-            raise InputError("tau cannot be sampled, because there is only one participant: fix it or omit it")
-        held["tau"] = 0.0
-    if n_fingers == 1:
-        for name in ("tau_b", "tau_m"):
-            if name in freed:
-                raise InputError(f"{name} cannot be sampled, because there is only one finger: fix it or omit it")
-            held[name] = 0.0
+    """Return the parameters not identifiable from these data or for this membrane, with their fixed values.
+
+    Raises
+    ------
+    InputError
+        If one of them is to be sampled.
+    """
+    alone = {"tau": ("participant", n_participants), "tau_b": ("finger", n_fingers), "tau_m": ("finger", n_fingers)}
+    found = {
+        name: (0.0, f", because there is only one {one}: fix it or omit it")
+        for name, (one, number) in alone.items()
+        if number == 1
+    }
     for name in membrane.without_effect:
+        found[name] = PARAMETERS[name].prior.median, f": the membrane {membrane.name} has no such current; omit it"
+    for name, (_, why) in found.items():
         if name in freed:
-            raise InputError(f"{name} cannot be sampled: the membrane {membrane.name} has no such current; omit it")
-        held[name] = PARAMETERS[name].prior.median
-    return held
-
-
-def require_values(values: Mapping[str, float]) -> None:
-    """Raise an error for values [natural units] outside the ranges of their parameters.
-
-    Raises
-    ------
-    InputError
-        For an unknown parameter, or a value outside its range.
-    """
-    for name, value in values.items():
-        _require_value(_declared(name), value)
-
-
-def require_priors(priors: Mapping[str, Prior]) -> None:
-    """Raise an error for priors of unknown parameters, or with a support outside the parameter's range.
-
-    Raises
-    ------
-    InputError
-        Naming the parameter, and the range of its values.
-    """
-    for name, prior in priors.items():
-        _suitable(_declared(name), prior)
-
-
-def _declared(name: str) -> Parameter:
-    if name not in EVERY_PARAMETER:
-        raise InputError(f"no parameter '{name}'; expected one of {', '.join(EVERY_PARAMETER)}")
-    return EVERY_PARAMETER[name]
-
-
-def _require_value(parameter: Parameter, value: float) -> None:
-    replace(parameter.range, unit=parameter.unit).require(parameter.name, value)
+            raise InputError(f"{name} cannot be sampled{why}")
+    return {name: value for name, (value, _) in found.items()}
 
 
 def _within_surface(
-    sampled: tuple[Parameter, ...], held: Mapping[str, float], firing: FiringSurface
+    sampled: Sequence[Parameter], held: Mapping[str, float], firing: FiringSurface
 ) -> tuple[Parameter, ...]:
     """Return the parameters with alpha limited to the firing-rate surface, for sampled channel multipliers.
 
@@ -241,24 +190,43 @@ def _within_surface(
     within = tuple(p.up_to(firing.max_current) if p.name == "alpha" else p for p in sampled)
     for p in within:
         if p.name == "alpha":
-            within_surface = replace(p.range, unit=f"{p.unit}, the range of the firing-rate surface")
-            within_surface.require(f"prior of alpha: median of {p.prior}", p.prior.median)
+            replace(p, unit=f"{p.unit}, the range of the firing-rate surface").require_median(p.prior)
     return within
 
 
-def _suitable(parameter: Parameter, prior: Prior) -> Prior:
-    if parameter.cut_below:
-        ends = parameter.range.low, parameter.range.high
-        inside = float(np.diff(prior.cumulative(ends))[0])
-        if inside < 1.0 - CUT_OFF:
-            raise InputError(
-                f"prior of {parameter.name}: {1.0 - inside:.2g} of {prior} lies outside {ends[0]:g} to "
-                f"{ends[1]:g} {parameter.unit}, the range of the model; expected a narrower prior"
-            )
-    elif prior.support[0] < 0:
-        raise InputError(
-            f"prior of {parameter.name}: {prior} allows negative values, which {parameter.name} cannot take; "
-            "expected lognormal, halfnormal or uniform above 0"
-        )
-    replace(parameter.range, unit=parameter.unit).require(f"prior of {parameter.name}: median of {prior}", prior.median)
-    return parameter.cut(prior)
+def require_values(values: Mapping[str, float]) -> None:
+    """Raise an error for values [natural units] outside the ranges of their parameters.
+
+    Raises
+    ------
+    InputError
+        For an unknown parameter, or a value outside its range.
+    """
+    for name, value in values.items():
+        one = declared(name)
+        replace(one.range, unit=one.unit).require(name, value)
+
+
+def require_priors(priors: Mapping[str, Prior]) -> None:
+    """Raise an error for priors of unknown parameters, or with a support outside the parameter's range.
+
+    Raises
+    ------
+    InputError
+        Naming the parameter, and the range of its values.
+    """
+    for name, prior in priors.items():
+        declared(name).suited(prior)
+
+
+def declared(name: str) -> Parameter:
+    """Return the declaration of a parameter.
+
+    Raises
+    ------
+    InputError
+        If there is no parameter of this name.
+    """
+    if name not in EVERY_PARAMETER:
+        raise InputError(f"no parameter '{name}'; expected one of {', '.join(EVERY_PARAMETER)}")
+    return EVERY_PARAMETER[name]

@@ -6,6 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
+import numpy as np
+
+from softness_bayes.errors import InputError
 from softness_bayes.parameters.laws import HalfNormal, LogNormal, Normal, Prior, Truncated, Uniform
 from softness_bayes.ranges import CATEGORIES_RANGE, Range
 from softness_bayes.touch.contact import DISPLACEMENT, STRAIN, SkinDisplacement
@@ -17,6 +20,9 @@ _FROM_ZERO = Range(1e-6, 1e6, zero=True)
 _SPREAD = Range(1e-6, 100.0, zero=True)
 # with less noise the posterior is nearly a surface, on which sampling does not converge
 _NOISE = Range(1e-4, 100.0)
+
+CUT_OFF = 1e-3
+"""Largest share of a prior allowed outside the range of a parameter whose priors are truncated at both ends."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +60,39 @@ class Parameter:
     def cut(self, prior: Prior) -> Prior:
         """Return a prior truncated at both ends of the range, if `cut_below`."""
         return Truncated(prior, self.range.low, self.range.high) if self.cut_below else prior
+
+    def suited(self, prior: Prior) -> Prior:
+        """Return a prior as the parameter takes it (`cut`).
+
+        Raises
+        ------
+        InputError
+            If its support, or its median, lies outside the range of the parameter.
+        """
+        if self.cut_below:
+            inside = float(np.diff(prior.cumulative((self.range.low, self.range.high)))[0])
+            if inside < 1.0 - CUT_OFF:
+                raise InputError(
+                    f"prior of {self.name}: {1.0 - inside:.2g} of {prior} lies outside {self.range.low:g} to "
+                    f"{self.range.high:g} {self.unit}, the range of the model; expected a narrower prior"
+                )
+        elif prior.support[0] < 0:
+            raise InputError(
+                f"prior of {self.name}: {prior} allows negative values, which {self.name} cannot take; "
+                "expected lognormal, halfnormal or uniform above 0"
+            )
+        self.require_median(prior)
+        return self.cut(prior)
+
+    def require_median(self, prior: Prior) -> None:
+        """Raise an error for a prior whose median is outside the range.
+
+        Raises
+        ------
+        InputError
+            With the median and the range.
+        """
+        replace(self.range, unit=self.unit).require(f"prior of {self.name}: median of {prior}", prior.median)
 
     def up_to(self, largest: float) -> Parameter:
         """Return the same parameter with another largest value."""

@@ -53,10 +53,10 @@ from softness_bayes.provenance import (
     Finding,
     NumericalErrors,
     Provenance,
-    ResidualChecks,
     Silence,
     attributes_of,
     family_of,
+    findings_attribute,
 )
 from softness_bayes.results.constants import coordinates, data_groups, held_parameters
 from softness_bayes.results.draws import (
@@ -228,7 +228,7 @@ def _checks(draws: RatedDraws, errors: tuple[float, float], exactness: Exactness
         exact_reweight=draws.log_weight is not None,
     )
     direction = dict(zip(("direction_rises", "direction_rises_se"), draws.rises, strict=True))
-    return attributes_of(numerical, ResidualChecks(_findings(draws)), _silence(draws)) | direction
+    return attributes_of(numerical, _silence(draws)) | findings_attribute(_findings(draws)) | direction
 
 
 def _tables(draws: RatedDraws, tree: xr.DataTree, inflection: Mapping[str, Variable]) -> dict[str, pd.DataFrame]:

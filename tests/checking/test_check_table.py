@@ -14,7 +14,7 @@ from softness_bayes.checking.quantities import PLACE, QUANTITIES, TURNS_OVER
 from softness_bayes.checking.sentences import check_sentences, turn_sentence
 from softness_bayes.checking.turning_check import FALL, Reproduction, turns_reproduced
 from softness_bayes.parameters.declared import FABRIC_MODULUS
-from softness_bayes.provenance import Finding, ResidualChecks, attributes_of
+from softness_bayes.provenance import Finding, findings_attribute
 from support.made_ratings import LAY, MODULUS, SHALLOW, STEEP, tree
 
 FLAT = np.tile([0.2, 0.5, 1.0, 2.0, 3.0, 4.0], 2)
@@ -109,7 +109,7 @@ def test_of_many_loads_some_fail_by_chance(rng):
 
 def test_deviations_are_named(rng):
     groups = tree(rng)
-    groups.attrs |= attributes_of(ResidualChecks((Finding(EXPONENTS, 0.001, 0.5),)))
+    groups.attrs |= findings_attribute([Finding(EXPONENTS, 0.001, 0.5)])
     groups["constant_data"]["loo_pit"][:] = 0.5
     *_, others = check_sentences(check_table(groups))
     assert "participants' own exponents" in others

@@ -11,7 +11,7 @@ from softness_bayes.checking.turning_check import EXCESS, excess_of_plateau, pla
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.layout import Layout
 from softness_bayes.likelihood.magnitude import Effects, LogRatings, RatingModel
-from softness_bayes.provenance import Finding, ResidualChecks, attributes_of
+from softness_bayes.provenance import Finding, findings_attribute
 from support.points import rated
 
 MODEL = RatingModel()
@@ -122,6 +122,6 @@ def tree(rng, seen=STEEP, assumed=STEEP, direction="rises-with-firing"):
         attrs={
             "direction": direction,
             "rating_scale": "magnitude",
-            **attributes_of(ResidualChecks(tuple(Finding(name, 0.5, 0.5) for name in CHECKED))),
+            **findings_attribute(Finding(name, 0.5, 0.5) for name in CHECKED),
         },
     )
