@@ -36,7 +36,6 @@ from softness_bayes.touch.finger_grid import FingerGrid
 from support.points import rated
 
 ROWS = 7
-CONDITIONS = 5
 DESIGN = Design([0, 1, 2, 3, 4, 1, 3], [0, 0, 0, 1, 1, 2, 2], [0, 1, 2, 0, 1], 3)
 RATES = np.array([[0.0, 3.0, 8.0, 20.0, 31.0], [5.0, 4.0, 2.0, 9.0, 1.0], [0.5, 0.0, 0.0, 12.0, 40.0]])
 

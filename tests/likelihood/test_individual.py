@@ -83,23 +83,6 @@ def test_the_sum_over_fingers_is_checked_by_a_finer_one(rng):
     assert np.abs(likelihood.log_likelihood(rates[:1], points(1)) - found[1]).max() > 1e-3  # too few nodes are noticed
 
 
-def test_fingers_are_found_again(rng):
-    """A rater whose ratings follow one finger's response is given that finger."""
-    model = IndividualModel(grid=GRID)
-    _, rates = observed(rng, spread=3.0)
-    p = points(varsigma=0.02, tau=0.3)
-    drive = model.drive_at(rates, DESIGN, rates, p)
-    effects = model.draw_effects(rng, p, (4,), PEOPLE, CONDITIONS)
-    made = model.draw_ratings(rng, DESIGN, drive, p, effects)
-    right = 0
-    for k in range(4):
-        one = p.each(lambda value: np.atleast_1d(value)[:1])
-        drawn = model.observe(made[k], DESIGN).draw_effects(rng, rates[k : k + 1], one)
-        right += (drawn.finger[0] == effects.finger[k]).sum()
-        assert_allclose(drawn.deviation[0, :, 0], 0.3 * GRID.z["b"][drawn.finger[0]])
-    assert right > 20  # of 24
-
-
 def test_raters_without_ratings_keep_their_prior(rng):
     design = Design(DESIGN.condition[:10], DESIGN.participant[:10], np.arange(CONDITIONS), PEOPLE)
     _, rates = observed(rng)

@@ -11,12 +11,10 @@ from softness_bayes.checking.checks import Residuals, check_exponents, check_fab
 from softness_bayes.likelihood import pieces as room
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.layout import Layout
-from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
+from softness_bayes.likelihood.magnitude import LogRatings
 from softness_bayes.likelihood.pieces import pieces
 from softness_bayes.plotting.rating import observed_ratings
 from support.points import rated
-
-MODEL = RatingModel()
 
 
 def lab(rng, people=6, rows=50, draws=4):

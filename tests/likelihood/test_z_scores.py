@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy import integrate
-from scipy.stats import halfnorm, kstest, multivariate_normal, norm
+from scipy.stats import halfnorm, multivariate_normal
 
 from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.errors import InputError
@@ -29,7 +29,7 @@ from softness_bayes.likelihood.scales import (
     RISES,
     STANDARDISED,
 )
-from softness_bayes.likelihood.z_scores import RegressionLine, StandardisedModel, StandardisedRatings
+from softness_bayes.likelihood.z_scores import StandardisedModel, StandardisedRatings
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import LEAST_FIRING
@@ -127,55 +127,6 @@ def test_leave_one_out_is_a_ratio_of_evidences(direction, slope):
         rest = everything != i
         # x stays as all rows standardise it: the rating is left out, not its condition
         assert loo[i] == pytest.approx(whole - evidence(ratings[rest], x[rest], 0.4, direction.sign), abs=1e-7)
-
-
-def test_ratings_without_some_of_them(rng):
-    ratings, design, rate = lab(rng)
-    observed = StandardisedRatings(ratings, design)
-    gone = design.participant == 1
-    expected = evidence(ratings[~gone], standardised(rate, design)[~gone], 0.4, 1.0)
-    assert observed.without(gone).log_likelihood(rate, error(0.4)) == pytest.approx(expected, rel=1e-8)
-    # standardising over the rows that are left would be another model
-    apart = StandardisedRatings(ratings[~gone], design.without(gone)).log_likelihood(rate, error(0.4))
-    assert abs(apart - expected) > 1e-4
-
-
-def test_the_line_given_the_ratings_has_the_moments_of_its_density(rng):
-    ratings, design, rate = lab(rng, slope=0.15)  # near enough to 0 for the truncation to matter
-    n, varsigma = 40_000, 0.8
-    draws = StandardisedRatings(ratings, design).draw_effects(rng, np.tile(rate, (n, 1)), error(np.full(n, varsigma)))
-    c0, c1 = np.meshgrid(np.linspace(-1.5, 1.5, 301), np.linspace(0, 2.5, 501), indexing="ij")
-    x = standardised(rate, design)
-    log_density = norm.logpdf(c0) + norm.logpdf(c1)
-    for y, place in zip(ratings, x, strict=True):
-        log_density = log_density + norm(c0 + c1 * place, varsigma).logpdf(y)
-    weight = np.exp(log_density - log_density.max())
-    weight[:, 0] /= 2  # trapezoid at the edge of the half-line
-    weight /= weight.sum()
-    assert (draws.c1 >= 0).all()
-    for drawn, values in ((draws.c0, c0), (draws.c1, c1)):
-        mean = (weight * values).sum()
-        sd = np.sqrt((weight * (values - mean) ** 2).sum())
-        assert drawn.mean() == pytest.approx(mean, abs=5 * sd / np.sqrt(n) + 1e-3)
-        assert drawn.std() == pytest.approx(sd, rel=0.03)
-    cdf = np.cumsum(weight.sum(axis=0))
-    assert kstest(draws.c1[:3000], lambda v: np.interp(v, c1[0], cdf)).pvalue > 1e-3
-
-
-@pytest.mark.parametrize("direction", RATING_DIRECTIONS.values(), ids=RATING_DIRECTIONS)
-def test_ratings_follow_the_line_up_or_down(rng, direction):
-    _, design, rate = lab(rng, rows=30)
-    model, n = StandardisedModel(direction), 5000
-    drive = model.drive(design, rate, error(0.3))
-    ratings = model.draw_ratings(
-        rng, design, drive, error(np.full(n, 0.3)), RegressionLine(np.full(n, 0.2), np.full(n, 0.9))
-    )
-    expected = 0.2 + direction.sign * 0.9 * standardised(rate, design)
-    assert_allclose(ratings.mean(axis=0), expected, atol=5 * 0.3 / np.sqrt(n))
-    assert_allclose(ratings.std(axis=0), 0.3, rtol=0.06)
-    prior = model.draw_effects(rng, error(0.3), (4000,), 3, 3)
-    assert kstest(prior.c0, "norm").pvalue > 1e-3
-    assert kstest(prior.c1, halfnorm.cdf).pvalue > 1e-3
 
 
 def test_drive_elsewhere_is_on_the_scale_of_the_rows(rng):
