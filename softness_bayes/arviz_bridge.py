@@ -149,27 +149,29 @@ def to_tree(
     return xarray.DataTree.from_dict(children)
 
 
-def require_storable(attributes: Mapping[str, Any], labels: Mapping[str, Sequence[str]]) -> None:
+def require_storable(values: Mapping[str, Any]) -> None:
     """Raise an error for attributes or labels that a result file cannot store; each is tried in memory.
 
     Parameters
     ----------
-    attributes
-        Attributes of the result.
-    labels
-        Names along its axes.
+    values
+        Attributes of the result, and names along its axes, as sequences of text.
 
     Raises
     ------
     InputError
         Names the first one that cannot be stored.
     """
-    for name, value in {**attributes, **labels}.items():
-        if not _is_storable(value):
-            every = (value,) if name in attributes else value
-            bad = next(one for one in every if not _is_storable(one))
-            expected = "expected UTF-8 text without NUL, or a number of 64 bits"
-            raise InputError(f"{name} {bad!r:.80}: the file of a result cannot hold it; {expected}")
+    import h5netcdf
+
+    with h5netcdf.File(io.BytesIO(), "w") as file:
+        for name, value in values.items():
+            for one in value if isinstance(value, (tuple, list)) else [value]:
+                try:
+                    file.attrs["tried"] = one
+                except (TypeError, ValueError):
+                    expected = "expected UTF-8 text without NUL, or a number of 64 bits"
+                    raise InputError(f"{name} {one!r:.80}: the file of a result cannot hold it; {expected}") from None
 
 
 def netcdf(tree: xarray.DataTree, ending: Callable[[memoryview], bytes] | None = None) -> bytes:
@@ -251,18 +253,6 @@ def _opened(path: str | os.PathLike[str] | io.BytesIO, mode: str = "r") -> Any:
             return self._found[name]
 
     return LookedUpOnce()
-
-
-def _is_storable(value: Any) -> bool:
-    """Return whether a NetCDF file can store a value (text, number, sequence of text) as an attribute; it is tried."""
-    import h5netcdf
-
-    try:
-        with h5netcdf.File(io.BytesIO(), "w") as file:
-            file.attrs["tried"] = value if isinstance(value, str) or np.isscalar(value) else [*value]
-    except (TypeError, ValueError):
-        return False
-    return True
 
 
 def _psis(log_ratios: FloatArray) -> Any:

@@ -18,7 +18,7 @@ import re
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields
-from functools import cached_property, partial
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
@@ -228,7 +228,9 @@ class ByName(Kind):
 
     def write(self, value: Any) -> list[str]:
         """Return one text for each name."""
-        return [f"{name}={_shortest(one)}" for name, one in self.store(value).items()]
+        return [
+            f"{name}={one if isinstance(one, str) else repr(float(one))}" for name, one in self.store(value).items()
+        ]
 
     def store(self, value: Any) -> Any:
         """Return numbers and texts by name."""
@@ -360,17 +362,13 @@ def described(options: type[Described]) -> type[Described]:
     lines = [options.__doc__ or "", "", "    Parameters", "    ----------"]
     for field in dataclasses.fields(options):  # type: ignore[arg-type]
         constant = field.default_factory is dataclasses.MISSING
-        make: Any = partial(_constant, field.default) if constant else field.default_factory
+        make: Any = (lambda value=field.default: value) if constant else field.default_factory
         one = declared[field.name] = Option(field.name, make=make, **field.metadata)
         text = f"{one.help} (`{one.flag}`)" if one.flag else one.help
         lines += [f"    {one.name}", *textwrap.wrap(text, 112, initial_indent=indent, subsequent_indent=indent)]
     options.__doc__ = "\n".join([*lines, "    "])
     options.declared = MappingProxyType(declared)
     return options
-
-
-def _constant(value: Any) -> Any:
-    return value
 
 
 class Options:
@@ -446,10 +444,6 @@ class Options:
             if one.flag and (one.spelled or value != one.default)
             for word in one.words(value)
         ]
-
-
-def _shortest(value: float | str) -> str:
-    return value if isinstance(value, str) else repr(float(value))
 
 
 def finite(text: str) -> float:

@@ -93,10 +93,8 @@ def usual_values(
     return {name: float(value) for name, value in space.values(space.median).items()} | many
 
 
-@lru_cache(maxsize=8)
-def curve_of_held(channels: Channels, membrane: Membrane, noise: float, nodes: int) -> FixedChannels:
-    """Return the rate curve of fixed channels, cached because it takes a second to compute."""
-    return FixedChannels(channels, membrane, noise=noise, nodes=nodes)
+curve_of_held = lru_cache(maxsize=8)(FixedChannels)
+"""Rate curves of fixed channels, cached because each takes a second to compute."""
 
 
 def firing_of(
@@ -132,7 +130,7 @@ def firing_of(
     if varying:
         return FiringSurface.load(membrane)
     channels = Channels(*(float(np.asarray(values[name])) for name in Channels._fields))
-    return curve_of_held(channels, membrane, noise, nodes)
+    return curve_of_held(channels, membrane, noise=noise, nodes=nodes)
 
 
 def scene_of(

@@ -300,18 +300,18 @@ class ParameterSpace:
         """Return the space with uncertain moduli among the sampled parameters."""
         if moduli.known:
             return self
-        extra = tuple(_modulus_parameter(moduli.names[k], moduli.laws[k]) for k in moduli.uncertain)
+        extra = [
+            Parameter(
+                f"{FABRIC_MODULUS}[{name}]", r"$E_{fab}$", "kPa", f"effective modulus of {name}", law, 1e3, _MODULI
+            )
+            for name, law in zip(moduli.names, moduli.laws, strict=True)
+            if law is not None
+        ]
         return replace(self, sampled=(*self.sampled, *extra), moduli=moduli)
 
     @cached_property
     def _place(self) -> dict[str, int]:
         return {p.name: k for k, p in enumerate(self.sampled)}
-
-
-def _modulus_parameter(fabric: str, law: Prior | None) -> Parameter:
-    assert law is not None
-    name, symbol = f"{FABRIC_MODULUS}[{fabric}]", r"$E_{fab}$"
-    return Parameter(name, symbol, "kPa", f"effective modulus of {fabric}", law, si=1e3, range=_MODULI)
 
 
 def _draw(parameter: Parameter, rng: np.random.Generator, size: int) -> FloatArray:

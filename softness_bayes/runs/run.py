@@ -160,7 +160,7 @@ def sample_model(
     """
     posterior, data = model.posterior, model.data if isinstance(model, SkinModel) else model.experiment
     asked = requested(model, run)
-    arviz_bridge.require_storable(asked, labels_of(data))
+    arviz_bridge.require_storable({**asked, **labels_of(data)})
     with one_thread(), nullcontext(workers) if workers is not None else run.settings.workers(posterior) as workers:
         state = walked(data, posterior, Request(model.options, run), progress, checkpoint, workers)
         (chains, verdict), attributes = sampled_of(state), {**asked, **outcome(state, run)}

@@ -33,12 +33,12 @@ FOREIGN = os.fsdecode(b"caf\xe9 it's $x\\1.csv")
 
 
 def test_attributes_and_names_are_tried_on_a_file():
-    require_storable({"seed": 2**63, "sd": 0.5, "command": "naïve ½"}, {"participant": ("P1", "Änne"), "finger": ()})
+    require_storable({"seed": 2**63, "sd": 0.5, "command": "naïve ½", "participant": ("P1", "Änne"), "finger": ()})
     for value in (2**64, None, "a\0b", "\udce9"):
         with pytest.raises(InputError, match=r"second .*the file of a result cannot hold it; expected UTF-8"):
-            require_storable({"first": 1, "second": value}, {})
+            require_storable({"first": 1, "second": value})
     with pytest.raises(InputError, match=r"participant 'B\\x00o': the file"):
-        require_storable({}, {"fabric": ("felt",), "participant": ("Al", "B\0o")})
+        require_storable({"fabric": ("felt",), "participant": ("Al", "B\0o")})
 
 
 def test_json_takes_scalars_of_numpy_and_names_what_it_cannot_hold():
