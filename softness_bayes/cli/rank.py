@@ -153,7 +153,7 @@ def target(
     """
     from softness_bayes.data import loads_of
     from softness_bayes.data.columns import TENSILE_MODULUS, THICKNESS
-    from softness_bayes.results.people import rejected
+    from softness_bayes.results.rating_table import rejected
     from softness_bayes.results.target import Cloth
 
     file.require()

@@ -86,8 +86,8 @@ def rated_run(directory: Path) -> Iterator[Result]:
 
 
 def warn_of_cautions(result: Result, fabrics: Fabrics | None) -> None:
-    """Warn before predictions of a run are carried to other cloth than was rated (`results.people.cautions`)."""
-    from softness_bayes.results.people import cautions
+    """Warn before predictions of a run are carried to other cloth than was rated (`results.rating_table.cautions`)."""
+    from softness_bayes.results.rating_table import cautions
 
     for said in cautions(result, fabrics):
         click.echo(f"CAUTION: {said}", err=True)

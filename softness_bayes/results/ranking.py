@@ -18,8 +18,17 @@ from softness_bayes.people.verdicts import Verdicts, decided_sentence, verdicts
 from softness_bayes.plotting.style import USUAL, Style
 from softness_bayes.ranges import RANKED
 from softness_bayes.results.fitted import Fitted
-from softness_bayes.results.people import beside, cautions, conditions_of, p_higher_among, people_of, rejected
-from softness_bayes.results.rating_table import NOTICED, limits, reasons
+from softness_bayes.results.rating_table import (
+    NOTICED,
+    beside,
+    cautions,
+    conditions_of,
+    limits,
+    p_higher_among,
+    people_of,
+    reasons,
+    rejected,
+)
 from softness_bayes.results.stored import Stored
 from softness_bayes.touch.contact import Load
 

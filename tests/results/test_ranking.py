@@ -12,7 +12,7 @@ from softness_bayes.data.lists import read_order
 from softness_bayes.errors import InputError
 from softness_bayes.people.verdicts import REASONS
 from softness_bayes.report.conclusion import conclude, facts_of
-from softness_bayes.results.people import cautions
+from softness_bayes.results.rating_table import cautions
 from softness_bayes.runs.run import sample
 from support.command_line import call, refused
 from support.paths import ROOT
