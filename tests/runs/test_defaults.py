@@ -54,6 +54,7 @@ OTHERS: dict[str, object] = {
     "quick": True,
     "max_seconds": 90.0,
     "processes": 3,
+    "steps_per_tau": 30.0,
     "seed": 99,
     "data": Path("r.csv"),
     "compression": Path("c.csv"),
