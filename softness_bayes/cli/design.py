@@ -29,9 +29,6 @@ if TYPE_CHECKING:
     from softness_bayes.touch.contact import Load
 
 DESIGN = "design"
-TABLE, GAINS, RECORD, FIGURE = "design.csv", "gain.csv", "design.json", "design"
-FORMATS = ("png", "pdf")
-MADE = (TABLE, GAINS, RECORD, *(f"{FIGURE}.{suffix}" for suffix in FORMATS))
 
 KPA = 1e3
 
@@ -104,20 +101,16 @@ def command(
     With --data instead of --given the plan is made from the prior, before any rating.
     """
     from softness_bayes.data import Fabrics, loads_of
-    from softness_bayes.experiments.choice import Costs
+    from softness_bayes.experiments.choice import FILES, Costs
     from softness_bayes.experiments.design import design
-    from softness_bayes.files.json_text import as_json
-    from softness_bayes.files.outputs import require_outputs, write_outputs
-    from softness_bayes.files.spreadsheet import csv_of
-    from softness_bayes.plotting.experiments import gain_figure
-    from softness_bayes.plotting.style import files_of
+    from softness_bayes.files.outputs import require_outputs
 
     if bool(given) == (files.data is not None):
         raise InputError("design: give either --given, a finished run, or --data, before any rating")
     if len(given) > 2:
         raise InputError(f"design: expected one run, or two to tell apart, got {len(given)}")
     inputs = [path for path in (candidates, files.data, files.fabrics) if path is not None]
-    require_outputs(out, MADE, DESIGN, force, inputs)
+    require_outputs(out, FILES, DESIGN, force, inputs)
     chosen = None if candidates is None else Fabrics.read(candidates)
     loads = loads_of(indentation_mm, force_n)
     with reading(*given) as results:
@@ -136,14 +129,9 @@ def command(
             options=model,
             seed=seed,
         )
-    contents: dict[str, bytes | str] = {
-        TABLE: csv_of(plan.table, index=False),
-        GAINS: csv_of(plan.gains, index=False),
-        RECORD: as_json(plan.record, RECORD, indent=1) + "\n",
-    }
-    write_outputs(out, contents | files_of(gain_figure(plan.gains, plan.about), FIGURE, FORMATS), DESIGN)
+    plan.save(out)
     _show(plan)
-    click.echo(f"written to {out}: {', '.join(MADE)}", err=True)
+    click.echo(f"written to {out}: {', '.join(FILES)}", err=True)
 
 
 def _grid(text: str) -> list[float]:

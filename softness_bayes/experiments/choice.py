@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -28,6 +29,14 @@ from softness_bayes.experiments.information import (
     rank_scores,
 )
 from softness_bayes.experiments.outlook import Touches
+from softness_bayes.files.json_text import as_json
+from softness_bayes.files.outputs import write_outputs
+from softness_bayes.files.spreadsheet import csv_of
+from softness_bayes.plotting.experiments import gain_figure
+from softness_bayes.plotting.style import USUAL, Style, files_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
@@ -40,6 +49,9 @@ LEAST_EFFECTIVE = 20.0
 
 WIDE_BRACKET = 0.2
 """Distance between both estimates of the information from which the plan says so [nats]."""
+
+FILES = ("design.csv", "gain.csv", "design.json", "design.png", "design.pdf")
+"""Files of a plan."""
 
 TOUCH = ["fabric", "to_obtain", "e_fab_kpa", "indentation_mm", "force_n"]
 
@@ -195,6 +207,19 @@ class Plan:
             "cost": float(self.cost.sum()),
             "candidates": len(self.touches.table),
         }
+
+    def figure(self, style: Style = USUAL) -> Figure:
+        """Draw the gain of every candidate over the expected response."""
+        return gain_figure(self.gains, self.about, style=style)
+
+    def save(self, directory: str | Path) -> None:
+        """Write the tables, the record and the figure (`FILES`) to a directory, replacing no file of others."""
+        contents: dict[str, bytes | str] = {
+            FILES[0]: csv_of(self.table, index=False),
+            FILES[1]: csv_of(self.gains, index=False),
+            FILES[2]: as_json(self.record, FILES[2], indent=1) + "\n",
+        }
+        write_outputs(Path(directory), contents | files_of(self.figure(), "design", ("png", "pdf")), "design")
 
     @property
     def notes(self) -> list[str]:
