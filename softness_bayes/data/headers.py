@@ -24,7 +24,7 @@ from softness_bayes.data.columns import (
 )
 from softness_bayes.data.faults import MOST_GUESSED, listing
 from softness_bayes.data.sheets import Sheet
-from softness_bayes.data.titles import LONGEST_TITLE, Title, Unit, analysed, bag, is_unit, key, names_of, unit_named
+from softness_bayes.data.titles import LONGEST_TITLE, UNITS, Title, Unit, analysed, bag, is_unit, key, unit_named
 from softness_bayes.errors import InputError, quoted
 
 
@@ -157,7 +157,7 @@ class Header:
         elif is_unit(text) or not text.replace(" ", "").isalpha() or "[" in title.text:
             raise InputError(
                 f"{self.sheet.titled}, column {quoted(title.text)}: {name} has the unit {quoted(text)} in the header, "
-                f"expected one of {names_of(quantity)}"
+                f"expected one of {', '.join(texts[0] for texts in UNITS[quantity].values())}"
             )
         else:
             self.notes.append(

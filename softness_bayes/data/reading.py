@@ -11,7 +11,7 @@ import shlex
 import unicodedata
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -283,15 +283,8 @@ def _found_mark(
 # what mends a table
 
 
-class Noted(Protocol):
-    """Anything read from a table, with its notes."""
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Notes for the user."""
-
-
-Read = TypeVar("Read", bound=Noted)
+Read = TypeVar("Read")
+"""What is made of tables, with its notes."""
 
 
 def read_as(make: Callable[[Table], Read], source: TableSource, request: Request) -> Read:
@@ -325,7 +318,7 @@ def words_of(hint: Hint) -> list[str]:
     return [*columns, *(["--wide"] if "wide" in hint else [])]
 
 
-def _mends(read: Callable[[Request], Read], request: Request, hint: Hint) -> bool:
+def _mends(read: Callable[[Request], Any], request: Request, hint: Hint) -> bool:
     """Return whether a table is read in another way, and nothing looks wrong, or is refused for single cells only."""
     columns = {name: title for name, title in hint.items() if name != "wide"}
     request = request._replace(renames={**request.renames, **columns}, wide=request.wide or "wide" in hint)

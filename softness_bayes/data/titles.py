@@ -143,11 +143,6 @@ def is_unit(text: str) -> bool:
     return any(unit_named(text, quantity) for quantity in UNITS)
 
 
-def names_of(quantity: str) -> str:
-    """Return the names of a quantity's units, for a message."""
-    return ", ".join(texts[0] for texts in UNITS[quantity].values())
-
-
 @lru_cache(2**16)
 def key(title: str) -> str:
     """Return what a title shares with those that differ in case, Unicode form, spaces and punctuation only."""

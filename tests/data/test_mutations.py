@@ -15,6 +15,7 @@ from collections import Counter
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import openpyxl
 import pandas as pd
 import pytest
 
@@ -265,6 +266,10 @@ def as_json(t, random):
     return replace(t, form=str(random.choice(["json", "jsonl", "split"])))
 
 
+def as_workbook(t, random):
+    return replace(t, form=str(random.choice(["xlsx", "sheets"])))
+
+
 def as_answers(t, random):
     rows = [{**row, "rating": json.dumps({"Q0": row["rating"]})} for row in t.rows]
     return replace(t, rows=renamed(rows, "rating", str(random.choice(["response", "rating"]))))
@@ -362,8 +367,10 @@ def meant(text: str, mark: str) -> float | None:
 
 def told_truths(t, text):
     """The rows that may be meant with a damaged rating, by each decimal mark that the others do not rule out."""
-    marks = t.mark if any("." in rating for *_, value in t.truth if (rating := f"{value:g}")) else ",."
+    typed = t.form in ("xlsx", "sheets")  # such numbers show no mark
+    marks = t.mark if not typed and any("." in f"{value:g}" for *_, value in t.truth) else ",."
     values = {meant(shown(text, t.mark), mark) for mark in marks} - {None}
+    values |= {np.nan} if typed and text[:1] == "=" else set()  # no program has computed the formula
     own = [[] if np.isnan(value) else [(*t.truth[t.damaged][:3], value)] for value in values]
     return [t.truth[: t.damaged] + rows + t.truth[t.damaged + 1 :] for rows in own]
 
@@ -372,7 +379,7 @@ FIRST = (damage, statistics, other_spellings, without_trial, strange_digits, per
 SECOND = (column_of_people, incidental, varying, copies, units_below, fabrics_in_columns, people_in_columns, shuffled)
 SECOND += (units_in_cells, headers_again, practice)
 CLOTH = (power_of_ten, other_unit, two_directions)
-FORMS = (above, below, dialect, encoded, compressed, as_json)
+FORMS = (above, below, dialect, encoded, compressed, as_json, as_workbook)
 
 
 def changed(random: np.random.Generator) -> tuple[Tables, tuple[str, ...], str]:
@@ -412,6 +419,29 @@ def written(t: Tables, rows, second, separator=",", mark=".", above=(), below=()
     return text.getvalue()
 
 
+def workbook(t: Tables) -> bytes:
+    """A workbook of typed numbers, on one sheet or one for each participant."""
+    book = openpyxl.Workbook()
+    book.remove(book.active)
+    title = next((title for title in t.rows[0] if t.rows[0][title] == t.truth[0][0]), None)
+    apart = t.form == "sheets" and title is not None and not (t.above or t.below or t.second)
+    sheets = dict.fromkeys(row[title] for row in t.rows) if apart else {"data": None}
+    if len({str(name).casefold() for name in sheets}) < len(sheets):
+        return workbook(replace(t, form="xlsx"))
+    for name in sheets:
+        if not name or set(name) & set("[]:*?/\\"):
+            return workbook(replace(t, form="xlsx"))
+        sheet = book.create_sheet(f"P{name}" if name[0].isdigit() else name)
+        own = [row for row in t.rows if not apart or row[title] == name]
+        titles = [text for text in dict.fromkeys(text for row in t.rows for text in row) if not apart or text != title]
+        lines = [*t.above, titles, *([[t.second.get(text, "") for text in titles]] if t.second else [])]
+        for line in [*lines, *([row.get(text, "") for text in titles] for row in own), *t.below]:
+            sheet.append([float(cell) if re.fullmatch(r"[1-9][0-9]*(\.[0-9]+)?", cell) else cell for cell in line])
+    content = io.BytesIO()
+    book.save(content)
+    return content.getvalue()
+
+
 def filed(t: Tables, folder):
     """Write both tables; return their paths."""
     cloth = folder / "fabrics.csv"
@@ -426,6 +456,8 @@ def filed(t: Tables, folder):
             content = frame.to_json(orient="records", lines=True).encode()
         else:
             content = frame.to_json(orient="split", index=False).encode()
+    if t.form in ("xlsx", "sheets"):
+        content = workbook(t)
     packed = {"gz": gzip.compress, "bz2": bz2.compress, "xz": lzma.compress}.get(t.form)
     path = folder / "ratings.csv"
     path.write_bytes(content if packed is None else packed(content))
