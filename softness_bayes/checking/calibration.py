@@ -16,6 +16,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import count
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -174,7 +175,8 @@ class Calibration:
     @property
     def needed(self) -> int:
         """Replicates, in tens, that would be enough."""
-        return replicates_needed(self.draws, self.threshold, LARGEST_WIDTH)
+        enough = (size for size in count(10, 10) if power(size, self.draws, self.threshold, LARGEST_WIDTH) >= POWER)
+        return next(enough)
 
     def coverage(self) -> pd.DataFrame:
         """Count how often central intervals contain the truth.
@@ -223,8 +225,7 @@ def rank_law(draws: int, width: float = 1.0, shift: float = 0.0) -> FloatArray:
     z = np.linspace(-8.0, 8.0, 2001)
     weight = np.exp(-0.5 * z**2)
     # the rank of a truth at one score is binomial
-    chance = ndtr(width * z + shift).clip(1e-12, 1.0 - 1e-12)
-    law = binom.pmf(np.arange(draws + 1)[:, None], draws, chance)
+    law = binom.pmf(np.arange(draws + 1)[:, None], draws, ndtr(width * z + shift).clip(1e-12, 1.0 - 1e-12))
     return np.asarray(law @ (weight / weight.sum()))
 
 
@@ -265,11 +266,6 @@ def least_fault(size: int, draws: int, threshold: float, kind: str) -> float:
         return POWER - power(size, draws, threshold, **{kind: fault})
 
     return math.inf if lacks(high) > 0.0 else float(brentq(lacks, low, high, xtol=1e-3))
-
-
-def replicates_needed(draws: int, threshold: float, width: float) -> int:
-    """Return the number of replicates, in tens, that detects posteriors too narrow by a factor as `POWER` asks."""
-    return next(size for size in range(10, 10**6, 10) if power(size, draws, threshold, width=width) >= POWER)
 
 
 def verdict(calibration: Calibration, size: str, decided: bool) -> str:

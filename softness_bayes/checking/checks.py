@@ -290,7 +290,7 @@ def check_moduli(residuals: Residuals, slope: Array, modelled: bool = False) -> 
     """
     design = residuals.observation.design
     found = residuals.project(design.fabric[design.condition], design.n_fabrics, slope)
-    advice = () if modelled else ("--modulus-cv 0.15",)
+    advice = () if modelled else ("--modulus-cv 0.15", "--shared-modulus-cv 0.3")
     return Finding(ALONG, found.p_value, modelled=modelled, advice=advice, gain=found.gain)
 
 
@@ -328,21 +328,20 @@ def check_drift(residuals: Residuals, order: Array) -> Finding:
     order
         `Ratings.order`.
     """
-    design = residuals.observation.design
-    raters = np.unique(np.stack([design.participant, np.round(order, 9)]), axis=1).shape[1] > design.n_participants
-    fit = Layout(design, np.ones(design.n_conditions), np.zeros(design.n_conditions, np.intp), scale=STANDARDISED)
-    found = fit.fit(order)
+    design, unit = residuals.observation.design, residuals.observation.model.scale.unit
+    alike = np.zeros(design.n_conditions, np.intp)
+    found = Layout(design, alike.astype(float), alike, scale=STANDARDISED).fit(order)
     left = order - found.condition[design.condition] - found.participant[design.participant]
     weight = float(left @ left)
-    if not raters or weight < FLAT * order.size:
+    if weight < FLAT * order.size:
         return Finding(DRIFT, np.nan)
     along = residuals.sums(np.zeros(order.size, np.intp), 1, weight=left)[:, 0]
     p_value = float(chdtrc(1.0, along**2 / weight / residuals.sd**2).mean())
     seen = float(np.median(residuals.sd)) / np.sqrt(weight) * (ndtri(1.0 - LEVEL / CHECKS / 2.0) + ndtri(NOTICED))
-    unit = residuals.observation.model.scale.unit
-    slope = float(along.mean() / weight)
     gain = float(0.5 * (along**2 / weight / residuals.sd**2 - 1.0).mean())
-    return Finding(DRIFT, p_value, slope, noticed=float(seen), unit=unit, advice=("--drift",), gain=gain)
+    return Finding(
+        DRIFT, p_value, float(along.mean() / weight), noticed=float(seen), unit=unit, advice=("--drift",), gain=gain
+    )
 
 
 def check_noise(residuals: Residuals, modelled: bool = False, available: bool = True, robust: bool = False) -> Finding:

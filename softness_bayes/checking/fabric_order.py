@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -84,18 +85,13 @@ class RankAgreement(NamedTuple):
     """Standard error of the value for other fabrics of this kind, by leaving out each in turn (jackknife)."""
 
 
-def spearman(one: Array, other: Array) -> float:
-    """Return Spearman's correlation of two sets of ranks with ties; NaN if one is constant."""
-    from scipy.stats import spearmanr
+def rank_correlation(measure: str, one: Array, other: Array) -> float:
+    """Return Spearman's correlation or Kendall's tau-b of two sets of ranks with ties; NaN if one is constant."""
+    from scipy.stats import kendalltau, spearmanr
 
-    return float("nan") if np.ptp(one) == 0 or np.ptp(other) == 0 else float(spearmanr(one, other).statistic)
-
-
-def kendall(one: Array, other: Array) -> float:
-    """Return Kendall's tau-b of two sets of ranks with ties; NaN if one is constant."""
-    from scipy.stats import kendalltau
-
-    return float("nan") if np.ptp(one) == 0 or np.ptp(other) == 0 else float(kendalltau(one, other).statistic)
+    if np.ptp(one) == 0 or np.ptp(other) == 0:
+        return float("nan")
+    return float((spearmanr if measure == "spearman" else kendalltau)(one, other).statistic)
 
 
 def agreement(place: Array, observed: ArrayLike) -> dict[str, RankAgreement]:
@@ -115,7 +111,8 @@ def agreement(place: Array, observed: ArrayLike) -> dict[str, RankAgreement]:
             f"expected {FEWEST} fabrics or more, and more than one rank"
         )
     found, middle = {}, place.mean(axis=0)
-    for name, measure in {"spearman": spearman, "kendall": kendall}.items():
+    for name in ("spearman", "kendall"):
+        measure = partial(rank_correlation, name)
         each = np.array([measure(one, observed) for one in place])
         known = each[np.isfinite(each)]
         value, low, high = np.quantile(known, [0.5, 0.05, 0.95]) if known.size else np.full(3, np.nan)

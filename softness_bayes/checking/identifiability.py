@@ -250,9 +250,7 @@ def direction_table(tree: xr.DataTree) -> pd.DataFrame:
 
 
 def _open(contraction: float) -> str:
-    width = float(np.sqrt(max(1.0 - contraction, 0.0)))
-    beside = "as wide as" if abs(width - 1.0) < 0.05 else f"{100 * width:.0f} % as wide as"
-    return f"not informed: {beside} under the prior"
+    return f"not informed: {100.0 * np.sqrt(max(1.0 - contraction, 0.0)):.0f} % as wide as under the prior"
 
 
 def _log_density(tree: xr.DataTree, group: str) -> Array:

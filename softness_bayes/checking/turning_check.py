@@ -109,15 +109,8 @@ def fall_p_value(observed: float, replicates: FloatArray) -> float:
     return float(ndtr((replicates.mean() - observed) / spread)) if spread > 0 else math.nan
 
 
-class Power(NamedTuple):
-    """Power of a check, with its standard error due to the number of replicates."""
-
-    value: float
-    error: float
-
-
-def power(replicates: FloatArray, level: float) -> Power:
-    """Return the probability that a response that levels off fails the check under one load.
+def power(replicates: FloatArray, level: float) -> tuple[float, float]:
+    """Return the probability that a response that levels off fails the check under one load, and its standard error.
 
     Parameters
     ----------
@@ -128,10 +121,10 @@ def power(replicates: FloatArray, level: float) -> Power:
     """
     spread = replicates.std(ddof=1)
     if not spread > 0:
-        return Power(math.nan, math.nan)
+        return math.nan, math.nan
     score = 1.0 / spread + float(ndtri(level))
     slope = math.exp(-0.5 * score**2) / math.sqrt(2.0 * math.pi) / spread
-    return Power(float(ndtr(score)), slope / math.sqrt(2.0 * replicates.size))
+    return float(ndtr(score)), slope / math.sqrt(2.0 * replicates.size)
 
 
 class Reproduction(NamedTuple):

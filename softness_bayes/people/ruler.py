@@ -108,11 +108,10 @@ def fit_of(tree: xr.DataTree, table: pd.DataFrame | None) -> Fit:
 
 def following(table: pd.DataFrame) -> Following:
     """Return whether a chain follows the ratings, from the table of its ruler (`of_run.people_tables`)."""
-    rows = table.to_dict("index")
-    share, low, high = (float(rows["share"][name]) for name in ("value", "low", "high"))
+    share, low, high = table.loc["share", ["value", "low", "high"]].to_numpy(float)
     if not np.isfinite(share):
-        return Following(None, False)
-    if rows["lost"]["low"] > 0:
+        return UNKNOWN
+    if table["low"]["lost"] > 0:
         return Following(False, bool(high < KEPT))
     return Following(True if 0.5 * (high - low) <= TOLD else None, False)
 

@@ -371,7 +371,8 @@ def _next(facts: Facts, directory: str | None) -> str:
     if facts.silent and (facts.converged or facts.failed):
         return "check the units of moduli and loads ('softness-bayes check'), then try --priors in-vivo."
     if facts.remedies and (facts.follows.rejected or facts.rejected) and (facts.converged or facts.settled):
-        return f"repeat the run with {'; or with '.join(facts.remedies)}, and use 'softness-bayes compare'."
+        units = "check the units of moduli and loads; then " * bool(facts.surprise)
+        return f"{units}repeat the run with {'; or with '.join(facts.remedies)}, and use 'softness-bayes compare'."
     if facts.follows.rejected:
         return (
             "look for fabrics, units and moduli that do not belong together ('softness-bayes check'); try another "

@@ -53,15 +53,15 @@ def test_power_is_the_share_of_tables_of_a_plateau_that_fail(rng, rates):
     replicates = fall(LAY, LAY.fit(same).condition, expected, excess)
     anew = [LAY.fit(made).condition for made in tables(rng, LAY, filed, rates, 300)]
     for k in range(2):
-        found = power(replicates[:, k], 0.025)
+        share, error = power(replicates[:, k], 0.025)
         limit = np.quantile(replicates[:, k], 0.025)
         right, wrong = ((fall(LAY, means, expected, excess)[:, k] < limit).mean() for means in anew)
-        assert found.value == pytest.approx(wrong, abs=0.02 + 3 * np.hypot(found.error, np.sqrt(0.25 / 300)))
+        assert share == pytest.approx(wrong, abs=0.02 + 3 * np.hypot(error, np.sqrt(0.25 / 300)))
         assert right < 0.07  # the model itself hardly fails
-        assert 0 < found.error < 0.1
+        assert 0 < error < 0.1
         if rates is STEEP or rates is SHALLOW:
-            assert (found.value > 0.9) == (rates is STEEP)
-            assert (found.value < 0.3) == (rates is SHALLOW)
+            assert (share > 0.9) == (rates is STEEP)
+            assert (share < 0.3) == (rates is SHALLOW)
 
 
 def test_a_response_that_never_falls_is_its_own_alternative(rng):

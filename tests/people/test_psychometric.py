@@ -61,17 +61,26 @@ def test_quantities_are_those_of_a_maximum_likelihood_fit(rng, guess):
 
 @pytest.mark.slow
 def test_quantities_are_those_of_psignifit(rng):
+    """Within a tenth of the interval, by medians; psignifit also samples overdispersion, which widens its intervals.
+
+    In tables without overdispersion it finds a share of 0.05 to 0.11 all the same, by its prior: its intervals of the
+    Weber fraction were 5 to 40 % wider than ours, and where most so its median was off by 0.09 of our interval.
+    """
     psignifit = pytest.importorskip("psignifit")
     ratings, x, won = constant_stimuli(rng)
     (row,) = psychometric_table(ratings, MODULUS).to_dict("records")
     places, of = np.unique(-x, return_inverse=True)
     counts = np.stack([places, np.bincount(of, won), np.bincount(of)], axis=-1)
     how = {"experiment_type": "yes/no", "sigmoid": "norm", "estimate_type": "mean"}
-    found = psignifit.psignifit(counts, **how).parameter_estimate
-    equal, width = MODULUS[4] * np.exp(-found["threshold"]), found["width"]
+    found = psignifit.psignifit(counts, **how)
+    equal = MODULUS[4] * np.exp(-found.parameter_estimate["threshold"])
     assert abs(row["equal"] - equal) < 0.1 * (row["equal_high"] - row["equal_low"])
-    weber = np.expm1(width * ndtri(0.75) / (2.0 * ndtri(0.95)))
-    assert abs(row["weber"] - weber) < 0.2 * (row["weber_high"] - row["weber_low"])
+    width, mass = found.parameter_values["width"], np.asarray(found.marginal_posterior_values["width"])
+    below = np.append(0.0, np.cumsum(0.5 * (mass[1:] + mass[:-1]) * np.diff(width)))
+    low, weber, high = np.expm1(np.interp([0.05, 0.5, 0.95], below / below[-1], width) * ndtri(0.75) / ndtri(0.95) / 2)
+    ours = row["weber_high"] - row["weber_low"]
+    assert abs(row["weber"] - weber) < 0.1 * ours
+    assert 0.6 * (high - low) < ours < 1.05 * (high - low)
 
 
 def test_intervals_cover_the_truth():

@@ -136,6 +136,8 @@ def test_a_run_on_plate_forces_alone_says_what_is_known_of_the_skin():
 def test_the_next_step_names_what_would_gain_most_and_people_who_answered_otherwise():
     doubted = GOOD._replace(unreproduced=("noise",), remedies=("--drift (estimated gain: 40)", "--individual gamma"))
     assert conclude(doubted).next_step.startswith("repeat the run with --drift (estimated gain: 40); or with --indiv")
+    far = conclude(doubted._replace(surprise="data and prior disagree about b (12)")).next_step
+    assert far.startswith("check the units of moduli and loads; then repeat the run with --drift")
     odd = conclude(doubted._replace(odd="the scale of P3 was reversed")).next_step
     assert odd.startswith("check whether the scale of P3 was reversed, and leave these rows out")
     # negative control: of a run that passes nothing of the kind is said
