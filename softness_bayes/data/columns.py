@@ -415,7 +415,9 @@ def is_reversed(title: str) -> bool:
     hard = [ends[word] for word in _HARD & ends.keys()]
     if hard and len(ends) > 1:
         return max(hard) == max(ends.values())
-    return not _HARD.isdisjoint(key(title).split())
+    # the last word is the upper end, as in `soft - hard`
+    words = [word for word in key(title).split() if word in _HARD or word.startswith("soft")]
+    return bool(words) and words[-1] in _HARD
 
 
 def reversed_remark(title: str) -> str:

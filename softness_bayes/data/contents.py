@@ -68,27 +68,14 @@ def with_percentages(table: Table) -> Table:
     return table.with_cells(RATING.name, cells, note)
 
 
-_PRACTICE = frozenset(
-    {
-        "practice",
-        "practise",
-        "training",
-        "warm up",
-        "warmup",
-        "practice trial",
-        "übung",
-        "probe",
-        "entraînement",
-        "練習",
-    }
-)
+_PRACTICE = re.compile("practi[cs]e( trials?)?|training|warm ?up|übung(sdurchgang)?|entraînement|練習")
 
 
 def without_practice(table: Table) -> Table:
     """Leave out rows that a column of sessions or trials, or an unused one, calls practice."""
     numbered = {table.titles[name]: table.cells[name] for name in ("session", "trial") if name in table}
     for title, texts in {**numbered, **table.others}.items():
-        left = [i for i, text in enumerate(texts) if key(text) in _PRACTICE]
+        left = [i for i, text in enumerate(texts) if _PRACTICE.fullmatch(key(text))]
         if 0 < len(left) < len(table):
             return table.without(left, f"practice by column {quoted(title)}, left out")
     return table

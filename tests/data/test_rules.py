@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 from softness_bayes.data import Compression, Fabrics, Ratings, ratings_csv, read_experiment
+from softness_bayes.data.columns import is_reversed
 from softness_bayes.data.faults import identity
 from softness_bayes.data.reading import COLUMNS, CONTENTS, ROWS
 from softness_bayes.errors import InputError
@@ -270,6 +271,21 @@ def test_a_hint_is_tried_before_it_is_given(file):
     # in N m, 0.03 would be the rigidity of a board
     assert "try:" not in refusal(Fabrics.read, file("fabric,B\na,0.03\nb,0.5\n"))
     assert refusal(Fabrics.read, file("fabric,B\na,3e-6\nb,5e-6\n")).endswith("--column bending_rigidity_n_m=B")
+
+
+@pytest.mark.parametrize(
+    ("title", "reversed_"),
+    [
+        ("hardness", True),
+        ("Rating (1 = soft, 7 = hard)", True),
+        ("softness (soft - hard)", True),
+        ("Softness [hard-soft]", False),
+        ("softness 7: very soft, 1: very hard", False),
+        ("Weichheit", False),
+    ],
+)
+def test_titles_of_reversed_scales(title, reversed_):
+    assert is_reversed(title) is reversed_
 
 
 @pytest.mark.parametrize(
