@@ -69,7 +69,7 @@ class LoadGroups(NamedTuple):
 def groups_of(loads: Sequence[Load], most: int = MOST_SHOWN) -> LoadGroups:
     """Return one group per load if there are few loads, and groups of neighbouring loads if there are many.
 
-    Each kind of load is clustered on a logarithmic scale by complete linkage: members of a group differ by less than
+    Each kind of load is clustered in rising order, on a logarithmic scale: members of a group differ by less than
     `NEAR`, or by more if the kind's share of `most` groups requires it.
 
     Parameters
@@ -108,17 +108,12 @@ def _most_of(counts: Sequence[int], most: int) -> list[int]:
 
 
 def _clusters(log: NDArray[np.float64], most: int) -> list[IntArray]:
-    """Return the indices of each cluster of ascending values."""
-    from scipy.cluster.hierarchy import fcluster, linkage  # imported here because few tables need it
-
-    if log.size == 1:
-        return [np.array([0])]
-    tree = linkage(log[:, None], "complete")
-    found = fcluster(tree, math.log(NEAR), "distance")
-    if found.max() > most:
-        found = fcluster(tree, most, "maxclust")
-    starts = np.flatnonzero(np.r_[True, np.diff(found) != 0])
-    return np.split(np.arange(log.size), starts[1:])
+    """Return the indices of each cluster of ascending values: a cluster is as wide as `NEAR`, or wider for `most`."""
+    width, starts = max(math.log(NEAR), float(np.ptp(log)) / most), [0]
+    for k in range(1, log.size):
+        if log[k] - log[starts[-1]] >= width:
+            starts.append(k)
+    return np.split(np.arange(log.size), starts[1:most])
 
 
 def _names(groups: Sequence[Sequence[Load]]) -> list[str]:
