@@ -259,13 +259,6 @@ def save(figure: Figure, path: str | Path, formats: Sequence[str] = ("png", "pdf
     return write_outputs(path.parent, files_of(figure, path.name, formats, style), PLOT)
 
 
-def settle(figure: Figure) -> None:
-    """Place the panels of a figure for good; with a layout engine, matplotlib draws a figure twice to save it."""
-    if (engine := figure.get_layout_engine()) is not None:
-        engine.execute(figure)
-        figure.set_layout_engine("none")
-
-
 def files_of(
     figure: Figure, stem: str, formats: Sequence[str] = ("png", "pdf"), style: Style = USUAL
 ) -> dict[str, bytes]:
@@ -278,7 +271,6 @@ def files_of(
                 contents[f"{stem}.{name}"] = csv_of(data_of(figure), index=False).encode()
                 continue
             more: dict[str, Any] = {"pil_kwargs": {"compress_level": COMPRESSION}} if name == "png" else {}
-            settle(figure)
             figure.savefig(drawn := io.BytesIO(), format=name, metadata=dict(METADATA[name]), **more)
             contents[f"{stem}.{name}"] = drawn.getvalue()
     return contents

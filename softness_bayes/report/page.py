@@ -25,7 +25,7 @@ from softness_bayes.files.spreadsheet import csv_of
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.plotting.figures import announced, figure_named, figures_of, file_of, require_figures
 from softness_bayes.plotting.panels import TINTS
-from softness_bayes.plotting.style import METADATA, USUAL, settle
+from softness_bayes.plotting.style import METADATA, USUAL
 from softness_bayes.readable import chance, counted, number, sentence
 from softness_bayes.report import tables
 from softness_bayes.report.cards import cards
@@ -196,8 +196,7 @@ def picture(result: Result, name: str) -> Picture:
     """Return a figure by its name, drawn and embedded."""
     drawing, drawn, dpi = figure_named(name), io.BytesIO(), COARSE if name in SAMPLING else RESOLUTION
     with USUAL.applied():
-        settle(figure := drawing(result, USUAL))
-        figure.savefig(drawn, format="png", dpi=dpi, metadata=dict(METADATA["png"]))
+        drawing(result, USUAL).savefig(drawn, format="png", dpi=dpi, metadata=dict(METADATA["png"]))
     source = f"data:image/png;base64,{base64.b64encode(drawn.getvalue()).decode('ascii')}"
     caption = sentence(drawing.shows)
     return Picture(file_of(name), source, caption, alternative_text(result, name, caption))
