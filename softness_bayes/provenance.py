@@ -32,7 +32,6 @@ from softness_bayes.parameters.declared import PARAMETERS, UNKNOWN_MODULUS
 from softness_bayes.parameters.laws import Prior
 from softness_bayes.parameters.priors import parse_prior
 from softness_bayes.readable import chance, with_error
-from softness_bayes.recordings.findings import RecordedFindings
 from softness_bayes.touch.readings import ALTERNATIVES, Readings
 
 Section = TypeVar("Section")
@@ -247,12 +246,7 @@ class RecordedData:
 
     digest_afferents: str
     recorded_findings: Mapping[str, Any]
-    """Fields of `RecordedFindings`."""
-
-    @property
-    def findings(self) -> RecordedFindings:
-        """What the run says of them."""
-        return RecordedFindings.recorded(self.recorded_findings)
+    """Record of the `RecordedFindings`, which `Stored.recorded_findings` returns."""
 
 
 @dataclass(frozen=True)

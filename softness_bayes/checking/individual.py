@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.checking.layout import UNCERTAIN
 from softness_bayes.checking.sensitivity import contraction, prior_moments
 from softness_bayes.likelihood.intervals import RATER_EFFECTS, RATER_SPREADS
 from softness_bayes.likelihood.ratings import SKIN
@@ -31,9 +32,6 @@ one."""
 
 MODULUS_LAW = "fabric_modulus_law"
 """Law of each sampled modulus [kPa] in its written form, in the group `constant_data`."""
-
-UNCERTAIN = "uncertain_fabric"
-"""Axis of the fabrics whose modulus is sampled."""
 
 POPULATION = "population"
 """Row of the table for a rater drawn from the population."""

@@ -24,6 +24,9 @@ IndexArray = NDArray[np.intp]
 RATING_VALUE = "rating_value"
 """Variable of `constant_data` with `ratings_in`, where these are not the ratings as filed."""
 
+UNCERTAIN = "uncertain_fabric"
+"""Axis of the fabrics whose modulus is sampled."""
+
 RATING_LINE = "rating_line"
 """Variable with the line of each rating in its file; a line of a wide table has several."""
 

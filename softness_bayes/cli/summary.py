@@ -42,7 +42,7 @@ def _details(result: Result, fit: Fit | None) -> list[str]:
     shown.insert(list(shown).index("prior_sd") + 1, "sd/prior_sd", summary["sd"] / summary["prior_sd"])
     lines = [f"{shown.to_string(float_format=lambda x: f'{x:.4g}', na_rep='–')}\n", *result.learnt()]
     lines += [f"\n{plate_sentence(result.provenance.plate)}"] if result.has_compression else []
-    lines += ["", *result.provenance.recorded.findings.sentences] if result.has_afferents else []
+    lines += ["", *result.recorded_findings.sentences] if result.has_afferents else []
     return [*lines, *([] if fit is None else [f"\n{_turning(result)}\n", *_about_ratings(result, fit)])]
 
 

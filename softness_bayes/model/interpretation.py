@@ -15,13 +15,13 @@ from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.error_laws import GUMBEL, LAPSES, NORMAL, STUDENT, ErrorLaw
 from softness_bayes.likelihood.layout import Layout, merge
 from softness_bayes.likelihood.lists import MOST_TIED, shares
-from softness_bayes.likelihood.models import rating_model
 from softness_bayes.likelihood.scales import (
     AGGREGATED,
     CATEGORIES,
     MAGNITUDE,
     PAIRS,
     RANKS,
+    RISES,
     SLIDER,
     STANDARDISED,
     Scale,
@@ -132,7 +132,9 @@ def _wrong_cells(ratings: Ratings, options: ModelOptions) -> str:
 
 def _with_custom_model(ratings: Ratings, options: ModelOptions) -> Interpretation:
     """Return exact numbers with the error law of a custom observation model."""
-    name, law = options.scale.name, rating_model(options.scale).error
+    assert options.scale.model is not None
+    # a model without one is refused by name when the model of the run is built
+    name, law = options.scale.name, getattr(options.scale.model(RISES), "error", NORMAL)
     if options.resolution is not None or ratings.resolution is not None or options.errors not in (None, law):
         raise InputError(
             f"ratings: the custom model of {name} defines its own numbers and errors; omit --resolution and "

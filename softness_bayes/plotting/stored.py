@@ -35,8 +35,9 @@ def modulus_limits(result: Drawable) -> Array | None:
 
     None if no modulus is sampled.
     """
-    from softness_bayes.checking.individual import MODULUS_LAW, UNCERTAIN
+    from softness_bayes.checking.individual import MODULUS_LAW
     from softness_bayes.checking.individual import modulus_limits as limits_of
+    from softness_bayes.checking.layout import UNCERTAIN
 
     if MODULUS_LAW not in result.group("constant_data"):
         return None

@@ -81,7 +81,7 @@ def cards(result: Result) -> list[Card]:
     if result.has_compression:
         rest.append(plate_card(provenance.plate))
     if result.has_afferents:
-        rest.append(recorded_card(provenance.recorded.findings))
+        rest.append(recorded_card(result.recorded_findings))
     follows = [agreement_card(result.fit, ruler_sentence_of(result))] if result.has_ratings else []
     if not provenance.ending.converged:
         rest, follows = ([card.doubted(NOT_CONVERGED) for card in some] for some in (rest, follows))

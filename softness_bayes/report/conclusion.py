@@ -211,7 +211,7 @@ def _odd(result: Result) -> str:
 
 
 def _recorded_faults(result: Result) -> tuple[str, ...]:
-    return result.provenance.recorded.findings.faults if result.has_afferents else ()
+    return result.recorded_findings.faults if result.has_afferents else ()
 
 
 def _cautions(result: Result) -> tuple[str, ...]:

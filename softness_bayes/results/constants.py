@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from softness_bayes.checking.agreement import RATERS_OF_CELLS
 from softness_bayes.checking.check_table import LOO_PIT, PARETO_K
 from softness_bayes.checking.checks import LooPit
-from softness_bayes.checking.individual import MODULUS_LAW, UNCERTAIN
+from softness_bayes.checking.individual import MODULUS_LAW
 from softness_bayes.checking.layout import (
     LOAD_GROUP,
     RATING_AS_FILED,
@@ -18,6 +18,7 @@ from softness_bayes.checking.layout import (
     RATING_LINE,
     RATING_LOW,
     RATING_VALUE,
+    UNCERTAIN,
 )
 from softness_bayes.data.columns import EFFECTIVE_MODULUS, GEOMETRIC_SD, LOAD_CV, POISSON_RATIO, RESOLUTION
 from softness_bayes.data.ratings import LOAD_COLUMNS

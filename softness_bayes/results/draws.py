@@ -12,9 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes import arviz_bridge
 from softness_bayes.checking.exactness import resample
-from softness_bayes.checking.individual import UNCERTAIN
 from softness_bayes.checking.inflection import Inflection
-from softness_bayes.checking.layout import LOAD_GROUP
+from softness_bayes.checking.layout import LOAD_GROUP, UNCERTAIN
 from softness_bayes.data import Experiment
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.pieces import pieces

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.checking.individual import UNCERTAIN
-from softness_bayes.checking.layout import loads_in
+from softness_bayes.checking.layout import UNCERTAIN, loads_in
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import Scale
 from softness_bayes.parameters.declared import FABRIC_MODULUS, PARAMETERS
@@ -24,6 +23,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from softness_bayes.data import Fabrics
+    from softness_bayes.recordings.findings import RecordedFindings
 
 Array = NDArray[np.float64]
 
@@ -115,6 +115,13 @@ class Stored:
         from softness_bayes.model.fingers import finger_of
 
         return finger_of(self.provenance.asked.options.get("finger", {}))
+
+    @property
+    def recorded_findings(self) -> RecordedFindings:
+        """Findings about the recorded afferents of the run."""
+        from softness_bayes.recordings.findings import RecordedFindings
+
+        return RecordedFindings.recorded(self.provenance.recorded.recorded_findings)
 
     @property
     def readings(self) -> Readings:
