@@ -98,10 +98,11 @@ def _at_draws(posterior: Posterior, result: Result) -> tuple[Array, Any]:
 
 def _by_fabric(result: Result, refits: Refits) -> LeftOut:
     """Refit the model without each fabric, because a fabric changes the posterior too much for importance weights."""
-    ratings = experiment_of(result).ratings
+    experiment = experiment_of(result)
+    posterior, ratings = build(experiment, options_of(result)).posterior, experiment.ratings
     unknown = np.full(len(ratings.fabrics), np.nan)
-    left = LeftOut(unknown, unknown, 0)
-    return _refitted(result, "fabric", ratings.fabric, ratings.fabrics, left, 1 << 21, refits)
+    seed = int(result.attributes["seed"]), 1 << 21
+    return _refitted(posterior, "fabric", ratings.fabric, ratings.fabrics, LeftOut(unknown, unknown, 0), seed, refits)
 
 
 def _by_condition(result: Result, refits: Refits) -> LeftOut:
@@ -112,16 +113,16 @@ def _by_condition(result: Result, refits: Refits) -> LeftOut:
     names = [f"{ratings.fabrics[fabric]} at {ratings.loads[load]}" for fabric, load in pairs]
     posterior = build(experiment, options_of(result)).posterior
     left = leave_by_weights(posterior.observation.log_likelihood_blocks(*_at_draws(posterior, result), group))
-    return _refitted(result, "condition", group, names, left, 1 << 22, refits)
+    return _refitted(posterior, "condition", group, names, left, (int(result.attributes["seed"]), 1 << 22), refits)
 
 
 def _refitted(
-    result: Result,
+    posterior: Posterior,
     unit: str,
     group: NDArray[np.intp],
     names: Sequence[str],
     left: LeftOut,
-    key: int,
+    seed: tuple[int, int],
     refits: Refits,
 ) -> LeftOut:
     """Refit a model without each group of ratings whose importance weights are missing or unreliable.
@@ -134,17 +135,16 @@ def _refitted(
         Index of each rating's group, shape (ratings,), and the names of the groups.
     left
         Predictions by importance weights, NaN where there are none.
-    key
-        Key of the seeds of refits.
+    seed
+        Seed of the run, and key of the seeds of refits.
     """
     if (group == group[0]).all():
         raise InputError(f"compare: there is only one {unit}, so no data remain to predict it from")
-    posterior = build(experiment_of(result), options_of(result)).posterior
-    settings, seed, unfinished = replace(refits.settings, processes=1), int(result.attributes["seed"]), 0
+    settings, unfinished = replace(refits.settings, processes=1), 0
     density, shape = left.log_density.copy(), left.pareto_k.copy()
     again = np.flatnonzero(shape > largest_pareto_k(left.draws)) if left.draws else np.arange(len(shape))
     processes = min(refits.settings.processes or available_processors(), max(len(again), 1))
-    tasks = [(int(k), group == k, (seed, key, int(k)), settings) for k in again]
+    tasks = [(int(k), group == k, (*seed, int(k)), settings) for k in again]
     with Workers(posterior, processes, refits.executor) as workers:
         for k, density[k], converged in workers.as_finished(_without, tasks):
             shape[k] = np.nan
