@@ -8,18 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options import (
-    Touches,
-    dask,
-    flag,
-    force,
-    number,
-    out,
-    path,
-    repeated,
-    seed,
-    touches,
-)
+from softness_bayes.cli.options import Touches, dask, flag, force, number, out, path, repeated, seed, touches
 from softness_bayes.cli.running import executor_of
 from softness_bayes.errors import InputError
 from softness_bayes.model.options import ModelOptions

@@ -7,17 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from softness_bayes.cli.options import (
-    FILE,
-    collected,
-    load_options,
-    number,
-    out,
-    path,
-    seed,
-    trust_code,
-    typed,
-)
+from softness_bayes.cli.options import FILE, collected, load_options, number, out, path, seed, trust_code, typed
 from softness_bayes.cli.running import reading
 from softness_bayes.errors import InputError
 from softness_bayes.model.options import ModelOptions
