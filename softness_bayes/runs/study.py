@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from softness_bayes.checking.pooling import LEAST_TABLES
-from softness_bayes.data import Experiment, Measurements
+from softness_bayes.data import Afferents, Compression, Experiment, Measurements
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import require_outputs, write_outputs
 from softness_bayes.files.run_files import POSTERIOR, RUNS
@@ -156,7 +156,7 @@ class Study:
 
 
 def study(
-    tables: Mapping[str, Experiment | Measurements],
+    tables: Mapping[str, Experiment | Compression | Afferents | Measurements],
     directory: str | Path,
     model: ModelOptions = ModelOptions(),
     run: RunOptions = RunOptions(),

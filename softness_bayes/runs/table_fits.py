@@ -21,7 +21,7 @@ import numpy as np
 from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.checkpoints.identity import identity
 from softness_bayes.checkpoints.status import Status, read_status
-from softness_bayes.data import Experiment, Measurements
+from softness_bayes.data import Afferents, Compression, Experiment, Measurements
 from softness_bayes.errors import LockedError, ResourceError, SoftnessError
 from softness_bayes.files.lock import Lock
 from softness_bayes.files.run_files import CHECKPOINT, LOCK, MANIFEST, POSTERIOR
@@ -60,7 +60,7 @@ class Fit(NamedTuple):
 
     table: str
     """Its name."""
-    data: Experiment | Measurements
+    data: Experiment | Compression | Afferents | Measurements
     directory: str
     """Directory of the run on the client."""
     kept: Kept | None
@@ -74,7 +74,7 @@ class Fit(NamedTuple):
 def fit_tables(
     workers: Workers,
     request: Request,
-    tables: Mapping[str, Experiment | Measurements],
+    tables: Mapping[str, Experiment | Compression | Afferents | Measurements],
     runs: Path,
     kept: Mapping[str, Kept],
     executor: Executor | None,
@@ -145,13 +145,14 @@ def _outcome(request: Request, fit: Fit, directory: Path) -> TableOutcome:
 
 
 def _fitted(request: Request, fit: Fit, directory: Path) -> TableOutcome:
-    model = model_of(fit.data, request.model)
+    data = fit.data if isinstance(fit.data, Experiment) else Measurements.of(fit.data)
+    model = model_of(data, request.model)
     run = replace(request.run, seed=seed_of(request.run.seed, fit.table), processes=1)
     asked = Request(model.options, run)
     with _checkpoint(directory) as checkpoint:
         status = checkpoint.status
         if status is not None and status.written and (directory / POSTERIOR).is_file():
-            checkpoint.require_same(identity(fit.data, model.posterior, run.settings, asked.choices()))
+            checkpoint.require_same(identity(data, model.posterior, run.settings, asked.choices()))
             if (verdict := final_verdict(status, run.max_steps)) is not None:
                 return TableOutcome(fit.table, CONVERGED if verdict.converged else UNCONVERGED, verdict.sentence())
         if fit.kept is not None:
