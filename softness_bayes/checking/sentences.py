@@ -52,7 +52,7 @@ class Wording(NamedTuple):
 
     subject: str
     unknown: str
-    """Why nothing is compared."""
+    """Reason for comparing nothing."""
     agrees: str
     deviates: str
     """With the place of the estimate."""

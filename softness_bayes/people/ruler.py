@@ -57,7 +57,7 @@ UNKNOWN = Following(None, False)
 
 
 class Fit(NamedTuple):
-    """Whether a model follows its ratings, and what keeps the question from being asked."""
+    """Agreement of a model with its ratings, and reasons for not judging it."""
 
     direction: DirectionTaken
     """The direction of the run, and that of the data."""

@@ -151,7 +151,7 @@ class Result(Stored):
 
     @property
     def fit(self) -> Fit:
-        """Whether the model follows the ratings."""
+        """The answer to whether the model follows the ratings."""
         from softness_bayes.people.ruler import fit_of
 
         self._require_ratings()
