@@ -30,6 +30,9 @@ CHECK = "check"
 """Command under which the figure is listed in the record of written files."""
 
 
+TOUCHES = "Which touches would tell most? 'softness-bayes design' with these tables; after a run, with --given DIR."
+
+
 @click.command()
 @data_files
 @collected("model", ModelOptions)
@@ -117,8 +120,8 @@ def command(
         lines += [*table_lines(known, experiment, model), *(f"note: {note}" for note in notes)]
         lines += ["\nWhat do the numbers say?", known["model"]["numbers"], known["model"]["errors_because"]]
         lines += ["\nDo ratings rise or fall with stiffness?", *known["model"]["direction_because"]]
-        lines += ["", *design_lines(known["design"])] if design else []
         lines += ["", *cost_lines(build(experiment, model))] if cost else []
+        lines += ["", *design_lines(known["design"]), TOUCHES] if design else []
         _echo(lines)
     if figure is not None:
         _draw(figure, experiment, model, meaning)

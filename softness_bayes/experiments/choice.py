@@ -189,10 +189,12 @@ class Plan:
 
     @property
     def gains(self) -> pd.DataFrame:
-        """Every candidate with the information that it would give alone, and how often it was chosen."""
+        """Every candidate: its gain alone, 5, 50 and 95 % limits of its response, and how often it was chosen."""
         table = self.touches.table
         often = np.bincount(np.array(self.chosen, np.intp), minlength=len(table))
-        return table[TOUCH].assign(gain_nats=self.gain, p_silent=table["p_silent"], chosen=often)
+        limits = np.quantile(self.touches.response, [0.05, 0.5, 0.95], axis=0)
+        response = dict(zip(("response_low", "response", "response_high"), limits, strict=True))
+        return table[TOUCH].assign(gain_nats=self.gain, **response, p_silent=table["p_silent"], chosen=often)
 
     @property
     def record(self) -> dict[str, Any]:

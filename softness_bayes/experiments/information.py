@@ -74,8 +74,8 @@ class Histograms:
         self.n = int(min(2 ** np.ceil(np.log2(max(cells, 64.0))), _MOST_CELLS))
         self.step = (high - low) / (self.n - 1)
         place = (mean - low) / self.step
-        cell = np.minimum(place.astype(np.intp), self.n - 2)
-        self._share = place - cell
+        cell = np.clip(np.rint(place).astype(np.intp), 1, self.n - 2)
+        self._beside = place - cell
         # draws in classes of about equal errors, each with its own convolution
         log_sd = np.log(self.sd)
         least, most = log_sd.min(axis=0), log_sd.max(axis=0)
@@ -90,8 +90,8 @@ class Histograms:
         squares = np.bincount(flat, (weighted * self.sd**2).ravel(), size)
         with np.errstate(invalid="ignore"):
             self._variance = np.where(mass > 0, squares / mass, 1.0).reshape(-1, _CLASSES)
-        # the share of a draw that each neighbouring cell gets widens its law by step² / 6 on average
-        self._kernel_variance = np.maximum(self._variance - self.step[:, None] ** 2 / 6.0, 0.0)
+        # the quadratic spline that shares a draw between three cells widens its law by step² / 4
+        self._kernel_variance = np.maximum(self._variance - self.step[:, None] ** 2 / 4.0, 0.0)
 
     def entropy(self, some: NDArray[np.bool_] | None = None) -> Array:
         """Return the entropy of each touch's mixture [nats], over all draws or a group of them, shape (touches,)."""
@@ -99,8 +99,12 @@ class Histograms:
         weight = weight / weight.sum()
         columns = self.mean.shape[1]
         size, every = columns * _CLASSES * self.n, np.broadcast_to(weight[:, None], self.mean.shape)
-        histogram = np.bincount(self._cell.ravel(), (every * (1.0 - self._share)).ravel(), size)
-        histogram += np.bincount(self._cell.ravel() + 1, (every * self._share).ravel(), size)
+        shares = 0.5 * (0.5 - self._beside) ** 2, 0.75 - self._beside**2, 0.5 * (0.5 + self._beside) ** 2
+        parts = [
+            np.bincount((self._cell + k).ravel(), (every * share).ravel(), size)
+            for k, share in zip((-1, 0, 1), shares, strict=True)
+        ]
+        histogram = np.sum(parts, axis=0)
         spectrum = np.fft.rfft(histogram.reshape(columns, _CLASSES, self.n), axis=-1)
         frequency = np.fft.rfftfreq(self.n)[None, None, :] / self.step[:, None, None]
         spectrum *= np.exp(-2.0 * (np.pi * frequency) ** 2 * self._kernel_variance[..., None])

@@ -103,6 +103,11 @@ def test_lines_of_a_design(told):
     assert "ratings more" in lines[best + 1]
 
 
+def test_a_forecast_ends_with_the_command_that_names_the_touches(tmp_path):
+    said = check(tmp_path, experiment(), "--design").stdout.splitlines()
+    assert "'softness-bayes design'" in said[-1]
+
+
 def test_design_of_forces_alone_is_refused(tmp_path):
     (tmp_path / "plate.csv").write_text("participant,indentation_mm,force_n\nP1,1,0.2\nP1,2,0.9\n", encoding="utf-8")
     done = CliRunner().invoke(main, ["check", "--compression", str(tmp_path / "plate.csv"), "--design"])
