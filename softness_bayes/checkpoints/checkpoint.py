@@ -289,8 +289,12 @@ class Checkpoint:
             write_outputs(self.directory, {NONFINITE: _failure_table(state, target)}, RUN)
 
     def _replace_manifest(self, manifest: dict[str, Any]) -> None:
-        write_whole(self._home / MANIFEST, sealed(manifest))
-        self._manifest = manifest
+        path, content = self._home / MANIFEST, sealed(manifest)
+        try:
+            write_whole(path, content)
+        finally:  # an interrupt may come after the file is replaced, when this state is saved
+            if path.is_file() and path.read_bytes() == content:
+                self._manifest = manifest
 
     def _tidy(self) -> None:
         """Remove files that are not in the manifest: leftovers of interrupted writes, and replaced files.

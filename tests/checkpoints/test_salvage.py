@@ -91,7 +91,7 @@ def test_where_nothing_is_whole_the_run_is_refused_by_name(run):
     home = run / "checkpoint"
     first = read_manifest(run)["files"][0][0]
     for path in home.glob("state-*"):
-        flip(path)
+        cut(path)
     with pytest.raises(InputError, match=r"state-\d+\.npz: damaged or missing; no intact state is left") as error:
         Checkpoint.open(run, salvage=True)
     assert str(home / first) in str(error.value)
