@@ -226,19 +226,13 @@ def prior(result: stored.Drawable, style: Style) -> Figure:
 
 
 def _draw_steps(axes: Axes, values: Array, gid: str, **look: Any) -> None:
-    """Draw the histogram of draws as a density."""
-    height, edges = _histogram(values)
-    axes.stairs(height, edges, label=gid.partition("/")[0], **look).set_gid(gid)
-
-
-def _histogram(values: Array) -> tuple[Array, Array]:
-    """Return the density and bin edges over the central 99.8 % of draws, normalised by all draws."""
+    """Draw the density of draws over their central 99.8 %, normalised by all draws, in steps."""
     ((low, high),) = _ranges(values[:, None], 0.0)
     if low == high:  # one draw, or a parameter that does not vary
         low, high = low - 0.5 * (abs(low) or 1.0), high + 0.5 * (abs(high) or 1.0)
-    bins = int(np.clip(2.0 * values.size ** (1 / 3), 10, 40))
-    edges = np.linspace(low, high, bins + 1)
-    return np.histogram(values, edges)[0] / (values.size * np.diff(edges)), edges
+    edges = np.linspace(low, high, int(np.clip(2.0 * values.size ** (1 / 3), 10, 40)) + 1)
+    height = np.histogram(values, edges)[0] / (values.size * np.diff(edges))
+    axes.stairs(height, edges, label=gid.partition("/")[0], **look).set_gid(gid)
 
 
 def _thinned(values: Array) -> Array:

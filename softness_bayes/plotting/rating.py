@@ -201,13 +201,11 @@ def _draw_observed(
 
     If there are many points, they are small and drawn below the curve.
     """
-    many = x.size > CROWD
-    colour, width = style.tint(style.data, 0.35 if many else 0.6), 0.3 if many else 0.8
-    spread = axes.vlines(x, means[1], means[2], color=colour, linewidth=width)
-    spread.set(label="± 1 sd between participants", gid=f"spread/{gid}", zorder=1.6 if many else 2)
-    size = 1.2 if many else 3
+    size, strength, width, order = (1.2, 0.35, 0.3, 1.6) if x.size > CROWD else (3.0, 0.6, 0.8, 2.0)
+    spread = axes.vlines(x, *means[1:], color=style.tint(style.data, strength), linewidth=width, zorder=order)
+    spread.set(label="± 1 sd between participants", gid=f"spread/{gid}")
     points = axes.plot(x, means[0], "o", color=style.data, markersize=size, gid=f"ratings/{gid}")[0]
-    points.set(label=scale.mean, zorder=1.7 if many else 3)
+    points.set(label=scale.mean, zorder=1.7 if order < 1.7 else 3)
     for marks in (spread, points):
         name_rows(marks, names)
 

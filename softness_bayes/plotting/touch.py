@@ -10,7 +10,6 @@ from softness_bayes.plotting import stored
 from softness_bayes.plotting.names import short_name
 from softness_bayes.plotting.panels import (
     WIDE,
-    Array,
     draw_bands,
     draw_interval,
     fitting,
@@ -124,10 +123,19 @@ def _draw_profiles(figure: Figure, grid: GridSpec, touches: xr.Dataset, fabrics:
 
 
 def _draw_maps(figure: Figure, grid: GridSpec, touches: xr.Dataset, fabrics: list[str], style: Style) -> None:
-    """Draw a map of the pad for each fabric and load, with the keys of rates and of receptors."""
-    middle = touches.sel(quantile=0.5)
+    """Draw a map of the pad for each fabric and load: receptors by their rates, the edge of the contact, and keys.
+
+    The map shows a part of the pad with all contacts inside, which has the pad's proportions.
+    """
+    from matplotlib.patches import Circle
+    from matplotlib.ticker import MultipleLocator
+
+    middle, centre, pad = touches.sel(quantile=0.5), touches["contact_centre_mm"].values, touches["pad_mm"].values
+    half = min(MARGIN * float(middle["touch_radius_mm"].max()), 0.5 * float(pad[1]))
+    size = np.array([half * pad[0] / pad[1], half])
+    shown = np.clip(centre, size, pad - size) + np.array([-size, size])
     places = np.stack([touches[f"receptor_{side}_mm"].values for side in "xy"], axis=-1)
-    away = np.hypot(*(places - touches["contact_centre_mm"].values).T)
+    away = np.hypot(*(places - centre).T)
     distance, profiles = touches["distance_mm"].values, middle["touch_rate_hz"].values
     rate = np.apply_along_axis(lambda profile: np.interp(away, distance, profile), -1, profiles)
     firing = rate[rate > 0]
@@ -138,9 +146,17 @@ def _draw_maps(figure: Figure, grid: GridSpec, touches: xr.Dataset, fabrics: lis
         for k, load in enumerate(touches["touch_load"].values):
             axes = figure.add_subplot(grid[row + 2, k])
             cells.append(axes)
-            _draw_map(axes, touches, places, rate[k, row], ends, style, f"{load}/{row}")
+            fires, gid = rate[k, row] > 0, f"{load}/{row}"
+            hollow: dict[str, Any] = {"markersize": 2.2, "markerfacecolor": "none", "markeredgewidth": 0.4}
+            axes.plot(*places[~fires].T, "o", color=style.absent, gid=f"silent/{gid}", zorder=1, **hollow)
+            x, y = places[fires].T
+            colours: dict[str, Any] = {"c": rate[k, row][fires], "cmap": COLOURS, "vmin": ends[0], "vmax": ends[1]}
+            axes.scatter(x, y, 16, linewidths=0, zorder=2, gid=f"firing/{gid}", **colours)
             radius = float(middle["touch_radius_mm"][k, row])
-            _draw_contact(axes, touches, radius, float(middle["touch_radius_mm"].max()), f"{load}/{row}")
+            axes.add_patch(Circle(tuple(centre), radius, fill=False, linewidth=0.6, gid=f"contact/{gid}"))
+            axes.set(xlim=shown[:, 0], ylim=shown[:, 1], aspect="equal")
+            for axis in (axes.xaxis, axes.yaxis):
+                axis.set_major_locator(MultipleLocator(5.0))
             axes.tick_params(labelleft=k == 0, labelbottom=row == len(fabrics) - 1)
             if k == 0:
                 axes.set_ylabel("across [mm]")
@@ -148,37 +164,6 @@ def _draw_maps(figure: Figure, grid: GridSpec, touches: xr.Dataset, fabrics: lis
             if row == len(fabrics) - 1:
                 axes.set_xlabel("along the finger [mm]")
     _draw_keys(figure, cells, ends, style)
-
-
-def _draw_map(
-    axes: Axes, touches: xr.Dataset, places: Array, rate: Array, ends: tuple[float, float], style: Style, gid: str
-) -> None:
-    """Draw the receptors of the pad, coloured by their rates between two ends."""
-    fires = rate > 0
-    silent = axes.plot(*places[~fires].T, "o", markersize=2.2, markerfacecolor="none", markeredgewidth=0.4)[0]
-    silent.set(color=style.absent, gid=f"silent/{gid}", zorder=1)
-    x, y = places[fires].T
-    dots = axes.scatter(x, y, 16, rate[fires], cmap=COLOURS, vmin=ends[0], vmax=ends[1], linewidths=0, zorder=2)
-    dots.set_gid(f"firing/{gid}")
-
-
-def _draw_contact(axes: Axes, touches: xr.Dataset, radius: float, largest: float, gid: str) -> None:
-    """Draw the edge of a contact, and limit the map to a part of the pad with all contacts inside.
-
-    The part has the proportions of the pad.
-    """
-    from matplotlib.patches import Circle
-    from matplotlib.ticker import MultipleLocator
-
-    centre, pad = touches["contact_centre_mm"].values, touches["pad_mm"].values
-    axes.add_patch(Circle(tuple(centre), radius, fill=False, linewidth=0.6, gid=f"contact/{gid}"))
-    half = min(MARGIN * largest, 0.5 * float(pad[1]))
-    size = np.array([half * pad[0] / pad[1], half])
-    middle = np.clip(centre, size, pad - size)
-    (left, foot), (right, top) = middle - size, middle + size
-    axes.set(xlim=(left, right), ylim=(foot, top), aspect="equal")
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(MultipleLocator(5.0))
 
 
 def _draw_keys(figure: Figure, cells: list[Axes], ends: tuple[float, float], style: Style) -> None:
