@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from softness_bayes.model.scenes import scene_of as scene_of
     from softness_bayes.model.scenes import touch_parameters as touch_parameters
     from softness_bayes.model.scenes import usual_values as usual_values
+    from softness_bayes.model.simulation import simulate_afferents as simulate_afferents
     from softness_bayes.model.simulation import simulate_compression as simulate_compression
     from softness_bayes.model.simulation import simulate_ratings as simulate_ratings
     from softness_bayes.parameters.choice import parameter_space as parameter_space

@@ -54,21 +54,27 @@ def prediction_table(
     DataFrame
         A row per condition: fabric, indentation_mm, force_n, e_fab_kpa, e_skin_kpa,
         contact_radius_mm, peak_stress_kpa, total_rate_hz, responding, mean_rate_hz,
-        mean_interval_ms; for a batch, the medians, each with columns `_low` and `_high`. Mean rate and interval are
-        empty where no receptor fires. The last column, readings, lists the readings used.
+        mean_interval_ms, log_rate_slope (d ln total_rate_hz / d ln e_fab_kpa); for a batch, the medians, each with
+        columns `_low` and `_high`. Mean rate, interval and slope are empty where no receptor fires. The last column,
+        readings, lists the readings used.
     """
     import pandas as pd
 
     response = scene.respond(parameters, modulus)
     touched = scene.modulus if modulus is None else modulus[:, scene.fabric]
     columns: dict[str, object] = {"fabric": [fabrics.names[i] for i in scene.fabric]}
-    for name, values in quantities(response, touched).items():
+    slope = {"log_rate_slope": log_rate_slope(scene, parameters, modulus)}
+    for name, values in (quantities(response, touched) | slope).items():
         if values.ndim == 1:
             columns[name] = values
         else:
             columns[f"{name}_low"], columns[name], columns[f"{name}_high"] = _limits(values, prob)
     columns["readings"] = scene.readings.label
     return pd.DataFrame(columns)
+
+
+SLOPE_STEP = 0.01
+"""Step of differences in ln E_fab."""
 
 
 def quantities(response: Response, modulus: Array) -> dict[str, Array]:
@@ -94,6 +100,18 @@ def quantities(response: Response, modulus: Array) -> dict[str, Array]:
         "mean_rate_hz": response.mean_rate,
         "mean_interval_ms": response.mean_interval * 1e3,
     }
+
+
+def log_rate_slope(scene: Scene, parameters: TouchParameters, modulus: Array | None = None) -> Array:
+    """Return d ln(total rate) / d ln(E_fab) of every condition, shape (..., conditions); NaN where no receptor fires.
+
+    Differences over 2 % in E_fab; arguments as for `prediction_table`.
+    """
+    middle = scene.fabric_modulus if modulus is None else modulus
+    down, up = (scene.total_rate(parameters, middle * np.exp(sign * SLOPE_STEP)) for sign in (-1.0, 1.0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slope = np.log(up / down) / (2.0 * SLOPE_STEP)
+    return np.where(np.isfinite(slope), slope, np.nan)
 
 
 def _limits(values: Array, prob: float) -> Array:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.data import Compression, Fabrics, Ratings
+from softness_bayes.data import Afferents, Compression, Fabrics, Ratings
 from softness_bayes.data.fabrics import log_sd
 from softness_bayes.data.forms import PANEL, AggregatedCells
 from softness_bayes.errors import InputError
@@ -45,6 +45,8 @@ from softness_bayes.ranges import (
     require_kind,
     require_mapping,
 )
+from softness_bayes.recordings.likelihood import RecordedRates, recording_model
+from softness_bayes.recordings.response import ProbedTouches
 from softness_bayes.touch.contact import Finger, Load, require_loads
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import MENDED, Readings
@@ -419,3 +421,22 @@ def simulate_compression(
     force = rounded(plate.replicate(rng, plate.drive(NO_RESPONSE, skin), skin, effects))
     compression = Compression(numbered("F", fingers), finger, depth, force, np.arange(2, 2 + force.size))
     return SimulatedForces(compression, effects.log_b, effects.m)
+
+
+def simulate_afferents(rng: np.random.Generator, design: Afferents, values: Mapping[str, float]) -> Afferents:
+    """Simulate responses of afferents under the probes and loads of a table.
+
+    Parameters
+    ----------
+    rng
+        Random generator of sensitivities and noise.
+    design
+        The table; its own responses are placeholders.
+    values
+        The `RECORDING_PARAMETERS` that the table's model has, in natural units.
+    """
+    touches = ProbedTouches(design.loads, design.curvature, design.distance)
+    term = RecordedRates(design, touches, recording_model(design))
+    at = Parameters(**{name: np.float64(values[name]) * EVERY_PARAMETER[name].si for name in term.model.needs})
+    made = term.replicate(rng, term.rate(at), at, term.new_effects(rng, at, ()))
+    return replace(term.with_values(np.maximum(made, 0.0)).data, source="simulated")

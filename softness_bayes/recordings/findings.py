@@ -85,7 +85,7 @@ class Agreement(NamedTuple):
 
     @property
     def contradicts(self) -> bool:
-        """Whether `p_value` is below `DOUBTFUL`."""
+        """True if `p_value` is below `DOUBTFUL`."""
         return self.p_value < DOUBTFUL
 
     @property
@@ -98,7 +98,7 @@ class Agreement(NamedTuple):
 
 
 class RecordedFindings(NamedTuple):
-    """What a run says of its recorded afferents."""
+    """Findings of a run about its recorded afferents."""
 
     residual_sd: float
     """Residual sd about the posterior mean of the rates [Hz]."""
@@ -124,7 +124,7 @@ class RecordedFindings(NamedTuple):
 
     @property
     def faults(self) -> tuple[str, ...]:
-        """What the model does not reproduce, in words."""
+        """Features that the model does not reproduce, in words."""
         worse = self.residual_sd > MUCH_WORSE * self.additive_sd  # NaN is not
         apart = (f"{one.first} and {one.second} together" for one in self.agreements if one.contradicts)
         return (*(("the recorded rates as well as a table of effects does",) if worse else ()), *apart)

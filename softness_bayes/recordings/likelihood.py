@@ -173,6 +173,8 @@ class RecordedRates(Likelihood):
 
     def log_likelihood(self, mean_rate: Array, parameters: Parameters) -> Array:
         """Return the log density of all rows together, shape (...)."""
+        if not self._named.size:
+            return _law(self, parameters, slice(None)).log_density(self.rate(parameters)).sum(axis=-1)
         return self.log_likelihood_participants(mean_rate, parameters).sum(axis=-1)
 
     def log_likelihood_participants(self, mean_rate: Array, parameters: Parameters) -> Array:

@@ -15,7 +15,7 @@ from scipy.special import expit, logit
 from softness_bayes.touch.contact import Contact, Finger, Fingertips, Load, Loads
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
-from softness_bayes.touch.neuron.rate_curve import RateCurve
+from softness_bayes.touch.neuron.rate_curve import LARGEST_CURRENT, RateCurve
 from softness_bayes.touch.probes import Probe, rigid_contact
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.receptors import receptor_current
@@ -28,6 +28,9 @@ KNOTS = 400
 
 TABULATED = (1e1, 1e9)
 """Range of E_star [Pa] of the tables, at whose ends the stress is held; priors of the skin are far inside."""
+
+RATE_TERMS = 16
+"""Terms of the rate curve, which then errs by less than 0.02 Hz."""
 
 BLUR_NODES = 5
 """Gauss-Hermite nodes of a receptive field along each axis."""
@@ -93,7 +96,8 @@ class ProbedTouches:
     @cached_property
     def firing(self) -> FixedChannels:
         """The source of rate curves."""
-        return FixedChannels(PAPER_CHANNELS, self.readings.membrane)
+        whole = FixedChannels(PAPER_CHANNELS, self.readings.membrane, LARGEST_CURRENT, nodes=28)
+        return whole.shortened(RATE_TERMS)
 
     @cached_property
     def _presses(self) -> tuple[Loads, Array, NDArray[np.intp]]:
@@ -107,29 +111,30 @@ class ProbedTouches:
             np.array([place[p] for p in pairs]),
         )
 
-    def contact(self, at: Afferent) -> tuple[Contact, Fingertips]:
-        """Return the contact of each row, fields of shape (..., rows), and the fingers with the relative radii R*."""
-        loads, curvature, of_row = self._presses
-        radius, depth = (np.asarray(value, float)[..., None] for value in (at.radius, at.depth))
+    def contacts(self, at: Afferent) -> tuple[Contact, Fingertips]:
+        """Return the distinct contacts, fields of shape (..., contacts), and fingers with their relative radii R*."""
+        loads, curvature, _ = self._presses
+        radius, depth, b, m = (np.asarray(value, float)[..., None] for value in (at.radius, at.depth, at.b, at.m))
         radius = 1.0 / (1.0 / np.where(radius > 0, radius, self.finger.radius) + curvature)
         depth = np.where(depth > 0, depth, self.finger.receptor_depth)
         tips = Fingertips(radius, depth, self.finger.poisson_ratio)
-        b, m = (np.asarray(value, float)[..., None] for value in (at.b, at.m))
-        found = rigid_contact(loads, b, m, tips, self.readings.skin_displacement)
-        rows = Contact(*(np.take(np.broadcast_to(v, found.skin_modulus.shape), of_row, axis=-1) for v in found))
-        return rows, tips._replace(radius=np.take(radius, of_row, axis=-1))
+        return rigid_contact(loads, b, m, tips, self.readings.skin_displacement), tips
 
     def stress(self, at: Afferent) -> Array:
         """Return the stress at the receptive field [Pa], shape (..., rows).
 
         For a point at the finger's own radius and depth it is read from a table; otherwise it is integrated.
         """
-        contact, tips = self.contact(at)
+        found, tips = self.contacts(at)
+        of_row = self._presses[2]
         if not any(np.any(value) for value in (at.spread, at.radius, at.depth)):
             low, high = np.log(TABULATED)
-            place = np.clip(np.log(contact.reduced_modulus), low, high - 1e-9)
+            place = np.clip(np.log(found.reduced_modulus), low, high - 1e-9)
             # the splines of all rows follow each other along one axis
-            return np.asarray(self._table(place + (high - low) * np.arange(self.distance.size)))
+            return np.asarray(self._table(place[..., of_row] + (high - low) * np.arange(of_row.size)))
+        shape = found.skin_modulus.shape
+        contact = Contact(*(np.broadcast_to(value, shape)[..., of_row] for value in found))
+        tips = tips._replace(radius=tips.radius[..., of_row])
         spread = np.asarray(at.spread, float)[..., None]
         node, weight = np.polynomial.hermite_e.hermegauss(BLUR_NODES if np.any(spread) else 1)
         weight = weight / weight.sum()
@@ -187,4 +192,4 @@ class ProbedTouches:
         else:
             share = np.asarray(at.rest, float)[..., None] * curve.rheobase[..., None] / alpha
             current = alpha * expit(beta * felt + logit(np.minimum(share, 1.0 - 1e-12)))
-        return curve.rate(np.broadcast_to(current, np.broadcast_shapes(current.shape, felt.shape)))
+        return curve.rate(current)

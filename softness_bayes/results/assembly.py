@@ -167,7 +167,9 @@ def assembled(
     few, curves = draws.subset(draws.replicates), draws.subset(draws.curves)
     replicated, prior = replicated_groups(rng, draws), draws.prior[: draws.replicates]
     plate, axes, pressed = plate_results(rng, experiment.compression, posterior, theta, few.theta, prior, curves.theta)
-    recorded, rows, nerves, rates = recorded_results(rng, experiment.afferents, posterior, theta, few.theta, prior)
+    recorded, rows, nerves, rates = recorded_results(
+        rng, experiment.afferents, posterior, theta, few.theta, prior, curves.theta
+    )
     Stage.LEFT_OUT.log()
     left_out = draws.ratings.left_out(few.mean_rate, few.parameters)
     Stage.PREDICTIONS.log()
@@ -262,7 +264,7 @@ def assembled_skin(
     some, curves = theta[evenly(theta.shape, REPLICATES)], theta[evenly(theta.shape, CURVES)]
     before = prior[:REPLICATES]
     plate, axes, pressed = plate_results(rng, data.compression, posterior, theta, some, before, curves)
-    recorded, rows, nerves, rates = recorded_results(rng, data.afferents, posterior, theta, some, before)
+    recorded, rows, nerves, rates = recorded_results(rng, data.afferents, posterior, theta, some, before, curves)
     own: Groups = {"prior": named(posterior.space, prior[None]), "constant_data": held_parameters(posterior.space)}
     sources = [name for name, table in data._asdict().items() if table is not None]
     sampled = sampled_groups(posterior, kept, theta, "_and_".join(sources))

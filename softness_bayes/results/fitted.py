@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from softness_bayes.checking.agreement import RATERS_OF_CELLS
 from softness_bayes.checking.individual import modulus_laws
 from softness_bayes.checking.layout import RATING_AS_FILED, RATING_LINE
-from softness_bayes.data import Compression, Experiment, Fabrics, Ratings
+from softness_bayes.data import Afferents, Compression, Experiment, Fabrics, Ratings
 from softness_bayes.data.columns import GEOMETRIC_SD, LOAD_CV, RESOLUTION
 from softness_bayes.data.forms import AggregatedCells
 from softness_bayes.errors import InputError
@@ -28,7 +28,7 @@ from softness_bayes.parameters.laws import LogNormal, LogUniform
 from softness_bayes.parameters.space import FabricModuli
 from softness_bayes.results.request import Request
 from softness_bayes.results.stored import Stored
-from softness_bayes.touch.contact import Load
+from softness_bayes.touch.contact import Force, Indentation, Load
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Discretisation, Scene
 
@@ -173,7 +173,8 @@ def experiment_of(result: Stored) -> Experiment:
         lists=rows("list_index"),
         cells=None if raters is None else AggregatedCells(int(raters), rows(GEOMETRIC_SD.name)),
     )
-    return Experiment(ratings, fabrics, (), _compression_of(result) if result.has_compression else None)
+    compression = _compression_of(result) if result.has_compression else None
+    return Experiment(ratings, fabrics, (), compression, _afferents_of(result) if result.has_afferents else None)
 
 
 def _fabrics_of(result: Stored) -> Fabrics:
@@ -210,6 +211,27 @@ def _compression_of(result: Stored) -> Compression:
         force["force_row"].values,
         n_zero=result.provenance.plate.zero_forces,
         digest=result.provenance.plate.digest_compression,
+    )
+
+
+def _afferents_of(result: Stored) -> Afferents:
+    constant, observed = result.group("constant_data"), result.group("observed_data")["recorded_rate_hz"]
+    places = zip(constant["probe_force_n"].values, constant["probe_indentation_mm"].values, strict=True)
+    window, posterior = constant["count_window_s"].values, result.group("posterior")
+    counted = np.isfinite(window)
+    return Afferents(
+        tuple(str(name) for name in posterior["afferent"].values) if "afferent" in posterior.dims else (),
+        constant["afferent_index"].values,
+        tuple(Indentation(depth * 1e-3) if np.isnan(force) else Force(force) for force, depth in places),
+        constant["probe_curvature_per_m"].values,
+        constant["probe_distance_mm"].values * 1e-3,
+        np.where(counted, np.nan, observed.values),
+        constant["averaged_responses"].values,
+        constant["averaged_sd_hz"].values,
+        np.where(counted, np.round(observed.values * window), np.nan),
+        window,
+        observed["recorded_row"].values,
+        digest=result.provenance.recorded.digest_afferents,
     )
 
 

@@ -16,7 +16,7 @@ from softness_bayes.data.ratings import LOAD_COLUMNS
 from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.files.run_files import FABRIC_RATINGS, RULER
 from softness_bayes.likelihood.design import IndexArray
-from softness_bayes.model.prediction import prediction_table
+from softness_bayes.model.prediction import log_rate_slope, prediction_table
 from softness_bayes.parameters.declared import KPA
 from softness_bayes.people.free_means import FreeMeans, free_means
 from softness_bayes.ranges import PANEL
@@ -38,6 +38,12 @@ LIMITS = {"_low": 0.05, "_low_50": 0.25, "": 0.5, "_high_50": 0.75, "_high": 0.9
 
 ROOM = 2_000_000
 """Largest number of draws × touches predicted at once; some twenty arrays of this size exist then."""
+
+TOLD_APART = 0.9539
+"""sqrt(2) Phi^-1(3/4): difference, in sds of the noise, of two ratings whose order is right three times in four."""
+
+OUT_OF_REACH = 10.0
+"""Ratio of moduli beyond which the local slope of the response says nothing."""
 
 NOTICED = 0.05
 """Share of draws above which a remark is made."""
@@ -94,8 +100,9 @@ def predicted(
     -------
     DataFrame
         A row per condition, all fabrics under the first load before the second: the columns of `prediction_table`;
-        typical_rating, new_rater_rating and mean_rating, each with the limits of its 50 % and 90 % intervals beside
-        it; raters; people_low, people and people_high, people's own mean of what they rated; the fields of `Reasons`.
+        weber_fraction with its 90 % limits, where ratings have an exponent and noise; typical_rating, new_rater_rating
+        and mean_rating, each with the limits of its 50 % and 90 % intervals beside it; raters; people_low, people and
+        people_high, people's own mean of what they rated; the fields of `Reasons`.
     list of Scene
         The scenes of the parts in which the fabrics were predicted.
 
@@ -114,7 +121,7 @@ def predicted(
         modulus = fitted.modulus(rng, some)
         found = fitted.touches(some, scene).ratings(rng, fitted.theta, panel, modulus)
         new = found.new.reshape(-1, scene.n_conditions)
-        columns: dict[str, ArrayLike] = {"load": scene.load}
+        columns: dict[str, ArrayLike] = {"load": scene.load, **weber_fraction(fitted, scene, found.rate, modulus)}
         for name, drawn in (("typical_rating", found.typical), ("new_rater_rating", new), ("mean_rating", found.mean)):
             columns |= {f"{name}{end}": limit for end, limit in limits(drawn, found.alike).items()}
         own = [beside(fitted.result, people, some, load) for load in loads]
@@ -125,6 +132,27 @@ def predicted(
         scenes.append(scene)
     joined = pd.concat(tables).sort_values("load", kind="stable").reset_index(drop=True)
     return joined.drop(columns="load"), scenes
+
+
+def weber_fraction(fitted: Fitted, scene: Scene, rate: Array, modulus: Array | None) -> dict[str, Array]:
+    """Return the smallest relative difference in E_fab that ratings tell, with limits; empty without `gamma`.
+
+    Two ratings by one rater are in the right order with probability 3/4 if the log responses differ by
+    sqrt(2) Phi^-1(3/4) varsigma / gamma = 0.954 varsigma / gamma. The slope of the log response turns this into a
+    difference in ln E_fab. It is infinite where even a fabric `OUT_OF_REACH` times as stiff would not be told apart.
+    """
+    known = vars(fitted.posterior.rating_parameters(fitted.theta))
+    if not {"gamma", "varsigma", "eps"} <= known.keys():
+        return {}
+    gamma, varsigma, eps = (np.reshape(known[name], (-1, 1)) for name in ("gamma", "varsigma", "eps"))
+    mean = rate / scene.n_receptors
+    slope = log_rate_slope(scene, fitted.touch, modulus) * mean / (mean + eps)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        apart = TOLD_APART * varsigma / np.abs(gamma * slope)
+    apart = np.where(apart < np.log(OUT_OF_REACH), apart, np.inf)  # NaN is not
+    levels = {name: level for name, level in LIMITS.items() if "50" not in name}
+    found = np.quantile(np.expm1(apart), [*levels.values()], axis=0, method="closest_observation")
+    return {f"weber_fraction{end}": values for end, values in zip(levels, found, strict=True)}
 
 
 def limits(values: Array, alike: IndexArray | None = None) -> dict[str, Array]:

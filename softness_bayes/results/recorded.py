@@ -33,6 +33,7 @@ def recorded_results(
     theta: Array,
     replicates: Array,
     prior: Array,
+    curves: Array,
 ) -> tuple[Groups, dict[str, NDArray[Any]], dict[str, Any], pd.DataFrame | None]:
     """Draw sensitivities and replicated responses; return them, the data, expectations and findings.
 
@@ -46,6 +47,8 @@ def recorded_results(
         All draws, shape (chains, draws, dimension).
     replicates, prior
         Draws of the posterior and of the prior, shape (draws, dimension), for which responses are simulated.
+    curves
+        Draws for the expected rates.
 
     Returns
     -------
@@ -56,13 +59,13 @@ def recorded_results(
     term = density.term(RECORDED)
     if data is None or not isinstance(term, RecordedRates):
         return {}, {}, {}, None
-    own, given, before = (_parameters(density, term, points) for points in (theta, replicates, prior))
+    own, given, before, shown = (_parameters(density, term, points) for points in (theta, replicates, prior, curves))
     effects, rate = term.draw_effects(rng, NO_RESPONSE, given), term.rate(given)
     window = np.where(data.counted, data.window, 1.0)
     again = term.replicate(rng, rate, given, effects) / window
     anew = term.new_effects(rng, before, prior.shape[:1])
     made = term.replicate(rng, term.rate(before), before, anew) / window
-    expected = rate * term.factors(effects)
+    expected = term.rate(shown) * term.factors(term.draw_effects(rng, NO_RESPONSE, shown))
     groups: Groups = {
         "posterior_predictive": {"recorded_rate_hz": Variable(again[None], ROW, "Hz")},
         "prior_predictive": {"recorded_rate_hz": Variable(made[None], ROW, "Hz")},
@@ -77,6 +80,9 @@ def recorded_results(
                 for column, values in _loads(data).items()
             },
             "afferent_index": Variable(data.afferent, ROW),
+            "averaged_responses": Variable(data.n, ROW),
+            "averaged_sd_hz": Variable(data.sd, ROW, "Hz"),
+            "count_window_s": Variable(data.window, ROW, "s"),
         },
     }
     if data.names:
@@ -84,9 +90,7 @@ def recorded_results(
         groups["posterior"] = {"log_rate_effect": Variable(factors, ("afferent",))}
     names = {"afferent": np.array(data.names)} if data.names else {}
     found = _findings(density, term, data, own, expected)
-    attributes = attributes_of(
-        RecordedData(data.digest, {**found._asdict(), "agreements": [*map(list, found.agreements)]})
-    )
+    attributes = attributes_of(RecordedData(data.digest, found.record()))
     return groups, {"recorded_row": data.rows, **names}, attributes, _table(data, expected, again)
 
 

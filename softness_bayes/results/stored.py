@@ -105,9 +105,7 @@ class Stored:
 
     def _require_ratings(self) -> None:
         if not self.has_ratings:
-            raise InputError(
-                "result: this run has no ratings, so there are no loads, response curves or turning points"
-            )
+            raise InputError("result: without ratings there are no loads, response curves or turning points")
 
     @property
     def finger(self) -> Finger:

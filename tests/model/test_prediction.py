@@ -21,6 +21,7 @@ QUANTITIES = [
     "responding",
     "mean_rate_hz",
     "mean_interval_ms",
+    "log_rate_slope",
 ]
 CLOTH = Fabrics(("gauze", "lawn", "drill"), effective_modulus=np.array([1e3, 8e4, 4e5]))
 LOADS = (Indentation(2e-3), Force(0.8))
@@ -72,9 +73,9 @@ def test_where_nothing_fires_rate_and_interval_are_empty(scene, paper):
     assert 0 < silent.sum() < len(table)
     assert_array_equal(table["total_rate_hz"] == 0, silent)
     for name in QUANTITIES:
-        assert_array_equal(table[name].isna(), silent & (name in ("mean_rate_hz", "mean_interval_ms")))
+        assert_array_equal(table[name].isna(), silent & (name in QUANTITIES[-3:]))
     lines = table.to_csv(index=False).splitlines()
-    assert lines[1 + int(np.flatnonzero(silent)[0])].endswith(",0.0,0.0,,,mended")
+    assert lines[1 + int(np.flatnonzero(silent)[0])].endswith(",0.0,0.0,,,,mended")
     assert "nan" not in "".join(lines)
 
 
@@ -92,3 +93,16 @@ def test_draws_give_a_median_between_its_limits(scene, paper, rng):
         assert_allclose(table[f"total_rate_hz{end}"], np.quantile(rate, p, axis=0), rtol=1e-9, atol=1e-9)
     assert (table["e_fab_kpa_low"] == table["e_fab_kpa_high"]).all()
     assert (table["e_skin_kpa_low"] < table["e_skin_kpa_high"]).all()
+
+
+def test_the_slope_is_that_of_the_rates_of_other_moduli(scene, smooth_firing, paper):
+    softer, stiffer = (
+        prediction_table(CLOTH, Scene(ratio * CLOTH.modulus(), CLOTH.poisson_ratio, LOADS, smooth_firing()), paper())
+        for ratio in (0.97, 1.03)
+    )
+    table = prediction_table(CLOTH, scene, paper())
+    fires = softer["total_rate_hz"].to_numpy() > 0
+    across = np.log(stiffer["total_rate_hz"] / softer["total_rate_hz"])[fires] / np.log(1.03 / 0.97)
+    assert fires.any()
+    assert_allclose(table["log_rate_slope"][fires], across, rtol=0.02, atol=0.02)
+    assert table["log_rate_slope"][table["total_rate_hz"] == 0].isna().all()

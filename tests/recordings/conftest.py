@@ -9,8 +9,8 @@ from support.paths import SHARED
 GRAM_FORCE = 9.80665e-3
 
 
-def of_goodwin(name):
-    """Return a digitised table of SA1 afferents (Goodwin, Browning & Wheat 1995), which is not part of the project."""
+def digitised(name):
+    """Return a table digitised from a publication, which is not part of the project."""
     path = SHARED / "data" / name
     if not path.exists():
         pytest.skip(f"the recordings are not part of the project: no {path.name} in ../shared/data")
@@ -19,8 +19,8 @@ def of_goodwin(name):
 
 @pytest.fixture(scope="session")
 def recording_a():
-    """Rates against curvature and force at the centre of the contact, 21 rows."""
-    table = of_goodwin("sa1_rate_vs_curvature_force_goodwin1995.csv")
+    """SA1 rates against curvature and force at the contact's centre (Goodwin, Browning & Wheat 1995), 21 rows."""
+    table = digitised("sa1_rate_vs_curvature_force_goodwin1995.csv")
     return pd.DataFrame(
         {
             "recording": "A",
@@ -35,7 +35,7 @@ def recording_a():
 @pytest.fixture(scope="session")
 def recording_b():
     """Rates against distance and curvature at 15 gf, 77 rows; positions run from -1 to 4 mm in steps of 0.5."""
-    table = of_goodwin("sa1_rate_vs_distance_curvature_goodwin1995.csv")
+    table = digitised("sa1_rate_vs_distance_curvature_goodwin1995.csv")
     return pd.DataFrame(
         {
             "recording": "B",
@@ -45,3 +45,9 @@ def recording_b():
             "rate_hz": table.response_impulses_per_s,
         }
     )
+
+
+@pytest.fixture(scope="session")
+def pressed():
+    """Forces of indentors on four fingerpads (Gulati & Srinivasan 1997)."""
+    return digitised("fingerpad_force_displacement_gulati.csv")

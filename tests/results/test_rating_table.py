@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.stats import norm
 
 from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError
@@ -182,3 +183,25 @@ def test_a_run_that_lacks_its_options_is_refused(result):
     tree.attrs = {name: value for name, value in result.tree.attrs.items() if name != "options"}
     with quickly(), pytest.raises(InputError, match="options"):
         replace(result, tree=tree).predict(draws=10)
+
+
+def test_two_touches_apart_by_the_weber_fraction_are_ordered_three_times_in_four(result, table):
+    """At one point of the parameters; two touches that differ by little are scaled to the fraction."""
+    fitted = Fitted(result, 16, {"gamma": 1.2})
+    scene = fitted.scene(result.fabrics, result.loads)
+    known = fitted.posterior.rating_parameters(fitted.theta[:1])
+    x = [
+        np.log(scene.total_rate(fitted.touch, ratio * scene.fabric_modulus)[0] / scene.n_receptors + known.eps)
+        for ratio in (0.97, 1.0, 1.03)
+    ]
+    found = rating_table.weber_fraction(fitted, scene, scene.total_rate(fitted.touch), None)
+    finite = np.isfinite(found["weber_fraction"])
+    assert finite.any()
+    steps = np.log1p(found["weber_fraction"][finite]) / np.log(1.03 / 0.97)
+    apart = known.gamma * np.abs(x[2] - x[0])[finite] * steps
+    assert_allclose(norm.cdf(apart / (np.sqrt(2.0) * known.varsigma)), 0.75, atol=0.01)
+    # where the response hardly changes, no fabric within reach is told apart
+    flat = 1.2 * np.abs(x[2] - x[0]) / np.log(1.03 / 0.97) * np.log(rating_table.OUT_OF_REACH)
+    assert_array_equal(finite, flat > rating_table.TOLD_APART * known.varsigma)
+    assert (table["weber_fraction_low"] <= table["weber_fraction"]).all()
+    assert (table["weber_fraction"] <= table["weber_fraction_high"]).all()
