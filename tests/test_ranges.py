@@ -47,7 +47,8 @@ def test_a_parameter_may_be_held_at_its_ends_and_not_beyond(name):
     among = EVERY_PARAMETER[name].range
     for value in (among.low, among.high):
         require_values({name: value})
-    for value in (among.low / 1.01, among.high * 1.01, -among.low, math.nan, math.inf):
+    beyond = among.low / 1.01 if among.low else -0.01
+    for value in (beyond, among.high * 1.01, -among.low or beyond, math.nan, math.inf):
         with pytest.raises(InputError, match=f"^{name} is .*, expected .*a number from .* to"):
             require_values({name: value})
 

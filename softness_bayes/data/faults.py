@@ -104,11 +104,11 @@ class Fault(NamedTuple):
     title: str
     """Column of the cell."""
     problem: str
-    """What is wrong, or what was expected."""
+    """The fault, or the value that was expected."""
     got: str = ""
     """The value of the cell as quoted, if it is what is wrong."""
     remedy: str = ""
-    """What may mend it, said once of equal problems."""
+    """Advice, said once of equal problems."""
 
     def line(self, rows: Sequence[int] = (), values: Sequence[str] = (), remedy: str = "") -> str:
         """Return the problem in words, by default of its own row and value."""

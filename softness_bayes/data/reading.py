@@ -284,7 +284,7 @@ def _found_mark(
 
 
 Read = TypeVar("Read")
-"""What is made of tables, with its notes."""
+"""Data made of tables, with their notes."""
 
 
 def read_as(make: Callable[[Table], Read], source: TableSource, request: Request) -> Read:

@@ -35,7 +35,7 @@ from softness_bayes.files.json_text import parse_json
 
 
 class Request(NamedTuple):
-    """How a table is to be read: its kind, and what the user says about it."""
+    """Instructions for reading a table: its kind, and the user's words about it."""
 
     kind: Kind
     renames: Mapping[str, str]

@@ -169,7 +169,7 @@ class Title(NamedTuple):
     unit: str | None
     """The unit as written, or whatever stands in brackets; None if there is neither."""
     bracketed: bool
-    """Whether the unit stands in brackets."""
+    """True if the unit stands in brackets."""
     power: str
     """A power of ten beside the words, as in `B x 10^2`; empty if there is none."""
     bags: frozenset[str]

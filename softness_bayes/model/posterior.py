@@ -272,8 +272,10 @@ class Posterior(Density):
         theta = self.space.draw_prior(rng, size)
         if width == 1.0:
             return theta
-        centre = self.space.coordinates(self.space.median)
-        theta = self.space.natural(centre + width * (self.space.coordinates(theta) - centre))
+        centre, z = self.space.coordinates(self.space.median), self.space.coordinates(theta)
+        # no receptor depends on gamma, which has two signs where the direction is free
+        wider = np.where([name == "gamma" for name in self.space.names], 1.0, width)
+        theta = self.space.natural(centre + wider * (z - centre))
         return theta[(self.space.log_prior(theta) > NEGLIGIBLE).all(axis=-1)]
 
 

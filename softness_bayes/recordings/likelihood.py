@@ -17,13 +17,14 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
 from scipy.special import betainc, gammainc, gammaincc, gammaln, ndtr, ndtri
 
 from softness_bayes.data.afferents import Afferents
 from softness_bayes.likelihood.contract import Likelihood, Parameters, RowsLeftOut
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
-from softness_bayes.likelihood.pieces import left_out_in_pieces, log_sum
+from softness_bayes.likelihood.pieces import in_pieces, left_out_in_pieces, log_sum
 from softness_bayes.likelihood.scales import STANDARDISED, Scale
 from softness_bayes.parameters.declared import RECORDED
 from softness_bayes.parameters.laws import Prior
@@ -118,8 +119,6 @@ class _Given(NamedTuple):
     """Log of the joint density of sensitivity and rows, times the distance of nodes."""
     rows: Array
     """Log density of each named row."""
-    width: Array
-    """Distance of nodes in ln f_j, shape (..., afferents)."""
 
 
 class RecordedRates(Likelihood):
@@ -237,11 +236,18 @@ class RecordedRates(Likelihood):
         rate = self.rate(parameters)
         if not self._named.size:
             return self.new_effects(rng, parameters, rate.shape[:-1])
-        given = self._given(rate, parameters, _FINE)
+        return AfferentEffects(in_pieces(lambda *some: self._drawn(rng, *some), 20 * len(self.data), rate, parameters))
+
+    def _drawn(self, rng: np.random.Generator, rate: Array, parameters: Parameters) -> Array:
+        """Return draws of ln f_j at rates (..., rows), shape (..., afferents)."""
+        given = self._given(rate, parameters, _NODES)
+        log_weight = CubicSpline(_NODES, given.log_weight)(_FINE)
+        step = given.factor[1] - given.factor[0]
+        factor = given.factor[0] + np.multiply.outer(_FINE - _NODES[0], step)
         # the largest sum of a log probability and a Gumbel draw is at a node drawn by its probability
-        gumbel = rng.gumbel(size=given.log_weight.shape)
-        chosen = np.take_along_axis(given.factor, (given.log_weight + gumbel).argmax(0)[None], axis=0)[0]
-        return AfferentEffects(chosen + given.width * rng.uniform(-0.5, 0.5, chosen.shape))
+        chosen = (log_weight + rng.gumbel(size=log_weight.shape)).argmax(0)
+        drawn = np.take_along_axis(factor, chosen[None], axis=0)[0]
+        return np.asarray(drawn + (_FINE[1] - _FINE[0]) * step * rng.uniform(-0.5, 0.5, drawn.shape))
 
     def replicate(
         self,
@@ -280,7 +286,7 @@ class RecordedRates(Likelihood):
         factor = u + np.multiply.outer(nodes, 1.0 / np.sqrt(info))
         rows = law.log_density(r * np.exp(factor @ self._member.T))
         prior = -0.5 * (factor + 0.5 * tau2) ** 2 / tau2 - 0.5 * np.log(tau2) - _LOG_ROOT_TWO_PI
-        return _Given(factor, rows @ self._member + prior + np.log(width), rows, width)
+        return _Given(factor, rows @ self._member + prior + np.log(width), rows)
 
 
 def _membership(index: NDArray[np.intp]) -> Array:

@@ -24,7 +24,7 @@ class Asked(NamedTuple):
     fits: int
     """Their number; 0 without any call."""
     before: int
-    """How many of them were finished when it began."""
+    """Number of them that were finished when it began."""
     begun: float
     """Time at which it began [s since 1970]."""
 

@@ -57,7 +57,7 @@ class Cluster(Executor):
 
     def __init__(self, client: Client, shares_files: bool = True) -> None:
         self.shares_files = shares_files
-        """Whether tasks can write to the directory of this process; otherwise they return their files."""
+        """True if tasks can write to the directory of this process; otherwise they return their files."""
         self._client, self._executor, self._versions = client, client.get_executor(pure=False), versions()
 
     def share(self, value: Any) -> Any:

@@ -42,7 +42,7 @@ class LeftOut(NamedTuple):
 
 
 class Refits(NamedTuple):
-    """How models are refitted without a unit."""
+    """Refits of models without a unit."""
 
     settings: Settings
     """Settings of the sampler."""

@@ -65,7 +65,7 @@ class Fit(NamedTuple):
     """Directory of the run on the client."""
     kept: Kept | None
     patient: bool = False
-    """Whether to wait for another process in the directory to end: on a cluster it may be a task that is still running
+    """True to wait for another process in the directory to end: on a cluster it may be a task that is still running
     although its client was killed."""
     files: bytes | None = None
     """Archive of the files of the run (`packed`), for a worker that does not share the directory."""

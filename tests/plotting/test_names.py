@@ -152,7 +152,7 @@ def test_a_prior_is_drawn_exactly(rng) -> None:
 
 def checked(quantity, observed, replicated, labels, low=-1.0, high=1.0):
     """A test quantity as figures receive it."""
-    findings = [QuantityCheck(value, 0.0, low, high, 0.5) for value in np.atleast_1d(observed)]
+    findings = [QuantityCheck(value, 0.0, low, high, 0.5, 0.5) for value in np.atleast_1d(observed)]
     return CheckedQuantity(quantity, labels, findings, np.asarray(replicated, float))
 
 

@@ -374,6 +374,7 @@ def test_every_option_of_the_files_is_repeated(made, monkeypatch, tmp_path):
         "data": "r.csv",
         "fabrics": "f.csv",
         "compression": "c.csv",
+        "afferents": "a.csv",
         "column": "rating=softness",
         "indentation-mm": "2",
         "force-n": "1",

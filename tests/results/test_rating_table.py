@@ -174,7 +174,7 @@ def test_z_scores(report_run):
 
 
 def test_forces_alone_say_nothing_of_ratings(report_run):
-    with pytest.raises(InputError, match="compression data only"):
+    with pytest.raises(InputError, match="without ratings"):
         report_run("skin").predict()
 
 

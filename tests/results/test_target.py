@@ -143,7 +143,7 @@ def test_z_scores_may_be_negative(report_run):
 
 
 def test_forces_alone_have_no_targets(report_run):
-    with pytest.raises(InputError, match="compression data only"):
+    with pytest.raises(InputError, match="without ratings"):
         report_run("skin").target(9.0, [Force(1.0)])
 
 

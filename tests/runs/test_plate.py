@@ -164,7 +164,7 @@ def test_groups_of_a_run_on_forces_alone(result, shipped):
 
 def test_what_needs_ratings_says_so(result):
     for ask in (lambda: result.loads, result.curves, result.inflection, result.inflections):
-        with pytest.raises(InputError, match="no ratings"):
+        with pytest.raises(InputError, match="without ratings"):
             ask()
     assert figures_of(result) == ["corner", "prior", "trace", "rank", "compression"]
     assert result.values(20)["b"].shape == (20,)

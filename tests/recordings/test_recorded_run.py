@@ -54,7 +54,7 @@ def simulated(seed, truth=TRUTH, table=None, recording=""):
 
 def spiking():
     """Return a table of counts of three named afferents."""
-    one = probed(count=10.0, window_s=0.5)
+    one = probed(count=10.0, window_s=0.5)[::2]
     return pd.concat([one.assign(afferent=name) for name in ("u1", "u2", "u3")], ignore_index=True)
 
 
