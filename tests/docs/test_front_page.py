@@ -62,7 +62,7 @@ def finished(ended, monkeypatch):
         for name, value in given.items():  # each where it belongs
             annotation = str(signature.parameters[name].annotation)
             assert annotation == "Any" or type(value).__name__ in annotation
-        return softness_bayes.Result.load("results")
+        return softness_bayes.Result.load("mine")
 
     monkeypatch.setattr(softness_bayes, "sample", sample, raising=False)
 
@@ -89,7 +89,7 @@ def test_the_commands_run_one_after_another(ended):
     directory, codes = ended
     # the brief run has not converged, and says so
     assert codes == {"check": 0, "sample": 3, "report": 0, "predict": 0, "claims": 0}
-    assert {"posterior.nc", "summary.csv", "report.html"} <= {path.name for path in (directory / "results").iterdir()}
+    assert {"posterior.nc", "summary.csv", "report.html"} <= {path.name for path in (directory / "mine").iterdir()}
     assert (directory / "claims" / "claims.csv").exists()
 
 
