@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline, PPoly
 from scipy.special import expit, logit
 
 from softness_bayes.touch.contact import Contact, Finger, Fingertips, Load, Loads
@@ -20,6 +19,9 @@ from softness_bayes.touch.probes import Probe, rigid_contact
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.receptors import receptor_current
 from softness_bayes.touch.stress import stress
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PPoly
 
 Array = NDArray[np.float64]
 
@@ -152,6 +154,8 @@ class ProbedTouches:
 
     @cached_property
     def _table(self) -> PPoly:
+        from scipy.interpolate import CubicSpline, PPoly  # imported here because it takes a fifth of a second
+
         low, high = np.log(TABULATED)
         grid = np.linspace(low, high, KNOTS)
         modulus, rows = np.exp(grid)[:, None], self.distance.size

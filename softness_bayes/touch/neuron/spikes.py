@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.integrate import solve_ivp
 
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.neuron.cells import Cells, rest
@@ -79,6 +78,8 @@ def spike_times(
     NumericalError
         If the integration fails.
     """
+    from scipy.integrate import solve_ivp  # imported here because it takes a sixth of a second
+
     one = _one(channels)
     _require(duration, noise, rng)
     if not 0.0 < tolerance < 1.0:
