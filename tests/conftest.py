@@ -109,15 +109,26 @@ def one_field(once):
         yield
 
 
-@pytest.fixture(scope="module")
-def brief_pilot():
-    """Learn little in the pilot walk, and run two ensembles: for runs whose draws nobody judges."""
+def pilot_of(steps):
+    """Learn in a pilot walk of two stages of so many steps, and run two ensembles."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
             "softness_bayes.sampler.sampling.Settings",
-            functools.partial(Settings, pilot=(20, 20), optima=1, ensembles=2),
+            functools.partial(Settings, pilot=(steps, steps), optima=1, ensembles=2),
         )
         yield
+
+
+@pytest.fixture(scope="module")
+def brief_pilot():
+    """Learn little in the pilot walk: for runs whose draws nobody judges."""
+    yield from pilot_of(20)
+
+
+@pytest.fixture(scope="module")
+def short_pilot():
+    """Learn less than usual in the pilot walk: for runs whose draws are judged roughly."""
+    yield from pilot_of(60)
 
 
 @pytest.fixture(scope="module")

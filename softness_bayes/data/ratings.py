@@ -51,6 +51,19 @@ LOAD_COLUMNS = (
 )
 
 
+def load_column(load: Load) -> LoadColumn:
+    """Return the entry of `LOAD_COLUMNS` for a load."""
+    return next(entry for entry in LOAD_COLUMNS if isinstance(load, entry.kind))
+
+
+def loads_by_column(loads: Sequence[Load]) -> dict[Column, FloatArray]:
+    """Return the values of loads by their column [SI], shape (loads,), NaN where a load is of another kind."""
+    return {
+        column: np.array([value(load) if isinstance(load, kind) else np.nan for load in loads])
+        for column, kind, value in LOAD_COLUMNS
+    }
+
+
 def loads_of(indentation_mm: ArrayLike | None = (), force_n: ArrayLike | None = ()) -> tuple[Load, ...]:
     """Return the distinct loads of some indentations [mm] and forces [N]: indentations first, each in increasing order.
 
@@ -561,7 +574,7 @@ def with_rounded_loads(ratings: Ratings, step: float) -> Ratings:
     rounded: list[Load] = []
     groups: dict[Load, list[str]] = {}
     for load in ratings.loads:
-        column, kind, value = next(entry for entry in LOAD_COLUMNS if isinstance(load, entry.kind))
+        column, kind, value = load_column(load)
         count = (Decimal(column.write(value(load))) / unit).to_integral_value(ROUND_HALF_EVEN)
         try:
             rounded.append(kind(column.parse(f"{(count * unit).normalize():f}")))

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checking.inflection import CurveShape, Inflection, find_inflection, response_curves
-from softness_bayes.data import LOAD_COLUMNS, Fabrics, fabrics_csv
+from softness_bayes.data import Fabrics, fabrics_csv
+from softness_bayes.data.ratings import load_column
 from softness_bayes.defaults import ACCURACY
 from softness_bayes.explore.subject import State, Subject
 from softness_bayes.model.fingers import finger_of, values_of
@@ -139,7 +140,7 @@ def _reach(subject: Subject, values: Mapping[str, float], chosen: Mapping[str, f
 def repeating(subject: Subject, state: State) -> str:
     """Return the lines that reproduce the touch of a state: a table of its fabric, and the prediction for it."""
     load = subject.loads[state.load]
-    column = next(entry.column.name for entry in LOAD_COLUMNS if isinstance(load, entry.kind))
+    column = load_column(load).column.name
     words = ["softness-bayes", "predict", "--fabrics", "explored.csv"]
     words += [f"--{column.replace('_', '-')}", str(load).partition(" ")[0]]
     values = subject.values(state)

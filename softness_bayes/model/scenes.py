@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.data import LOAD_COLUMNS, Fabrics
+from softness_bayes.data import Fabrics
 from softness_bayes.data.fabrics import log_sd
+from softness_bayes.data.ratings import load_column
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import LoadErrors
 from softness_bayes.model.fingers import box_of_values
@@ -291,4 +292,5 @@ def at_other_loads(stated: Scene, errors: LoadErrors) -> Scene:
 
 def scaled(load: Load, factor: float) -> Load:
     """Return a load of the same kind, multiplied by a factor."""
-    return next(kind(value(load) * factor) for _, kind, value in LOAD_COLUMNS if isinstance(load, kind))
+    _, kind, value = load_column(load)
+    return kind(value(load) * factor)

@@ -156,20 +156,18 @@ FINGER_PARAMETERS: Mapping[str, Parameter] = _by_name(
 )
 """Parameters of individual fingers and of compression data: spreads between fingers and of single forces."""
 
+
+def _recorded(name: str, meaning: str, prior: Prior) -> Parameter:
+    """Return a parameter of recorded afferents, in the unit and range of that of the raters' skin."""
+    one = PARAMETERS[name]
+    return replace(one, name=f"{name}_rec", symbol=f"{one.symbol[:-1]}_r$", meaning=meaning, prior=prior)
+
+
 RECORDING_PARAMETERS: Mapping[str, Parameter] = _by_name(
-    Parameter("b_rec", r"$b_r$", "kPa", "modulus at rest of the recorded skin", LogNormal(7.5, 0.25), si=1e3),
-    Parameter("m_rec", r"$m_r$", "–", "stiffening of the recorded skin", LogNormal(3.9, 0.1), range=_FROM_ZERO),
-    Parameter(
-        "alpha_rec",
-        r"$\alpha_r$",
-        "µA/cm²",
-        "largest current of recorded receptors",
-        LogNormal(30, 0.5),
-        range=Range(1e-6, LARGEST_CURRENT),
-    ),
-    Parameter(
-        "beta_rec", r"$\beta_r$", "1/kPa", "steepness of the recorded transduction", LogNormal(0.1, 1.5), si=1e-3
-    ),
+    _recorded("b", "modulus at rest of the recorded skin", LogNormal(7.5, 0.25)),
+    _recorded("m", "stiffening of the recorded skin", LogNormal(3.9, 0.1)),
+    _recorded("alpha", "largest current of recorded receptors", LogNormal(30, 0.5)),
+    _recorded("beta", "steepness of the recorded transduction", LogNormal(0.1, 1.5)),
     Parameter("rest_rec", r"$I_0/I_{th}$", "–", "current at rest over the rheobase", Uniform(0, 1), range=Range(0, 1)),
     Parameter("spread_rec", r"$w$", "mm", "spread of a receptive field", LogNormal(1, 0.5), si=1e-3),
     Parameter("radius_rec", "$R_r$", "mm", "radius of the recorded fingertip", LogNormal(8, 0.15), si=1e-3),

@@ -17,7 +17,6 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline
 from scipy.special import betainc, gammainc, gammaincc, gammaln, ndtr, ndtri
 
 from softness_bayes.data.afferents import Afferents
@@ -25,6 +24,7 @@ from softness_bayes.likelihood.contract import Likelihood, Parameters, RowsLeftO
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.pieces import in_pieces, left_out_in_pieces, log_sum
+from softness_bayes.likelihood.quadrature import draw_on_nodes
 from softness_bayes.likelihood.scales import STANDARDISED, Scale
 from softness_bayes.parameters.declared import RECORDED
 from softness_bayes.parameters.laws import Prior
@@ -45,7 +45,6 @@ STRAY = 1e-6
 
 _LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 _NODES = np.linspace(-7.0, 7.0, 15)  # the trapezoidal rule errs by exp(-2 pi²) for a normal integrand
-_FINE = np.linspace(-7.0, 7.0, 281)
 
 
 class AfferentEffects(NamedTuple):
@@ -182,7 +181,7 @@ class RecordedRates(Likelihood):
         own = _law(self, parameters, slice(None)).log_density(rate)
         if not self._named.size:
             return own @ _membership(self.design.participant)
-        joint = log_sum(self._given(rate, parameters, _NODES).log_weight, axis=0)
+        joint = log_sum(self._given(rate, parameters).log_weight, axis=0)
         apart = np.setdiff1d(np.arange(len(self.data)), self._named)
         return np.concatenate([joint, own[..., apart]], axis=-1)
 
@@ -195,7 +194,7 @@ class RecordedRates(Likelihood):
         law = _law(self, parameters, slice(None))
         density, below = law.log_density(rate), law.below(rate)
         if self._named.size:
-            given, of = self._given(rate, parameters, _NODES), self.data.afferent[self._named]
+            given, of = self._given(rate, parameters), self.data.afferent[self._named]
             weight = given.log_weight[..., of] - log_sum(given.log_weight, axis=0)[..., of] - given.rows
             named = _law(self, parameters, self._named)
             density[..., self._named] = -log_sum(weight, axis=0)
@@ -210,7 +209,7 @@ class RecordedRates(Likelihood):
         return self.rate(parameters)
 
     def predictor(self, mean_rate: Array, parameters: Parameters) -> Array:
-        """Return the same rate: expected rates are proportional to it within afferents."""
+        """Return the rate of a typical afferent, to which expected rates are proportional within afferents."""
         return self.rate(parameters)
 
     def new_effects(
@@ -225,12 +224,6 @@ class RecordedRates(Likelihood):
         tau = np.asarray(parameters.tau_afferent if self._named.size else 0.0, float)[..., None]
         return AfferentEffects(tau * rng.standard_normal((*shape, size)) - 0.5 * tau**2)
 
-    def with_new_participants(
-        self, rng: np.random.Generator, parameters: Parameters, effects: AfferentEffects
-    ) -> AfferentEffects:
-        """Return the sensitivities of the same number of new afferents."""
-        return self.new_effects(rng, parameters, effects.log_factor.shape[:-1])
-
     def draw_effects(self, rng: np.random.Generator, mean_rate: Array, parameters: Parameters) -> AfferentEffects:
         """Return draws of the sensitivities given the rows, one for each point of the batch."""
         rate = self.rate(parameters)
@@ -240,14 +233,8 @@ class RecordedRates(Likelihood):
 
     def _drawn(self, rng: np.random.Generator, rate: Array, parameters: Parameters) -> Array:
         """Return draws of ln f_j at rates (..., rows), shape (..., afferents)."""
-        given = self._given(rate, parameters, _NODES)
-        log_weight = CubicSpline(_NODES, given.log_weight)(_FINE)
-        step = given.factor[1] - given.factor[0]
-        factor = given.factor[0] + np.multiply.outer(_FINE - _NODES[0], step)
-        # the largest sum of a log probability and a Gumbel draw is at a node drawn by its probability
-        chosen = (log_weight + rng.gumbel(size=log_weight.shape)).argmax(0)
-        drawn = np.take_along_axis(factor, chosen[None], axis=0)[0]
-        return np.asarray(drawn + (_FINE[1] - _FINE[0]) * step * rng.uniform(-0.5, 0.5, drawn.shape))
+        given = self._given(rate, parameters)
+        return draw_on_nodes(rng, np.moveaxis(given.factor, 0, -1), np.moveaxis(given.log_weight, 0, -1))
 
     def replicate(
         self,
@@ -271,7 +258,7 @@ class RecordedRates(Likelihood):
         found[..., self._named] = np.exp(effects.log_factor[..., self.data.afferent[self._named]])
         return found
 
-    def _given(self, rate: Array, parameters: Parameters, nodes: Array) -> _Given:
+    def _given(self, rate: Array, parameters: Parameters) -> _Given:
         """Return the sensitivities given the rows at nodes around their mode, found by Fisher's scoring in ln f = u."""
         law, r = _law(self, parameters, self._named), rate[..., self._named]
         tau2 = np.maximum(np.asarray(parameters.tau_afferent, float), 1e-6)[..., None] ** 2
@@ -282,8 +269,8 @@ class RecordedRates(Likelihood):
             info = (weight * mean) @ self._member + 1.0 / tau2
             score = (weight * (law.observed - mean)) @ self._member - u / tau2 - 0.5
             u = u + np.clip(score / info, -1.0, 1.0)
-        width = (nodes[1] - nodes[0]) / np.sqrt(info)
-        factor = u + np.multiply.outer(nodes, 1.0 / np.sqrt(info))
+        width = 1.0 / np.sqrt(info)  # of the law about the mode, and between nodes
+        factor = u + np.multiply.outer(_NODES, width)
         rows = law.log_density(r * np.exp(factor @ self._member.T))
         prior = -0.5 * (factor + 0.5 * tau2) ** 2 / tau2 - 0.5 * np.log(tau2) - _LOG_ROOT_TWO_PI
         return _Given(factor, rows @ self._member + prior + np.log(width), rows)

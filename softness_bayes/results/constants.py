@@ -21,7 +21,7 @@ from softness_bayes.checking.layout import (
     UNCERTAIN,
 )
 from softness_bayes.data.columns import EFFECTIVE_MODULUS, GEOMETRIC_SD, LOAD_CV, POISSON_RATIO, RESOLUTION
-from softness_bayes.data.ratings import LOAD_COLUMNS
+from softness_bayes.data.ratings import loads_by_column
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.results.draws import Groups, RatedDraws, Variable
@@ -89,9 +89,8 @@ def data_groups(draws: RatedDraws, pit: LooPit) -> Groups:
         **stored_curves(draws.scene.firing),
         **{name: Variable(np.asarray(values), ("rating_row",)) for name, values in rows.items() if values is not None},
     }
-    for column, kind, value in LOAD_COLUMNS:
-        held = [value(load) / column.factor if isinstance(load, kind) else np.nan for load in ratings.loads]
-        constant[column.name] = Variable(np.array(held), ("load",), column.unit)
+    for column, held in loads_by_column(ratings.loads).items():
+        constant[column.name] = Variable(held / column.factor, ("load",), column.unit)
     if laws:
         constant[MODULUS_LAW] = Variable(np.array(laws), (UNCERTAIN,))
     if cells is not None:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.data import Fabrics
-from softness_bayes.data.ratings import LOAD_COLUMNS
+from softness_bayes.data.ratings import load_column
 from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.files.run_files import FABRIC_RATINGS, RULER
 from softness_bayes.likelihood.design import IndexArray
@@ -208,7 +208,7 @@ def reasons(fitted: Fitted, scene: Scene, rate: Array, modulus: Array | None = N
     contact = rated.contact(touch, own)
     beyond_loads, loads = np.full(scene.n_conditions, "", "U5"), []
     for k, load in enumerate(scene.loads):
-        column, kind, value = next(entry for entry in LOAD_COLUMNS if isinstance(load, entry.kind))
+        column, kind, value = load_column(load)
         values = np.median(getattr(contact, _HELD[kind]), axis=0) / column.factor
         beyond_loads[scene.load == k], told = _beyond(np.array(value(load) / column.factor), values, column.unit)
         loads.append(told)

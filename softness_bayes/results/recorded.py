@@ -9,8 +9,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from softness_bayes.data import Afferents
-from softness_bayes.data.columns import CURVATURE, DISTANCE, Column
-from softness_bayes.data.ratings import LOAD_COLUMNS
+from softness_bayes.data.columns import CURVATURE, DISTANCE
+from softness_bayes.data.ratings import loads_by_column
 from softness_bayes.likelihood.contract import NO_RESPONSE, Parameters
 from softness_bayes.model.posterior import Density
 from softness_bayes.parameters.declared import EVERY_PARAMETER, RECORDED, SHAREABLE
@@ -77,7 +77,7 @@ def recorded_results(
             "probe_distance_mm": Variable(data.distance / DISTANCE.factor, ROW, DISTANCE.unit),
             **{
                 f"probe_{column.name}": Variable(values / column.factor, ROW, column.unit)
-                for column, values in _loads(data).items()
+                for column, values in loads_by_column(data.loads).items()
             },
             "afferent_index": Variable(data.afferent, ROW),
             "averaged_responses": Variable(data.n, ROW),
@@ -116,19 +116,12 @@ def _findings(
     )
 
 
-def _loads(data: Afferents) -> dict[Column, Array]:
-    """Return the loads by their column [SI], NaN where a row has another kind of load."""
-    return {
-        column: np.array([value(load) if isinstance(load, kind) else np.nan for load in data.loads])
-        for column, kind, value in LOAD_COLUMNS
-    }
-
-
 def _table(data: Afferents, expected: Array, again: Array) -> pd.DataFrame:
     """Return each response with the median of its expectation and 90 % limits of its replicates."""
     columns: dict[str, Any] = {"recording": data.recording} if data.recording else {}
     columns["afferent"] = [data.names[k] if k >= 0 else "" for k in data.afferent]
-    columns |= {c.name: values / c.factor for c, values in _loads(data).items() if not np.isnan(values).all()}
+    loads = loads_by_column(data.loads).items()
+    columns |= {column.name: values / column.factor for column, values in loads if not np.isnan(values).all()}
     columns |= {CURVATURE.name: data.curvature, DISTANCE.name: data.distance / DISTANCE.factor}
     columns["rate_hz"] = data.observed
     columns["expected_hz"] = np.median(expected, axis=0)

@@ -28,7 +28,7 @@ GROUPS = 20
 
 _TAILS = (0.05, 0.95)
 _ESS_STRIDE = 3  # draws for the bulk ESS in each autocorrelation time
-_TAIL_STRIDE = 20  # likewise for the tails, whose indicators change faster: the size is a few percent too small
+_TAIL_STRIDE = 20  # draws for the tails, whose indicators change faster: the size is a few percent too small
 _R_HAT_DRAWS = 4000  # draws of each ensemble that R-hat uses
 
 

@@ -1,6 +1,5 @@
 """Recorded afferents from their file to a result: alone, beside plates, simulated and real."""
 
-import functools
 import json
 
 import numpy as np
@@ -19,22 +18,13 @@ from softness_bayes.recordings.findings import log_additive_sd
 from softness_bayes.results.agreement import agreements
 from softness_bayes.results.result import Result
 from softness_bayes.runs.run import sample_skin
-from softness_bayes.sampler.sampling import Settings
 from support.command_line import call, refused
 
 TRUTH = {"b_rec": 8.0, "m_rec": 3.9, "alpha_rec": 40.0, "beta_rec": 0.02, "rest_rec": 0.97, "sd_rate": 4.0}
 COUNTED = {**{name: TRUTH[name] for name in TRUTH if name != "sd_rate"}, "tau_afferent": 0.25, "fano": 0.6}
 
 
-@pytest.fixture(scope="module", autouse=True)
-def quickly():
-    """Learn little in the pilot walk, and run two ensembles."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            "softness_bayes.sampler.sampling.Settings",
-            functools.partial(Settings, pilot=(60, 60), optima=1, ensembles=2),
-        )
-        yield
+pytestmark = pytest.mark.usefixtures("short_pilot")
 
 
 def probed(**columns):

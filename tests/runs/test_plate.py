@@ -1,7 +1,6 @@
 """Compression data from their file to a result: alone, beside ratings, simulated and real."""
 
 import dataclasses
-import functools
 import json
 import re
 
@@ -23,7 +22,6 @@ from softness_bayes.plotting.figures import figures_of
 from softness_bayes.results.result import Result
 from softness_bayes.results.run_options import RunOptions
 from softness_bayes.runs.run import WIDE, sample, sample_skin
-from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation
@@ -35,15 +33,7 @@ SUBJECTS = {"participant": "subject", "indentation_mm": "displacement_mm", "forc
 SAMPLED = ("b", "m", "tau_b", "tau_m", "varsigma_f")
 
 
-@pytest.fixture(scope="module", autouse=True)
-def quickly():
-    """Learn little in the pilot walk, and run two ensembles."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            "softness_bayes.sampler.sampling.Settings",
-            functools.partial(Settings, pilot=(60, 60), optima=1, ensembles=2),
-        )
-        yield
+pytestmark = pytest.mark.usefixtures("short_pilot")
 
 
 # the file
