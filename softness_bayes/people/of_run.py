@@ -12,7 +12,7 @@ from softness_bayes.data import Ratings
 from softness_bayes.likelihood.scales import PAIRS, RANKS
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.people.answers import left_out_of_draws, told_pairs
-from softness_bayes.people.free_means import FreeMeans, free_means
+from softness_bayes.people.free_means import FreeMeans
 from softness_bayes.people.psychometric import psychometric_table
 from softness_bayes.people.ruler import ruler
 
@@ -21,11 +21,15 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-def people_tables(ratings: Ratings, options: ModelOptions, tree: xr.DataTree) -> tuple[pd.DataFrame, pd.DataFrame]:
+def people_tables(
+    found: FreeMeans, ratings: Ratings, options: ModelOptions, tree: xr.DataTree
+) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Return people's own means by load and fabric, and the ruler of the run.
 
     Parameters
     ----------
+    found
+        People's own means of the ratings.
     ratings, options
         The ratings, and the model of the run.
     tree
@@ -38,7 +42,6 @@ def people_tables(ratings: Ratings, options: ModelOptions, tree: xr.DataTree) ->
     DataFrame
         `ruler.ruler`.
     """
-    found = free_means(ratings, options)
     means = found.table().set_index(["load", "fabric"])[["people", "people_low", "people_high", "p_highest"]]
     return means, _ruler_of(found, ratings, options, tree)
 

@@ -76,12 +76,20 @@ from softness_bayes.results.draws import (
     tree_of,
 )
 from softness_bayes.results.exact import compare_exactly, exactness_stats, unchecked
-from softness_bayes.results.predictions import illustration_groups, modulus_shifts, prediction_group, turning_groups
+from softness_bayes.results.predictions import (
+    Trains,
+    example_trains,
+    illustration_groups,
+    modulus_shifts,
+    prediction_group,
+    turning_groups,
+)
 from softness_bayes.results.recorded import recorded_results
 from softness_bayes.results.replicates import ROWS, plate_results, replicated_groups
 from softness_bayes.results.summary import rater_table, reweighted, summarise, with_covariates
 from softness_bayes.sampler.chains import Chains
 from softness_bayes.sampler.workers import Workers
+from softness_bayes.touch.parameters import TouchParameters
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -159,10 +167,11 @@ def assembled(
     kept = chains.kept(burn_in, draws_per_walker(posterior, chains, share))
     theta = kept.by_walker(posterior.natural(kept.coordinates))
     scale = Provenance(attributes).rating_model.rating_scale
+    comparison = compare_exactly(posterior, theta, workers, reweight) if exact else unchecked
     draws = RatedDraws.of(experiment, posterior, scale, kept, theta, rng, share)
-    exactness = compare_exactly(posterior, theta, workers, reweight) if exact else unchecked()
     if reweight:
-        draws = replace(draws, log_weight=exactness.log_weight)
+        draws = replace(draws, log_weight=comparison().log_weight)
+    trains = workers.later(_trains, rng.spawn(1)[0], draws.touch(draws.subset(draws.curves).theta))
     Stage.REPLICATES.log()
     few, curves = draws.subset(draws.replicates), draws.subset(draws.curves)
     replicated, prior = replicated_groups(rng, draws), draws.prior[: draws.replicates]
@@ -175,8 +184,10 @@ def assembled(
     Stage.PREDICTIONS.log()
     errors, grid = numerical_errors(draws), curve_scene(draws.scene, loads=draws.shown_loads)
     predicted = {"predictions": prediction_group(draws, grid, errors[0]), **turning_groups(draws, errors[0])}
-    shown, along = illustration_groups(rng, draws, predicted["predictions"]["inflection_e_fab_kpa"].values[0] * 1e3)
+    turn = predicted["predictions"]["inflection_e_fab_kpa"].values[0] * 1e3
+    shown, along = illustration_groups(rng, draws, turn, trains())
     Stage.CHECKS.log()
+    exactness = comparison()
     sources = ["ratings", *(["compression"] if plate else []), *(["afferents"] if recorded else [])]
     sampled = sampled_groups(posterior, kept, theta, "_and_".join(sources))
     own: Groups = {"posterior": _effects(draws), "sample_stats": exactness_stats(exactness, theta.shape)}
@@ -196,6 +207,10 @@ def assembled(
     Stage.TABLES.log()
     tables = _tables(draws, tree, predicted["inflection"]) | ({} if rates is None else {RECORDED_RATES: rates})
     return Assembled(tree, summary_of(draws, exactness), tables)
+
+
+def _trains(posterior: Posterior, rng: np.random.Generator, parameters: TouchParameters) -> Trains:
+    return example_trains(rng, posterior.scene, parameters)
 
 
 def _effects(draws: RatedDraws) -> dict[str, Variable]:

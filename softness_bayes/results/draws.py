@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-DRAWS_PER_WALKER = 100
+DRAWS_PER_WALKER = 50
 """Number of evenly thinned draws per walker stored in the file; convergence is checked on all draws."""
 
 CURVES = 400

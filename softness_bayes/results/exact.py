@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache, partial
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,7 +33,7 @@ times the work of one task.
 """
 
 
-def exact_log_likelihood(posterior: Posterior, theta: Array, scene: Scene | None = None) -> Array:
+def exact_log_likelihood(posterior: Posterior, theta: Array) -> Array:
     """Return the log-likelihood at points theta with exact firing rates and a finer quadrature, shape (points,).
 
     Parameters
@@ -39,10 +42,8 @@ def exact_log_likelihood(posterior: Posterior, theta: Array, scene: Scene | None
         The density that was sampled.
     theta
         The points, shape (points, dimension).
-    scene
-        The posterior's scene, if it is known to hold its finer one (`Scene.refined`).
     """
-    exact, fingers = (posterior.scene if scene is None else scene).exact(), posterior.fingers
+    exact, fingers = posterior.scene.exact(), posterior.fingers
     finer = None if fingers is None else finer_family_of(exact, fingers.grid.finer())
     finest, others = posterior.with_term(posterior.observation.finer()), None
     if posterior.other_loads is not None:
@@ -59,8 +60,10 @@ def _other_loads(exact: Scene, posterior: Posterior) -> Scene:
     return at_other_loads(exact, errors)
 
 
-def compare_exactly(posterior: Posterior, theta: Array, workers: Workers | None, reweight: bool = False) -> Exactness:
-    """Compare the sampled log-likelihood with its reference at evenly spaced draws.
+def compare_exactly(
+    posterior: Posterior, theta: Array, workers: Workers | None, reweight: bool = False
+) -> Callable[[], Exactness]:
+    """Begin the comparison of the sampled log-likelihood with its reference at evenly spaced draws.
 
     The comparison stops after the first draws if these show clearly that the fast likelihood is accurate enough.
 
@@ -75,20 +78,37 @@ def compare_exactly(posterior: Posterior, theta: Array, workers: Workers | None,
         the reference of the integrals over raters' effects, with the same fast response.
     reweight
         Whether to compare at `REWEIGHT_DRAWS` draws, for reweighting, instead of `EXACT_DRAWS`.
+
+    Returns
+    -------
+    Callable
+        Function that waits for the comparison.
     """
     rates = SAME_RATES if posterior.scene.firing.noise else EXACT_RATES
-    for number in (REWEIGHT_DRAWS,) if reweight else (FIRST_DRAWS, EXACT_DRAWS):
-        some = theta[evenly(theta.shape, number)]
+    numbers = (REWEIGHT_DRAWS,) if reweight else (FIRST_DRAWS, EXACT_DRAWS)
+
+    def begin(some: Array) -> list[Callable[[], Array]]:
         if workers is None:
-            exact = posterior.log_likelihood(some)
-        else:
-            # the division does not depend on the number of processes, so that results agree to the last bit
-            parts = np.array_split(some, min(EXACT_PARTS, -(-len(some) // FIRST_DRAWS)))
-            exact = np.concatenate(workers.map(exact_log_likelihood, [(part, posterior.scene) for part in parts]))
-        found = compare_likelihoods(posterior.names, some, posterior.for_sampling.log_likelihood(some), exact, rates)
-        if found.certain:
-            break
-    return found
+            return [partial(posterior.log_likelihood, some)]
+        # the division does not depend on the number of processes, so that results agree to the last bit
+        parts = np.array_split(some, min(EXACT_PARTS, -(-len(some) // FIRST_DRAWS)))
+        return [workers.later(exact_log_likelihood, part) for part in parts]
+
+    begun = begin(theta[evenly(theta.shape, numbers[0])])
+
+    @cache
+    def finish() -> Exactness:
+        for number in numbers:
+            some = theta[evenly(theta.shape, number)]
+            exact = np.concatenate([part() for part in (begun if number == numbers[0] else begin(some))])
+            found = compare_likelihoods(
+                posterior.names, some, posterior.for_sampling.log_likelihood(some), exact, rates
+            )
+            if found.certain:
+                break
+        return found
+
+    return finish
 
 
 def unchecked() -> Exactness:

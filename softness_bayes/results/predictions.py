@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,22 +135,24 @@ def turning_groups(draws: RatedDraws, error: float) -> Groups:
 
 
 def illustration_groups(
-    rng: np.random.Generator, draws: RatedDraws, turn: Array
+    rng: np.random.Generator, draws: RatedDraws, turn: Array, trains: Trains
 ) -> tuple[Groups, dict[str, NDArray[Any]]]:
     """Return the data for the figures of touch and membrane, and coordinates of their axes.
 
     Parameters
     ----------
     rng
-        Random generator of the pad's receptors and of membrane noise.
+        Random generator of the pad's receptors.
     draws
         The draws of the run.
     turn
         E_fab at the turning points of the draws with curves [Pa], shape (draws, loads), NaN where there is none.
+    trains
+        Example trains at these draws.
     """
     touched, fired = (draws.touch(draws.subset(size).theta) for size in (ILLUSTRATED, draws.curves))
     touch, along = touch_illustration(rng, draws.scene, touched, turn)
-    membrane, currents = membrane_illustration(rng, draws.scene, fired)
+    membrane, currents = membrane_illustration(draws.scene, fired, trains)
     return merged(touch, membrane), {**along, **currents}
 
 
@@ -262,13 +264,19 @@ def touch_illustration(
     return {ILLUSTRATIONS: variables}, coordinates
 
 
-def membrane_illustration(
-    rng: np.random.Generator, scene: Scene, parameters: TouchParameters
-) -> tuple[Groups, dict[str, NDArray[Any]]]:
-    """Return firing rate as a function of current for every draw, and example trains at the draws' medians.
+class Trains(NamedTuple):
+    """Example trains of spikes."""
 
-    The currents go from below the lowest rheobase to the largest alpha of the draws' central 95 %; those of the trains
-    lie at `EXCESSES` of the way from median rheobase to median alpha.
+    current: Array
+    """Currents [µA/cm²], shape (trains,)."""
+    spikes: Array
+    """Times of the spikes [ms], shape (trains, spikes), NaN after the last one."""
+
+
+def example_trains(rng: np.random.Generator, scene: Scene, parameters: TouchParameters) -> Trains:
+    """Return example trains at the medians of draws.
+
+    Their currents lie at `EXCESSES` of the way from median rheobase to median alpha.
 
     Parameters
     ----------
@@ -280,8 +288,7 @@ def membrane_illustration(
         Draws of the parameters of the forward model, shape (draws,).
     """
     curve = scene.firing.curves(parameters.channels, parameters.alpha)
-    rheobase = np.broadcast_to(curve.rheobase, np.shape(parameters.alpha))
-    alpha, least = float(np.median(parameters.alpha)), float(np.median(rheobase))
+    alpha, least = float(np.median(parameters.alpha)), float(np.median(curve.rheobase))
     channels = Channels(*(float(np.median(value)) for value in parameters.channels))
     given = least + np.array(EXCESSES) * (alpha - least) if least < alpha else np.array([alpha])
     how = channels, scene.readings.membrane, DURATION, scene.firing.noise, rng, TRAIN_TOLERANCE
@@ -289,14 +296,35 @@ def membrane_illustration(
     spikes = np.full((len(trains), max(1, *(train.size for train in trains))), np.nan)
     for row, train in zip(spikes, trains, strict=True):
         row[: train.size] = train
+    return Trains(given, spikes)
+
+
+def membrane_illustration(
+    scene: Scene, parameters: TouchParameters, trains: Trains
+) -> tuple[Groups, dict[str, NDArray[Any]]]:
+    """Return firing rate as a function of current for every draw, and example trains.
+
+    The currents go from below the lowest rheobase to the largest alpha of the draws' central 95 %.
+
+    Parameters
+    ----------
+    scene
+        The scene of the data.
+    parameters
+        Draws of the parameters of the forward model, shape (draws,).
+    trains
+        Example trains at these draws.
+    """
+    curve = scene.firing.curves(parameters.channels, parameters.alpha)
+    rheobase = np.broadcast_to(curve.rheobase, np.shape(parameters.alpha))
     top = min(float(np.quantile(parameters.alpha, 0.975)), float(np.min(curve.max_current)))
     begin = min(float(rheobase.min()), top)
     current = np.linspace(max(0.0, begin - 0.25 * (top - begin)) if begin < top else 0.0, top, CURRENTS)
     shape = rheobase.size, CURRENTS
     rate = np.broadcast_to(curve.rate(np.broadcast_to(current, shape)), shape)
     examples = {
-        "spike_time_ms": Variable(spikes, ("train", "spike"), "ms"),
-        "train_current_ua_cm2": Variable(given, ("train",), "µA/cm²"),
+        "spike_time_ms": Variable(trains.spikes, ("train", "spike"), "ms"),
+        "train_current_ua_cm2": Variable(trains.current, ("train",), "µA/cm²"),
         "train_duration_ms": Variable(np.array(DURATION), (), "ms"),
     }
     curves = {

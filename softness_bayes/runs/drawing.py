@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -50,18 +49,9 @@ def draw_run_figures(result: Result, home: Path, workers: Workers, requested: Se
     known = [*figures_of(result, every=True), *(name for name in requested if name not in FIGURES)]
     names = [name for name in dict.fromkeys(known) if name not in FIGURES or name in (*usual, *earlier, *requested)]
     names.sort(key=lambda name: usual.index(name) if name in usual else len(usual))
-    try:
-        files = workers.map(_drawn, [(str(home), name, formats) for name in names])
-    finally:
-        _loaded.cache_clear()
+    files = workers.map(_drawn, [(result, name, formats) for name in names])
     return write_outputs(directory, {name: content for each in files for name, content in each.items()}, PLOT)
 
 
-@lru_cache(maxsize=1)
-def _loaded(home: str) -> Result:
-    """Return the result of a run, which a process reads once for all of its figures."""
-    return Result.load(home, verify=False, trust_code=True)
-
-
-def _drawn(_: Any, home: str, name: str, formats: tuple[str, ...]) -> dict[str, bytes]:
-    return drawn(_loaded(home), name, formats)
+def _drawn(_: Any, result: Result, name: str, formats: tuple[str, ...]) -> dict[str, bytes]:
+    return drawn(result, name, formats)

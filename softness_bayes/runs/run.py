@@ -14,7 +14,7 @@ from softness_bayes.checking.exactness import HARMLESS, LARGEST_K, Exactness
 from softness_bayes.checking.identifiability import information_table
 from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.checkpoints.identity import identity, require_density
-from softness_bayes.data import Afferents, Compression, Experiment, Measurements
+from softness_bayes.data import Afferents, Compression, Experiment, Measurements, Ratings
 from softness_bayes.data.fabrics import warn_of_moduli
 from softness_bayes.files.command_line import storable
 from softness_bayes.files.run_files import FABRIC_RATINGS, RULER, THRESHOLDS
@@ -22,6 +22,7 @@ from softness_bayes.likelihood.scales import PAIRS, direction_named
 from softness_bayes.model.build import ExperimentModel, SkinModel, build, build_skin
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Density, Posterior
+from softness_bayes.people.free_means import FreeMeans, free_means
 from softness_bayes.people.of_run import people_tables, threshold_table
 from softness_bayes.provenance import (
     PRIOR,
@@ -172,6 +173,9 @@ def sample_model(
         ended = verdict.converged and not run.quick
         integrals = _integrals(model.posterior, sampled_of(state)) if ended else None
         if integrals is None or integrals.exact_enough or integrals.pareto_k <= LARGEST_K:
+            ratings, means = model.experiment.ratings, None
+            if model.options.scale.model is None:
+                means = workers.later(_means_of_people, ratings, model.options)
             found = assembled(
                 model.experiment,
                 model.posterior,
@@ -185,12 +189,10 @@ def sample_model(
                 share=FIRST_SHARE if run.quick else 1.0,
             )
             tables = found.tables
-            if model.options.scale.model is None:
-                people, tables[RULER] = people_tables(model.experiment.ratings, model.options, found.tree)
+            if means is not None:
+                people, tables[RULER] = people_tables(means(), ratings, model.options, found.tree)
                 tables[FABRIC_RATINGS] = tables[FABRIC_RATINGS].join(people)
-            if model.options.scale is PAIRS and len(
-                thresholds := threshold_table(model.experiment.ratings, found.tree)
-            ):
+            if model.options.scale is PAIRS and len(thresholds := threshold_table(ratings, found.tree)):
                 tables[THRESHOLDS] = thresholds.set_index(["load", "reference", "answers"])
             return Result(found.tree, found.summary.join(information_table(found.tree)), tables)
     # importance weights fail: the walk is repeated without the approximation
@@ -358,4 +360,8 @@ def _integrals(posterior: Posterior, sampled: Sampled) -> Exactness | None:
     if posterior.observation.for_sampling() is posterior.observation:
         return None
     kept = sampled.chains.kept(sampled.verdict.burn_in)
-    return compare_exactly(posterior, kept.by_walker(posterior.natural(kept.coordinates)), None)
+    return compare_exactly(posterior, kept.by_walker(posterior.natural(kept.coordinates)), None)()
+
+
+def _means_of_people(_: Any, ratings: Ratings, options: ModelOptions) -> FreeMeans:
+    return free_means(ratings, options)

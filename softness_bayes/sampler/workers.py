@@ -142,6 +142,11 @@ class Workers:
         with _shielded():  # its semaphores start the process that removes them
             return ProcessPoolExecutor(self._processes, get_context("spawn"), _settle, (self._resident,))
 
+    def start(self) -> None:
+        """Begin to start all processes, which otherwise start with their first tasks."""
+        for _ in range(self._processes if self._pool is not None else 0):
+            self.later(_nothing)
+
     def _submit(self, work: Callable[..., Result], task: tuple[Any, ...]) -> Future[Result]:
         """Submit a task.
 
@@ -214,6 +219,24 @@ class Workers:
         found = dict(self._finished(work, tasks))
         return [found[k] for k in range(len(tasks))]
 
+    def later(self, work: Callable[..., Result], *task: Any) -> Callable[[], Result]:
+        """Begin ``work(resident, *task)``, and return a function that waits for its result; otherwise like `map`."""
+        if self._pool is None and self._given is None:
+            done = _on_one_thread(work, self._resident, task)
+            return lambda: done
+        try:
+            future = self._submit(work, task)
+        except BrokenExecutor:
+            return lambda: self.map(work, [task])[0]
+
+        def wait() -> Result:
+            try:
+                return future.result()
+            except BrokenExecutor:
+                return self.map(work, [task])[0]
+
+        return wait
+
     def as_finished(self, work: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]) -> Iterator[Result]:
         """Yield ``work(resident, *task)`` of every task as soon as it finishes, in any order; otherwise like `map`."""
         return (result for _, result in self._finished(work, tasks))
@@ -255,6 +278,10 @@ def _end_with_parent() -> None:
     if parent is not None:
         parent.join()
         os.kill(os.getpid(), signal.SIGTERM)
+
+
+def _nothing(_: Any) -> None:
+    """Do nothing."""
 
 
 def _in_worker(work: Callable[..., Result], task: tuple[Any, ...]) -> Result:

@@ -27,13 +27,13 @@ def compare(monkeypatch, rng):
     def run(difference, reweight=False):
         by_point = dict(zip(map(bytes, theta.reshape(-1, theta.shape[-1])), difference.ravel(), strict=True))
 
-        def different(posterior, points, _):
+        def different(posterior, points):
             asked.append(len(points))
             return posterior.log_likelihood(points) + [by_point[bytes(point)] for point in points]
 
         monkeypatch.setattr(exact, "exact_log_likelihood", different)
         with Workers(posterior, 1) as workers:
-            found = compare_exactly(posterior, theta, workers, reweight)
+            found = compare_exactly(posterior, theta, workers, reweight)()
         assert sum(asked) == found.difference.size + (FIRST_DRAWS if found.difference.size == EXACT_DRAWS else 0)
         stored = exactness_stats(found, theta.shape)["exact_difference"].values
         compared = np.isfinite(stored)
