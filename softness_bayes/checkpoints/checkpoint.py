@@ -1,15 +1,10 @@
-"""Checkpoint of a run: files of its states, and a manifest that names those of the last one.
-
-The file of a state is written once and never changed; it holds the steps since the file before. The manifest is
-replaced last, atomically. Whenever the process is killed, the manifest on disk therefore lists complete files, and
-readers need only the manifest. It contains the checksums of these files and of itself, so that damaged, exchanged or
-reordered files raise an error.
-"""
+"""Checkpoint of a run: its states are saved while it goes on, and a killed or ended run continues from the last one."""
 
 from __future__ import annotations
 
 import csv
 import io
+import os
 import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack, suppress
@@ -20,17 +15,21 @@ from typing import Any, Self
 import numpy as np
 
 from softness_bayes.checkpoints.identity import differences
-from softness_bayes.checkpoints.manifest import Whole, last_whole, name_of, read_manifest, sealed
-from softness_bayes.checkpoints.state_file import digest_of, read_state_file, state_file, state_of
-from softness_bayes.checkpoints.status import Status, present_status, status_of
-from softness_bayes.checkpoints.vacancy import is_state_file, remove_run, require_vacant
+from softness_bayes.checkpoints.saved import (
+    Record,
+    Status,
+    content_of,
+    number_of,
+    read_last,
+    saved_states,
+    state_path,
+)
 from softness_bayes.errors import InputError
 from softness_bayes.files.json_text import as_json
 from softness_bayes.files.lock import Lock, require_free
-from softness_bayes.files.outputs import require_outputs, write_outputs
-from softness_bayes.files.records import to_json
-from softness_bayes.files.run_files import CHECKPOINT, FILES, LOCK, MANIFEST, NONFINITE, RUN
-from softness_bayes.files.whole import write_whole
+from softness_bayes.files.outputs import Survey, remove, require_outputs, survey, told, write_outputs
+from softness_bayes.files.run_files import CHECKPOINT, FILES, LOCK, NONFINITE, RUN
+from softness_bayes.files.whole import is_part, write_whole
 from softness_bayes.sampler.chains import RunState
 from softness_bayes.sampler.schedule import Schedule
 from softness_bayes.sampler.target import TargetDensity
@@ -39,7 +38,7 @@ INTERVAL = 2.0
 """Time [s] between two writes."""
 
 MOST_FILES = 64
-"""Number of files of a state at which the next one holds all steps.
+"""Number of files of a stage at which the next one holds all steps.
 
 The files before that one are kept until the next such file: if it is damaged, the run continues from the state before.
 """
@@ -57,8 +56,6 @@ class Checkpoint:
         Directory of the results.
     request
         The settings requested for the run, as JSON values, needed for its continuation.
-    manifest
-        Manifest of the run to continue; None for a new one.
     salvage
         Whether to use the last intact state if a later one is damaged.
     replace
@@ -70,19 +67,18 @@ class Checkpoint:
     def __init__(
         self,
         directory: Path,
-        request: Any,
-        manifest: dict[str, Any] | None,
+        request: Any = None,
         salvage: bool = False,
         replace: bool = False,
         inputs: Iterable[Path] = (),
     ) -> None:
         self.directory, self.request, self._replace, self._inputs = directory, request, replace, tuple(inputs)
-        self._home = directory / CHECKPOINT
-        self._manifest, self._held = manifest, ExitStack()
-        self._description: dict[str, str] = {}
-        self._saved: tuple[int, int, int] = (-1, 0, 0)  # phase, stride and number of the stored steps in the files
+        self._home, self._held = directory / CHECKPOINT, ExitStack()
+        self._record: Record | None = None
+        self._state: RunState | None = None
         self._salvage, self.damage = salvage, ""  # damaged files and the resulting loss, as a sentence
-        self._told, self._last = 0, -np.inf
+        self._description: dict[str, str] = {}
+        self._last = -np.inf
         self._pending: Callable[[], None] | None = None
 
     @classmethod
@@ -111,8 +107,8 @@ class Checkpoint:
         """
         if Path(directory).is_dir():  # other contents are rejected below
             require_free(Path(directory) / CHECKPOINT / LOCK)
-        checkpoint = cls(Path(directory), request, None, False, replace, inputs)
-        require_vacant(checkpoint.directory, replace, checkpoint._inputs)
+        checkpoint = cls(Path(directory), request, False, replace, inputs)
+        checkpoint._require_vacant()
         return checkpoint
 
     @classmethod
@@ -130,16 +126,16 @@ class Checkpoint:
         Raises
         ------
         InputError
-            If the directory contains no checkpoint, or one of another version; or if the manifest is damaged or, with
+            If the directory contains no checkpoint, or one of another version; or if a file is damaged or, with
             `salvage`, no state is intact.
         LockedError
             With `salvage`, if another process is running there.
         """
         if salvage:
             require_free(Path(directory) / CHECKPOINT / LOCK)  # files that change during reading would look damaged
-        manifest, damage = _read(Path(directory), salvage)
-        checkpoint = cls(Path(directory), manifest["request"], manifest, salvage)
-        checkpoint.damage = damage
+        checkpoint = cls(Path(directory), salvage=salvage)
+        record = checkpoint._read()
+        checkpoint.request = record.request
         return checkpoint
 
     def __enter__(self) -> Self:
@@ -153,11 +149,11 @@ class Checkpoint:
                 stack.callback(self._remove_unused, place)
             lock = stack.enter_context(Lock(self._home / LOCK))
             stack.callback(self._vanish_unused, lock)
-            if self._manifest is None:
+            if self._record is None:
                 # another run may have started and ended in the meantime
-                require_vacant(self.directory, self._replace, self._inputs)
+                self._require_vacant()
             else:
-                self._manifest, self.damage = _read(self.directory, self._salvage)  # as the last holder left it
+                self._read()  # as the last holder left it
                 require_outputs(self.directory, FILES, RUN)
                 if not self.damage:
                     self._tidy()
@@ -184,19 +180,15 @@ class Checkpoint:
         Raises
         ------
         InputError
-            If the settings differ from those at the start of the run, with the differences; if a file is damaged; or if
-            JSON cannot store the request of a new run.
+            If the settings differ from those at the start of the run, with the differences; or if JSON cannot store
+            the request of a new run.
         """
-        if self._manifest is None:
-            self._description = dict(description)
+        if self._record is None:
             as_json(self.request, "request")
-            return None
-        self._description = self._manifest["description"]
-        self.require_same(description)
-        state = state_of([read_state_file(self._home / name, digest) for name, digest in self._manifest["files"]])
-        self._saved = (state.phase, state.stride, state.steps // state.stride)
-        self._told = state.nonfinite.count
-        return state
+        else:
+            self.require_same(description)
+        self._description = dict(description)
+        return self._state
 
     def require_same(self, description: Mapping[str, str]) -> None:
         """Raise an error if settings that affect the draws differ from those of the saved run.
@@ -228,8 +220,8 @@ class Checkpoint:
             If it cannot be written; the earlier state remains valid.
         """
         self._pending = lambda: self._write(state, schedule, target)
-        now = time.monotonic()
-        if state.ended or state.phase != self._saved[0] or now - self._last >= INTERVAL:
+        now, last = time.monotonic(), self._state
+        if state.ended or last is None or state.phase != last.phase or now - self._last >= INTERVAL:
             self.flush()
 
     def flush(self) -> None:
@@ -247,83 +239,108 @@ class Checkpoint:
 
     def finish(self) -> None:
         """Record that the results of the saved steps are written."""
-        if self._manifest is not None:
-            self._replace_manifest({**self._manifest, "written": self._manifest["status"]["steps"]})
+        if self._state is not None and self._record is not None:
+            self._store(self._state, self._record.status._replace(written=True))
 
     @property
     def description(self) -> Mapping[str, str]:
         """Settings that affect the draws of the saved run, by name; empty before the first state."""
-        return {} if self._manifest is None else self._manifest["description"]
+        return {} if self._record is None else self._record.description
 
     @property
     def status(self) -> Status | None:
         """Status of the saved run; None before the first state."""
-        return None if self._manifest is None else status_of(self._manifest, True)
+        return None if self._record is None else self._record.status
+
+    def _read(self) -> Record:
+        self._record, self._state, self.damage = read_last(self.directory, self._salvage)
+        return self._record
 
     def _write(self, state: RunState, schedule: Schedule, target: TargetDensity) -> None:
-        if self._manifest is None:
-            require_vacant(self.directory, self._replace, self._inputs)
-            remove_run(self.directory, self._inputs)
-        before = self._manifest or {"serial": 0, "files": [], "earlier": [], "written": None}
-        files, earlier, stored = before["files"], before["earlier"], self._saved[2]
-        if self._saved[:2] != (state.phase, state.stride) or len(files) >= MOST_FILES:
-            files, earlier, stored = [], files, 0
-        manifest = {
-            "serial": before["serial"] + 1,
-            "files": files,
-            "earlier": earlier,
-            "status": to_json(present_status(state, schedule, self.request)),
-            "written": before["written"],
-            "description": self._description,
-            "request": self.request,
-        }
-        name, content = name_of(manifest["serial"]), state_file(state, stored, manifest)
-        try:
-            write_whole(self._home / name, content)
-            self._replace_manifest({**manifest, "files": [*files, [name, digest_of(content)]]})
-            self._saved = (state.phase, state.stride, state.steps // state.stride)
-        finally:
-            self._tidy()
-        if state.nonfinite.count > self._told:
-            self._told = state.nonfinite.count
+        before = self._state
+        if before is None:
+            self._require_vacant()
+            remove(_earlier_run(self.directory, self._inputs))
+        self._store(state, Status.of(state, schedule, self.request))
+        if state.nonfinite.count > (0 if before is None else before.nonfinite.count):
             write_outputs(self.directory, {NONFINITE: _failure_table(state, target)}, RUN)
 
-    def _replace_manifest(self, manifest: dict[str, Any]) -> None:
-        path, content = self._home / MANIFEST, sealed(manifest)
+    def _store(self, state: RunState, status: Status) -> None:
+        """Write the file of a state, with its steps since the file before."""
+        last, before, number = self._record, self._state, max(saved_states(self.directory), default=0) + 1
+        pieces: list[int] = [] if last is None else last.pieces
+        earlier: list[int] = [] if last is None else last.earlier
+        stored = 0 if before is None else before.steps // before.stride
+        same_stage = before is not None and (state.phase, state.stride) == (before.phase, before.stride)
+        if not same_stage or len(pieces) >= MOST_FILES:
+            pieces, earlier, stored = [], pieces, 0
+        record = Record([*pieces, number], earlier, status, self._description, self.request)
+        path = state_path(self.directory, number)
         try:
-            write_whole(path, content)
-        finally:  # an interrupt may come after the file is replaced, when this state is saved
-            if path.is_file() and path.read_bytes() == content:
-                self._manifest = manifest
+            write_whole(path, content_of(state, stored, record))
+        finally:  # an interrupt may come after the file is there, when this state is saved
+            if path.is_file():
+                self._record, self._state = record, state
+            self._tidy()
 
     def _tidy(self) -> None:
-        """Remove files that are not in the manifest: leftovers of interrupted writes, and replaced files.
+        """Remove leftovers of interrupted writes, and files of stages before the last two."""
+        every = [] if self._record is None else saved_states(self.directory)
+        needed = set() if self._record is None else {*self._record.pieces, *self._record.earlier}
+        unused = [state_path(self.directory, number) for number in every if number not in needed]
+        for path in (*filter(is_part, self._home.glob("*")), *unused):
+            with suppress(OSError):
+                path.unlink()
 
-        The manifest on disk is used, because after an error it may be newer than the one in memory.
+    def _require_vacant(self) -> None:
+        """Raise an error for a directory to which a new run may not write; nothing is changed.
+
+        Raises
+        ------
+        InputError
+            If it is a file or is below one; or if it is not empty and may not be replaced, or not all of its files
+            belong to an earlier run.
         """
-        named: set[str] = set()
-        if (self._home / MANIFEST).exists():
-            manifest = read_manifest(self.directory)
-            named = {name for name, _ in (*manifest["files"], *manifest["earlier"])}
-        for path in self._home.glob("*"):
-            if is_state_file(path) and path.name not in named:
-                with suppress(OSError):
-                    path.unlink()
+        for place in (self.directory, *self.directory.parents):
+            if place.exists() and not place.is_dir():
+                raise InputError(f"{place}: is a file, expected a directory for the results")
+        there, begun = _earlier_run(self.directory, self._inputs), bool(saved_states(self.directory))
+        if self._replace and there.others:
+            raise InputError(
+                f"{self.directory}: --force replaces only an earlier run, but {told(there.others)}; move it away, or "
+                "choose another --out"
+            )
+        # a run killed before its first state leaves no more than a part of a file
+        if not self._replace and not all(map(is_part, (*there.ours, *there.others))):
+            instead = "'softness-bayes resume' to continue its run" if begun else "--force to replace an earlier run"
+            also = ", --force to replace it" if begun else ""
+            raise InputError(f"{self.directory}: is not empty; choose another --out, or {instead}{also}")
 
     def _remove_unused(self, place: Path) -> None:
-        if self._manifest is None:
+        if self._record is None:
             with suppress(OSError):
                 place.rmdir()
 
     def _vanish_unused(self, lock: Lock) -> None:
-        if self._manifest is None and not (self._home / MANIFEST).exists():
-            self._tidy()  # of a first state whose manifest was not written any more
+        if self._record is None and not saved_states(self.directory):
+            self._tidy()
             lock.vanish()
 
 
-def _read(directory: Path, salvage: bool) -> Whole:
-    """Return the data from which to continue: the files in the manifest, or the last intact state."""
-    return last_whole(directory) if salvage else Whole(read_manifest(directory), "")
+def _earlier_run(directory: Path, inputs: Iterable[Path]) -> Survey:
+    """Return the files of a run in a directory, those of its checkpoint from the newest on, and all other files.
+
+    Files that `plot`, `report` and `rank` made there belong to the run; files that a new run reads do not.
+    """
+    home, beside = directory / CHECKPOINT, survey(directory, (RUN, "plot", "report", "rank"), inputs, but=(CHECKPOINT,))
+    if home.is_symlink() or not home.is_dir():
+        other = {home: "is not the directory of a checkpoint"} if os.path.lexists(home) else {}
+        return Survey(beside.ours, {**other, **beside.others})
+    paths = sorted(home.iterdir(), reverse=True)
+    states = [path for path in paths if is_part(path) or number_of(path) is not None]
+    held = [path for path in paths if path.name == LOCK and path.is_file() and not path.is_symlink()]
+    others = {path: "was not written by this command" for path in paths if path not in (*states, *held)}
+    return Survey((*states, *beside.ours), {**others, **beside.others})
 
 
 def _failure_table(state: RunState, target: TargetDensity) -> str:

@@ -18,7 +18,7 @@ from softness_bayes.readable import counted, some_of
 from softness_bayes.results.run_options import DataFiles, RunOptions
 
 if TYPE_CHECKING:
-    from softness_bayes.checkpoints.status import Status
+    from softness_bayes.checkpoints.saved import Status
     from softness_bayes.runs.rank_table import CalibrationProgress
 
 
@@ -138,17 +138,17 @@ def status(directory: Path) -> None:
     """Show the progress of a run without disturbing it.
 
     Prints the number of steps, the result of the last check of the chains, the verdict, and whether a process is
-    running it. Reads one small file of DIR, which the run replaces every few seconds. For a study it prints one line
-    for each run that has begun; for a calibration the numbers of finished replicates and of those that are left.
+    running it. For a study it prints one line for each run that has begun; for a calibration the numbers of finished
+    replicates and of those that are left.
     """
-    from softness_bayes.checkpoints.status import read_status
-    from softness_bayes.files.run_files import CHECKPOINT, MANIFEST, RUNS
+    from softness_bayes.checkpoints.saved import read_status, saved_states
+    from softness_bayes.files.run_files import CHECKPOINT, RUNS
     from softness_bayes.runs.rank_table import is_calibration, progress_of
 
     if is_calibration(directory):
         lines = _of_a_calibration(directory, progress_of(directory))
     elif (directory / RUNS).is_dir() and not (directory / CHECKPOINT).exists():
-        begun = sorted(path.parent.parent for path in (directory / RUNS).glob(f"*/{CHECKPOINT}/{MANIFEST}"))
+        begun = sorted(path for path in (directory / RUNS).iterdir() if saved_states(path))
         lines = _of_a_study(directory, {path.name: read_status(path) for path in begun})
     else:
         lines = _of_a_run(directory, read_status(directory))

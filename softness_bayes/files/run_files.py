@@ -5,8 +5,8 @@ from __future__ import annotations
 POSTERIOR, SUMMARY, NONFINITE = "posterior.nc", "summary.csv", "nonfinite.csv"
 """Files of a run; the last, if there is one, holds the points at which the density could not be computed."""
 
-CHECKPOINT, MANIFEST, LOCK = "checkpoint", "manifest.json", "lock"
-"""Directory of a run's checkpoint inside that of its results, and two files in it."""
+CHECKPOINT, LOCK = "checkpoint", "lock"
+"""Directory of a run's checkpoint inside that of its results, and the file in it that a running process holds."""
 
 RUNS = "runs"
 """Folder of a study, in which each of its runs has a directory."""

@@ -1,7 +1,8 @@
-"""Atomic writing of files, even if the process is killed or the disk is full."""
+"""Atomic writing of files, even if the process is killed or the disk is full, and checksums at their ends."""
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 import secrets
@@ -10,6 +11,9 @@ from contextlib import suppress
 from pathlib import Path
 
 from softness_bayes.errors import InputError
+
+SEAL = b"\nsoftness-bayes: SHA-256 of all before this line: "
+"""Text before the checksum of a file; 64 hexadecimal digits and a line break follow it."""
 
 _PART = re.compile(r"\.softness-bayes-[0-9a-f]{32}\.part")
 
@@ -76,6 +80,17 @@ def put(parts: Mapping[Path, Path]) -> None:
         raise
     finally:
         discard(waiting.values())
+
+
+def seal_of(content: bytes | memoryview) -> bytes:
+    """Return what is written after the content of a file that ends with its checksum."""
+    return SEAL + hashlib.sha256(content).hexdigest().encode() + b"\n"
+
+
+def unsealed(whole: bytes) -> memoryview | None:
+    """Return the content of a file before its checksum; None if the file does not end with the right one."""
+    content = memoryview(whole)[: max(0, len(whole) - len(seal_of(b"")))]
+    return content if whole[len(content) :] == seal_of(content) else None
 
 
 def discard(parts: Iterable[Path]) -> None:

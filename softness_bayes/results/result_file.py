@@ -7,7 +7,6 @@ reads the file. HDF5 does not read beyond the end that it has noted itself, so t
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from softness_bayes import arviz_bridge
 from softness_bayes.errors import InputError
 from softness_bayes.files.json_text import as_json, parse_json
+from softness_bayes.files.whole import seal_of, unsealed
 from softness_bayes.supplied import require_trusted
 
 if TYPE_CHECKING:
@@ -30,9 +30,6 @@ SUMMARY_TABLE = "summary"
 TABLES = "table_data"
 """Group of the tables, each as JSON of its columns, so that no change of a CSV file matters."""
 
-SEAL = b"\nsoftness-bayes: SHA-256 of all before this line: "
-"""Text before the checksum; 64 hexadecimal digits and a line break follow it."""
-
 
 def content_of(tree: xr.DataTree, tables: Mapping[str, pd.DataFrame]) -> bytes:
     """Return the content of the file of a result: its groups and tables, and the checksum of all."""
@@ -41,7 +38,7 @@ def content_of(tree: xr.DataTree, tables: Mapping[str, pd.DataFrame]) -> bytes:
     text = xr.Dataset({name: ((), _text_of(table)) for name, table in tables.items()})
     whole = tree.assign({TABLES: xr.DataTree(text)})
     whole.attrs = {**tree.attrs, "schema_version": float(SCHEMA)}
-    return arviz_bridge.netcdf(whole, _seal_of)
+    return arviz_bridge.netcdf(whole, seal_of)
 
 
 def read(path: Path, verify: bool = True, trust_code: bool = False) -> tuple[xr.DataTree, dict[str, pd.DataFrame]]:
@@ -63,7 +60,7 @@ def read(path: Path, verify: bool = True, trust_code: bool = False) -> tuple[xr.
         trusted.
     """
     try:
-        if verify and not _is_whole(path):
+        if verify and unsealed(path.read_bytes()) is None:
             raise InputError(
                 f"{path}: damaged, or changed since it was written: it does not end with its checksum; restore it from "
                 "a copy, or delete it, and 'softness-bayes resume' writes it again from the checkpoint of the run; if "
@@ -90,18 +87,6 @@ def read(path: Path, verify: bool = True, trust_code: bool = False) -> tuple[xr.
     texts = [v.values.ravel() for v in variables if v.dtype.kind not in "biufc"]
     require_trusted(str(path), [groups.attrs, *texts], trust_code)
     return groups, _tables(path, tree)
-
-
-def _seal_of(content: bytes | memoryview) -> bytes:
-    """Return what is written after the content of a file."""
-    return SEAL + hashlib.sha256(content).hexdigest().encode() + b"\n"
-
-
-def _is_whole(path: Path) -> bool:
-    """Return whether a file ends with the seal of its content."""
-    whole = path.read_bytes()
-    start = max(0, len(whole) - len(_seal_of(b"")))
-    return whole[start:] == _seal_of(memoryview(whole)[:start])
 
 
 def _text_of(table: pd.DataFrame) -> str:

@@ -20,11 +20,11 @@ import numpy as np
 
 from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.checkpoints.identity import identity
-from softness_bayes.checkpoints.status import Status, read_status
+from softness_bayes.checkpoints.saved import Status, read_status, saved_states
 from softness_bayes.data import Afferents, Compression, Experiment, Measurements
 from softness_bayes.errors import LockedError, ResourceError, SoftnessError
 from softness_bayes.files.lock import Lock
-from softness_bayes.files.run_files import CHECKPOINT, LOCK, MANIFEST, POSTERIOR
+from softness_bayes.files.run_files import CHECKPOINT, LOCK, POSTERIOR
 from softness_bayes.files.whole import is_part, write_whole
 from softness_bayes.provenance import versions
 from softness_bayes.results.request import Request
@@ -165,8 +165,7 @@ def _fitted(request: Request, fit: Fit, directory: Path) -> TableOutcome:
 
 def _checkpoint(directory: Path) -> Checkpoint:
     """Return the checkpoint of a run to continue, or of a new one."""
-    begun = (directory / CHECKPOINT / MANIFEST).exists()
-    return Checkpoint.open(directory) if begun else Checkpoint.create(directory)
+    return Checkpoint.open(directory) if saved_states(directory) else Checkpoint.create(directory)
 
 
 def final_verdict(status: Status, max_steps: int) -> Verdict | None:
@@ -184,7 +183,7 @@ def _needs_steps(home: Path, request: Request) -> bool:
     """Return whether a run needs further steps; raise an error if it cannot be written to its directory."""
     with _checkpoint(home):
         pass
-    if not (home / CHECKPOINT / MANIFEST).exists() or not (home / POSTERIOR).is_file():
+    if not saved_states(home) or not (home / POSTERIOR).is_file():
         return True
     status = read_status(home)
     return not status.written or final_verdict(status, request.run.max_steps) is None
@@ -192,7 +191,7 @@ def _needs_steps(home: Path, request: Request) -> bool:
 
 def packed(directory: Path) -> bytes:
     """Return an archive of the files of a run, without its lock; empty if nothing was saved."""
-    if not (directory / CHECKPOINT / MANIFEST).exists():
+    if not saved_states(directory):
         return b""
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w") as archive:
@@ -216,7 +215,7 @@ def unpack(files: bytes, directory: Path) -> None:
         return
     (directory / CHECKPOINT).mkdir(parents=True, exist_ok=True)
     with zipfile.ZipFile(io.BytesIO(files)) as archive, Lock(directory / CHECKPOINT / LOCK):
-        # the manifest, which names the valid files, comes last
-        for name in sorted(archive.namelist(), key=lambda name: (Path(name).name == MANIFEST, name)):
+        # states come last, in order: the newest says that the results beside it are written
+        for name in sorted(archive.namelist(), key=lambda name: (Path(name).parent.name == CHECKPOINT, name)):
             (directory / name).parent.mkdir(parents=True, exist_ok=True)
             write_whole(directory / name, archive.read(name))

@@ -4,7 +4,7 @@ import pytest
 
 from softness_bayes.checkpoints import checkpoint as storage
 from softness_bayes.checkpoints.checkpoint import Checkpoint
-from softness_bayes.checkpoints.manifest import read_manifest
+from softness_bayes.checkpoints.saved import read_record, state_path
 from softness_bayes.errors import InputError, LockedError
 from softness_bayes.files.lock import Lock
 from softness_bayes.sampler.sampling import walk
@@ -52,59 +52,54 @@ def continued(directory):
 
 
 @pytest.mark.parametrize("damage", [cut, flip, lambda path: path.unlink()], ids=["cut", "flip", "gone"])
-@pytest.mark.parametrize("part", ["manifest.json", "last", "second", "first"])
+@pytest.mark.parametrize("part", [-1, 1, 0], ids=["last", "second", "first"])
 def test_a_run_goes_on_from_its_last_whole_state(run, states, part, damage):
-    manifest, home = read_manifest(run), run / "checkpoint"
-    files = [name for name, _ in manifest["files"]]
-    assert len(files) > 2
-    path = home / {"second": files[1], "first": files[0], "last": files[-1]}.get(part, part)
+    record, home = read_record(run), run / "checkpoint"
+    assert len(record.pieces) > 2
+    path = state_path(run, record.pieces[part])
     damage(path)
     before = {file.name: file.read_bytes() for file in home.iterdir()}
     opened = Checkpoint.open(run, salvage=True)
     assert {file.name: file.read_bytes() for file in home.iterdir()} == before  # looking changes nothing
-    assert str(path) in opened.damage
-    reached, left = manifest["status"]["steps"], opened.status.steps
-    assert f"continues from step {left}" in opened.damage
-    if part == "first":  # of the last stage nothing is left, of the one before all
-        assert opened.status.phase < manifest["status"]["phase"]
-        assert f"the last intact state: {reached} steps of a later stage are lost" in opened.damage
+    if part == -1 and not path.exists():  # the file before is then the newest
+        assert opened.damage == ""
     else:
-        assert f": {reached - left} steps are lost" in opened.damage
-        assert (reached == left) == (part == "manifest.json")
+        assert f"{path}: damaged or missing; the run continues from " in opened.damage
+        assert "the last intact state: the steps after it are lost" in opened.damage
     said, begun, last = continued(run)
     assert said == opened.damage
-    assert begun.steps == left
+    stage, reached = ((state.phase, state.stride) for state in (begun, states[-2]))
+    if part == 0:  # of the last stage nothing is left, of the one before all
+        assert stage < reached
+    else:
+        assert stage == reached
+        assert begun.steps == opened.status.steps < record.status.steps
     same(last, states[-1])
 
 
 def test_several_damaged_files_cost_as_much_as_the_worst(run, states):
     names, home = named(run), run / "checkpoint"
-    for name in (names[-1], names[-3], "manifest.json"):
+    for name in (names[-1], names[-3]):
         flip(home / name)
     said, begun, last = continued(run)
-    assert all(name in said for name in (names[-1], names[-3], "manifest.json"))
+    assert all(name in said for name in (names[-1], names[-3]))
     assert f"continues from step {begun.steps}, the last intact state: the steps after it are lost" in said
     same(last, states[-1])
 
 
 def test_where_nothing_is_whole_the_run_is_refused_by_name(run):
-    home = run / "checkpoint"
-    first = read_manifest(run)["files"][0][0]
-    for path in home.glob("state-*"):
+    for path in (run / "checkpoint").glob("state-*"):
         cut(path)
     with pytest.raises(InputError, match=r"state-\d+\.npz: damaged or missing; no intact state is left") as error:
         Checkpoint.open(run, salvage=True)
-    assert str(home / first) in str(error.value)
-    cut(home / "manifest.json")
-    with pytest.raises(InputError, match=r"manifest\.json: not a manifest"):
-        Checkpoint.open(run, salvage=True)
+    assert all(str(path) in str(error.value) for path in (run / "checkpoint").glob("state-*"))
 
 
 def test_a_run_that_another_process_holds_is_not_looked_at(run):
-    flip(run / "checkpoint" / "manifest.json")
+    flip(run / "checkpoint" / named(run)[-1])
     with Lock(run / "checkpoint" / "lock"), pytest.raises(LockedError):
         Checkpoint.open(run, salvage=True)
 
 
 def test_every_file_is_named(run):
-    assert {path.name for path in (run / "checkpoint").iterdir()} == {*named(run), "manifest.json", "lock"}
+    assert {path.name for path in (run / "checkpoint").iterdir()} == {*named(run), "lock"}

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from softness_bayes.checkpoints import checkpoint as storage
+from softness_bayes.checkpoints.saved import saved_states
 from softness_bayes.errors import SoftnessError
 from softness_bayes.sampler.sampling import walk
 from support.faults import STOPS, Killed, named, read_back, spoilt, stopped, written
@@ -54,15 +55,16 @@ def damaged(run, states, directory, random):
         return "refused"
     known(state, states)
     if place(state) != place(states[-2]):
-        assert any(name in said for _, name in done), (done, said)
-        assert "are lost" in said
+        if said or not all(how == "gone" for how, _ in done):  # without its newest file, a run is an earlier one
+            assert any(name in said for _, name in done), (done, said)
+            assert "are lost" in said
         return "salvaged"
     return "whole"
 
 
 def interrupted(how, states, directory, random):
     """Stop the writing of a run somewhere; what is found is a state of it, and the rest can be written."""
-    room = int(random.integers(0, 6 * len(states)))
+    room = int(random.integers(0, 3 * len(states)))
     try:
         with stopped(how, room):
             written(directory, states[:-1], STEPS)
@@ -74,7 +76,7 @@ def interrupted(how, states, directory, random):
     if end == "told":
         assert str(directory) in told  # says where
         assert not [*directory.rglob("*.part")]  # nothing is left over
-    if (directory / "checkpoint" / "manifest.json").exists():
+    if saved_states(directory):
         state, said = read_back(directory)
         assert state is not None, said
         assert not said, said  # nothing was damaged
@@ -84,7 +86,7 @@ def interrupted(how, states, directory, random):
     assert place(state) == place(states[-2])
     assert not said
     known(state, states)
-    assert {path.name for path in (directory / "checkpoint").iterdir()} == {*named(directory), "manifest.json", "lock"}
+    assert {path.name for path in (directory / "checkpoint").iterdir()} == {*named(directory), "lock"}
     return end
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 from softness_bayes.__main__ import quieten_libraries
-from softness_bayes.checkpoints.status import read_status
+from softness_bayes.checkpoints.saved import read_status, saved_states
 from softness_bayes.cli import VERBS, _prints
 from softness_bayes.cli.interrupts import _beginning
 from softness_bayes.errors import WorkersLostError
@@ -117,7 +117,7 @@ def sent(directory, delay, number=signal.SIGINT, whole=True):
     said = stopped(process, number, whole)
     if said is None:
         return "finished"
-    if (directory / "out" / "checkpoint" / "manifest.json").exists():
+    if saved_states(directory / "out"):
         while_drawing = "the results are written to out: 'softness-bayes plot out' draws the figures;"
         before = r"the run is saved (up to step \d+|in its pilot phase):"
         assert re.search(f"({before}|{while_drawing}) 'softness-bayes resume out' continues it", said), said
@@ -138,7 +138,7 @@ def test_an_interrupt_ends_a_run_quietly_at_its_start(tmp_path, delay):
 def test_a_closed_terminal_is_told_what_is_kept(tmp_path):
     few_ratings(tmp_path)
     process = began(tmp_path, "sample", "--data", "ratings.csv", "--out", "out", *SAMPLE)
-    while process.poll() is None and not (tmp_path / "out" / "checkpoint" / "manifest.json").exists():
+    while process.poll() is None and not saved_states(tmp_path / "out"):
         time.sleep(0.02)
     said = stopped(process, signal.SIGHUP)  # to the workers too, which must not count as lost
     assert "the run is saved" in said
@@ -313,7 +313,7 @@ def test_workers_that_die_again_and_again_are_given_up():
 def test_a_run_whose_workers_are_killed_goes_on_to_the_same_draws(tmp_path):
     few_ratings(tmp_path)
     process = began(tmp_path, "sample", "--data", "ratings.csv", "--out", "out", *SAMPLE, before=QUICKLY)
-    while process.poll() is None and not (tmp_path / "out" / "checkpoint" / "manifest.json").exists():
+    while process.poll() is None and not saved_states(tmp_path / "out"):
         time.sleep(0.02)
     for number in members(process.pid):
         with contextlib.suppress(OSError):

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from softness_bayes.checkpoints.status import read_status
+from softness_bayes.checkpoints.saved import read_status
 from softness_bayes.plotting.figures import FIGURES
 from softness_bayes.plotting.figures import FIRST_LOOK as LABEL
 from softness_bayes.report.page import report_page

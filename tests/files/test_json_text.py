@@ -63,19 +63,17 @@ def test_one_module_reads_json():
 
 
 @pytest.mark.parametrize("run", [within_limits, call])
-def test_a_deep_manifest(tmp_path, run):
-    (tmp_path / "checkpoint").mkdir()
-    (tmp_path / "checkpoint" / "manifest.json").write_text(DEEP)
-    refused(run("resume", tmp_path), "manifest.json")
+def test_a_deep_record_of_a_calibration(tmp_path, run):
+    (tmp_path / "manifest.json").write_text(DEEP)
+    (tmp_path / "asked.json").write_text(DEEP)
+    refused(run("status", tmp_path), "asked.json")
 
 
 @pytest.mark.parametrize(
     ("name", "arguments"),
     [
-        ("checkpoint/manifest.json", ("sample", "--data", DATA / "ratings.csv", "--force", "--out")),
         (".softness-bayes.json", ("simulate", "--fabrics", DATA / "fabrics.csv", "--out")),
         ("manifest.json", ("calibrate", "--replicates", "1", "--out")),
-        ("manifest.json", ("status",)),
         ("asked.json", ("status",)),
         ("scheduler.json", ("calibrate", "--replicates", "1", "--dask", "scheduler.json", "--out", "made")),
     ],

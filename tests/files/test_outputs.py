@@ -112,7 +112,7 @@ def sentinels(folder):
     (folder / "figures").mkdir()
     (folder / "figures" / "prior.png").write_bytes(b"a photograph")
     (folder / "checkpoint").mkdir()
-    (folder / "checkpoint" / "manifest.json").write_text('{"format": 1}')
+    (folder / "checkpoint" / "states.json").write_text('{"format": 1}')
     (folder / "checkpoint" / "lock").write_text("combination")
     (folder / "checkpoint" / "weights.npz").write_bytes(b"of a network")
     return folder
@@ -164,7 +164,7 @@ def test_a_run_in_a_folder_with_other_things_names_them(tmp_path):
     done = call("sample", "--compression", folder / "compression.csv", *SHORT, "--out", folder, "--force")
     refused(done, ".git is a directory", "compression.csv is an input of this command", "; and ")
     assert snapshot(tmp_path) == before
-    # the program of another's checkpoint is no run of ours, with or without a manifest
+    # the program of another's checkpoint is no run of ours, whatever its files
     for name in ("thesis.docx", ".git", "ratings.csv", "fabrics.csv", "compression.csv", "posterior.nc", "figures"):
         path = folder / name
         shutil.rmtree(path) if path.is_dir() else path.unlink()
@@ -174,7 +174,7 @@ def test_a_run_in_a_folder_with_other_things_names_them(tmp_path):
         done = call("sample", "--compression", FORCES, *SHORT, "--out", folder, *force)
         refused(done)
         assert snapshot(tmp_path) == before
-    (folder / "checkpoint" / "manifest.json").unlink()
+    (folder / "checkpoint" / "states.json").unlink()
     before = snapshot(tmp_path)
     refused(call("sample", "--compression", FORCES, *SHORT, "--out", folder), "not empty")
     assert snapshot(tmp_path) == before

@@ -11,7 +11,7 @@ import xarray as xr
 
 from softness_bayes import supplied
 from softness_bayes.checking.individual import MODULUS_LAW, modulus_laws
-from softness_bayes.checkpoints.manifest import read_manifest, sealed
+from softness_bayes.checkpoints.saved import read_record
 from softness_bayes.errors import InputError
 from softness_bayes.provenance import Provenance
 from softness_bayes.results import result_file
@@ -19,6 +19,7 @@ from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
 from softness_bayes.supplied import require_trusted
 from support.command_line import FIXED, QUICK, call, few_ratings, refused
+from support.faults import rewritten
 from support.paths import ROOT
 from support.report_runs import quickly
 
@@ -203,19 +204,18 @@ def test_a_working_directory_on_pythons_path_is_not_searched(tampered):
     "place", [("options", "readings", "pressure"), ("options", "scale"), ("options", "priors", "m"), ("own_figures",)]
 )
 def test_resume_runs_no_code_that_a_checkpoint_names(finished, here, place, monkeypatch):
-    manifest = read_manifest(finished)
-    inner = manifest["request"]
+    request = read_record(finished).request
+    inner = request
     for key in place[:-1]:
         inner = inner[key]
     inner[place[-1]] = [CODE] if place == ("own_figures",) else f"{CODE}(1)" if "priors" in place else CODE
     if place == ("own_figures",):
-        manifest["request"]["figures"] = True
-    manifest.pop("format", None)
+        request["figures"] = True
     (here / "run").mkdir()
     for path in finished.rglob("*"):
         target = here / "run" / path.relative_to(finished)
         target.mkdir(exist_ok=True) if path.is_dir() else target.write_bytes(path.read_bytes())
-    (here / "run" / "checkpoint" / "manifest.json").write_bytes(sealed(manifest))
+    rewritten(here / "run", request=request)
     (here / "ratings.csv").write_bytes((finished.parent / "ratings.csv").read_bytes())
     before = (here / "run" / "posterior.nc").read_bytes()
     refused(call("resume", "run"), f"names code, '{CODE}'", "--trust-code")

@@ -4,7 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from softness_bayes.checkpoints.status import read_status
+from softness_bayes.checkpoints.saved import read_status
 from softness_bayes.data import Compression
 from softness_bayes.files.lock import Lock
 from softness_bayes.files.run_files import CHECKPOINT, LOCK, RUNS

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from softness_bayes.checkpoints.state_file import state_file, state_of, unpacked
+from softness_bayes.checkpoints.checkpoint import Checkpoint
+from softness_bayes.checkpoints.saved import read_last
 from softness_bayes.sampler.adaptation import TriangularMap
 from softness_bayes.sampler.diagnostics import Starts
 from softness_bayes.sampler.modes import labels, learn_modes
@@ -90,13 +91,16 @@ def test_modes_that_no_move_joins_are_not_converged(target):
     assert verdict.tau[DIMENSION + 1 :].max() > verdict.kept / 2  # of the modes' shares
 
 
-def test_a_run_with_modes_goes_on_bit_by_bit_from_what_a_checkpoint_holds():
+def test_a_run_with_modes_goes_on_bit_by_bit_from_what_a_checkpoint_holds(tmp_path):
     target = narrow_and_wide(0.5)
     limits = {"pilot": (20, 30), "round_steps": 20, "max_steps": 60, "ensembles": 2, "relearning": 0}
     states = [*walk(target, settings(**limits), 3)]
     assert len(states[-1].modes) == 2
     for state in (states[0], next(s for s in states if s.phase == 2 and not s.steps)):
-        again = state_of([unpacked(state_file(state, 0, {}))])
+        with Checkpoint.create(tmp_path / str(state.phase)) as checkpoint:
+            checkpoint.begin({})
+            checkpoint.keep(state, settings(**limits), target)
+        _, again, _ = read_last(tmp_path / str(state.phase))
         assert again.starts == state.starts
         *_, resumed = walk(target, settings(**limits), 3, again)
         np.testing.assert_array_equal(resumed.chains.coordinates, states[-1].chains.coordinates)

@@ -9,7 +9,7 @@ import pytest
 
 from softness_bayes.checkpoints import checkpoint as storage
 from softness_bayes.checkpoints.checkpoint import Checkpoint
-from softness_bayes.checkpoints.manifest import read_manifest
+from softness_bayes.checkpoints.saved import content_of, read_last, read_record, saved_states, state_path
 from softness_bayes.errors import InputError
 from softness_bayes.files import whole
 from support.killable import WHAT, fake_posterior, settings
@@ -71,7 +71,7 @@ def stopped(how, room):
 
 def written(directory, states, steps):
     """Write states to a checkpoint, which may hold some."""
-    begun = (directory / "checkpoint" / "manifest.json").exists()
+    begun = saved_states(directory)
     with Checkpoint.open(directory, salvage=True) if begun else Checkpoint.create(directory) as checkpoint:
         state = checkpoint.begin(WHAT)
         for one in states:
@@ -80,9 +80,17 @@ def written(directory, states, steps):
 
 
 def named(directory):
-    """Return the names of the files in the manifest of a run."""
-    manifest = read_manifest(directory)
-    return [name for name, _ in (*manifest["earlier"], *manifest["files"])]
+    """Return the names of the files that the newest state of a run names."""
+    record = read_record(directory)
+    return [state_path(directory, number).name for number in (*record.earlier, *record.pieces)]
+
+
+def rewritten(directory, **values):
+    """Write the newest state of a run anew, with other values in its record."""
+    record, state, _ = read_last(directory)
+    number = record.pieces[-1]
+    content = content_of(state, 0, record._replace(**{"pieces": [number], **values}))
+    state_path(directory, number).write_bytes(content)
 
 
 def read_back(directory):

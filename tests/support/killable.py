@@ -13,6 +13,7 @@ import numpy as np
 
 from softness_bayes.checkpoints import checkpoint as storage
 from softness_bayes.checkpoints.checkpoint import Checkpoint
+from softness_bayes.checkpoints.saved import saved_states
 from softness_bayes.sampler.diagnostics import Goal
 from softness_bayes.sampler.sampling import Settings, walk
 from support.fake_scene import FakeScene, fake_posterior
@@ -50,7 +51,7 @@ def settings(steps, processes=1):
 def follow(directory, steps, processes=1, pause=0.0):
     """Walk from wherever the directory's run is; yield every state once it is kept."""
     posterior, chosen = fake_posterior(SlowScene(pause)), settings(steps, processes)
-    begun = (Path(directory) / "checkpoint" / "manifest.json").exists()
+    begun = saved_states(Path(directory))
     with Checkpoint.open(directory) if begun else Checkpoint.create(directory) as checkpoint:
         for state in walk(posterior, chosen, SEED, checkpoint.begin(WHAT)):
             checkpoint.keep(state, chosen, posterior)
