@@ -11,7 +11,7 @@ from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.layout import Layout, merge
 from softness_bayes.parameters.declared import FABRIC_MODULUS
 from softness_bayes.provenance import Provenance
-from softness_bayes.touch.contact import Force, Indentation, Load
+from softness_bayes.touch.contact import Load, loads_at
 from softness_bayes.touch.load_groups import LoadGroups, groups_of
 
 if TYPE_CHECKING:
@@ -40,10 +40,7 @@ LOAD_GROUP = "load_group"
 
 def loads_in(constant: xr.Dataset) -> tuple[Load, ...]:
     """Return the loads of the data, of the group `constant_data`."""
-    return tuple(
-        Indentation(float(depth) * 1e-3) if np.isfinite(depth) else Force(float(newton))
-        for depth, newton in zip(constant["indentation_mm"].values, constant["force_n"].values, strict=True)
-    )
+    return loads_at(constant["indentation_mm"].values * 1e-3, constant["force_n"].values)
 
 
 def groups_in(tree: xr.DataTree) -> LoadGroups:

@@ -120,9 +120,11 @@ def _add(typed: Sequence[str], *words: str) -> list[str]:
 
 
 def _load(match: re.Match[str], typed: Sequence[str]) -> list[str]:
-    """Return the option for the load of all ratings, unless a column is named."""
+    """Return the option for the load of all ratings, which nobody but the user knows, unless a column is named."""
+    if "no load column" not in match[0]:
+        return _add(typed, "--indentation-mm", "2")
     named = any(word.startswith(("indentation_mm=", "force_n=")) for word in typed)
-    return [] if named else _add(typed, "--indentation-mm", "2")
+    return [] if named else _add(typed, "--load", "free")
 
 
 def _fabrics(match: re.Match[str], typed: Sequence[str]) -> list[str]:

@@ -350,15 +350,15 @@ class Touches:
         """The files that are read."""
         return [] if self.fabrics is None else [self.fabrics]
 
-    def read(self) -> tuple[Fabrics, tuple[Load, ...]]:
-        """Return the fabrics and the distinct loads.
+    def read(self, needs_load: bool = True) -> tuple[Fabrics, tuple[Load, ...]]:
+        """Return the fabrics and the distinct loads, of which there may be none if they are not needed.
 
         Raises
         ------
         InputError
             If no load or no table of fabrics is given.
         """
-        if not (self.indentation_mm or self.force_n):
+        if needs_load and not (self.indentation_mm or self.force_n):
             raise InputError("no load: give at least one --indentation-mm or --force-n")
         if self.fabrics is None:
             raise InputError("no fabrics: give --fabrics")

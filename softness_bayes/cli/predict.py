@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@touches()
+@touches(loads="those of the run, with --posterior")
 @set_values
 @collected("model", ModelOptions, "prior_set", "readings", "finger", "accuracy")
 @path(
@@ -78,7 +78,7 @@ def command(
     from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
 
     file.require(touches.inputs)
-    fabrics, loads = touches.read()
+    fabrics, loads = touches.read(needs_load=posterior is None)
     if posterior is None:
         if raters is not None:
             raise InputError(
@@ -123,15 +123,16 @@ def _of_run(
     """
     from softness_bayes.model.build import COARSE
     from softness_bayes.model.reach import reach_note
-    from softness_bayes.parameters.declared import SHAPE_PARAMETERS
     from softness_bayes.results.fitted import Fitted
     from softness_bayes.results.rating_table import predicted
     from softness_bayes.touch.parameters import TouchParameters
 
     with rated_run(directory) as result:
         warn_of_cautions(result, fabrics)
+        loads = loads or result.loads
         fitted = Fitted(result, ANSWER_DRAWS, values)
-        if lacking := [n for n in TouchParameters._fields if n not in fitted.named and n not in SHAPE_PARAMETERS]:
+        needed = TouchParameters._fields[: -len(TouchParameters._field_defaults)]
+        if lacking := [name for name in needed if name not in fitted.named]:
             raise KeyError(lacking[0])  # `rated_run` names the file
         parameters = fitted.touch
 

@@ -78,7 +78,7 @@ def _about_ratings(result: Result, fit: Fit) -> Iterator[str]:
     yield from (untestable_sentence(fit), provenance.direction.said, *check_sentences(checks))
     if not fit.direction.against_data:
         yield from (*residual_sentences(provenance.findings, doubts(checks)), *result.said_of_moduli())
-    if result.load_cv.any() or result.shared_load_cv:
+    if result.load_cv.any() or result.shared_load_cv or result.said_of_force():
         yield result.said_of_loads()
     yield from (model.rating_note, model.rating_errors_note)
     yield (

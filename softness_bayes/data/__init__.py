@@ -41,10 +41,11 @@ from softness_bayes.data.decimals import Marks
 from softness_bayes.data.fabrics import USUAL_POISSON_RATIO, Fabrics
 from softness_bayes.data.faults import TableError, identity, listing, together
 from softness_bayes.data.formats import TableSource
-from softness_bayes.data.ratings import LOAD_COLUMNS, Ratings, loads_of, with_drift, with_rounded_loads
+from softness_bayes.data.ratings import FREE_TOUCH, LOAD_COLUMNS, Ratings, loads_of, with_drift, with_rounded_loads
 from softness_bayes.data.reading import check_renames, has_sheet, read_table, with_hints
 from softness_bayes.data.shapes import Request
 from softness_bayes.data.tables import FloatArray, Table
+from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import write_outputs
 from softness_bayes.files.spreadsheet import escaped
 from softness_bayes.ranges import require_kind, require_mapping
@@ -126,6 +127,7 @@ def read_experiment(
     columns: Mapping[str, str] | None = None,
     indentation_mm: float | None = None,
     force_n: float | None = None,
+    load: str | None = None,
     compression_path: TableSource | None = None,
     afferents_path: TableSource | None = None,
     decimal: Marks = None,
@@ -149,6 +151,8 @@ def read_experiment(
         Names of columns in the files, by standard name, where they differ.
     indentation_mm, force_n
         The load of every row [mm] or [N], if the table of ratings has no column for it.
+    load
+        "free" if people pressed as they liked: all ratings share one unknown force, the parameter `touch_force`.
     compression_path
         Table of compression data, whose columns are those of `Compression.read`.
     afferents_path
@@ -172,7 +176,9 @@ def read_experiment(
         Naming file, row, column and value.
     """
     require_mapping("columns", columns or {}, "{'rating': 'softness'}")
-    given = loads_of(indentation_mm, force_n)
+    given = loads_of(indentation_mm, force_n, load)
+    if load is not None and round_load is not None:
+        raise InputError("--round-load: a free touch (--load free) has no stated load to round; omit one of them")
     request = Request(LOADED if given else RATINGS, columns or {}, decimal, wide)
     source, place = _separate_fabrics(ratings_path, fabrics_path, request)
 
@@ -277,6 +283,7 @@ def read_answers(
     columns: Mapping[str, str] | None = None,
     indentation_mm: float | None = None,
     force_n: float | None = None,
+    load: str | None = None,
     decimal: Marks = None,
     drop_zeros: bool = False,
     wide: bool = False,
@@ -291,7 +298,7 @@ def read_answers(
     InputError
         Naming file, row, column and value.
     """
-    given = loads_of(indentation_mm, force_n)
+    given = loads_of(indentation_mm, force_n, load)
     request = Request((LOADED if given else RATINGS).and_also(FABRICS), columns or {}, decimal, wide)
     source, _ = _separate_fabrics(ratings_path, fabrics_path, request)
     table = read_table(ratings_path, request)
@@ -356,7 +363,8 @@ def ratings_csv(ratings: Ratings, fabrics: Fabrics | None = None) -> str:
     names = [ratings.fabrics[i] for i in ratings.fabric]
     columns: dict[str, Sequence[str]] = {"participant": people, "fabric": names}
     for column, kind, value in LOAD_COLUMNS:
-        filled = [column.write(value(load)) if isinstance(load, kind) else "" for load in touches]
+        own = [isinstance(load, kind) and load != FREE_TOUCH for load in touches]
+        filled = [column.write(value(load)) if held else "" for load, held in zip(touches, own, strict=True)]
         if any(filled):
             columns[column.name] = filled
     if ratings.lists is None:

@@ -34,7 +34,7 @@ from softness_bayes.data.tables import FloatArray, IntArray, Table, freeze
 from softness_bayes.errors import InputError, quoted
 from softness_bayes.ranges import LOAD_STEPS
 from softness_bayes.readable import counted, some_of
-from softness_bayes.touch.contact import Force, Indentation, Load
+from softness_bayes.touch.contact import Force, FreeTouch, Indentation, Load
 
 
 class LoadColumn(NamedTuple):
@@ -51,6 +51,12 @@ LOAD_COLUMNS = (
 )
 
 
+FREE = "free"
+"""Name of a free touch, whose force is unknown, among loads."""
+
+FREE_TOUCH = FreeTouch()
+
+
 def load_column(load: Load) -> LoadColumn:
     """Return the entry of `LOAD_COLUMNS` for a load."""
     return next(entry for entry in LOAD_COLUMNS if isinstance(load, entry.kind))
@@ -59,22 +65,26 @@ def load_column(load: Load) -> LoadColumn:
 def loads_by_column(loads: Sequence[Load]) -> dict[Column, FloatArray]:
     """Return the values of loads by their column [SI], shape (loads,), NaN where a load is of another kind."""
     return {
-        column: np.array([value(load) if isinstance(load, kind) else np.nan for load in loads])
+        column: np.array([value(load) if isinstance(load, kind) and load != FREE_TOUCH else np.nan for load in loads])
         for column, kind, value in LOAD_COLUMNS
     }
 
 
-def loads_of(indentation_mm: ArrayLike | None = (), force_n: ArrayLike | None = ()) -> tuple[Load, ...]:
+def loads_of(
+    indentation_mm: ArrayLike | None = (), force_n: ArrayLike | None = (), load: str | None = None
+) -> tuple[Load, ...]:
     """Return the distinct loads of some indentations [mm] and forces [N]: indentations first, each in increasing order.
 
-    Single numbers and None are accepted too.
+    Single numbers and None are accepted too; the load "free" is a free touch.
 
     Raises
     ------
     InputError
-        If a value is not positive and finite.
+        If a value is not positive and finite, or the load is another text.
     """
-    distinct: set[Load] = set()
+    if load not in (None, FREE):
+        raise InputError(f"load: {load!r:.60}, expected {FREE!r} for touches of unknown force")
+    distinct: set[Load] = set() if load is None else {FREE_TOUCH}
     for (column, kind, _), given in zip(LOAD_COLUMNS, (indentation_mm, force_n), strict=True):
         try:
             values = [] if given is None else np.atleast_1d(np.asarray(given, dtype=float)).tolist()
@@ -95,12 +105,13 @@ def _given_load(table: Table, given: Sequence[Load]) -> Load | None:
     if not filed and len(given) != 1:
         table.lack(
             f"no load column ({INDENTATION.name} or {FORCE.name}); give the load of all "
-            "ratings by one of --indentation-mm and --force-n, or name its column with --column",
+            "ratings by one of --indentation-mm and --force-n, name its column with --column, or, if people pressed as "
+            "they liked, say --load free, which takes their common force as unknown",
             *(name for name, _ in table.perhaps.values() if name in (INDENTATION.name, FORCE.name)),
         )
     elif filed and given:
         table.faults.add_general(
-            "--indentation-mm and --force-n apply only to tables without a load column; this one has "
+            "--indentation-mm, --force-n and --load apply only to tables without a load column; this one has "
             f"{' and '.join(repr(table.titles[name]) for name in filed)}"
         )
     elif len(filed) > 1 and all(text.casefold() not in MISSING for name in filed for text in table.cells[name]):
@@ -285,6 +296,7 @@ class Ratings:
         columns: Mapping[str, str] | None = None,
         indentation_mm: float | None = None,
         force_n: float | None = None,
+        load: str | None = None,
         decimal: Marks = None,
         wide: bool = False,
     ) -> Ratings:
@@ -305,6 +317,8 @@ class Ratings:
             Names of columns in the file, by the names above, where they differ.
         indentation_mm, force_n
             The load of every row [mm] or [N], if the table has no column for it.
+        load
+            "free" if people pressed as they liked, with an unknown force.
         decimal
             Decimal mark, "," or "."; by default inferred from the file, which is rejected if ambiguous.
         wide
@@ -315,7 +329,7 @@ class Ratings:
         InputError
             Naming file, row, column and value.
         """
-        given = loads_of(indentation_mm, force_n)
+        given = loads_of(indentation_mm, force_n, load)
         names = (lambda: None) if fabrics is None else (lambda: fabrics.names)
         request = Request(LOADED if given else RATINGS, columns or {}, decimal, wide, names)
         return read_as(lambda table: cls.from_table(table, fabrics, given), path, request)
@@ -518,7 +532,8 @@ def with_few_loads(ratings: Ratings, most: int) -> Ratings:
         for group in np.array_split(own, min(len(own), most)) if own else []:
             values = [value(ratings.loads[k]) for k in group]
             place[group] = len(loads)
-            loads.append(kind(values[0] if len(values) == 1 else float(f"{np.exp(np.mean(np.log(values))):.4g}")))
+            middle = float(f"{np.exp(np.mean(np.log(values))):.4g}")
+            loads.append(ratings.loads[group[0]] if len(values) == 1 else kind(middle))
     return replace(ratings, loads=tuple(loads), load=place[ratings.load])
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from softness_bayes.data import Afferents, Compression, Experiment, Measurements, Ratings
 from softness_bayes.data.faults import listing
 from softness_bayes.data.oddities import few_raters_sentence
+from softness_bayes.data.ratings import FREE_TOUCH
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.aggregated import RaterSpreads, SpreadModel
 from softness_bayes.likelihood.design import Design, LoadErrors
@@ -45,10 +46,12 @@ from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.coordinates import Bent, Coordinate, Scaled
 from softness_bayes.parameters.declared import (
     ERROR_PARAMETERS,
+    EVERY_PARAMETER,
     MODULUS_SCALE,
     OPTIONAL_RECORDING,
     PARAMETERS,
     SHAPE_PARAMETERS,
+    TOUCH_FORCE,
 )
 from softness_bayes.parameters.laws import LogNormal
 from softness_bayes.parameters.space import FabricModuli, ParameterSpace
@@ -167,14 +170,16 @@ class Parts:
                 "radius is given a prior, but the model of compression data needs a known radius: omit the prior "
                 "or the compression data"
             )
-        needs = self.rating_model(RISES).needs
+        needs, free = self.rating_model(RISES).needs, FREE_TOUCH in experiment.ratings.loads
+        if free and options.individual and fingers_of(options.individual):
+            raise InputError("individual: raters' own fingers and a free touch of unknown force cannot be combined")
         return parameter_space(
             fix=options.fix,
             priors=self._priors,
             prior_set=options.prior_set,
             skin_displacement=options.readings.skin_displacement,
             n_participants=raters_told(experiment.ratings),
-            absent={*RatingModel.needs} - {*needs},
+            absent={*RatingModel.needs} - {*needs} | (set() if free else {TOUCH_FORCE}),
             n_fingers=None if experiment.compression is None else len(experiment.compression.participants),
             membrane=options.readings.membrane,
             spreads=spreads_of(options.individual),
@@ -185,10 +190,13 @@ class Parts:
 
     @property
     def _priors(self) -> dict[str, Any]:
-        """The priors given, and that of an error common to all moduli if one is stated."""
-        stated = self.options.shared_modulus_cv or 0.0
-        common = {MODULUS_SCALE: LogNormal(1.0, float(np.sqrt(np.log1p(stated**2))))} if stated else {}
-        return {**common, **self.options.priors}
+        """The priors given, and those of an error common to all moduli and of the force of a free touch, if any."""
+        stated, own = self.options.shared_modulus_cv or 0.0, dict[str, Any]()
+        if stated:
+            own[MODULUS_SCALE] = LogNormal(1.0, float(np.sqrt(np.log1p(stated**2))))
+        if FREE_TOUCH in self.experiment.ratings.loads and TOUCH_FORCE not in self.options.fix:
+            own[TOUCH_FORCE] = EVERY_PARAMETER[TOUCH_FORCE].prior
+        return {**own, **self.options.priors}
 
     def scene(self, discretisation: Discretisation, noise: float | None = None) -> Scene:
         """Return the scene at a resolution, with the noise of the options unless another is given."""
@@ -334,6 +342,8 @@ def _with_load_errors(observed: RatingsLikelihood, experiment: Experiment, optio
         If they cannot be combined with each other or with individual fingers.
     """
     log_sd, shared = experiment.ratings.load_log_sd(options.load_cv), options.shared_load_cv or 0.0
+    if FREE_TOUCH in experiment.ratings.loads and (log_sd.any() or shared):
+        raise InputError("load_cv: the force of a free touch is unknown, and has no error beside that; omit it")
     if options.individual and (log_sd.any() or shared):
         what = differing(options.individual)
         raise InputError(f"individual: raters' {what} and errors of loads (load_cv) cannot be combined")

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.intervals import RATER_SPREADS
-from softness_bayes.parameters.declared import SHAPE_PARAMETERS, Parameter
+from softness_bayes.parameters.declared import EVERY_PARAMETER, SHAPE_PARAMETERS, TOUCH_FORCE, Parameter
 from softness_bayes.ranges import Range
 from softness_bayes.touch.contact import Finger, FingerBox
 from softness_bayes.touch.finger_grid import SPREAD_OF, FingerGrid
@@ -108,17 +108,21 @@ def require_one_source(names: Iterable[str], finger: Finger) -> None:
             raise InputError(f"{name} is given both a prior and a value of the finger ({name}_mm); choose one")
 
 
+BOXED = {**{name: name for name in SHAPE_PARAMETERS}, TOUCH_FORCE: "force"}
+"""Parameters with the fields of `FingerBox` that hold their ranges."""
+
+
 def box_of_priors(sampled: Sequence[Parameter], finger: Finger) -> FingerBox | None:
-    """Return the range of radii and depths to cover in a run: four standard deviations of each prior.
+    """Return the range of radii, depths and free forces to cover in a run: four standard deviations of each prior.
 
     Parameters
     ----------
     sampled
-        The sampled parameters. Without any of `SHAPE_PARAMETERS` there is a single finger, and the result is None.
+        The sampled parameters. Without any of `BOXED` there is a single finger, and the result is None.
     finger
         Finger with the values that are not sampled.
     """
-    ends = {p.name: np.asarray(p.prior.quantile(_TAILS)) * _MARGINS for p in sampled if p.name in SHAPE_PARAMETERS}
+    ends = {p.name: np.asarray(p.prior.quantile(_TAILS)) * _MARGINS for p in sampled if p.name in BOXED}
     return box_of_values(ends, finger)
 
 
@@ -126,12 +130,12 @@ _TAILS, _MARGINS = (3e-5, 1.0 - 3e-5), (0.999, 1.001)
 
 
 def box_of_values(values: Mapping[str, ArrayLike], finger: Finger) -> FingerBox | None:
-    """Return the range of the radii and depths among named values in natural units; None if there are none."""
+    """Return the range of the `BOXED` among named values in natural units; None if there are none."""
     ranges = {}
-    for name, parameter in SHAPE_PARAMETERS.items():
-        own = np.asarray(values[name], float) * parameter.si if name in values else np.array(getattr(finger, name))
-        ranges[name] = float(own.min()), float(own.max())
-    return FingerBox(**ranges) if SHAPE_PARAMETERS.keys() & values.keys() else None
+    for name, place in BOXED.items():
+        own = np.asarray(values[name], float) * EVERY_PARAMETER[name].si if name in values else getattr(finger, place)
+        ranges[place] = float(np.min(own)), float(np.max(own))
+    return FingerBox(**ranges) if BOXED.keys() & values.keys() else None
 
 
 def every_value(finger: Finger) -> dict[str, float]:

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.data import Experiment, Fabrics
+from softness_bayes.data.ratings import FREE_TOUCH
 from softness_bayes.errors import InputError
 from softness_bayes.model.build import COARSE, Parts
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
-from softness_bayes.parameters.declared import SHAPE_PARAMETERS
+from softness_bayes.parameters.declared import EVERY_PARAMETER, SHAPE_PARAMETERS, TOUCH_FORCE
 from softness_bayes.parameters.space import FabricModuli
 from softness_bayes.readable import percent
 from softness_bayes.touch.contact import HERTZ_LIMIT, Finger, Force, Indentation, Load, Loads
@@ -187,6 +188,8 @@ def reach_of(experiment: Experiment, options: ModelOptions) -> str:
     known = {name: prior.median for name, prior in options.priors.items()} | dict(options.fix)
     shape = {name: known.pop(name) * parameter.si for name, parameter in SHAPE_PARAMETERS.items() if name in known}
     given = {name: value for name, value in known.items() if name in TouchParameters._fields}
+    if FREE_TOUCH in experiment.ratings.loads:
+        given.setdefault(TOUCH_FORCE, EVERY_PARAMETER[TOUCH_FORCE].prior.median)
     loads, finger = experiment.ratings.loads, replace(options.finger, **shape)
     moduli = Parts(experiment, options).moduli
     return reach_of_priors(experiment.fabrics, loads, options.readings, options.prior_set, given, finger, moduli)

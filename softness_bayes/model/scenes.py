@@ -22,7 +22,6 @@ from softness_bayes.parameters.declared import (
     EVERY_PARAMETER,
     KPA,
     PARAMETERS,
-    SHAPE_PARAMETERS,
     UNKNOWN_MODULUS,
 )
 from softness_bayes.parameters.laws import LEAST_WIDTH, LogNormal, LogUniform, Prior
@@ -49,12 +48,12 @@ def touch_parameters(values: Mapping[str, ArrayLike]) -> TouchParameters:
     ----------
     values
         Numbers or arrays of one batch shape, by name; names outside the forward model are ignored. Without
-        `SHAPE_PARAMETERS`, the finger is that of the scene.
+        `SHAPE_PARAMETERS`, the finger is that of the scene; `touch_force` is needed for free touches alone.
     """
     require_mapping("values", values, "usual_values(readings)")
-    if missing := [n for n in TouchParameters._fields if n not in values and n not in SHAPE_PARAMETERS]:
+    names = [name for name in TouchParameters._fields if name in values or name not in TouchParameters._field_defaults]
+    if missing := [name for name in names if name not in values]:
         raise InputError(f"values: no {missing[0]}, expected all that usual_values(readings) returns")
-    names = [name for name in TouchParameters._fields if name in values or name not in SHAPE_PARAMETERS]
     return TouchParameters(**{n: np.asarray(values[n], float) * EVERY_PARAMETER[n].si for n in names})
 
 

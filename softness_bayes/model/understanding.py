@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from softness_bayes.checking.inflection import curve_scene, response_curves
 from softness_bayes.data import Afferents, Compression, Experiment, Ratings
 from softness_bayes.data.oddities import oddities
-from softness_bayes.data.ratings import load_column, rank, with_few_loads
+from softness_bayes.data.ratings import FREE_TOUCH, load_column, rank, with_few_loads
 from softness_bayes.likelihood.layout import Layout, merge
 from softness_bayes.likelihood.scales import CATEGORIES, PAIRS, RANKS
 from softness_bayes.model.build import COARSE, Parts, build, people_notes
@@ -148,7 +148,7 @@ def _understood_loads(ratings: Ratings) -> list[dict[str, Any]]:
     counts, found = np.bincount(ratings.load), []
     for k, load in enumerate(ratings.loads):
         column, _, value = load_column(load)
-        number = float(column.write(value(load)))
+        number = None if load == FREE_TOUCH else float(column.write(value(load)))
         found.append({"kind": column.label, "value": number, "unit": column.unit, "ratings": int(counts[k])})
     return found
 

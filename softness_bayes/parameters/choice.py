@@ -18,6 +18,7 @@ from softness_bayes.parameters.declared import (
     PRIOR_SETS,
     RECORDING_PARAMETERS,
     SHAPE_PARAMETERS,
+    TOUCH_FORCE,
     Parameter,
 )
 from softness_bayes.parameters.laws import Prior, Signed, magnitude
@@ -93,7 +94,7 @@ def parameter_space(
     absent |= (ERROR_PARAMETERS.keys() - {*of_errors}) | (ANSWER_PARAMETERS.keys() - {*spreads})
     absent |= RECORDING_PARAMETERS.keys() - {*recorded}
     _require_free_to_choose(freed, fix, absent, prior_set)
-    absent |= {*SHAPE_PARAMETERS, MODULUS_SCALE} - freed
+    absent |= {*SHAPE_PARAMETERS, MODULUS_SCALE, TOUCH_FORCE} - freed
     forced = _not_identifiable(freed, n_participants, n_fingers, membrane)
     fix |= {name: value for name, value in forced.items() if name not in {*fix, *absent}}
     held = {name: value for name, value in HELD.items() if name not in (*freed, *absent)} | fix

@@ -10,7 +10,7 @@ import numpy as np
 
 from softness_bayes.errors import InputError
 from softness_bayes.parameters.laws import HalfNormal, LogNormal, Normal, Prior, Truncated, Uniform
-from softness_bayes.ranges import CATEGORIES_RANGE, Range
+from softness_bayes.ranges import CATEGORIES_RANGE, FREE_FORCES, Range
 from softness_bayes.touch.contact import DISPLACEMENT, STRAIN, SkinDisplacement
 from softness_bayes.touch.neuron.rate_curve import LARGEST_CURRENT
 
@@ -224,6 +224,9 @@ ERROR_PARAMETERS: Mapping[str, Parameter] = _by_name(
 MODULUS_SCALE = "modulus_scale"
 """Name of the factor between true and stated moduli that all fabrics share: the error of one tester."""
 
+TOUCH_FORCE = "touch_force"
+"""Name of the force of free touches, which all ratings share."""
+
 EVERY_PARAMETER: Mapping[str, Parameter] = MappingProxyType(
     {
         **PARAMETERS,
@@ -234,6 +237,9 @@ EVERY_PARAMETER: Mapping[str, Parameter] = MappingProxyType(
         **RECORDING_PARAMETERS,
         MODULUS_SCALE: Parameter(
             MODULUS_SCALE, "$k_E$", "–", "factor common to all moduli", LogNormal(1, 0.15), range=_MULTIPLIER
+        ),
+        TOUCH_FORCE: Parameter(
+            TOUCH_FORCE, "$F$", "N", "force of free touches", LogNormal(1, 0.7), range=FREE_FORCES, cut_below=True
         ),
     }
 )

@@ -276,7 +276,7 @@ class ParameterSpace:
     @cached_property
     def _of_touch(self) -> dict[str, float]:
         """Parameters of the forward model, each with its unit in SI."""
-        names = [n for n in TouchParameters._fields if n in PARAMETERS or n in self._place]
+        names = [n for n in TouchParameters._fields if n in PARAMETERS or self.knows(n)]
         return {n: EVERY_PARAMETER[n].si for n in names}
 
     @property

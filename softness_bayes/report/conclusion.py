@@ -218,14 +218,15 @@ def _cautions(result: Result) -> tuple[str, ...]:
     """Return what no check of a run can show: errors common to all moduli, and people who were not asked."""
     raters = result.group("constant_data").get(RATERS_OF_CELLS)
     people = result.group("log_likelihood_participant").sizes["participant"] if raters is None else int(raters)
-    few = few_raters_sentence(people)
+    few, free = few_raters_sentence(people), result.said_of_force()
+    stated = [one for one in (few, free) if one]
     if MODULUS_SCALE in result.group("posterior"):
-        return (few,) if few else ()
+        return tuple(stated)
     common = (
         "an error common to all moduli (a tester that reads 20 % high) moves b, sigma_0 and beta together, and no "
         "rating shows it: state its size with --shared-modulus-cv; turning points as E_fab / E_skin do not depend on it"
     )
-    return (*([few] if few else []), common)
+    return (*stated, common)
 
 
 def _people(result: Result) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ from softness_bayes.checking.layout import RATING_AS_FILED, RATING_LINE
 from softness_bayes.data import Afferents, Compression, Experiment, Fabrics, Ratings
 from softness_bayes.data.columns import GEOMETRIC_SD, LOAD_CV, RESOLUTION
 from softness_bayes.data.forms import AggregatedCells
+from softness_bayes.data.ratings import FREE_TOUCH
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import name_of_scale
 from softness_bayes.model.build import build
@@ -28,7 +29,7 @@ from softness_bayes.parameters.laws import LogNormal, LogUniform
 from softness_bayes.parameters.space import FabricModuli
 from softness_bayes.results.request import Request
 from softness_bayes.results.stored import Stored
-from softness_bayes.touch.contact import Force, Indentation, Load
+from softness_bayes.touch.contact import Load, loads_at
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Discretisation, Scene
 
@@ -105,7 +106,18 @@ class Fitted:
     def scene(
         self, fabrics: Fabrics, loads: tuple[Load, ...], discretisation: Discretisation = Discretisation()
     ) -> Scene:
-        """Return the scene of some fabrics under some loads, with the finger and the readings of the run."""
+        """Return the scene of some fabrics under some loads, with the finger and the readings of the run.
+
+        Raises
+        ------
+        InputError
+            If the run has free touches, of unknown force, and the loads are others.
+        """
+        if FREE_TOUCH in self.result.loads and {*loads} != {FREE_TOUCH}:
+            raise InputError(
+                "loads: people touched freely in this run, with an unknown force, so that it predicts only such "
+                "touches; omit the loads"
+            )
         return scene_of(
             fabrics,
             loads,
@@ -216,13 +228,12 @@ def _compression_of(result: Stored) -> Compression:
 
 def _afferents_of(result: Stored) -> Afferents:
     constant, observed = result.group("constant_data"), result.group("observed_data")["recorded_rate_hz"]
-    places = zip(constant["probe_force_n"].values, constant["probe_indentation_mm"].values, strict=True)
     window, posterior = constant["count_window_s"].values, result.group("posterior")
     counted = np.isfinite(window)
     return Afferents(
         tuple(str(name) for name in posterior["afferent"].values) if "afferent" in posterior.dims else (),
         constant["afferent_index"].values,
-        tuple(Indentation(depth * 1e-3) if np.isnan(force) else Force(force) for force, depth in places),
+        loads_at(constant["probe_indentation_mm"].values * 1e-3, constant["probe_force_n"].values),
         constant["probe_curvature_per_m"].values,
         constant["probe_distance_mm"].values * 1e-3,
         np.where(counted, np.nan, observed.values),

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.data import Fabrics
-from softness_bayes.data.ratings import load_column
+from softness_bayes.data.ratings import FREE_TOUCH, load_column
 from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.files.run_files import FABRIC_RATINGS, RULER
 from softness_bayes.likelihood.design import IndexArray
@@ -208,6 +208,9 @@ def reasons(fitted: Fitted, scene: Scene, rate: Array, modulus: Array | None = N
     contact = rated.contact(touch, own)
     beyond_loads, loads = np.full(scene.n_conditions, "", "U5"), []
     for k, load in enumerate(scene.loads):
+        if load == FREE_TOUCH:
+            loads.append("")
+            continue
         column, kind, value = load_column(load)
         values = np.median(getattr(contact, _HELD[kind]), axis=0) / column.factor
         beyond_loads[scene.load == k], told = _beyond(np.array(value(load) / column.factor), values, column.unit)

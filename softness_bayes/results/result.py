@@ -14,13 +14,16 @@ from numpy.typing import NDArray
 from softness_bayes import arviz_bridge
 from softness_bayes.checking.inflection import Curves, Inflection, turning_table
 from softness_bayes.data.columns import LOAD_CV
+from softness_bayes.data.ratings import FREE_TOUCH
 from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import write_outputs
 from softness_bayes.files.run_files import ANSWERS, FINGERS, MODULI, MODULUS_ERRORS, POSTERIOR, RULER, RUN, SUMMARY
 from softness_bayes.files.spreadsheet import csv_of
+from softness_bayes.parameters.declared import TOUCH_FORCE
 from softness_bayes.provenance import is_first_look
 from softness_bayes.ranges import numbers, require_kind, require_mapping
+from softness_bayes.readable import number
 from softness_bayes.results.result_file import SUMMARY_TABLE, content_of, read
 from softness_bayes.results.stored import Stored
 from softness_bayes.touch.contact import Load, require_loads
@@ -199,8 +202,23 @@ class Result(Stored):
         """Relative standard error of each load, shared by all its ratings, as used in the run; 0 if there is none."""
         return self.provenance.asked.options.get("shared_load_cv") or 0.0
 
+    def said_of_force(self) -> str:
+        """Return what an unknown force of free touches means for the conclusions; empty if loads were given."""
+        if FREE_TOUCH not in self.loads:
+            return ""
+        sampled = TOUCH_FORCE in self.group("posterior")
+        force = self.group("posterior" if sampled else "constant_data")[TOUCH_FORCE].values
+        low, middle, high = (number(x) for x in np.quantile(force, (0.05, 0.5, 0.95)))
+        return (
+            f"nobody measured how hard people pressed: {middle} N ({low} to {high}, 90 %), one force for all ratings. "
+            "Ratings under one force tell little more than moduli and stresses over it, so b and sigma_0 are as "
+            "uncertain, and nothing is said of other forces; measure it, or rate under two known loads"
+        )
+
     def said_of_loads(self) -> str:
         """Return in one sentence whether loads were taken as exact."""
+        if FREE_TOUCH in self.loads:
+            return f"loads: {self.said_of_force()}"
         if self.shared_load_cv:
             return (
                 f"loads: the model includes a relative error of {self.shared_load_cv:.3g} of each load, shared "

@@ -138,6 +138,12 @@ class Load(Kind):
             raise InputError(f"{text!r} is not a valid float." if invalid else str(error)) from None
 
 
+class Free(Kind):
+    """The word for touches of unknown force."""
+
+    choices = ("free",)
+
+
 class DecimalMarks(Kind):
     """The decimal mark of all tables, or marks by table."""
 
@@ -220,6 +226,14 @@ class DataFiles(Options):
         None,
         "--force-n",
         "Contact force [N] of all ratings, if the table has no column for it.",
+        needs_ratings=True,
+    )
+    load: str | None = option(
+        Free(),
+        None,
+        "--load",
+        "free: people pressed as they liked. All ratings then share one unknown force, sampled as touch_force; its "
+        "prior is lognormal(1,0.7) in N, which --prior changes.",
         needs_ratings=True,
     )
     round_load: float | None = option(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -126,6 +126,8 @@ class Finger:
     pad_length: float = 30e-3
     pad_width: float = 20e-3
     contact_centre: tuple[float, float] = (12e-3, 10e-3)
+    force: ClassVar[float] = 1.0
+    """Force [N] of a free touch."""
 
     def __post_init__(self) -> None:
         for place in fields(self):
@@ -146,7 +148,7 @@ class Finger:
 
 
 class Fingertips(NamedTuple):
-    """The fingertips of a batch of parameter vectors, which differ in radius and depth alone."""
+    """The fingertips of a batch of parameter vectors, which differ in radius, depth and force of free touches."""
 
     radius: Array
     """Fingertip radius R [m], of a shape that broadcasts with what it is combined with."""
@@ -154,22 +156,27 @@ class Fingertips(NamedTuple):
     """Depth z of the receptors [m], of the same shape."""
     poisson_ratio: float
     """Poisson ratio of the skin [-]."""
+    force: Any = 1.0
+    """Force [N] of a free touch, of that shape."""
 
 
 Fingertip = Finger | Fingertips
 """The shape of a fingertip: one number each, or arrays."""
 
 
-def fingertips(finger: Finger, radius: ArrayLike, receptor_depth: ArrayLike) -> Fingertips:
+def fingertips(
+    finger: Finger, radius: ArrayLike, receptor_depth: ArrayLike, force: ArrayLike = Finger.force
+) -> Fingertips:
     """Return fingers with these radii and receptor depths [m], shape (n, 1); 0 selects the value of `finger`."""
     given = (np.asarray(radius, float), finger.radius), (np.asarray(receptor_depth, float), finger.receptor_depth)
-    own = np.broadcast_arrays(*(np.where(value > 0, value, usual) for value, usual in given))
-    return Fingertips(own[0][..., None], own[1][..., None], finger.poisson_ratio)
+    shape = (np.where(value > 0, value, usual) for value, usual in given)
+    own = [value[..., None] for value in np.broadcast_arrays(*shape, np.asarray(force, float))]
+    return Fingertips(own[0], own[1], finger.poisson_ratio, own[2])
 
 
 @dataclass(frozen=True)
 class FingerBox:
-    """Ranges of fingertip radius and receptor depth [m] covered by the stress-field tables.
+    """Ranges of fingertip radius, receptor depth [m] and free force [N] covered by the stress-field tables.
 
     Raises
     ------
@@ -179,16 +186,18 @@ class FingerBox:
 
     radius: tuple[float, float]
     receptor_depth: tuple[float, float]
+    force: tuple[float, float] = (Finger.force, Finger.force)
 
     def __post_init__(self) -> None:
-        for name, (low, high) in (("radius", self.radius), ("receptor_depth", self.receptor_depth)):
+        for name, (low, high) in vars(self).items():
             if not 0 < low <= high < np.inf:
-                raise InputError(f"finger: {name} from {low} to {high} m, expected a range of positive lengths")
+                raise InputError(f"finger: {name} from {low} to {high}, expected a range of positive numbers")
 
     @property
-    def corners(self) -> tuple[Array, Array]:
-        """Radius and depth [m] at the four corners."""
-        return np.repeat(self.radius, 2), np.tile(self.receptor_depth, 2)
+    def corners(self) -> tuple[Array, Array, Array]:
+        """Radius and depth [m], and force [N], at the eight corners."""
+        radius, depth, force = (value.ravel() for value in np.meshgrid(self.radius, self.receptor_depth, self.force))
+        return radius, depth, force
 
 
 @dataclass(frozen=True)
@@ -235,6 +244,16 @@ class Force:
         return f"{self.newton:.12g} N"
 
 
+@dataclass(frozen=True, order=True)
+class FreeTouch(Force):
+    """A touch without a given load, whose force is a parameter (`touch_force`), in units of `newton`."""
+
+    newton: float = 1.0
+
+    def __str__(self) -> str:
+        return "free touch"
+
+
 Load = Indentation | Force
 LOAD = "Indentation(depth [m]) or Force(newton [N])"
 
@@ -252,6 +271,15 @@ def require_loads(what: str, loads: Sequence[Load]) -> tuple[Load, ...]:
     for load in loads:
         require_kind(what, load, (Indentation, Force), LOAD)
     return tuple(loads)
+
+
+def loads_at(depths: ArrayLike, forces: ArrayLike) -> tuple[Load, ...]:
+    """Return the loads with some indentations [m] and forces [N], NaN where a load does not hold one or the other."""
+    pairs = zip(np.asarray(depths, float).tolist(), np.asarray(forces, float).tolist(), strict=True)
+    return tuple(
+        Force(force) if np.isfinite(force) else Indentation(depth) if np.isfinite(depth) else FreeTouch()
+        for depth, force in pairs
+    )
 
 
 def held(load: Load) -> float:
@@ -281,20 +309,21 @@ class Loads:
         fixed = np.sqrt(finger.radius * self._depth)
         if self.indented.all():
             return np.broadcast_to(fixed, np.broadcast_shapes(fixed.shape, reduced_modulus.shape))
-        return np.where(self.indented, fixed, np.cbrt(0.75 * finger.radius * self._newton / reduced_modulus))
+        newton = self._newton * finger.force
+        return np.where(self.indented, fixed, np.cbrt(0.75 * finger.radius * newton / reduced_modulus))
 
     def contact(self, skin: Array, reduced_modulus: Array, finger: Fingertip) -> Contact:
         """Return the contacts for E_skin and E_star [Pa], of shape (..., conditions)."""
         radius = self.radius(reduced_modulus, finger)
         indentation = np.where(self.indented, self._depth, radius**2 / finger.radius)
-        force = np.where(self.indented, hertz_force(reduced_modulus, radius, finger), self._newton)
+        force = np.where(self.indented, hertz_force(reduced_modulus, radius, finger), self._newton * finger.force)
         return Contact(skin, reduced_modulus, radius, indentation, force)
 
     def compression(self, finger: Fingertip, displacement: SkinDisplacement) -> tuple[Array, Array]:
         """Return ln C and p of `skin_modulus`: with a given radius p = 0, with a given force p = power / 3."""
         # a = sqrt(R delta), or a³ = 3 R F / (4 E_star)
         softness = 1.0 - finger.poisson_ratio**2
-        under_force = displacement.power / 3.0 * np.log(0.75 * finger.radius * self._newton * softness)
+        under_force = displacement.power / 3.0 * np.log(0.75 * finger.radius * self._newton * finger.force * softness)
         at_depth = displacement.power * 0.5 * np.log(finger.radius * self._depth)
         log_scale = np.where(self.indented, at_depth, under_force) - np.log(finger.radius)
         return log_scale, np.where(self.indented, 0.0, displacement.power / 3.0)

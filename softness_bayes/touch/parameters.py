@@ -38,6 +38,8 @@ class TouchParameters(NamedTuple):
     """Fingertip radius [m]; 0 to use that of the scene's finger."""
     receptor_depth: Any = 0.0
     """Depth of the receptors [m]; 0 to use that of the scene's finger."""
+    touch_force: Any = 1.0
+    """Force of free touches [N]; other touches have their loads."""
 
     @property
     def channels(self) -> Channels:
@@ -49,7 +51,7 @@ class TouchParameters(NamedTuple):
         return TouchParameters(*(np.broadcast_to(value, shape) for value in self))
 
 
-_POSITIVE = [TouchParameters._fields.index(name) for name in ("b", "alpha", "beta", *Channels._fields)]
+_POSITIVE = [TouchParameters._fields.index(name) for name in ("b", "alpha", "beta", "touch_force", *Channels._fields)]
 _FROM_ZERO = [TouchParameters._fields.index(name) for name in ("radius", "receptor_depth")]
 
 _LEAST = np.full((len(TouchParameters._fields), 1), -np.finfo(float).max)

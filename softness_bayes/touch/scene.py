@@ -19,6 +19,7 @@ from softness_bayes.touch.contact import (
     Finger,
     FingerBox,
     Fingertip,
+    FreeTouch,
     Load,
     fingertips,
     require_loads,
@@ -134,6 +135,8 @@ class Scene:
         skin_box: SkinBox | None = None,
     ) -> None:
         self.loads = require_loads("loads", loads)
+        if FreeTouch() in self.loads and len({*self.loads}) > 1:
+            raise InputError("loads: a free touch has an unknown force and cannot be combined with given loads")
         require_members("firing", firing, ("curves",), "a source of rate curves, such as FixedChannels()")
         require_kind("finger", finger, Finger, "a Finger, such as Finger(receptor_depth=0.6e-3)")
         require_kind("readings", readings, Readings, "Readings, such as NAMED_READINGS['printed']")
@@ -199,10 +202,14 @@ class Scene:
         InputError
             If a vector has an individual finger but the scene was compiled for one finger.
         """
+        free = FreeTouch() in self.loads
         if self.finger_box is not None:
-            return fingertips(self.finger, parameters.radius, parameters.receptor_depth)
+            force = parameters.touch_force if free else Finger.force
+            return fingertips(self.finger, parameters.radius, parameters.receptor_depth, force)
         if np.count_nonzero(parameters.radius) or np.count_nonzero(parameters.receptor_depth):
             raise InputError("scene: a radius or a receptor_depth is given, but the scene has one finger and no box")
+        if free:
+            raise InputError("scene: a free touch needs the range of its forces, as a FingerBox")
         return self.finger
 
     @property

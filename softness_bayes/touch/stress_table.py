@@ -192,8 +192,9 @@ class StressTable:
         self.load, self.finger, self.readings, self.tolerance = least, finger, readings, tolerance
         self.modulus_range, self._inversion = modulus_range, Inversion(readings, tolerance)
         self._held = isinstance(least, Indentation)
-        radius, depth = box.corners if box else (np.array([finger.radius]), np.array([finger.receptor_depth]))
-        corners = Fingertips(radius[:, None], depth[:, None], finger.poisson_ratio)
+        alone = finger.radius, finger.receptor_depth, finger.force
+        radius, depth, force = (np.reshape(one, (-1, 1)) for one in (box.corners if box else alone))
+        corners = Fingertips(radius, depth, finger.poisson_ratio, force)
         along, across = [], []
         for load in (least, greatest):
             modulus = np.broadcast_to(np.array(modulus_range), (depth.size, 2))
@@ -239,7 +240,8 @@ class StressTable:
         """Return q under a force at some A."""
         assert isinstance(load, Force)
         radius = np.asarray(relative * finger.receptor_depth)
-        return self.readings.pressure.decay(0.75 * finger.radius * load.newton / radius**3, radius, finger)
+        force = load.newton * finger.force
+        return self.readings.pressure.decay(0.75 * finger.radius * force / radius**3, radius, finger)
 
     def scaled(self, value: Array, side: int) -> Array:
         """Return a coordinate, along (0) or across (1), scaled to [-1, 1] over its range."""

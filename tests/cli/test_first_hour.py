@@ -90,7 +90,7 @@ BEGINNERS = {
     ("sample", "ratings.csv"): "softness-bayes sample --data ratings.csv",
     ("sample", "--dat", "x"): "softness-bayes sample --data ratings.csv --out results",
     ("check", "--data", "nope.csv"): "softness-bayes check --data ratings.csv",
-    ("sample", "--data", "bare.csv"): ("softness-bayes sample --data bare.csv --fabrics cloth.csv --indentation-mm 2"),
+    ("sample", "--data", "bare.csv"): ("softness-bayes sample --data bare.csv --fabrics cloth.csv --load free"),
     ("sample", "--data", "ratings.csv", "--out", "full"): "softness-bayes sample --data ratings.csv --out full-2",
     ("sample", "--data", "ratings.csv", "--prior", "b=80"): "softness-bayes list priors",
     ("sample", "--data", "ratings.csv", "--reading", "presure=hertz"): "softness-bayes list readings",

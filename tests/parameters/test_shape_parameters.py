@@ -18,14 +18,14 @@ def test_they_are_absent_unless_they_are_freed(rng):
     usual = parameter_space()
     theta = usual.draw_prior(rng, 3)
     assert not SHAPE_PARAMETERS.keys() & {*usual.names, *usual.held}
-    assert usual.touch(theta)[-2:] == (0.0, 0.0)
+    assert usual.touch(theta)[-3:] == (0.0, 0.0, 1.0)
     for free in (parameter_space(priors=LAWS), parameter_space(free=SHAPE_PARAMETERS)):
         assert free.names == (*usual.names, "radius", "receptor_depth")
         assert {p.unit for p in free.sampled[-2:]} == {"mm"}
     touch = parameter_space(priors=LAWS).touch(np.column_stack([theta, np.full((3, 2), (8.0, 0.7))]))
     assert_allclose(touch.radius, 8e-3)
     assert_allclose(touch.receptor_depth, 0.7e-3)
-    assert_array_equal(touch[:-2], usual.touch(theta)[:-2])
+    assert_array_equal(touch[:-3], usual.touch(theta)[:-3])
 
 
 def test_a_normal_law_is_cut_at_both_ends_of_the_range(rng):

@@ -157,7 +157,7 @@ def test_what_has_no_field_is_refused():
         with pytest.raises(NumericalError, match="modulus"):
             fields.at(np.array([[1e5, bad]]), np.full((1, 2), 3e-3), FINGER)
     for radius, depth in (((0.0, 1e-2), (1e-3, 1e-3)), ((1e-2, 8e-3), (1e-3, 1e-3)), ((8e-3, 8e-3), (0.0, np.inf))):
-        with pytest.raises(InputError, match="expected a range of positive lengths"):
+        with pytest.raises(InputError, match="expected a range of positive numbers"):
             FingerBox(radius, depth)
 
 
