@@ -53,7 +53,6 @@ HOMES = {
 """Modules outside of which a library may not be imported."""
 PROGRAMS = {
     "tools.curve_build",
-    "tools.doc_tables",
     "tools.rooms",
     "tools.surface_build",
 }

@@ -3,8 +3,8 @@
 Simulated laboratories rate the fabrics of ``data/`` with the parameters of ``data/truth.json``, but measure each
 modulus with a relative error, or hold each load with one. Each table is fitted with fixed channels: with the true
 inputs (control), with the inputs as stated, and with their errors declared. FILE.csv gets a row for each laboratory,
-case and quantity: the share of draws below the true value. Existing rows are kept. FILE.md gets the table of the page
-on calibration.
+case and quantity: the share of draws below the true value. Existing rows are kept. The table of the page on results is
+printed.
 """
 
 from __future__ import annotations
@@ -112,7 +112,6 @@ def main() -> None:
         if (number, name) not in done:
             rows = pd.concat([rows, pd.DataFrame(fitted(number, name))], ignore_index=True)
             rows.to_csv(asked.file, index=False)
-    asked.file.with_suffix(".md").write_text(table(rows), encoding="utf-8")
     print(table(rows))
 
 

@@ -3,12 +3,13 @@
 Simulation-based calibration of one small design after another: parameters, true inputs and ratings are drawn, fitted
 by the sampler, and the true values are ranked among the draws. Each observation model is also fitted with known
 mistakes in its likelihood (negative controls), which the ranks must show. Finished replicates in DIR are kept, so that
-a second call continues where the first one ended. `ranks.md` gets the table of the page on calibration.
+a second call continues where the first one ended. `ranks.csv` gets the table of the page on results.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -179,18 +180,17 @@ def row(name: str, folder: Path, labs: int, controls: int) -> tuple[str, ...]:
 def main() -> None:
     """Run what is missing in the directory, and write the table."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("directory", type=Path, help="directory of the replicates and of ranks.md")
+    parser.add_argument("directory", type=Path, help="directory of the replicates and of ranks.csv")
     parser.add_argument("--labs", type=int, default=60, help="replicates of each model")
     parser.add_argument("--controls", type=int, default=40, help="replicates fitted with each mistake")
     parser.add_argument("--cases", default="", help="names of models, separated by semicolons; by default all")
     asked = parser.parse_args()
-    head = ("model", "replicates", "smallest p", "alarm below", "alarm", "mistakes detected")
-    table = [head, ("---",) * len(head)]
+    table = [("model", "replicates", "smallest p", "alarm below", "alarm", "mistakes detected")]
     for name in asked.cases.split(";") if asked.cases else CASES:
         table.append(row(name, asked.directory, asked.labs, asked.controls))
         print(" | ".join(table[-1]), flush=True)
-        text = "".join(f"| {' | '.join(line)} |\n" for line in table)
-        (asked.directory / "ranks.md").write_text(text, encoding="utf-8")
+        with (asked.directory / "ranks.csv").open("w", newline="", encoding="utf-8") as file:
+            csv.writer(file, lineterminator="\n").writerows(table)
 
 
 if __name__ == "__main__":

@@ -162,7 +162,7 @@ GEOMETRIC_MEAN = _scale("geometric_mean", "geometric mean of a cell's ratings", 
 SD = _scale("sd", "standard deviation of a cell's ratings", _POSITIVE)
 SE = _scale("se", "standard error of a cell's mean", _POSITIVE)
 GEOMETRIC_SD = _scale("geometric_sd", "geometric standard deviation of a cell's ratings", Range(1.0, above=True))
-RATERS = _scale("n", "number of raters of a cell", Range(2.0, 1e6))
+RATERS = _scale("n", "number of raters of a cell, or of averaged responses", Range(2.0, 1e6))
 TENSILE_MODULUS = _number("tensile_modulus_mpa", "tensile modulus", "MPa", _POSITIVE)
 THICKNESS = _number("thickness_mm", "thickness", "mm", _POSITIVE)
 POISSON_RATIO = _number("poisson_ratio", "Poisson ratio", "", Range(-1.0, 0.5, above=True))
@@ -205,11 +205,20 @@ WINDOW = _number("window_s", "duration of the count", "s", Range(1e-3, 1e4), qua
 
 SECOND_FABRIC = "fabric_2"
 """Column of the other fabric of a pair."""
-LABELS = (
-    *("participant", "fabric", SECOND_FABRIC, "session", "trial", "list", "indentor", "direction"),
-    *("recording", "afferent", "species"),
-)
-"""The columns of names."""
+LABELS: Mapping[str, str] = {
+    "participant": "who rated, or whose finger was pressed; without it all rows are of one",
+    "fabric": "name of the fabric",
+    SECOND_FABRIC: "other fabric of a pair: rating 1 if `fabric` was softer, 0 if this one, 0.5 if neither",
+    "session": "session or block",
+    "trial": "number of the trial or repetition",
+    "list": "list to which a rank or a touch of a pair belongs; otherwise a participant's touches under one load",
+    "indentor": "shape that was pressed; only rows of a flat plate are used",
+    "direction": "warp or weft, whose geometric mean is used",
+    "recording": "source of the rates; sources are compared",
+    "afferent": "name of the nerve fibre; blank for a mean of several",
+    "species": "species of the afferents",
+}
+"""The columns of names, and what each holds."""
 OF_CELLS = frozenset({MEAN.name, GEOMETRIC_MEAN.name, SD.name, SE.name, GEOMETRIC_SD.name, RATERS.name})
 """Columns of cells of several raters, used instead of ratings."""
 MODULUS_SOURCES = (EFFECTIVE_MODULUS, EFFECTIVE_MODULUS_LOW, BENDING_RIGIDITY, TENSILE_MODULUS)

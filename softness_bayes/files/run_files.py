@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 POSTERIOR, SUMMARY, NONFINITE = "posterior.nc", "summary.csv", "nonfinite.csv"
-"""Files of a run; the last, if there is one, holds the points at which the density could not be computed."""
+"""Files of a run; the last is there only if points were not finite."""
 
 CHECKPOINT, LOCK = "checkpoint", "lock"
 """Directory of a run's checkpoint inside that of its results, and the file in it that a running process holds."""
@@ -11,49 +13,32 @@ CHECKPOINT, LOCK = "checkpoint", "lock"
 RUNS = "runs"
 """Folder of a study, in which each of its runs has a directory."""
 
-MODULI = "fabric_moduli"
-"""The table of moduli that were not known exactly, if there are any."""
-
-MODULUS_ERRORS = "modulus_errors"
-"""The table of the consequences of errors in moduli that are taken as exact, if there are any."""
-
-FINGERS = "rater_fingers"
-"""The table of raters' own fingers, if they differ."""
-
-ANSWERS = "rater_answers"
-"""The table of raters' own exponents and noise, if they differ."""
-
-RATERS = "raters"
-"""The table of raters with their covariates, if there are any."""
-
-FABRIC_RATINGS = "fabric_ratings"
-"""The table of rated and predicted softness of every fabric under every load."""
-
-THRESHOLDS = "thresholds"
-"""The table of thresholds and Weber fractions of pairs with a reference, if there are any."""
-
-RULER = "ruler"
-"""The table of how much of people's own means the chain keeps."""
-
+FABRIC_RATINGS, RULER, THRESHOLDS = "fabric_ratings", "ruler", "thresholds"
+MODULI, MODULUS_ERRORS = "fabric_moduli", "modulus_errors"
+FINGERS, ANSWERS, RATERS = "rater_fingers", "rater_answers", "raters"
 RECORDED_RATES = "recorded_rates"
-"""The table of recorded firing beside its prediction, if there is any."""
 
-TABLES = (
-    "directions",
-    "predictive_checks",
-    FABRIC_RATINGS,
-    RULER,
-    THRESHOLDS,
-    MODULI,
-    MODULUS_ERRORS,
-    FINGERS,
-    ANSWERS,
-    RATERS,
-    RECORDED_RATES,
-)
-"""Further tables of a result by the name of their file."""
+TABLES: Mapping[str, str] = {
+    "directions": "combinations of parameters, the best known first",
+    "predictive_checks": "test quantities of the ratings and of replicates",
+    FABRIC_RATINGS: "rated and predicted softness of every fabric under every load",
+    RULER: "how much of people's own means the chain keeps",
+    THRESHOLDS: "thresholds and Weber fractions of pairs with a reference",
+    MODULI: "moduli that were not known exactly",
+    MODULUS_ERRORS: "what errors would change in moduli that are taken as exact",
+    FINGERS: "raters' own fingers, with `--individual`",
+    ANSWERS: "raters' own exponents and noise, with `--individual`",
+    RATERS: "raters with their covariates",
+    RECORDED_RATES: "recorded firing beside its prediction",
+}
+"""Further tables of a result by the name of their file, each if the run has its data."""
 
-FILES = (POSTERIOR, SUMMARY, NONFINITE, *(f"{name}.csv" for name in TABLES))
+FILES: Mapping[str, str] = {
+    POSTERIOR: "the whole result: draws, predictions, tables, options and checksums",
+    SUMMARY: "mean, sd, interval, convergence and contraction of every parameter",
+    NONFINITE: "points at which the density could not be computed",
+    **{f"{name}.csv": holds for name, holds in TABLES.items()},
+}
 """Every file that a run may leave beside its checkpoint."""
 
 RUN = "sample"

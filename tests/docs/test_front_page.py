@@ -8,15 +8,17 @@ import shlex
 import shutil
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 import softness_bayes
 from softness_bayes.cli import main
-from softness_bayes.tools.doc_tables import DOCS, filled
+from softness_bayes.parameters.declared import EVERY_PARAMETER
 from support.command_line import FIXED, QUICK
-from support.paths import DATA, ROOT
+from support.pages import PAGES
+from support.paths import DATA
 
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+README = PAGES["README.md"]
 BRIEF = {
     "sample": [*QUICK, *FIXED],
     "claims": ["--readings", "mended", "--priors", "default", "--draws", "0"],
@@ -67,30 +69,32 @@ def finished(ended, monkeypatch):
     monkeypatch.setattr(softness_bayes, "sample", sample, raising=False)
 
 
-def test_every_page_of_the_guide_is_linked():
-    assert set(re.findall(r"\(softness_bayes/docs/([a-z]+\.md)\)", README)) == {
-        path.name for path in DOCS.glob("*.md")
-    } - {"index.md"}
-
-
-@pytest.mark.parametrize("name", ["benchmarks.md", "calibration.md"])
-def test_new_results_replace_the_tables_of_a_page(name, tmp_path):
-    text = (DOCS / name).read_text(encoding="utf-8")
-    assert filled(text, tmp_path) == text  # nothing is there
-    marks = re.findall(r"<!-- /(.*) -->", text)
-    assert marks
-    for mark in marks:
-        (tmp_path / mark).parent.mkdir(exist_ok=True)
-        (tmp_path / mark).write_text("another result", encoding="utf-8")
-    assert filled(text, tmp_path).count("another result") == len(marks)
-
-
 def test_the_commands_run_one_after_another(ended):
     directory, codes = ended
     # the brief run has not converged, and says so
     assert codes == {"check": 0, "sample": 3, "report": 0, "predict": 0, "claims": 0}
     assert {"posterior.nc", "summary.csv", "report.html"} <= {path.name for path in (directory / "mine").iterdir()}
     assert (directory / "claims" / "claims.csv").exists()
+
+
+def test_the_page_on_files_names_every_column(ended):
+    """Of the tables that the commands wrote; limits and errors have the name of what they are of."""
+    rows = {
+        name: {*re.findall(r"`(\w+)`", row), *re.findall(r"\w+", row.split("|")[2]), *EVERY_PARAMETER, "preliminary"}
+        for row in PAGES["files.md"].splitlines()
+        if row.startswith("| `")
+        for name in re.findall(r"`([\w.]+)`", row.split("|")[1])
+    }
+    written = [*(ended[0] / "mine").glob("*.csv"), ended[0] / "claims" / "claims.csv"]
+    columns = {path: pd.read_csv(path, nrows=1).columns for path in written}
+    assert len(columns) > 5
+    unknown = [
+        f"{path.name}: {name}"
+        for path, names in columns.items()
+        for name in names
+        if not {name, re.sub(r"_(low|high|mcse)$", "", name)} & rows.get(path.stem, rows.get(path.name, set()))
+    ]
+    assert not unknown
 
 
 def test_the_python_runs(finished, capsys):
@@ -101,7 +105,7 @@ def test_the_python_runs(finished, capsys):
 
 @pytest.mark.parametrize("mark", ["forward", "backward"])
 def test_the_python_of_the_guide_runs(finished, mark, capsys, tmp_path):
-    page = (DOCS / "python.md").read_text(encoding="utf-8").replace('save("results")', f"save({str(tmp_path)!r})")
+    page = PAGES["python.md"].replace('save("results")', f"save({str(tmp_path)!r})")
     exec(compile(block(page, mark), "python.md", "exec"), {"__name__": "__main__"})
     assert capsys.readouterr().out
     if mark == "backward":

@@ -16,7 +16,7 @@ SOURCES = sorted(
     if path.suffix in (".py", ".md", ".ipynb", ".html") and "__pycache__" not in path.parts
 )
 NUMBERED = ("model.md", "files.md")
-OUTSIDE = ("outputs.md", "style.md", "inference.md", "../shared/model.md")
+OUTSIDE = ("outputs.md", "style.md", "../shared/model.md")
 """Pages that are not in the repository."""
 
 _CITED = re.compile(r"\b(\w+\.md)`?\s+(\d+(?:(?:\s*[-–]\s*|,\s+|\s+and\s+)\d+)*)")

@@ -23,7 +23,7 @@ def studies(monkeypatch):
 
 def test_the_stored_table_of_coverage_is_of_the_stored_fits(studies):
     coverage, rows = studies("coverage"), pd.read_csv(RESULTS / "coverage.csv")
-    assert coverage.table(rows).strip() in text_of("calibration.md")
+    assert coverage.table(rows).strip() in text_of("results.md")
     assert coverage.table(rows.assign(below=0.5)) != coverage.table(rows)  # control
 
 

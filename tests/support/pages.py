@@ -1,17 +1,34 @@
-"""Pages of the package's docs as the tests read them."""
+"""Pages of the docs as the tests read them."""
 
 from __future__ import annotations
 
 import importlib
 import re
-from importlib.resources import files
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import softness_bayes
+from support.paths import ROOT
+
+DOCS = Path(softness_bayes.__file__).parent / "docs"
+PAGES = {
+    path.relative_to(DOCS).as_posix(): path.read_text(encoding="utf-8")
+    for path in sorted(DOCS.rglob("*.md"))
+    if path.parent.name != "reference"  # made while the site is built
+} | {"README.md": (ROOT / "README.md").read_text(encoding="utf-8")}
+"""Every page by its place in the docs, and the README."""
+
 
 def text_of(name: str) -> str:
-    """Return a page, as an installed package has it."""
-    return (files("softness_bayes") / "docs" / name).read_text(encoding="utf-8")
+    """Return a page."""
+    return PAGES[name]
+
+
+def blocks(text: str, language: str) -> list[str]:
+    """Return the code of a page in one language, without the indentation of lists."""
+    found = re.findall(rf"^( *)```{language}\n(.*?)^ *```$", text, re.DOTALL | re.MULTILINE)
+    return [re.sub(rf"^{indent}", "", code, flags=re.MULTILINE) for indent, code in found]
 
 
 def headings(name: str) -> dict[str, str]:
