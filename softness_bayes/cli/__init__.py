@@ -1,4 +1,4 @@
-"""The command line: one module per command, imported when the command is called."""
+"""The command line: commands are made from functions, and imported when they are called."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import ast
 import difflib
 import importlib
 import sys
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -17,32 +16,26 @@ import click
 from softness_bayes import __version__
 from softness_bayes.cli.advice import of_input, of_usage
 from softness_bayes.cli.interrupts import guarded, tell_kept
-from softness_bayes.cli.streams import open_closed_streams, tolerant_streams
+from softness_bayes.cli.terminal import open_closed_streams, tolerant_streams
 from softness_bayes.errors import InputError, NumericalError, ResourceError, SoftnessError
 
-STARTED = time.monotonic()
-"""Time [s] at which the command began, after Python itself had started."""
-
-GROUPS: Mapping[str, tuple[str, ...]] = {
-    "Start": ("demo", "new", "check", "list"),
-    "Fit": ("sample", "status", "resume", "study"),
-    "Answers": ("report", "plot", "predict", "rank", "target", "design", "explore"),
-    "Trust": ("compare", "simulate", "calibrate", "bench"),
-    "Paper": ("claims",),
+GROUPS: Mapping[str, Mapping[str, str]] = {
+    "Start": {"demo": "start", "new": "start", "check": "check", "list": "start"},
+    "Fit": {"sample": "sample", "status": "status", "resume": "sample", "study": "study"},
+    "Answers": {
+        **dict.fromkeys(("report", "plot"), "report"),
+        "predict": "predict",
+        **dict.fromkeys(("rank", "target"), "rank"),
+        "design": "design",
+        "explore": "report",
+    },
+    "Trust": {"compare": "trust", "simulate": "predict", "calibrate": "trust", "bench": "trust"},
+    "Paper": {"claims": "claims"},
 }
-"""Commands by the question that they answer."""
+"""Commands by the question that they answer, with their modules."""
 
-VERBS = tuple(verb for verbs in GROUPS.values() for verb in verbs)
-
-HOMES: Mapping[str, str] = {
-    "demo": "start.demo",
-    "new": "start.new",
-    "list": "listing.command",
-    "status": "resume.status",
-    "plot": "report.plot",
-    "target": "rank.target",
-}
-"""Verb -> place of its click command, for those that are not `softness_bayes.cli.<verb>.command`."""
+VERBS: Mapping[str, str] = {verb: module for verbs in GROUPS.values() for verb, module in verbs.items()}
+"""Command -> its module."""
 
 FORMER: Mapping[str, str] = {
     "plan": "check --cost",
@@ -61,17 +54,10 @@ LESS_MEMORY = "try fewer --processes, because each needs memory"
 """Advice when memory is exhausted."""
 
 
-def place_of(verb: str) -> tuple[str, str]:
-    """Return the module and the name of a command's function."""
-    module, name = HOMES.get(verb, f"{verb}.command").split(".")
-    return module, name
-
-
 def short_help(verb: str) -> str:
     """Return the first line of a command's docstring, without importing the command."""
-    module, name = place_of(verb)
-    tree = ast.parse(Path(__file__).with_name(f"{module}.py").read_text(encoding="utf-8"))
-    functions = (node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == name)
+    tree = ast.parse(Path(__file__).with_name(f"{VERBS[verb]}.py").read_text(encoding="utf-8"))
+    functions = (node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name.rstrip("_") == verb)
     return (ast.get_docstring(next(functions)) or "").partition("\n")[0]
 
 
@@ -86,8 +72,8 @@ class VerbGroup(click.Group):
         """Import a command."""
         if name not in VERBS:
             return None
-        module, command = place_of(name)
-        verb: click.Command = getattr(importlib.import_module(f"{__name__}.{module}"), command)
+        module = importlib.import_module(f"{__name__}.{VERBS[name]}")
+        verb: click.Command = getattr(module, f"{name}_" if name == "list" else name)
         return verb
 
     def resolve_command(

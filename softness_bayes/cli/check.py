@@ -8,61 +8,27 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from softness_bayes.cli.check_text import (
-    cost_lines,
-    design_lines,
-    measurement_lines,
-    pair_lines,
-    people_lines,
-    table_lines,
-    understood_measurements,
-)
-from softness_bayes.cli.options import collected, data_files, force, path
+from softness_bayes.cli.options import Force, command
 from softness_bayes.errors import InputError
 from softness_bayes.model.options import ModelOptions
+from softness_bayes.results.run_options import DataFiles
 
 if TYPE_CHECKING:
     from softness_bayes.data import Experiment, Measurements
     from softness_bayes.model.interpretation import Interpretation
-    from softness_bayes.results.run_options import DataFiles
-
-CHECK = "check"
-"""Command under which the figure is listed in the record of written files."""
 
 
-TOUCHES = "Which touches would tell most? 'softness-bayes design' with these tables; after a run, with --given DIR."
-
-
-@click.command()
-@data_files
-@collected("model", ModelOptions)
-@click.option(
-    "--design",
-    is_flag=True,
-    help="Predict how precise the design is: expected posterior widths, and the changes that would help most.",
-)
-@click.option(
-    "--cost",
-    is_flag=True,
-    help="Show how 'sample' would evaluate the model with the same options: stages, nodes, errors and cost.",
-)
-@click.option("--json", "as_json", is_flag=True, help="Print all of it as JSON instead of text.")
-@path("--figure", "FILE", "Draw data and fabrics beside the response that the prior predicts (.png, .pdf or .svg).")
-@click.option(
-    "--guess",
-    metavar="RATE",
-    help="For pairs with a reference: the rate of guessing, such as 1/3, if the task fixes it; by default an estimate.",
-)
-@force
-def command(
+@command
+def check(
+    *,
     files: DataFiles,
     model: ModelOptions,
-    design: bool,
-    cost: bool,
-    as_json: bool,
-    figure: Path | None,
-    guess: str | None,
-    force: bool,
+    design: bool = False,
+    cost: bool = False,
+    json_: bool = False,
+    figure: Path | None = None,
+    guess: str | None = None,
+    force: Force = False,
 ) -> None:
     """Validate data files and show how they are read, how precise the design is and what a run costs.
 
@@ -79,14 +45,28 @@ def command(
     With --cost, errors are the largest over draws of the prior and conditions: of the response, relative to the peak
     of each draw, and of log(N/N_ref + eps). Costs are the time per parameter vector in batches of 64, measured on this
     machine.
+
+    Parameters
+    ----------
+    design
+        Predict how precise the design is: expected posterior widths, and the changes that would help most.
+    cost
+        Show how 'sample' would evaluate the model with the same options: stages, nodes, errors and cost.
+    json_
+        Print all of it as JSON instead of text.
+    figure
+        Draw data and fabrics beside the response that the prior predicts (.png, .pdf or .svg).
+    guess : RATE
+        For pairs with a reference: the rate of guessing, such as 1/3, if the task fixes it; by default an estimate.
     """
+    from softness_bayes.cli import check_text as text
     from softness_bayes.data import Measurements
     from softness_bayes.model.build import Parts, build
     from softness_bayes.model.reach import reach_of
     from softness_bayes.model.understanding import SCHEMA, foreseen, understood, warnings
     from softness_bayes.people.free_means import free_means
 
-    if cost and as_json:
+    if cost and json_:
         raise InputError("check: --cost is printed as text: omit --json")
     if figure is not None:
         _require_figure(figure, files, force)
@@ -96,18 +76,18 @@ def command(
     if isinstance(experiment, Measurements):
         if design or cost or figure is not None:
             raise InputError("check: --design, --cost and --figure need ratings: give --data, or omit them")
-        known: dict[str, Any] = {"schema": SCHEMA, **understood_measurements(experiment)}
+        known: dict[str, Any] = {"schema": SCHEMA, **text.understood_measurements(experiment)}
         known["notes"] = list(experiment.notes)
-        _echo(known if as_json else [*measurement_lines(experiment), *(f"note: {note}" for note in known["notes"])])
+        _echo(known if json_ else [*text.measurement_lines(experiment), *_notes(known["notes"])])
         return
     parts = Parts(experiment, model)
-    meaning, reached = parts.interpretation, reach_of(experiment, model)
+    reached = reach_of(experiment, model)
     notes = [*experiment.notes, *warnings(parts)]
-    people = None if model.scale.model is not None else free_means(experiment.ratings, model, meaning)
+    people = None if model.scale.model is not None else free_means(experiment.ratings, model, parts.interpretation)
     known = understood(parts, [*([reached] if reached else []), *notes])
     known["design"] = foreseen(experiment, model) if design else None
-    known |= understood_measurements(experiment)
-    if as_json:
+    known |= text.understood_measurements(experiment)
+    if json_:
         means = None if people is None else people.table().astype(object)
         rows = {} if means is None else {"people": means.where(means.notna(), None).to_dict("records")}
         _echo(known | rows)
@@ -115,17 +95,21 @@ def command(
         lines = []
         if people is not None:
             moduli = [one["e_fab_kpa"] for one in known["fabrics"]]
-            lines = [*people_lines(people), *pair_lines(experiment.ratings, moduli, guess), ""]
+            lines = [*text.people_lines(people), *text.pair_lines(experiment.ratings, moduli, guess), ""]
         lines += [f"warning: {reached}\n"] if reached else []
-        lines += [*table_lines(known, experiment, model), *(f"note: {note}" for note in notes)]
+        lines += [*text.table_lines(known, experiment, model), *_notes(notes)]
         lines += ["\nWhat do the numbers say?", known["model"]["numbers"], known["model"]["errors_because"]]
         lines += ["\nDo ratings rise or fall with stiffness?", *known["model"]["direction_because"]]
-        lines += ["", *cost_lines(build(experiment, model))] if cost else []
-        lines += ["", *design_lines(known["design"]), TOUCHES] if design else []
+        lines += ["", *text.cost_lines(build(experiment, model))] if cost else []
+        lines += ["", *text.design_lines(known["design"]), text.TOUCHES] if design else []
         _echo(lines)
     if figure is not None:
-        _draw(figure, experiment, model, meaning)
+        _draw(figure, experiment, model, parts.interpretation)
         click.echo(f"drawn in {figure}", err=True)
+
+
+def _notes(notes: list[str]) -> list[str]:
+    return [f"note: {note}" for note in notes]
 
 
 def _echo(said: dict[str, Any] | list[str]) -> None:
@@ -134,6 +118,7 @@ def _echo(said: dict[str, Any] | list[str]) -> None:
 
 def _read_or_answered(files: DataFiles, model: ModelOptions) -> Experiment | Measurements | None:
     """Return the data of an experiment; of ratings whose fabrics nobody measured, show people's answer instead."""
+    from softness_bayes.cli.check_text import people_lines
     from softness_bayes.people.free_means import free_means
     from softness_bayes.people.sentences import needed_sentences
 
@@ -160,7 +145,7 @@ def _require_figure(figure: Path, files: DataFiles, force: bool) -> None:
     if figure.suffix.lstrip(".") not in METADATA:
         known = ", ".join(f".{name}" for name in METADATA)
         raise InputError(f"--figure {figure}: expected a name that ends in one of {known}")
-    require_outputs(figure.parent, [figure.name], CHECK, force, files.paths)
+    require_outputs(figure.parent, [figure.name], "check", force, files.paths)
 
 
 def _draw(figure: Path, experiment: Experiment, model: ModelOptions, meaning: Interpretation) -> None:
@@ -183,4 +168,4 @@ def _draw(figure: Path, experiment: Experiment, model: ModelOptions, meaning: In
     )
     drawn = design_figure(grid, response, observed, groups, scale=model.scale)
     suffix = figure.suffix.lstrip(".")
-    write_outputs(figure.parent, files_of(drawn, figure.stem, (suffix,)), CHECK)
+    write_outputs(figure.parent, files_of(drawn, figure.stem, (suffix,)), "check")

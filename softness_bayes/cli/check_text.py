@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 SPREADS = frozenset({"tau", "varsigma", "omega", "tau_b", "tau_m", "varsigma_f"})
 """Standard deviations of participants, fabrics and ratings, which are estimated better with more of each."""
 
+TOUCHES = "Which touches would tell most? 'softness-bayes design' with these tables; after a run, with --given DIR."
+
 MOST_OTHERS, MOST_ROWS = 6, 40
 """Largest numbers of alternative designs that are listed, and of rows of people's means that are shown."""
 

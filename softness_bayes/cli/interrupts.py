@@ -1,9 +1,9 @@
 """End of a command by a signal, at any instant, without a traceback or orphaned processes.
 
 The first signal raises `Interrupted` in the main thread, so that files are closed and states in memory are written.
-A library may catch the exception, or a computation may delay it; a thread therefore ends the process `GRACE` seconds
-later in any case. Files on the disk are whole at any instant, so that nothing depends on these seconds. The exit code
-is 128 plus the signal's number, as in shells.
+A library may catch the exception; a timer therefore ends the process `GRACE` seconds later in any case. Files on the
+disk are whole at any instant, so that nothing depends on these seconds. The exit code is 128 plus the signal's number,
+as in shells.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from softness_bayes.defaults import SIGNALS
 
@@ -26,6 +26,7 @@ GRACE = 0.75
 """Time [s] in which a command may end by itself."""
 
 _kept: list[Callable[[], str]] = []
+_ending = threading.Lock()
 
 
 class Interrupted(BaseException):
@@ -61,7 +62,7 @@ def guarded(last: bool) -> Iterator[None]:
         yield
         return
     received: list[int] = []
-    done = threading.Event()
+    timers: list[threading.Timer] = []
 
     def stop(number: int, frame: FrameType | None) -> None:
         if received:
@@ -69,6 +70,9 @@ def guarded(last: bool) -> Iterator[None]:
         received.append(number)
         # errors that the interrupt causes in a callback or another thread are not shown
         sys.unraisablehook = threading.excepthook = _quiet
+        timers.append(threading.Timer(GRACE, _end, [number]))
+        timers[0].daemon = True
+        timers[0].start()
         raise Interrupted
 
     before = {number: signal.getsignal(number) for number in SIGNALS}
@@ -76,36 +80,18 @@ def guarded(last: bool) -> Iterator[None]:
     try:
         for number in before:
             signal.signal(number, stop)
-        reading, writing = os.pipe()
-        if hasattr(os, "set_blocking"):  # available on Windows since Python 3.12
-            os.set_blocking(writing, False)
-        woken = signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
-        threading.Thread(target=_watch, args=(reading, done), daemon=True).start()
         try:
             yield
         finally:
             for number, handler in before.items():
                 signal.signal(number, signal.SIG_IGN if last and not received else handler)
-            signal.set_wakeup_fd(woken)
-            os.close(writing)
     except BaseException as error:
         if received and not (isinstance(error, SystemExit) and not error.code):
             _end(received[0])
         raise
     finally:
-        done.set()
-
-
-def _watch(reading: int, done: threading.Event) -> None:
-    """End the process `GRACE` seconds after a signal; return when the other end of the pipe is closed."""
-    while numbers := os.read(reading, 64):
-        signals = [number for number in numbers if number in SIGNALS]
-        if signals and not done.wait(GRACE):
-            _end(signals[0])
-    os.close(reading)
-
-
-_ending = threading.Lock()
+        for timer in timers:
+            timer.cancel()
 
 
 def _end(number: int) -> NoReturn:
@@ -117,7 +103,9 @@ def _end(number: int) -> NoReturn:
         for other in SIGNALS:
             signal.signal(other, signal.SIG_IGN)  # raises an error outside the main thread, which can be ignored
     with suppress(BaseException):
-        _end_workers()
+        for process in workers():
+            with suppress(OSError):
+                os.kill(process, signal.SIGKILL)
     with suppress(BaseException):
         _tell("\rinterrupted" if sys.stderr.isatty() else "interrupted")
         tell_kept()
@@ -129,30 +117,23 @@ def _end(number: int) -> NoReturn:
     os._exit(128 + number)
 
 
-def _end_workers() -> None:
+def workers() -> set[int]:
+    """Return the numbers of the worker processes, on systems with /proc also of those that are still starting."""
+    found: set[int] = set()
     if "multiprocessing" in sys.modules:
         import multiprocessing
 
-        for process in multiprocessing.active_children():
-            process.kill()
-    for number in _beginning():
-        with suppress(OSError):
-            os.kill(number, signal.SIGKILL)
-
-
-def _beginning() -> list[int]:
-    """Return the numbers of the worker processes of this process, on systems with /proc.
-
-    Processes that are still starting are not among the active children. They would print an error about truncated
-    input.
-    """
-    found = []
+        found |= {process.pid for process in multiprocessing.active_children() if process.pid}
     for path in Path("/proc").glob("[0-9]*"):
         with suppress(OSError, ValueError, IndexError):
             parent = int((path / "stat").read_text().rpartition(")")[2].split()[1])
             if parent == os.getpid() and b"multiprocessing.spawn" in (path / "cmdline").read_bytes():
-                found.append(int(path.name))
+                found.add(int(path.name))
     return found
+
+
+def _quiet(*_: object) -> None:
+    pass
 
 
 def _clean() -> None:
@@ -169,7 +150,3 @@ def _tell(text: str) -> None:
         return
     with suppress(OSError, AttributeError, ValueError):
         print(text, file=sys.stderr)
-
-
-def _quiet(*_: Any) -> None:
-    pass

@@ -1,20 +1,20 @@
-"""Options of commands, made from their declarations, and the few that only commands have."""
+"""Commands made from functions: an option is declared once, in the signature, and explained in the docstring."""
 
 from __future__ import annotations
 
-import functools
+import inspect
+import re
 from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import click
 from click.core import ParameterSource
 
 from softness_bayes.errors import InputError
-from softness_bayes.model.options import FixedValues, Laws, ModelOptions
-from softness_bayes.options import Flag, Kind, Number, Options
-from softness_bayes.ranges import Count, Range
+from softness_bayes.model.options import FixedValues
+from softness_bayes.options import FilePath, Flag, Kind, Number, Option, Options, described, option
 from softness_bayes.results.run_options import DataFiles, RunOptions
 
 if TYPE_CHECKING:
@@ -22,13 +22,62 @@ if TYPE_CHECKING:
 
     from softness_bayes.data import Fabrics
     from softness_bayes.data.decimals import Marks
-    from softness_bayes.results.result import Result
     from softness_bayes.touch.contact import Load
 
-Verb = Callable[..., Any]
-Decorator = Callable[[Verb], Verb]
+DOCUMENTED = re.compile(r"^(\w+)(?: : (.+))?\n((?:    .*\n|\n)*)", re.MULTILINE)
+"""A parameter in the docstring of a command: its name, the word for its value, and its help."""
 
-FILE = click.Path(path_type=Path)
+
+class Given:
+    """Choice of some options of a class for a command.
+
+    Parameters
+    ----------
+    names, without
+        Names of the options; by default all that have a flag, except some.
+    changed
+        Attributes of click that differ in this command, by option: `choices`, `default` or `required`.
+    """
+
+    def __init__(self, *names: str, without: Collection[str] = (), **changed: Mapping[str, Any]) -> None:
+        self.names, self.without, self.changed = names, without, changed
+
+    def of(self, options: type[Options]) -> tuple[str, ...]:
+        """Return the names of the options of a class that the command has."""
+        return self.names or tuple(k for k, one in options.declared.items() if one.flag and k not in self.without)
+
+
+class Words(Kind):
+    """Texts: some words, or what a function of a begun word completes."""
+
+    def __init__(
+        self, *choices: str, metavar: str = "TEXT", complete: Callable[[str], Iterable[str]] = lambda incomplete: ()
+    ) -> None:
+        self.choices, self.metavar = choices, metavar
+        self.complete = complete  # type: ignore[method-assign, assignment]
+
+
+class Directory(FilePath):
+    """Paths of directories."""
+
+    metavar = "DIR"
+
+
+class Several(Kind):
+    """Values of one kind, in the order in which they are given."""
+
+    repeated = True
+
+    def __init__(self, kind: Kind) -> None:
+        self.kind, self.metavar, self.complete = kind, kind.metavar, kind.complete  # type: ignore[method-assign]
+
+    def accept(self, name: str, value: Any) -> tuple[Any, ...]:
+        """Return a tuple of values."""
+        return tuple(self.kind.accept(name, one) for one in value)
+
+    def parse(self, texts: Any) -> tuple[Any, ...]:
+        """Return the values of the texts."""
+        return tuple(self.kind.parse(text) for text in texts)
 
 
 class _Text(click.ParamType):
@@ -46,8 +95,8 @@ class _Text(click.ParamType):
 class _Word(click.Choice[str]):
     """Values of a kind that has few words, and perhaps installed or importable ones."""
 
-    def __init__(self, kind: Kind, choices: tuple[str, ...]) -> None:
-        super().__init__(choices)
+    def __init__(self, kind: Kind, choices: Iterable[str]) -> None:
+        super().__init__(tuple(choices))
         self._kind = kind
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
@@ -66,101 +115,93 @@ def _parsed(kind: Kind, value: Any, param: click.Parameter | None, ctx: click.Co
         raise click.BadParameter(str(error), ctx, param) from None
 
 
-def completion(words: Callable[[str], Iterable[str]]) -> Callable[..., list[str]]:
-    """Return click's completion of a word that has begun, from a function of it that returns all words."""
+def command(function: Callable[..., None]) -> click.Command:
+    """Return the command of a function.
+
+    Positional parameters are arguments, the others options, whose flags are their names. The annotation of a parameter
+    tells its kind of values: bool (a flag), a path, a text, a class of `Options` (all its flags: the function receives
+    an object of the class), or ``Annotated[type, about]`` with a `Kind`, an `Option` or, for a class of options, a
+    `Given`. The section Parameters of the docstring has the help of the options and, after the name, the word for the
+    value. What it says of options of a class replaces what the class declares.
+    """
+    text, _, parameters = inspect.cleandoc(function.__doc__ or "").partition("\n\nParameters\n----------\n")
+    said = {name: (word, " ".join(text.split())) for name, word, text in DOCUMENTED.findall(f"{parameters}\n")}
+    collected: dict[str, tuple[type[Options], tuple[str, ...]]] = {}
+    made: list[click.Parameter] = []
+    hints = get_type_hints(function, include_extras=True)
+    for name, one in inspect.signature(function).parameters.items():
+        about = next(iter(getattr(hints[name], "__metadata__", ())), None)
+        kind = hints[name].__origin__ if about is not None else hints[name]
+        if isinstance(kind, type) and issubclass(kind, Options):
+            part = about or Given()
+            collected[name] = kind, part.of(kind)
+            made += [_option(kind.declared[k], said, **part.changed.get(k, {})) for k in part.of(kind)]
+        elif one.kind is inspect.Parameter.KEYWORD_ONLY:
+            made.append(_option(_declared(name, one.default, kind, about), said, required=one.default is one.empty))
+        else:
+            made.append(_argument(name, one.default, kind, about, said.get(name, ("", ""))[0]))
+
+    def callback(**given: Any) -> None:
+        for name, (options, names) in collected.items():
+            values = {one: value for one in names if (value := given.pop(one)) is not None}
+            given[name] = options(**values)
+        function(**{name: value for name, value in given.items() if value is not None})
+
+    return click.Command(function.__name__.rstrip("_"), params=made, callback=callback, help=text)
+
+
+def _declared(name: str, default: Any, kind: Any, about: Kind | Option | None) -> Option:
+    """Return the declaration of an option that only one command has, or that brings its own."""
+    default = None if default is inspect.Parameter.empty else default
+    shown = not isinstance(default, bool) and default not in (None, "", ())
+    if not isinstance(about, Option):
+        kind = about or (Flag() if kind is bool else FilePath() if "Path" in str(kind) else Kind())
+        about = Option(name, kind, lambda: None, f"--{name.rstrip('_').replace('_', '-')}")
+    return replace(about, name=name, make=lambda: default, shown=shown)
+
+
+def _argument(name: str, default: Any, kind: Any, about: Kind | None, metavar: str) -> click.Argument:
+    """Return the argument of a command: paths, or words."""
+    made: click.ParamType | None = click.Path(path_type=Path) if "Path" in str(kind) else None
+    given: dict[str, Any] = {"nargs": -1, "required": True} if str(kind).startswith("tuple") else {}
+    if not given and default is not inspect.Parameter.empty:
+        given = {"default": default, "required": False}
+    if about is not None:
+        made, given["shell_complete"] = click.Choice(about.choices) if about.choices else None, _completion(about)
+    return click.Argument([name], type=made, metavar=metavar or None, **given)
+
+
+def _option(one: Option, said: Mapping[str, tuple[str, str]], **changed: Any) -> click.Option:
+    """Return a declared option, with what the docstring of the command says of it and what differs in the command."""
+    kind, (metavar, text) = one.kind, said.get(one.name, ("", one.help))
+    flags = [*filter(None, (one.flag, one.set_flag)), one.name]
+    if isinstance(kind, Flag):
+        return click.Option(flags, is_flag=True, help=text)
+    given: dict[str, Any] = {"metavar": metavar or kind.metavar, "shell_complete": _completion(kind)}
+    if one.shown:
+        plain = kind.repeated or isinstance(kind, (Number, FilePath))
+        given |= {"default": one.default if plain else one.written(one.default), "show_default": True}
+    if kind.repeated:
+        given |= {"multiple": True, "callback": lambda ctx, param, texts: _parsed(kind, texts, param, ctx)}
+        return click.Option(flags, help=f"{text} Repeatable.", **given | changed | {"required": False})
+    if choices := changed.pop("choices", kind.choices):  # click shows and completes them
+        del given["metavar"], given["shell_complete"]
+    text = f"{text} Accepts {kind.range}." if isinstance(kind, Number) else text
+    path = click.Path(path_type=Path) if isinstance(kind, FilePath) else None
+    return click.Option(
+        flags, type=path or (_Word(kind, choices) if choices else _Text(kind)), help=text, **given | changed
+    )
+
+
+def _completion(kind: Kind) -> Callable[..., list[str]] | None:
+    """Return click's completion of a word that has begun; None leaves it to the type of the values."""
+    if isinstance(kind, FilePath) or kind.choices:
+        return None
 
     def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
-        return [word for word in words(incomplete) if word.startswith(incomplete)]
+        return [word for word in kind.complete(incomplete) if word.startswith(incomplete)]
 
     return complete
-
-
-def number(flag: str, within: Range | Count, text: str, default: float | None = None, metavar: str = "N") -> Decorator:
-    """Return an option for a number in a range."""
-    return click.option(
-        flag,
-        type=_Text(Number(within)),
-        default=default,
-        show_default=default is not None,
-        metavar=metavar,
-        help=f"{text} Accepts {within}.",
-    )
-
-
-def path(flag: str, metavar: str, text: str, name: str | None = None) -> Decorator:
-    """Return an option for the path of a file or a directory, which a command receives as `name`."""
-    return click.option(*filter(None, (flag, name)), type=FILE, metavar=metavar, help=text)
-
-
-def repeated(kind: Kind, flags: Iterable[str], name: str, text: str) -> Decorator:
-    """Return an option that may be given several times, of a kind that makes one value of all the texts."""
-    return click.option(
-        *flags,
-        name,
-        multiple=True,
-        callback=lambda ctx, param, texts: _parsed(kind, texts, param, ctx),
-        shell_complete=completion(kind.complete),
-        metavar=kind.metavar,
-        help=f"{text} Repeatable.",
-    )
-
-
-def flag(options: type[Options], name: str, **changed: Any) -> Decorator:
-    """Return a decorator that adds one declared option to a command, which receives its value under its name.
-
-    Parameters
-    ----------
-    options, name
-        The class that declares the option, and its name there.
-    changed
-        What this command says otherwise: `help`, `default` or `choices`.
-    """
-    one = options.declared[name]
-    kind, text = one.kind, changed.pop("help", one.help)
-    if isinstance(kind, Flag):
-        return click.option(one.flag, name, is_flag=True, help=text)
-    if kind.repeated:
-        return repeated(kind, filter(None, (one.flag, one.set_flag)), name, text)
-    choices = tuple(changed.pop("choices", kind.choices))
-    given: dict[str, Any] = {"metavar": kind.metavar, "shell_complete": completion(kind.complete)}
-    given = {} if choices else given  # click shows and completes these
-    if one.shown:
-        default = one.default if isinstance(kind, Number) else one.written(one.default)
-        given |= {"default": default, "show_default": True}
-    if isinstance(kind, Number):
-        text = f"{text} Accepts {kind.range}."
-    kind_of_text = _Word(kind, choices) if choices else _Text(kind)
-    return click.option(one.flag, name, type=kind_of_text, help=text, **given | changed)
-
-
-def collected(
-    passed: str, options: type[Options], *names: str, without: Collection[str] = (), **changed: Mapping[str, Any]
-) -> Decorator:
-    """Return a decorator that adds declared options to a command, which receives an object of their class.
-
-    Parameters
-    ----------
-    passed
-        Name under which the command receives the object.
-    options, names, without
-        The class, and the names of the options to add; by default all that have a flag, except some.
-    changed
-        What this command says otherwise, by option, as for `flag`.
-    """
-    names = names or tuple(name for name, one in options.declared.items() if one.flag and name not in without)
-
-    def decorate(verb: Verb) -> Verb:
-        @functools.wraps(verb)
-        def wrapped(**given: Any) -> Any:
-            values = {name: value for name in names if (value := given.pop(name)) is not None}
-            return verb(**{passed: options(**values)}, **given)
-
-        command: Verb = wrapped
-        for name in reversed(names):
-            command = flag(options, name, **changed.get(name, {}))(command)
-        return command
-
-    return decorate
 
 
 def typed(*names: str) -> list[str]:
@@ -174,43 +215,12 @@ def typed(*names: str) -> list[str]:
     ]
 
 
-data_files = collected("files", DataFiles)
-"""Passes `files` to a command: `DataFiles`."""
+# what several commands have
 
-model_options = collected("model", ModelOptions, without=("noise",))
-"""Passes `model` to a command: `ModelOptions`, without noise."""
 
-set_values = repeated(
-    FixedValues(),
-    ["--set"],
-    "values",
-    "Value of a parameter, such as b=80; the others are at their medians.",
-)
-"""Passes `values` to a command: name -> number."""
-
-spreads = repeated(
-    Laws(),
-    ["--spread"],
-    "spreads",
-    "Prior of the spread of a pooled parameter between tables, such as b='halfnormal(0.3)'; by default "
-    "half-normal with the width of the prior of the parameter.",
-)
-"""Passes `spreads` to a command: name -> `Prior`."""
-
-dask = click.option(
-    "--dask",
-    metavar="SCHEDULER",
-    help="Run on an existing Dask cluster instead of this machine: the address of its scheduler, such as "
-    "tcp://10.0.0.1:8786, or its scheduler file. Workers must have this version, one thread each, and "
-    "share --out.",
-)
-"""Passes `dask` to a command: an address or a file, or None."""
-
-no_figures = click.option("--no-figures", is_flag=True, help="Draw no figures.")
-"""Passes `no_figures` to a command."""
-
-verbose = click.option("--verbose", is_flag=True, help="Print all numbers and checks, not only the closing lines.")
-"""Passes `verbose` to a command."""
+def _own(flag: str, kind: Kind, text: str) -> Option:
+    """Return the declaration of an option of commands; its default is that of the parameter."""
+    return Option("", kind, lambda: None, flag, text)
 
 
 def _figures(incomplete: str) -> Iterable[str]:
@@ -219,136 +229,82 @@ def _figures(incomplete: str) -> Iterable[str]:
     return every_figure()
 
 
-complete_figures = completion(_figures)
-"""Completes the name of a figure."""
+FIGURES = Several(Words(metavar="NAME", complete=_figures))
+"""Names of figures."""
 
-own_figures = click.option(
-    "--figure",
-    "own_figures",
-    multiple=True,
-    shell_complete=complete_figures,
-    metavar="NAME",
-    help="Also draw this figure: one that 'list figures' shows, or a custom one such as mymodule:mine, a function of a "
-    "result and a style. Repeatable. Figures of installed packages are always drawn.",
-)
-"""Passes `own_figures` to a command: names of figures."""
-
-_TRUST = "softness_bayes.trust_code"
-
-
-def _keep_trust(ctx: click.Context, param: click.Parameter, value: bool) -> None:
-    ctx.meta[_TRUST] = value
-
-
-trust_code = click.option(
-    "--trust-code",
-    is_flag=True,
-    expose_value=False,
-    callback=_keep_trust,
-    help="Run code that the files of the run name, such as a custom reading or prior MODULE:NAME, because you trust "
-    "whoever made them. It is searched for on Python's path (add folders by PYTHONPATH), not in the working directory.",
-)
-"""Lets a command read files that name code (`trusts_code`)."""
-
-
-def trusts_code() -> bool:
-    """Return whether the user of the present command trusts the code that its files name."""
-    return bool(click.get_current_context().meta.get(_TRUST, False))
-
-
-seed = flag(RunOptions, "seed")
-"""Passes `seed` to a command."""
-
-
-def out(
-    default: str | None = "results", text: str = "Directory to write to; it must be empty or not exist."
-) -> Decorator:
-    """Return the option --out of a command, which receives the directory as `out`."""
-    path = None if default is None else Path(default)
-    return click.option("--out", type=FILE, metavar="DIR", default=path, show_default=default is not None, help=text)
+Seed = Annotated[int, RunOptions.declared["seed"]]
+Out = Annotated[Path, _own("--out", Directory(), "Directory to write to; it must be empty or not exist.")]
+Force = Annotated[bool, _own("--force", Flag(), "Replace the files in --out that this command wrote, and no others.")]
+NoFigures = Annotated[bool, _own("--no-figures", Flag(), "Draw no figures.")]
+Verbose = Annotated[bool, _own("--verbose", Flag(), "Print all numbers and checks, not only the closing lines.")]
+SetValues = Annotated[
+    dict[str, float],
+    _own("--set", FixedValues(), "Value of a parameter, such as b=80; the others are at their medians."),
+]
+Dask = Annotated[
+    str | None,
+    _own(
+        "--dask",
+        Words(metavar="SCHEDULER"),
+        "Run on an existing Dask cluster instead of this machine: the address of its scheduler, such as "
+        "tcp://10.0.0.1:8786, or its scheduler file. Workers must have this version, one thread each, and share --out.",
+    ),
+]
+OwnFigures = Annotated[
+    tuple[str, ...],
+    _own(
+        "--figure",
+        FIGURES,
+        "Also draw this figure: one that 'list figures' shows, or a custom one such as mymodule:mine, a function of a "
+        "result and a style. Figures of installed packages are always drawn.",
+    ),
+]
+TrustCode = Annotated[
+    bool,
+    _own(
+        "--trust-code",
+        Flag(),
+        "Run code that the files of the run name, such as a custom reading or prior MODULE:NAME, because you trust "
+        "whoever made them. It is searched for on Python's path (add folders by PYTHONPATH), not in the working "
+        "directory.",
+    ),
+]
 
 
-force = click.option("--force", is_flag=True, help="Replace the files in --out that this command wrote, and no others.")
-"""Passes `force` to a command."""
+def _of_data(name: str, **changed: Any) -> dict[str, Any]:
+    """Return the declaration of an option of `DataFiles`, with some of it changed."""
+    known = DataFiles.__dataclass_fields__[name]
+    made = {"default_factory": known.default_factory} if known.default is MISSING else {"default": known.default}
+    return {**known.metadata, **made, **changed}
 
 
+def _several(name: str, noun: str) -> dict[str, Any]:
+    kind = DataFiles.declared[name].kind
+    return _of_data(name, default=(), kind=Several(kind), help=f"{noun} [{kind.metavar}] of the touch.")
+
+
+@described
 @dataclass(frozen=True)
-class TableFile:
-    """The CSV file to which a command writes its table, or None to print it."""
+class Touches(Options):
+    """Fabrics and loads of touches."""
 
-    path: Path | None
-    command: str
-    force: bool
-
-    def require(self, inputs: Iterable[Path] = ()) -> None:
-        """Raise an error if the file cannot be written, or is one of the inputs."""
-        from softness_bayes.files.outputs import require_outputs
-
-        if self.path is not None:
-            require_outputs(self.path.parent, [self.path.name], self.command, self.force, inputs)
-
-    def write(self, table: pd.DataFrame) -> None:
-        """Write the table, or print it to five digits."""
-        from softness_bayes.files.outputs import write_outputs
-        from softness_bayes.files.spreadsheet import PRINTED, csv_of
-        from softness_bayes.readable import counted
-
-        if self.path is None:
-            click.echo(csv_of(table, index=False, digits=PRINTED), nl=False)
-        else:
-            write_outputs(self.path.parent, {self.path.name: csv_of(table, index=False)}, self.command)
-            click.echo(f"{self.path}: {counted(len(table), 'row')}", err=True)
-
-
-def table_file(command: str) -> Decorator:
-    """Return the options --out and --force of a command with a table, which receives `file`, a `TableFile`."""
-
-    def decorate(verb: Verb) -> Verb:
-        @click.option(
-            "--out",
-            type=click.Path(path_type=Path, dir_okay=False),
-            metavar="FILE",
-            help="CSV file to write; by default the table is printed, to five digits.",
-        )
-        @click.option("--force", is_flag=True, help=f"Replace the file --out if '{command}' wrote it.")
-        @functools.wraps(verb)
-        def wrapped(out: Path | None, force: bool, **others: Any) -> Any:
-            return verb(file=TableFile(out, command, force), **others)
-
-        return wrapped
-
-    return decorate
-
-
-def load_options(text: str) -> Decorator:
-    """Return a decorator that adds the two load options, each for any number of loads."""
-
-    def decorate(verb: Verb) -> Verb:
-        for name, noun in (("force_n", "Contact force"), ("indentation_mm", "Indentation")):
-            one = DataFiles.declared[name]
-            words = f"{noun} [{one.kind.metavar}]{text}"
-            verb = click.option(
-                one.flag, name, type=_Text(one.kind), multiple=True, metavar=one.kind.metavar, help=words
-            )(verb)
-        return verb
-
-    return decorate
-
-
-@dataclass(frozen=True)
-class Touches:
-    """Fabrics and loads of touches, as requested on the command line."""
-
-    fabrics: Path | None
-    columns: Mapping[str, str]
-    decimal: Marks
-    indentation_mm: tuple[float, ...]
-    force_n: tuple[float, ...]
+    fabrics: Path | None = option(**_of_data("fabrics", help="Fabric table (CSV, Excel or Parquet)."))
+    columns: Mapping[str, str] = option(**_of_data("columns"))
+    decimal: Marks = option(**_of_data("decimal"))
+    indentation_mm: tuple[float, ...] = option(**_several("indentation_mm", "Indentation"))
+    force_n: tuple[float, ...] = option(**_several("force_n", "Contact force"))
 
     @property
     def inputs(self) -> list[Path]:
         """The files that are read."""
         return [] if self.fabrics is None else [self.fabrics]
+
+    @property
+    def loads(self) -> tuple[Load, ...]:
+        """The distinct loads."""
+        from softness_bayes.data import loads_of
+
+        return loads_of(self.indentation_mm, self.force_n)
 
     def read(self, needs_load: bool = True) -> tuple[Fabrics, tuple[Load, ...]]:
         """Return the fabrics and the distinct loads, of which there may be none if they are not needed.
@@ -364,10 +320,6 @@ class Touches:
             raise InputError("no fabrics: give --fabrics")
         return self.among(None, ())
 
-    def of_run(self, result: Result) -> tuple[Fabrics, tuple[Load, ...]]:
-        """Return the fabrics and the distinct loads, by default those of a run."""
-        return self.among(result.fabrics, result.loads)
-
     def among(self, fabrics: Any, loads: tuple[Load, ...]) -> tuple[Fabrics, tuple[Load, ...]]:
         """Return the fabrics and the distinct loads, by default the given ones.
 
@@ -376,43 +328,48 @@ class Touches:
         InputError
             If columns are named for a table that is not given.
         """
-        from softness_bayes.data import Fabrics, loads_of
+        from softness_bayes.data import Fabrics
 
         if self.columns and self.fabrics is None:
             raise InputError("--column applies to the fabric table: give --fabrics, or omit --column")
         if self.fabrics is not None:
             fabrics = Fabrics.read(self.fabrics, columns=self.columns, decimal=self.decimal)
-        return fabrics, loads_of(self.indentation_mm, self.force_n) or loads
+        return fabrics, self.loads or loads
 
 
-TOUCHES = tuple(field.name for field in fields(Touches))
-"""Names of the options of `touches`."""
+Loads = Annotated[Touches, Given("indentation_mm", "force_n")]
+Touched = Annotated[Touches, Given(fabrics={"required": True})]
 
 
-def touches(fabrics: str = "", loads: str = "") -> Decorator:
-    """Return a decorator that adds the options for fabrics and loads to a command, which receives `touches`.
+@described
+@dataclass(frozen=True)
+class TableFile(Options):
+    """The CSV file to which a command writes its table, or none to print it."""
 
-    Parameters
-    ----------
-    fabrics, loads
-        What they are by default; empty if they must be given.
-    """
+    out: Path | None = option(
+        FilePath(), None, "--out", "CSV file to write; by default the table is printed, to five digits."
+    )
+    force: bool = option(Flag(), False, "--force", "Replace the file --out if this command wrote it.")
 
-    def decorate(verb: Verb) -> Verb:
-        @click.option(
-            "--fabrics",
-            type=FILE,
-            metavar="FILE",
-            required=not fabrics,
-            help=f"Fabric table (CSV, Excel or Parquet){f'; by default {fabrics}' if fabrics else ''}.",
-        )
-        @flag(DataFiles, "columns")
-        @flag(DataFiles, "decimal")
-        @load_options(f" of the touch. Repeatable{f'; by default {loads}' if loads else ''}.")
-        @functools.wraps(verb)
-        def wrapped(**given: Any) -> Any:
-            return verb(touches=Touches(**{name: given.pop(name) for name in TOUCHES}), **given)
+    def require(self, inputs: Iterable[Path] = ()) -> None:
+        """Raise an error if the file cannot be written, or is one of the inputs."""
+        from softness_bayes.files.outputs import require_outputs
 
-        return wrapped
+        if self.out is not None:
+            require_outputs(self.out.parent, [self.out.name], self._command, self.force, inputs)
 
-    return decorate
+    def write(self, table: pd.DataFrame) -> None:
+        """Write the table, or print it to five digits."""
+        from softness_bayes.files.outputs import write_outputs
+        from softness_bayes.files.spreadsheet import PRINTED, csv_of
+        from softness_bayes.readable import counted
+
+        if self.out is None:
+            click.echo(csv_of(table, index=False, digits=PRINTED), nl=False)
+        else:
+            write_outputs(self.out.parent, {self.out.name: csv_of(table, index=False)}, self._command)
+            click.echo(f"{self.out}: {counted(len(table), 'row')}", err=True)
+
+    @property
+    def _command(self) -> str:
+        return str(click.get_current_context().info_name)

@@ -3,24 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import click
 
-from softness_bayes.cli.options import (
-    FILE,
-    TableFile,
-    Touches,
-    load_options,
-    path,
-    seed,
-    table_file,
-    touches,
-    trust_code,
-)
+from softness_bayes.cli.options import Directory, Force, Loads, Seed, TableFile, Touches, TrustCode, command
 from softness_bayes.cli.running import rated_run, warn_of_cautions
-from softness_bayes.defaults import ANSWER_DRAWS
+from softness_bayes.defaults import ANSWER_DRAWS, SEED
 from softness_bayes.files.run_files import FABRIC_RATINGS
+from softness_bayes.options import Number
+from softness_bayes.ranges import ANY
 from softness_bayes.readable import chance, number, percent, some_of
 
 if TYPE_CHECKING:
@@ -29,29 +21,41 @@ if TYPE_CHECKING:
     from softness_bayes.results.ranking import Ranking
     from softness_bayes.results.result import Result
 
-RANK, FORMATS = "rank", ("png", "pdf")
-ORDER, PLACES, PAIRS, AGREEMENT, FIGURE = "ranking.csv", "places.csv", "pairs.csv", "agreement.csv", "ranking"
+FIGURE, FORMATS = "ranking", ("png", "pdf")
 FIGURES = tuple(f"{FIGURE}.{suffix}" for suffix in FORMATS)
+AGREEMENT = "agreement.csv"
 
 
-@click.command()
-@click.argument("directory", type=FILE, metavar="DIR")
-@touches("the fabrics of the run", "as rated")
-@path(
-    "--against",
-    "FILE",
-    "Observed order to compare with (a table): fabric, and rank (1: softest) or rating (higher: softer).",
-)
-@seed
-@path("--out", "OUT", f"Directory to write to; by default DIR/{FIGURE}.")
-@click.option("--force", is_flag=True, help="Replace the files that 'rank' wrote there.")
-@trust_code
-def command(directory: Path, touches: Touches, against: Path | None, seed: int, out: Path | None, force: bool) -> None:
+@command
+def rank(
+    directory: Path,
+    *,
+    touches: Touches,
+    against: Path | None = None,
+    seed: Seed = SEED,
+    out: Annotated[Path | None, Directory()] = None,
+    force: Force = False,
+    trust_code: TrustCode = False,
+) -> None:
     """Rank fabrics by predicted softness: the typical rater rates softer fabrics higher.
 
     For each load the tables give the probability of each rank of every fabric, and of the order of every pair. Fabrics
     with the same rating in a draw are tied and share their ranks equally; this includes all fabrics for which no
     receptor fires. DIR is a run of 'sample'.
+
+    Parameters
+    ----------
+    directory : DIR
+    fabrics
+        Fabric table (CSV, Excel or Parquet); by default the fabrics of the run.
+    indentation_mm
+        Indentation [mm] of the touch; by default as rated.
+    force_n
+        Contact force [N] of the touch; by default as rated.
+    against
+        Observed order to compare with (a table): fabric, and rank (1: softest) or rating (higher: softer).
+    out
+        Directory to write to; by default DIR/ranking.
     """
     from softness_bayes.data.lists import read_order
     from softness_bayes.files.outputs import require_outputs, write_outputs
@@ -59,20 +63,20 @@ def command(directory: Path, touches: Touches, against: Path | None, seed: int, 
     from softness_bayes.plotting.style import files_of
 
     target = out or (directory if directory.is_dir() else directory.parent) / FIGURE
-    names, inputs = [ORDER, PLACES, PAIRS, *FIGURES], touches.inputs
+    names, inputs = ["ranking.csv", "places.csv", "pairs.csv", *FIGURES], touches.inputs
     if against is not None:
         names, inputs = [*names, AGREEMENT], [*inputs, against]
-    require_outputs(target, names, RANK, force, inputs)
+    require_outputs(target, names, "rank", force, inputs)
     observed = None if against is None else read_order(against, touches.decimal)
-    with rated_run(directory) as result:
-        ranking = result.rank(*touches.of_run(result), ANSWER_DRAWS, seed)
-    tables = {ORDER: ranking.table, PLACES: ranking.place_table, PAIRS: ranking.pair_table}
+    with rated_run(directory, trust_code) as result:
+        ranking = result.rank(*touches.among(result.fabrics, result.loads), ANSWER_DRAWS, seed)
+    tables = dict(zip(names, (ranking.table, ranking.place_table, ranking.pair_table), strict=False))
     if observed is not None:
         tables[AGREEMENT] = ranking.against(observed)
     contents: dict[str, bytes | str] = {
         name: csv_of(result.labelled(table), index=False) for name, table in tables.items()
     }
-    write_outputs(target, contents | files_of(ranking.figure(), FIGURE, FORMATS), RANK)
+    write_outputs(target, contents | files_of(ranking.figure(), FIGURE, FORMATS), "rank")
     click.echo(f"{ranking.sentence}\n")
     _show(ranking)
     if observed is not None:
@@ -92,8 +96,8 @@ def _show(ranking: Ranking, most: int = 20) -> None:
     """Print the order of the fabrics under each load, without the middle of tables with most rows, and the ties."""
     columns = ["order", "fabric", "e_fab_kpa", "people", "people_low", "people_high", "typical_rating"]
     columns += ["place_low", "place", "place_high", "tie", "p_silent"]
+    first = "the softest first (the highest predicted rating)" if ranking.word == "softest" else "the highest first"
     for one, (load, rows) in zip(ranking.loads, ranking.table.groupby("load", sort=False), strict=True):
-        first = "the softest first (the highest predicted rating)" if ranking.word == "softest" else "the highest first"
         click.echo(f"{load}, {first}; people: their own mean, typical_rating: what the chain predicts")
         parts = [rows] if len(rows) <= most else [rows.head(most // 2), rows.tail(most // 2)]
         lines = [part[columns].to_string(index=False, float_format="{:.4g}".format, na_rep="–") for part in parts]
@@ -107,51 +111,41 @@ def _show(ranking: Ranking, most: int = 20) -> None:
         click.echo()
 
 
-@click.command()
-@click.argument("directory", type=FILE, metavar="DIR")
-@click.option(
-    "--rating", type=float, required=True, metavar="X", help="Rating of the typical rater, on the scale of the data."
-)
-@load_options(" of the touch. Repeatable; by default as rated.")
-@click.option(
-    "--tensile-modulus-mpa",
-    type=float,
-    metavar="MPA",
-    help="Tensile modulus of the fabric; the command then finds its thickness.",
-)
-@click.option(
-    "--thickness-mm",
-    type=float,
-    metavar="MM",
-    help="Thickness of the fabric; the command then finds its tensile modulus.",
-)
-@click.option(
-    "--poisson-ratio",
-    type=float,
-    metavar="NU",
-    help="Poisson ratio of the fabric; by default the median of the rated fabrics.",
-)
-@seed
-@table_file("target")
-@trust_code
+@command
 def target(
     directory: Path,
-    rating: float,
-    indentation_mm: tuple[float, ...],
-    force_n: tuple[float, ...],
-    tensile_modulus_mpa: float | None,
-    thickness_mm: float | None,
-    poisson_ratio: float | None,
-    seed: int,
+    *,
+    rating: Annotated[float, Number(ANY)],
+    touches: Loads,
+    tensile_modulus_mpa: Annotated[float | None, Number(ANY)] = None,
+    thickness_mm: Annotated[float | None, Number(ANY)] = None,
+    poisson_ratio: Annotated[float | None, Number(ANY)] = None,
+    seed: Seed = SEED,
     file: TableFile,
+    trust_code: TrustCode = False,
 ) -> None:
     """Find the effective moduli that give a desired rating, and the probability that one exists.
 
     The table has one row for each load and solution: if the response turns over, a softer and a stiffer fabric can have
     the same rating. Medians and limits are over the draws in which the solution exists. Moduli are searched from a
     tenth of the smallest rated modulus to ten times the largest. DIR is a run of 'sample'.
+
+    Parameters
+    ----------
+    directory : DIR
+    rating
+        Rating of the typical rater, on the scale of the data.
+    indentation_mm
+        Indentation [mm] of the touch; by default as rated.
+    force_n
+        Contact force [N] of the touch; by default as rated.
+    tensile_modulus_mpa : MPA
+        Tensile modulus of the fabric; the command then finds its thickness.
+    thickness_mm : MM
+        Thickness of the fabric; the command then finds its tensile modulus.
+    poisson_ratio : NU
+        Poisson ratio of the fabric; by default the median of the rated fabrics.
     """
-    from softness_bayes.data import loads_of
     from softness_bayes.data.columns import TENSILE_MODULUS, THICKNESS
     from softness_bayes.results.rating_table import rejected
     from softness_bayes.results.target import Cloth
@@ -161,10 +155,9 @@ def target(
     tensile, thick = (None if value is None else value * column.factor for column, value in measured)
     cloth = Cloth(tensile, thick, poisson_ratio)
     cloth.require()
-    loads = loads_of(indentation_mm, force_n)
-    with rated_run(directory) as result:
+    with rated_run(directory, trust_code) as result:
         warn_of_cautions(result, None)
-        table = result.target(rating, loads or None, *cloth, draws=ANSWER_DRAWS, seed=seed).table
+        table = result.target(rating, touches.loads or None, *cloth, draws=ANSWER_DRAWS, seed=seed).table
     table = result.labelled(table)
     file.write(table)
     for load, rows in table.groupby("load", sort=False):
@@ -193,13 +186,16 @@ def _reach(rows: pd.DataFrame) -> str:
     if not one["p_solution"]:
         least, largest = number(one["least_rating"]), number(one["largest_rating"])
         return f"{reach}: the ratings of the typical rater range from {least} to {largest}"
-    sought = {"e_fab_kpa": "E_fab", "thickness_mm": "thickness", "tensile_modulus_mpa": "tensile modulus"}
-    units = {"e_fab_kpa": "kPa", "thickness_mm": "mm", "tensile_modulus_mpa": "MPa"}
+    sought = {
+        "e_fab_kpa": ("E_fab", "kPa"),
+        "thickness_mm": ("thickness", "mm"),
+        "tensile_modulus_mpa": ("tensile modulus", "MPa"),
+    }
     ways = []
     for _, row in rows.iterrows():
-        values = ", ".join(f"{sought[name]} {_interval(row, name)} {units[name]}" for name in sought if name in rows)
-        share = percent(row["p_solution"])
-        ways.append(f"{values}, where the rating {row['with_modulus']} with the modulus, in {share} of the draws")
+        values = [f"{noun} {_interval(row, name)} {unit}" for name, (noun, unit) in sought.items() if name in rows]
+        share, change = percent(row["p_solution"]), row["with_modulus"]
+        ways.append(f"{', '.join(values)}, where the rating {change} with the modulus, in {share} of the draws")
     return f"{reach}: {'; or '.join(ways)}"
 
 

@@ -1,8 +1,7 @@
-"""Common parts of the commands about runs: reading of results, and the record of a run's files."""
+"""Common parts of the commands about runs: reading of results, their cautions, the command line of a record."""
 
 from __future__ import annotations
 
-import math
 import shlex
 import sys
 from collections.abc import Iterator
@@ -12,17 +11,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options import trusts_code
 from softness_bayes.errors import InputError
 from softness_bayes.files.command_line import portable
-from softness_bayes.readable import counted
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from softness_bayes.data import Fabrics
     from softness_bayes.results.result import Result
-    from softness_bayes.sampler.diagnostics import Verdict
 
 
 def command_line() -> str:
@@ -49,8 +45,8 @@ def executor_of(dask: str | None, shared: Path | None = None) -> Iterator[Execut
 
 
 @contextmanager
-def reading(*directories: Path) -> Iterator[list[Result]]:
-    """Read results for a command with the option `trust_code`; missing data in them raise an input error.
+def reading(*directories: Path, trust_code: bool) -> Iterator[list[Result]]:
+    """Read results for a command; missing data in them raise an input error.
 
     Raises
     ------
@@ -59,7 +55,7 @@ def reading(*directories: Path) -> Iterator[list[Result]]:
     """
     from softness_bayes.results.result import Result
 
-    results = [Result.load(directory, trust_code=trusts_code()) for directory in directories]
+    results = [Result.load(directory, trust_code=trust_code) for directory in directories]
     try:
         yield results
     except KeyError as error:
@@ -70,7 +66,7 @@ def reading(*directories: Path) -> Iterator[list[Result]]:
 
 
 @contextmanager
-def rated_run(directory: Path) -> Iterator[Result]:
+def rated_run(directory: Path, trust_code: bool) -> Iterator[Result]:
     """Read the result of a run with ratings, and warn if its chains have not converged.
 
     Raises
@@ -78,7 +74,7 @@ def rated_run(directory: Path) -> Iterator[Result]:
     InputError
         If there is no such run, or it had no ratings.
     """
-    with reading(directory) as (result,):
+    with reading(directory, trust_code=trust_code) as (result,):
         warn_of_unconverged(result)
         if not result.has_ratings:
             raise InputError(f"{directory}: a run without ratings cannot predict ratings")
@@ -98,33 +94,3 @@ def warn_of_unconverged(result: Result) -> None:
     if not result.provenance.ending.converged:
         kind = "a first look (--quick), whose chains have" if result.is_first_look else "the chains of this run have"
         click.echo(f"warning: {result.source}: {kind} not converged; all numbers below are preliminary", err=True)
-
-
-def in_numbers(verdict: Verdict, seconds: float) -> str:
-    """Return the numbers of the last convergence check, in one line."""
-    slowest = float(verdict.tau.max())
-    length = f"{verdict.lengths:.0f} autocorrelation times of {slowest:.0f} steps ({verdict.needed:.0f} needed)"
-    if not math.isfinite(slowest):
-        length = f"{counted(verdict.stuck, 'walker')} never moved" if verdict.stuck else "autocorrelation times unknown"
-    return (
-        f"{length}, R-hat {verdict.r_hat.max():.3f}, ESS {verdict.ess:.0f} ({verdict.ess / max(seconds, 1e-9):.3g}/s)"
-    )
-
-
-def needed(verdict: Verdict, pace: float) -> str:
-    """Return the total number of steps and the total time of a run in words; `pace` is in seconds per step."""
-    steps, most = verdict.foreseen
-    if not math.isfinite(most):
-        left = in_time(pace * (steps - verdict.steps))
-        return f"the run needs at least about {steps} steps in total ({left} more); it is too short for an upper limit"
-    least, longest = (in_time(pace * (n - verdict.steps)) for n in (steps, most))
-    return (
-        f"the run needs about {steps} steps in total ({least} more), and probably at most {most:.0f} ({longest} more)"
-    )
-
-
-def in_time(seconds: float) -> str:
-    """Return a time in words."""
-    if seconds < 100:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} minutes" if seconds < 6000 else f"{seconds / 3600:.1f} hours"

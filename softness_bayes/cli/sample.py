@@ -1,4 +1,4 @@
-"""`softness-bayes sample`: ratings in, posterior and credible bands out."""
+"""`softness-bayes sample` and `softness-bayes resume`: ratings in, posterior and credible bands out."""
 
 from __future__ import annotations
 
@@ -6,44 +6,42 @@ import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import click
 
 from softness_bayes.cli.interrupts import keeping
-from softness_bayes.cli.options import collected, data_files, force, no_figures, out, own_figures, typed, verbose
-from softness_bayes.cli.progress import Bar, telling
+from softness_bayes.cli.options import Force, Given, NoFigures, Out, OwnFigures, TrustCode, Verbose, command, typed
 from softness_bayes.cli.running import command_line
-from softness_bayes.cli.summary import print_result
-from softness_bayes.errors import NotConvergedError
+from softness_bayes.cli.terminal import Bar, telling
+from softness_bayes.errors import InputError, NotConvergedError
 from softness_bayes.model.options import ModelOptions
+from softness_bayes.options import Number
+from softness_bayes.ranges import STEPS
 from softness_bayes.results.run_options import DataFiles, RunOptions, require_no_ratings_needed
 
 if TYPE_CHECKING:
     from softness_bayes.checkpoints.checkpoint import Checkpoint
+    from softness_bayes.checkpoints.saved import Status
     from softness_bayes.data import Experiment, Measurements
     from softness_bayes.model.build import ExperimentModel, SkinModel
     from softness_bayes.results.request import Request
 
+MOVABLE = ("data", "fabrics", "compression", "afferents")
+"""Tables of a run, which may have been moved since."""
 
-@click.command
-@data_files
-@collected("model", ModelOptions)
-@collected("how", RunOptions)
-@no_figures
-@own_figures
-@out()
-@force
-@verbose
-def command(
+
+@command
+def sample(
+    *,
     files: DataFiles,
     model: ModelOptions,
     how: RunOptions,
-    no_figures: bool,
-    own_figures: tuple[str, ...],
-    out: Path,
-    force: bool,
-    verbose: bool,
+    no_figures: NoFigures = False,
+    figure: OwnFigures = (),
+    out: Out = Path("results"),
+    force: Force = False,
+    verbose: Verbose = False,
 ) -> None:
     """Sample the posterior of skin, transduction and rating parameters given ratings.
 
@@ -70,47 +68,110 @@ def command(
     with telling("reading the tables"):
         data = files.read()
     if isinstance(data, Measurements):
-        model = _without_ratings(data, model, how)
+        require_no_ratings_needed(model, how)
+        if data.compression is not None and not typed("prior_set"):
+            model = replace(model, prior_set="wide")
+            _note("without ratings the default is --priors wide, which is weakly informative about the skin")
     if _evaluated(data, model):
         return
-    drawn = None if no_figures else own_figures
-    require_drawn(drawn)
+    drawn = None if no_figures else figure
+    _require_drawn(drawn)
     request = Request(model, replace(how, command=command_line()))
-    run(Checkpoint.create(out, force, inputs=files.paths), files, data, request, drawn, verbose)
+    _run(Checkpoint.create(out, force, inputs=files.paths), files, data, request, drawn, verbose)
 
 
-def require_drawn(names: Sequence[str] | None) -> None:
-    """Raise an error for custom figures that cannot be drawn; the argument is None if no figures are requested.
+@command
+def resume(
+    directory: Path,
+    *,
+    more_steps: Annotated[int | None, Number(STEPS, "N")] = None,
+    limits: Annotated[RunOptions, Given("max_seconds", "processes")],
+    moved: Annotated[DataFiles, Given(*MOVABLE)],
+    no_figures: NoFigures = False,
+    verbose: Verbose = False,
+    trust_code: TrustCode = False,
+) -> None:
+    """Continue a run that was interrupted or has ended.
 
-    Raises
-    ------
-    InputError
-        If one cannot be imported, or is not a figure.
+    The run continues in DIR with its original options, and gives the same draws as a run with the same seed that was
+    never interrupted. A run that ended at its --max-steps gets the same number of steps again. A run that has
+    converged continues only with --more-steps. A first look (sample --quick) continues to the full run. If the data,
+    the priors, the readings or anything else that determines the draws has changed, the run is refused and the
+    change is named. If files of the checkpoint are damaged, the run continues from the last intact state; the damaged
+    files and the number of lost steps are reported.
+
+    Parameters
+    ----------
+    directory : DIR
+    more_steps
+        Run at least this many further steps, even if the run has converged.
+    data
+        New path of the ratings, if they were moved.
+    fabrics
+        New path of the fabrics, if they were moved.
+    compression
+        New path of the forces, if they were moved.
+    afferents
+        New path of the recorded afferents, if they were moved.
     """
-    if names is None:
+    from softness_bayes.checkpoints.checkpoint import Checkpoint
+    from softness_bayes.checkpoints.identity import differences
+    from softness_bayes.provenance import VERSION, versions
+    from softness_bayes.results.request import Request
+    from softness_bayes.supplied import require_trusted
+
+    checkpoint = Checkpoint.open(directory, salvage=True)
+    status, request = checkpoint.status, checkpoint.request
+    assert status is not None, "a run to continue has a state"
+    if checkpoint.damage:
+        _note(checkpoint.damage)
+    if request is None:
+        raise InputError(
+            f"{directory}: the run was started in Python; continue it there, with sample(..., checkpoint=...) "
+            f"inside 'with Checkpoint.open({str(directory)!r}) as checkpoint'"
+        )
+    require_trusted(f"{directory}: its checkpoint", request, trust_code)
+    verdict = status.verdict if status.written and status.ended else None
+    if verdict is not None and verdict.converged and more_steps is None and _is_whole(directory, trust_code):
+        click.echo(f"{directory}: {verdict.sentence()} Its results are complete; use --more-steps to continue it.")
         return
+    model, how = Request.from_record(request["options"])
+    how = replace(
+        continued(how, status, more_steps),
+        max_seconds=limits.max_seconds,
+        processes=limits.processes or how.processes,
+    )
+    then, now = (
+        {name.removeprefix(VERSION): value for name, value in every.items()}
+        for every in (request["versions"], versions())
+    )
+    if changed := differences(then, now):
+        _note(f"the run was started with {changed}: draws may differ from those of an uninterrupted run")
+    files = DataFiles.recorded_in(directory, request["files"])
+    files = replace(files, **{name: getattr(moved, name) or getattr(files, name) for name in MOVABLE})
+    for name in MOVABLE:
+        path = getattr(files, name)
+        if path is not None and not path.exists():
+            raise InputError(
+                f"{path}: no such file, and the run was started with it; if it was moved, give its new path "
+                f"with --{name}"
+            )
+    figures = request.get("own_figures", []) if request["figures"] and not no_figures else None
+    _require_drawn(figures)
+    _run(checkpoint, files, files.read(), Request(model, how), figures, verbose, moved.words())
+
+
+def _note(text: str) -> None:
+    click.echo(f"note: {text}", err=True)
+
+
+def _require_drawn(names: Sequence[str] | None) -> None:
+    """Raise InputError for custom figures that cannot be drawn; the argument is None if no figures are requested."""
     from softness_bayes.plotting.figures import OWN_FIGURES, require_figures
     from softness_bayes.supplied import installed
 
-    if names or installed(OWN_FIGURES):
+    if names is not None and (names or installed(OWN_FIGURES)):
         require_figures([*names, *installed(OWN_FIGURES)])
-
-
-def _without_ratings(data: Measurements, model: ModelOptions, how: RunOptions) -> ModelOptions:
-    """Return the model of data without ratings: with plate forces it has wide priors unless others were requested.
-
-    Raises
-    ------
-    InputError
-        If an option for ratings was given.
-    """
-    require_no_ratings_needed(model, how)
-    if typed("prior_set") or data.compression is None:
-        return model
-    click.echo(
-        "note: without ratings the default is --priors wide, which is weakly informative about the skin", err=True
-    )
-    return replace(model, prior_set="wide")
 
 
 def _evaluated(data: Experiment | Measurements, options: ModelOptions) -> bool:
@@ -143,7 +204,7 @@ def _about_direction(model: ExperimentModel) -> str:
     return f"{'warning' if model.direction.against_data else 'note'}: {model.direction.sentence}"
 
 
-def run(
+def _run(
     checkpoint: Checkpoint,
     files: DataFiles,
     data: Experiment | Measurements,
@@ -154,25 +215,37 @@ def run(
 ) -> None:
     """Build the model, sample it from the start or from the checkpoint, and write and print the results.
 
-    Custom figures are drawn in addition to the standard ones. If `own_figures` is None, no figures are drawn. `moved`
-    holds the options with new paths of tables, which the advice on how to continue repeats. With `verbose`, all
-    numbers and checks are printed, not only the closing lines.
+    Custom figures are drawn in addition to the standard ones; None draws no figures at all. `moved` holds the options
+    with new paths of tables, which the advice on how to continue repeats.
 
     Raises
     ------
     NotConvergedError
         If a limit was reached before convergence; all results are written nevertheless.
     """
+    from softness_bayes.cli.summary import print_result
     from softness_bayes.provenance import versions
     from softness_bayes.runs.run import model_of, sample_kept
 
     out = checkpoint.directory
+    again = f"'{' '.join(['softness-bayes resume', str(out), *map(shlex.quote, moved)])}' continues"
     with telling("compiling the model"):
         model = model_of(data, request.model)
     for line in _about(model, data):
         click.echo(line, err=True)
     bar = Bar()
-    with keeping(lambda: _kept(checkpoint, bar.drawing, moved)), checkpoint, bar:
+
+    def kept() -> str:
+        if bar.drawing:
+            return f"the results are written to {out}: 'softness-bayes plot {out}' draws the figures; {again} it"
+        status = checkpoint.status
+        if status is None:
+            checkpoint.leave()  # the process may end before its main thread does so
+            return "nothing was saved, because sampling had not begun: start the run again"
+        until = "in its pilot phase" if status.piloting else f"up to step {status.steps}"
+        return f"the run is saved {until}: {again} it"
+
+    with keeping(kept), checkpoint, bar:
         checkpoint.request = {
             "files": files.record_in(out),
             "options": request._replace(model=model.options).record(),
@@ -187,7 +260,7 @@ def run(
     if not ending.converged and not ending.quick:
         raise NotConvergedError(
             f"not converged after {ending.steps} steps; the draws so far are in {out}, for inspection only; "
-            f"{_again(out, moved)} the run"
+            f"{again} the run"
         )
 
 
@@ -207,24 +280,24 @@ def _about(model: ExperimentModel | SkinModel, data: Experiment | Measurements) 
         yield from (f"note: {note}" for note in (*notes, *people_notes(model.experiment, model.options)))
 
 
-def _kept(checkpoint: Checkpoint, drawing: bool = False, moved: Sequence[str] = ()) -> str:
-    """Return the saved progress of a run and the command to continue it; release the directory if nothing was saved.
+def _is_whole(directory: Path, trust_code: bool) -> bool:
+    """Return whether the results of a run can be read; if not, print why they are written again."""
+    from softness_bayes.results.result import Result
 
-    `drawing` is True if only figures are missing.
-    """
-    status = checkpoint.status
-    if drawing:
-        out = checkpoint.directory
-        return (
-            f"the results are written to {out}: 'softness-bayes plot {out}' draws the figures; {_again(out, moved)} it"
-        )
-    if status is None:
-        checkpoint.leave()  # the process may end before its main thread does so
-        return "nothing was saved, because sampling had not begun: start the run again"
-    until = "in its pilot phase" if status.piloting else f"up to step {status.steps}"
-    return f"the run is saved {until}: {_again(checkpoint.directory, moved)} it"
+    try:
+        Result.load(directory, trust_code=trust_code)
+    except InputError as error:
+        _note(f"{error}; the results are written again")
+        return False
+    return True
 
 
-def _again(directory: Path, moved: Sequence[str]) -> str:
-    # an interrupt may come before the checkpoint has the new paths
-    return f"'{' '.join(['softness-bayes resume', str(directory), *map(shlex.quote, moved)])}' continues"
+def continued(options: RunOptions, status: Status, more_steps: int | None) -> RunOptions:
+    """Return the options of a run with limits that let it go on."""
+    options = replace(options, command=f"{options.command}; {command_line()}")
+    if options.quick or more_steps is not None:
+        least = 0 if more_steps is None else status.steps + more_steps
+        return replace(options, quick=False, min_steps=least, max_steps=max(options.max_steps, least))
+    if status.written and status.steps >= status.max_steps:
+        return replace(options, max_steps=status.steps + options.max_steps)
+    return options

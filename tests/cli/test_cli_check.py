@@ -1,18 +1,20 @@
-from __future__ import annotations
-
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Annotated
 
 import click
 import pytest
 
 from softness_bayes.cli import FORMER, VERBS, main, short_help
-from softness_bayes.cli.options import flag, force, out, seed, set_values, touches
+from softness_bayes.cli.options import Force, Given, Out, Seed, SetValues, Touches, command
 from softness_bayes.errors import InputError, SoftnessError
 from softness_bayes.model.options import ModelOptions
+from softness_bayes.options import Number
+from softness_bayes.ranges import Range
 from support.command_line import HELD, call, run
 from support.paths import ROOT
 
@@ -42,7 +44,7 @@ def test_help_lists_the_verbs_without_importing_them():
     said = printed(
         "import sys; from softness_bayes.cli import main, VERBS\n"
         "main(['--help'], standalone_mode=False)\n"
-        "heavy = {'numpy', 'pandas', *(f'softness_bayes.cli.{verb}' for verb in [*VERBS, 'options'])}\n"
+        "heavy = {'numpy', 'pandas', *(f'softness_bayes.cli.{home}' for home in [*VERBS.values(), 'options'])}\n"
         "print([m for m in sys.modules if m in heavy])"
     )
     assert said.splitlines()[-1] == "[]"
@@ -114,42 +116,79 @@ def test_check_counts_many_loads_and_lists_few(tmp_path):
 # options that other verbs share
 
 
-def invoke(option, *arguments: str) -> dict:
-    """Return what a verb with one shared option would receive."""
-    received = {}
-    command = click.command()(option(lambda **values: received.update(values)))
-    command.main(list(arguments), standalone_mode=False)
-    return received
+def received(*words):
+    """Return what a command with some shared options receives."""
+    given = {}
 
+    @command
+    def glance(
+        directory: Path = Path("results"),
+        *,
+        model: Annotated[ModelOptions, Given("fix", "priors", "prior_set")],
+        touches: Touches,
+        values: SetValues,
+        seed: Seed = 3,
+        out: Out = Path("out"),
+        force: Force = False,
+        least: Annotated[float | None, Number(Range(0.0, 1.0))] = None,
+        name_: str = "",
+    ) -> None:
+        """Glance at a run.
 
-FIX, PRIOR = flag(ModelOptions, "fix"), flag(ModelOptions, "priors")
+        It is short.
+
+        Parameters
+        ----------
+        directory : [DIR]
+        least : SHARE
+            Least share.
+        name_
+            Heading.
+        seed
+            Seed of a glance.
+        """
+        given.update(vars() | {"given": None})
+
+    glance.main([*words], standalone_mode=False)
+    return glance, SimpleNamespace(**given)
 
 
 def test_options_hand_over_values():
-    assert invoke(set_values, "--set", "b=80", "--set", "m = 2e0") == {"values": {"b": 80.0, "m": 2.0}}
-    assert invoke(FIX, "--fix", "b=80") == {"fix": {"b": 80.0}}
-    assert invoke(seed, "--seed", "7") == {"seed": 7}
-    assert invoke(out()) == {"out": Path("results")}
-    assert invoke(force, "--force") == {"force": True}
-    assert invoke(flag(ModelOptions, "prior_set")) == {"prior_set": "default"}
-    assert invoke(PRIOR) == {"priors": {}}
+    _, usual = received()
+    assert (usual.directory, usual.seed, usual.out, usual.force) == (Path("results"), 3, Path("out"), False)
+    assert (usual.values, usual.least, usual.name_, usual.model) == ({}, None, "", ModelOptions())
+    words = ["here", "--set", "b=80", "--set", "m = 2e0", "--fix", "b=80", "--seed", "7", "--force", "--name", "x"]
+    _, got = received(*words, "--out", "there", "--least", "0.5")
+    assert (got.directory, got.values, got.model.fix) == (Path("here"), {"b": 80.0, "m": 2.0}, {"b": 80.0})
+    assert (got.seed, got.force, got.name_, got.out, got.least) == (7, True, "x", Path("there"), 0.5)
+
+
+def test_a_docstring_explains_the_options_of_its_command():
+    glance, _ = received()
+    lines = " ".join(glance.get_help(click.Context(glance, info_name="glance")).split())
+    assert "glance [OPTIONS] [DIR]" in lines
+    assert "Glance at a run. It is short. Options:" in lines
+    assert "--seed N Seed of a glance. Accepts a whole number from 0. [default: 3]" in lines
+    assert "--least SHARE Least share. Accepts a number 0 to 1." in lines.replace("from 0", "0")
+    assert "--name TEXT Heading." in lines
 
 
 @pytest.mark.parametrize(
-    ("option", "arguments", "problem"),
+    ("arguments", "problem"),
     [
-        (set_values, ["--set", "b"], "expected NAME=VALUE, got 'b'"),
-        (set_values, ["--set", "=1"], "expected NAME=VALUE, got '=1'"),
-        (set_values, ["--set", "b=high"], "b: expected a finite number, got 'high'"),
-        (FIX, ["--fix", "b=nan"], "b: expected a finite number, got 'nan'"),
-        (FIX, ["--fix", "b=1", "--fix", "b=2"], "'b' is given twice"),
-        (seed, ["--seed", "-1"], "expected a whole number from 0, got '-1'"),
-        (PRIOR, ["--prior", "b=cauchy(1)"], "b: "),
+        (["--set", "b"], "expected NAME=VALUE, got 'b'"),
+        (["--set", "=1"], "expected NAME=VALUE, got '=1'"),
+        (["--set", "b=high"], "b: expected a finite number, got 'high'"),
+        (["--fix", "b=nan"], "b: expected a finite number, got 'nan'"),
+        (["--fix", "b=1", "--fix", "b=2"], "'b' is given twice"),
+        (["--seed", "-1"], "expected a whole number from 0, got '-1'"),
+        (["--prior", "b=cauchy(1)"], "b: "),
+        (["--least", "2"], "expected a number from 0 to 1, got '2'"),
     ],
 )
-def test_options_refuse_what_they_cannot_read(option, arguments, problem):
+def test_options_refuse_what_they_cannot_read(arguments, problem):
     with pytest.raises(click.BadParameter, match=problem):
-        invoke(option, *arguments)
+        received(*arguments)
 
 
 @pytest.mark.parametrize("former", FORMER)
@@ -164,12 +203,12 @@ def test_fabrics_and_loads(tmp_path):
     path = tmp_path / "cloth.csv"
     path.write_text(FABRICS.replace("fabric", "id"))
     arguments = ["--fabrics", str(path), "--column", "fabric=id", "--indentation-mm", "2", "--force-n", "1"]
-    asked = invoke(touches(), *arguments, "--indentation-mm", "1")["touches"]
+    asked = received(*arguments, "--indentation-mm", "1")[1].touches
     fabrics, loads = asked.read()
     assert fabrics.names == ("a", "b", "c")
     assert [str(load) for load in loads] == ["1 mm", "2 mm", "1 N"]
     with pytest.raises(InputError, match="--indentation-mm or --force-n"):
-        invoke(touches(), "--fabrics", str(path))["touches"].read()
+        received("--fabrics", str(path))[1].touches.read()
 
 
 # data that hardly say anything

@@ -14,7 +14,7 @@ import pytest
 
 from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.checkpoints.saved import Status, read_record, read_status, saved_states
-from softness_bayes.cli.resume import _continued
+from softness_bayes.cli.sample import continued
 from softness_bayes.files.lock import Lock
 from softness_bayes.likelihood.magnitude import LogRatings
 from softness_bayes.results.result import Result
@@ -150,12 +150,12 @@ def test_limits_let_a_run_go_on():
     status = Status(False, False, 350, 0, 5.0, 0, True, True, 350, None)
     options = RunOptions(max_steps=351)
     # what has ended at its limit gets as many steps again, what was interrupted does not
-    assert _continued(options, status, None).max_steps == 701
-    assert _continued(options, status._replace(written=False), None).max_steps == 351
-    assert _continued(options, status._replace(steps=200), None).max_steps == 351
-    more = _continued(options, status._replace(steps=200), 50)
+    assert continued(options, status, None).max_steps == 701
+    assert continued(options, status._replace(written=False), None).max_steps == 351
+    assert continued(options, status._replace(steps=200), None).max_steps == 351
+    more = continued(options, status._replace(steps=200), 50)
     assert (more.min_steps, more.max_steps) == (250, 351)
-    assert _continued(options, status, 50).max_steps == 400
+    assert continued(options, status, 50).max_steps == 400
 
 
 def test_what_changed_is_named(killed, copied):

@@ -14,8 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 from softness_bayes import claims
-from softness_bayes.cli import VERBS, bench, main
-from softness_bayes.cli import sample as sample_verb
+from softness_bayes.cli import VERBS, main, sample, trust
 from softness_bayes.data import (
     Compression,
     Fabrics,
@@ -204,8 +203,8 @@ def stubbed(monkeypatch):
         (accuracy, "choose"),
         (claims, "evaluate_claims"),
         (calibrate, "calibrate"),
-        (bench, "_speed_and_error"),
-        (sample_verb, "run"),
+        (trust, "_speed_and_error"),
+        (sample, "_run"),
         (subject, "of_priors"),
         (subject, "of_run"),
     ):

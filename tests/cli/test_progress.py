@@ -6,7 +6,7 @@ import sys
 import numpy as np
 
 from oracles.autoregressive import autoregressive
-from softness_bayes.cli.progress import LONG, Bar, drawing
+from softness_bayes.cli.terminal import LONG, Bar, drawing
 from softness_bayes.plotting.figures import draw_figures
 from softness_bayes.sampler.diagnostics import look
 from softness_bayes.sampler.sampling import Progress

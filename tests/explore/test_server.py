@@ -11,7 +11,7 @@ import pytest
 from bokeh.document import Document
 from bokeh.events import ButtonClick
 
-from softness_bayes.cli import explore
+from softness_bayes.cli import report
 from softness_bayes.errors import InputError
 from softness_bayes.explore import server
 from softness_bayes.explore.charts import axis_ends, step_above
@@ -148,7 +148,7 @@ def unserved(monkeypatch):
 
 def test_the_command_prints_the_address(unserved, monkeypatch):
     opened = []
-    monkeypatch.setattr(explore.webbrowser, "open", opened.append)
+    monkeypatch.setattr(report.webbrowser, "open", opened.append)
     done = call("explore")
     assert (done.returncode, done.stdout, done.stderr) == (0, "http://there/\n", "Ctrl-C ends it\n")
     assert opened == []

@@ -3,13 +3,12 @@
 import json
 from pathlib import Path
 
-import click
 import pytest
 from click.testing import CliRunner
 
 from softness_bayes import read_experiment, sample
 from softness_bayes.cli import main
-from softness_bayes.cli.options import collected
+from softness_bayes.cli.options import command
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.error_laws import LAPSES
 from softness_bayes.likelihood.scales import FALLS, SLIDER
@@ -76,8 +75,12 @@ FLAGGED = [(kind, name) for kind in EVERY for name, one in kind.declared.items()
 def typed(kind, *words):
     """Return the options of a class that a command with these words receives."""
     received = []
-    command = click.command()(collected("it", kind)(lambda it: received.append(it)))
-    command.main([*words], standalone_mode=False)
+
+    def receive(*, it: kind) -> None:
+        """Receive."""
+        received.append(it)
+
+    command(receive).main([*words], standalone_mode=False)
     return received[0]
 
 

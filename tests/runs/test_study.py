@@ -13,7 +13,7 @@ from scipy.stats import norm
 
 from softness_bayes.checking.pooling import LIMITS
 from softness_bayes.checkpoints.checkpoint import Checkpoint
-from softness_bayes.cli.study import _end
+from softness_bayes.cli.study import require_complete
 from softness_bayes.data.lists import Listed, list_tables
 from softness_bayes.errors import InputError, LockedError, NotConvergedError, NumericalError
 from softness_bayes.files.lock import Lock
@@ -266,7 +266,7 @@ def test_a_folder_with_a_bad_table(tmp_path):
 def test_exit_codes(outcomes, error, tmp_path):
     tables = tuple(TableOutcome(f"P{k}", one, "") for k, one in enumerate(outcomes))
     with pytest.raises(error):
-        _end(Study(tables, {}, tmp_path))
+        require_complete(Study(tables, {}, tmp_path))
 
 
 def test_a_population_whose_weights_fail_is_refused(done, tmp_path):
@@ -277,7 +277,7 @@ def test_a_population_whose_weights_fail_is_refused(done, tmp_path):
     found = Study((), narrow, tmp_path)
     assert found.population["median"].isna().all()
     with pytest.raises(NumericalError, match="not pooled: b"):
-        _end(found)
+        require_complete(found)
 
 
 def test_one_table_is_no_study(tmp_path):
