@@ -63,6 +63,7 @@ OTHERS: dict[str, object] = {
     "decimal": {"ratings": ",", "fabrics": "."},
     "indentation_mm": 2.0,
     "force_n": 1.5,
+    "load": "free",
     "round_load": 0.05,
     "drop_zeros": True,
     "wide": True,
