@@ -49,6 +49,17 @@ def test_a_notebook_was_executed_in_order_and_stored_without_times(path):
     assert not [cell for cell in cells if "execution" in cell["metadata"]]
 
 
+def test_notebooks_ask_a_question_each_and_are_small():
+    """Store figures with few colours: most of a notebook is its figures."""
+    stored = [json.loads(path.read_text(encoding="utf-8"))["cells"] for path in NOTEBOOKS]
+    assert len(stored) <= 9
+    assert sum(len(json.dumps(cell.get("outputs", ""))) for cells in stored for cell in cells) <= 1_000_000
+    for cells in stored:
+        title, learnt = "".join(cells[0]["source"]).split("\n\n")[:2]
+        assert title.endswith("?")
+        assert learnt.startswith("You learn")
+
+
 @pytest.mark.parametrize("name", softness_bayes.__all__)
 def test_a_public_name_is_there(name):
     assert getattr(softness_bayes, name) is not None

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-SCHEMA = 2
+SCHEMA = 1
 """Version of the layout, the only one that is read."""
 
 SUMMARY_TABLE = "summary"

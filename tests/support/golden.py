@@ -35,6 +35,7 @@ def require(name: str, text: str) -> None:
 def masked(text: str) -> str:
     """Return a text with a mark for each number and digest, and single spaces, as their widths differ."""
     text = _NUMBER.sub("#", _DIGEST.sub("DIGEST", text))
+    text = re.sub(r"#\.\d+\b", "#", text).replace(" -h' for help", " --help' for help")  # versions, also those of click
     # whether a number is a limit, has an error or is missing depends on the draws
     text = re.sub(r"(?m)[<>]#|# ± #|(?<= )–(?= |$)", "#", text)
     return re.sub(r"[ \t]+", " ", re.sub(r"(?m)[-─━]{2,}(?= |$)", "--", text))
@@ -63,7 +64,7 @@ def of_table(table: pd.DataFrame) -> Iterable[str]:
     """Yield the columns of a table and its number of rows; of a figure's data, also that of each artist."""
     yield f"{len(table)} rows: {', '.join(table.columns)}"
     if {"element", "panel"} <= {*table.columns}:
-        shown = table.astype({"panel": str}).groupby(["element", "panel"], sort=False)
+        shown = table.dropna(subset="panel").astype({"panel": str}).groupby(["element", "panel"], sort=False)
         for (element, panel), part in shown:
             filled = [name for name in ("x", "y", "x_end", "y_end", "value") if part[name].notna().any()]
             axes = " against ".join(str(part[name].iloc[0]) for name in ("y_axis", "x_axis"))
