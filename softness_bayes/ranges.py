@@ -218,6 +218,7 @@ SLOPES = Range(0.0, 1e6)
 """Slopes c1 of simulated z-scores."""
 INDENTATIONS = Range(1e-9, 0.1, "m")
 """Permitted indentations of a fingertip; the model itself would compute far larger ones."""
+GUESSES = Range(1e-6, 0.9, zero=True)
 FREE_FORCES = Range(0.05, 20.0, "N")
 FORCES = Range(1e-9, 1e3, "N")
 """Permitted contact forces of a fingertip."""

@@ -27,7 +27,6 @@ def check(
     cost: bool = False,
     json_: bool = False,
     figure: Path | None = None,
-    guess: str | None = None,
     force: Force = False,
 ) -> None:
     """Validate data files and show how they are read, how precise the design is and what a run costs.
@@ -56,8 +55,6 @@ def check(
         Print all of it as JSON instead of text.
     figure
         Draw data and fabrics beside the response that the prior predicts (.png, .pdf or .svg).
-    guess : RATE
-        For pairs with a reference: the rate of guessing, such as 1/3, if the task fixes it; by default an estimate.
     """
     from softness_bayes.cli import check_text as text
     from softness_bayes.data import Measurements
@@ -95,7 +92,11 @@ def check(
         lines = []
         if people is not None:
             moduli = [one["e_fab_kpa"] for one in known["fabrics"]]
-            lines = [*text.people_lines(people), *text.pair_lines(experiment.ratings, moduli, guess), ""]
+            lines = [
+                *text.people_lines(people),
+                *text.pair_lines(experiment.ratings, moduli, model.fixed.get("guess")),
+                "",
+            ]
         lines += [f"warning: {reached}\n"] if reached else []
         lines += [*text.table_lines(known, experiment, model), *_notes(notes)]
         lines += ["\nWhat do the numbers say?", known["model"]["numbers"], known["model"]["errors_because"]]

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from softness_bayes.defaults import MOST_SHOWN
-from softness_bayes.errors import InputError
 from softness_bayes.readable import counted, percent
 
 if TYPE_CHECKING:
@@ -138,27 +136,15 @@ def _shown(errors: Errors) -> dict[str, str]:
     return {"error / peak": f"{float(errors.peak):.1e}", "error of log": f"{float(errors.log):.1e}"}
 
 
-def pair_lines(ratings: Ratings, modulus: Sequence[float], guess: str | None) -> list[str]:
-    """Return thresholds of pairs with a reference, for E_fab [kPa] and a known guess rate if given, and cautions.
-
-    Raises
-    ------
-    InputError
-        If the guess rate is no number from 0 to below 1, or the table has no pairs.
-    """
+def pair_lines(ratings: Ratings, modulus: Sequence[float], guess: float | None) -> list[str]:
+    """Return thresholds of pairs with a reference, for E_fab [kPa] and a known guess rate if given, and cautions."""
     import numpy as np
 
     from softness_bayes.people.psychometric import comparison_cautions, psychometric_table, threshold_sentences
 
-    try:
-        rate = None if guess is None else float(Fraction(guess))
-    except (ValueError, ZeroDivisionError):
-        rate = -1.0
-    if rate is not None and not (0.0 <= rate < 1.0 and ratings.paired):
-        raise InputError(f"--guess {guess}: expected a rate from 0 to below 1, such as 1/3, for a table of pairs")
     if not ratings.paired:
         return []
-    found = psychometric_table(ratings, np.array(modulus, float), guess=rate)
+    found = psychometric_table(ratings, np.array(modulus, float), guess=guess)
     return [*threshold_sentences(found), *(f"caution: {said}" for said in comparison_cautions(ratings))]
 
 

@@ -170,6 +170,8 @@ class Stated(NamedTuple):
     """Upper end of the scale."""
     lists: NDArray[np.intp] | None = None
     """Index of the list that contains each row's place, shape (rows,); None if ratings are not places."""
+    reference: NDArray[np.bool_] | None = None
+    """True for the references of pairs with a guess rate, shape (rows,); None without."""
 
     @property
     def exact(self) -> bool:
@@ -184,7 +186,8 @@ class Stated(NamedTuple):
     def take(self, rows: NDArray[np.bool_]) -> Stated:
         """Return a selection of the rows."""
         lists = None if self.lists is None else self.lists[rows]
-        return Stated(self.values[rows], self.step[rows], self.limit[rows], self.most[rows], self.end, lists)
+        reference = None if self.reference is None else self.reference[rows]
+        return Stated(self.values[rows], self.step[rows], self.limit[rows], self.most[rows], self.end, lists, reference)
 
     def rounded(self, numbers: FloatArray) -> FloatArray:
         """Return the ratings, in the form of `values`, that would be given for numbers (..., rows)."""

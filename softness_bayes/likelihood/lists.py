@@ -190,6 +190,38 @@ def _log_first(worth: FloatArray, present: NDArray[np.bool_], rest: FloatArray) 
     return found[-1]
 
 
+FEWEST = 3
+"""Smallest number of fabrics that a reference is compared with."""
+
+
+def references(pairs: IndexArray, group: IndexArray, fabrics: int) -> NDArray[np.bool_]:
+    """Return which fabrics of pairs are references: they met twice as many others as the median fabric, or more.
+
+    Parameters
+    ----------
+    pairs
+        Indices of the two fabrics of each pair, shape (pairs, 2).
+    group
+        Group of each pair within which references are sought, such as a load, shape (pairs,).
+    fabrics
+        Number of fabrics.
+
+    Returns
+    -------
+    ndarray
+        Shape (pairs, 2); both are false for a pair of a fabric with itself.
+    """
+    found = np.zeros(pairs.shape, bool)
+    for k in np.unique(group):
+        own = pairs[group == k]
+        met = np.zeros((fabrics, fabrics), bool)
+        met[own[:, 0], own[:, 1]] = met[own[:, 1], own[:, 0]] = True
+        partners = met.sum(axis=1)
+        often = (partners >= FEWEST) & (partners >= 2.0 * np.median(partners[partners > 0]))
+        found[group == k] = often[own]
+    return found & (pairs[:, :1] != pairs[:, 1:])
+
+
 class Comparisons(NamedTuple):
     """Sets of conditions that are compared with one another."""
 

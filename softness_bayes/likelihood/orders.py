@@ -5,7 +5,8 @@ Participants' scales and origins do not affect the order and are therefore not i
 has a closed form, also for a partial order, in which the order of tied touches is unknown.
 
 A pair is a list of two places, of which the softer is chosen by a probit of the difference: the noise is normal, and a
-share of the answers may be guesses.
+share of the answers may be guesses. Against a reference, guesses may favour one side: a comparison is judged softer
+with probability guess + (1 - guess - lapse / 2) Phi(z).
 """
 
 from __future__ import annotations
@@ -41,6 +42,9 @@ from softness_bayes.parameters.laws import Prior
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
+
+FAR = 1e3
+"""Latent softness by which the winner of a guess is ahead."""
 
 LEAST_SPREAD = 1e-8
 """Smallest standard deviation of the noise, in the log."""
@@ -97,7 +101,7 @@ class OrderModel(RatingModel):
         """Return the probability of being placed above a touch with the design's mean drive, shape (..., k)."""
         return self.chance(drive / effects.noise[..., None])
 
-    def chance(self, apart: FloatArray, parameters: Parameters | None = None) -> FloatArray:
+    def chance(self, apart: FloatArray, parameters: Parameters | None = None, side: IndexArray | int = 0) -> FloatArray:
         """Return the probability that the first of two touches is placed above the second.
 
         Parameters
@@ -106,12 +110,18 @@ class OrderModel(RatingModel):
             Difference of their drives, in units of the noise, shape (..., k).
         parameters
             The model's parameters, for laws with guesses; without them, guesses are ignored.
+        side
+            1 where the first touch is the comparison of a pair, -1 where it is the reference, 0 where neither is one.
         """
         return np.asarray(expit(apart))
 
     def guesses(self, parameters: Parameters) -> FloatArray:
         """Return the share of guesses, shape (...) or (); laws without lapses have none."""
-        return np.asarray(parameters.lapse, float) if self.error.lapses else np.asarray(0.0)
+        return np.asarray(self.floors(parameters).sum(axis=0))
+
+    def floors(self, parameters: Parameters) -> FloatArray:
+        """Return the probability of guesses for a comparison, and for its reference, shape (2, ...)."""
+        return np.stack(2 * [0.5 * np.asarray(parameters.lapse if self.error.lapses else 0.0, float)])
 
     def information(
         self, compared: Comparisons, drive: FloatArray, slopes: FloatArray, guesses: float = 0.0
@@ -190,6 +200,8 @@ class OrderRatings(RatingsLikelihood):
         self._owner, self._of_row = owner, place
         # condition of every slot; an arbitrary one for empty slots
         self._condition = design.condition[self._places.row]
+        # side of a touch that is compared with each condition
+        self._against = np.zeros(design.n_conditions, np.intp)
 
     @property
     def discrete(self) -> NDArray[np.bool_]:
@@ -259,7 +271,7 @@ class OrderRatings(RatingsLikelihood):
         noise, total = self.model.noise_of(parameters)[..., None], 0.0
         for other in np.flatnonzero(met):
             apart = (drive - field[..., [other]]) / noise
-            total = total + met[other] * self.model.chance(apart, parameters)
+            total = total + met[other] * self.model.chance(apart, parameters, self._against[other])
         return np.asarray(total / met.sum() if met.any() else np.full(drive.shape, 0.5))
 
     @cached_property
@@ -351,10 +363,13 @@ class PairModel(OrderModel):
     ----------
     law
         Law of the answers: normal, or normal with lapses.
+    guesses_given
+        True if the guess rate is a parameter, `guess`, instead of half the lapses.
     """
 
     scale: ClassVar[Scale] = PAIRS
     law: ErrorLaw = NORMAL
+    guesses_given: bool = False
 
     @property
     def error(self) -> ErrorLaw:  # type: ignore[override]
@@ -364,24 +379,35 @@ class PairModel(OrderModel):
     @property
     def needs(self) -> tuple[str, ...]:  # type: ignore[override]
         """Names of the model's parameters."""
-        return ("gamma", "varsigma", "eps", *self.law.needs)
+        return ("gamma", "varsigma", "eps", *(["guess"] if self.guesses_given else []), *self.law.needs)
+
+    def floors(self, parameters: Parameters) -> FloatArray:
+        """Return the probability of guesses for a comparison, and for its reference, shape (2, ...)."""
+        lapses = super().floors(parameters)
+        if not self.guesses_given:
+            return lapses
+        return np.stack(np.broadcast_arrays(np.asarray(parameters.guess, float), lapses[1]))
 
     def noise_of(self, parameters: Parameters) -> FloatArray:
         """Return the standard deviation of the difference of two touches' noise, shape (...)."""
         return math.sqrt(2.0) * np.maximum(np.asarray(parameters.varsigma, float), LEAST_SPREAD)
 
-    def chance(self, apart: FloatArray, parameters: Parameters | None = None) -> FloatArray:
+    def chance(self, apart: FloatArray, parameters: Parameters | None = None, side: IndexArray | int = 0) -> FloatArray:
         """Return the probability that the first of two touches is judged softer, as `OrderModel.chance`."""
-        return np.exp(self.log_chance(apart, parameters))
+        return np.exp(self.log_chance(apart, parameters, side))
 
-    def log_chance(self, apart: FloatArray, parameters: Parameters | None = None) -> FloatArray:
+    def log_chance(
+        self, apart: FloatArray, parameters: Parameters | None = None, side: IndexArray | int = 0
+    ) -> FloatArray:
         """Return the logarithm of `chance`."""
         told = np.asarray(log_ndtr(apart))
-        if parameters is None or not self.law.lapses:
+        if parameters is None or not (self.law.lapses or self.guesses_given):
             return told
-        guess = self.guesses(parameters)[..., None]
+        of_comparison, of_reference = self.floors(parameters)[..., None]
+        guessed = of_comparison + of_reference
+        floor = np.select([np.equal(side, 1), np.equal(side, -1)], [of_comparison, of_reference], 0.5 * guessed)
         with np.errstate(divide="ignore"):
-            return np.asarray(np.logaddexp(np.log1p(-guess) + told, np.log(0.5 * guess)))
+            return np.asarray(np.logaddexp(np.log1p(-guessed) + told, np.log(floor)))
 
     def information(
         self, compared: Comparisons, drive: FloatArray, slopes: FloatArray, guesses: float = 0.0
@@ -392,11 +418,16 @@ class PairModel(OrderModel):
     def observe(self, ratings: ArrayLike, design: Design, stated: Stated | None = None) -> PairRatings:
         """Return the likelihood of these answers; by default successive rows of a participant form pairs."""
         lists = _successive(design) if stated is None or stated.lists is None else stated.lists
-        return PairRatings(ratings, design, self, lists=lists)
+        return PairRatings(ratings, design, self, lists=lists, reference=None if stated is None else stated.reference)
 
 
 class PairRatings(OrderRatings):
     """Answers to pairs of touches under a `PairModel`; arguments as for `OrderRatings`.
+
+    Parameters
+    ----------
+    reference
+        True for references, shape (rows,), one in each pair; None if no side of a pair is preferred by guesses.
 
     Raises
     ------
@@ -407,16 +438,42 @@ class PairRatings(OrderRatings):
     model: PairModel
     most: ClassVar[float] = 2
 
+    def __init__(
+        self,
+        ratings: ArrayLike,
+        design: Design,
+        model: PairModel = PairModel(),
+        over: Design | None = None,
+        lists: IndexArray | None = None,
+        reference: NDArray[np.bool_] | None = None,
+    ) -> None:
+        super().__init__(ratings, design, model, over, lists)
+        self._reference = reference
+        self._side = np.zeros(design.n_rows, np.intp)
+        if reference is not None:
+            both = np.bincount(self._of_row, reference)[self._of_row] > 0
+            self._side = np.where(both, np.where(reference, -1, 1), 0)
+            self._against[design.condition] = -self._side
+
+    def _arguments(self, rows: NDArray[np.bool_] | None = None) -> dict[str, Any]:
+        """Return the lists and the references."""
+        own = self._reference if self._reference is None or rows is None else self._reference[rows]
+        return super()._arguments(rows) | {"reference": own}
+
     def _latent(self, rng: Generator, drive: FloatArray, parameters: Parameters) -> FloatArray:
         """Return simulated latent values whose order is the answer, shape (..., rows); a guess is a random order."""
         latent = super()._latent(rng, drive, parameters)
-        guessed = rng.random((*latent.shape[:-1], len(self._list))) < self.model.guesses(parameters)[..., None]
-        return np.where(guessed[..., self._of_row], rng.standard_normal(latent.shape), latent)
+        share = rng.random((*latent.shape[:-1], len(self._list)))
+        of_comparison, of_reference = self.model.floors(parameters)[..., None]
+        wins = np.where(share < of_comparison, FAR, -FAR)[..., self._of_row] * self._side
+        guessed = (share < of_comparison + of_reference)[..., self._of_row]
+        return np.where(guessed, wins + rng.standard_normal(latent.shape), latent)
 
     def _log_factors(self, places: RankedLists, worth: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log probability of each pair's answer in its first slot; 0 for ties, which tell nothing."""
         told = places.present.all(axis=1) & (places.group[:, -1] > 0)
-        answers = self.model.log_chance(worth[..., told, 0] - worth[..., told, -1], parameters)
+        side = self._side[places.row[told, 0]]
+        answers = self.model.log_chance(worth[..., told, 0] - worth[..., told, -1], parameters, side)
         found = np.zeros((*answers.shape[:-1], *worth.shape[-2:]))
         found[..., told, 0] = answers
         return found

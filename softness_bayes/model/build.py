@@ -174,7 +174,7 @@ class Parts:
         if free and options.individual and fingers_of(options.individual):
             raise InputError("individual: raters' own fingers and a free touch of unknown force cannot be combined")
         return parameter_space(
-            fix=options.fix,
+            fix=options.fixed,
             priors=self._priors,
             prior_set=options.prior_set,
             skin_displacement=options.readings.skin_displacement,
@@ -236,6 +236,7 @@ class Parts:
             return IndividualModel(direction, grid=grid_of(options.individual))
         model: Any = rating_model(options.scale, direction, meaning.law, meaning.intervals.exact)
         model = replace(model, categories=meaning.categories) if meaning.categories else model
+        model = replace(model, guesses_given=True) if options.guess is not None else model
         return replace(model, raters=meaning.raters) if meaning.raters else model
 
     def direction(self) -> DirectionChoice:

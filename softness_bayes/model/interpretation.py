@@ -14,7 +14,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.error_laws import GUMBEL, LAPSES, NORMAL, STUDENT, ErrorLaw
 from softness_bayes.likelihood.layout import Layout, merge
-from softness_bayes.likelihood.lists import MOST_TIED, shares
+from softness_bayes.likelihood.lists import MOST_TIED, references, shares
 from softness_bayes.likelihood.scales import (
     AGGREGATED,
     CATEGORIES,
@@ -29,7 +29,7 @@ from softness_bayes.likelihood.scales import (
 from softness_bayes.model.fingers import differing, fingers_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.ranges import CATEGORIES_RANGE
-from softness_bayes.readable import counted, some_of
+from softness_bayes.readable import counted, number, some_of
 from softness_bayes.touch.load_groups import groups_of
 
 FloatArray = NDArray[np.float64]
@@ -62,6 +62,8 @@ def interpret(ratings: Ratings, options: ModelOptions) -> Interpretation:
         If a rating is not on the scale, or the options request something that the scale or the model does not support.
     """
     options.scale.require(ratings)
+    if options.guess is not None and options.scale is not PAIRS:
+        raise InputError(f"--guess: a guess rate is one of pairs (--ratings {PAIRS.name}); omit it")
     if options.scale in (RANKS, PAIRS):
         return _of_lists(ratings, options)
     if ratings.paired:
@@ -242,17 +244,50 @@ def _of_lists(ratings: Ratings, options: ModelOptions) -> Interpretation:
                 f"{RANKS.name} for longer lists"
             )
         law = options.errors or NORMAL
+        if options.guess is not None:
+            intervals = intervals._replace(reference=_reference_rows(ratings))
         note = (
             f"ratings: answers to {int((sizes == 2).sum())} pairs of touches; the larger number is that of the softer"
         )
         note += f"; {tied // 2} of them are ties, and contain no information" if tied > 1 else ""
         errors = f"errors: {law.meaning}, so that an answer is a probit of the difference"
-        errors += "; --errors lapses also models guesses" if law == NORMAL else ""
+        if options.guess is not None:
+            rate = "a sampled rate" if isinstance(options.guess, str) else f"the rate {number(options.guess)}"
+            errors += f"; against a reference, comparisons are guessed to be softer at {rate}"
+        elif law == NORMAL:
+            errors += "; --errors lapses also models guesses"
         return Interpretation(intervals, law, note, errors)
     span = " to ".join(dict.fromkeys((str(sizes.min()), str(sizes.max()))))
     note = f"ratings: places in {sizes.size} lists of {span} touches; a larger number is a higher place"
     note += f"; {tied} places are tied, and do not inform the order within ties" if tied else ""
     return Interpretation(intervals, GUMBEL, note, f"errors: {GUMBEL.meaning}")
+
+
+def _reference_rows(ratings: Ratings) -> NDArray[np.bool_]:
+    """Return the rows of the references of pairs, shape (n,); a fabric against itself has none.
+
+    Raises
+    ------
+    InputError
+        If a pair of different fabrics has no reference, or two.
+    """
+    lists = np.unique(ratings.own_lists, return_inverse=True)[1]
+    order = np.argsort(lists, kind="stable")
+    rows = order[np.bincount(lists)[lists[order]] == 2].reshape(-1, 2)
+    pairs, load = ratings.fabric[rows], groups_of(ratings.loads).of[ratings.load[rows[:, 0]]]
+    sides = references(pairs, load, len(ratings.fabrics))
+    wrong = np.flatnonzero((sides.sum(axis=1) != 1) & (pairs[:, 0] != pairs[:, 1]))
+    if wrong.size:
+        first, second = (ratings.fabrics[k] for k in pairs[wrong[0]])
+        raise InputError(
+            f"{ratings.source}: row {ratings.rows[rows[wrong[0], 0]]}: a guess rate (--guess) needs pairs of a "
+            f"comparison and a reference, which meets twice as many fabrics as the others, and {first} and {second} "
+            f"are {'both' if sides[wrong[0]].any() else 'no'} references ({wrong.size} of {len(rows)} pairs); omit "
+            "--guess; --errors lapses has guesses that prefer no side"
+        )
+    found = np.zeros(len(ratings), bool)
+    found[rows[sides]] = True
+    return found
 
 
 def _limits(ratings: Ratings, numbers: FloatArray, step: FloatArray) -> FloatArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from fractions import Fraction
 from functools import partial
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Self
@@ -39,6 +40,7 @@ from softness_bayes.options import (
 from softness_bayes.ranges import (
     ACCURACIES,
     CATEGORIES_RANGE,
+    GUESSES,
     LOAD_ERRORS,
     NOISES,
     RELATIVE_ERRORS,
@@ -254,6 +256,26 @@ class Shared(Names):
         return tuple(self.accept("shared", super().parse(text)))
 
 
+class GuessRate(Kind):
+    """Guess rates: a number from 0 to 0.9, a fraction, or FREE for one that is sampled."""
+
+    metavar = "RATE"
+
+    def accept(self, name: str, value: Any) -> Any:
+        """Return the rate, or the word."""
+        if value == FREE.name:
+            return value
+        GUESSES.require(name, value)
+        return float(value)
+
+    def parse(self, text: str) -> Any:
+        """Return the rate of a text such as 1/3."""
+        try:
+            return text if text == FREE.name else self.accept("guess", float(Fraction(text)))
+        except (ValueError, ZeroDivisionError):
+            raise InputError(f"expected a rate from 0 to 0.9, such as 1/3, or {FREE.name}, got {text!r}") from None
+
+
 class Chosen(Kind):
     """Objects that have a name, out of a few; the word AUTO stands for None.
 
@@ -456,6 +478,16 @@ class ModelOptions(Options):
         affects_draws=True,
         needs_ratings=True,
     )
+    guess: float | str | None = option(
+        GuessRate(),
+        None,
+        "--guess",
+        "Guess rate of pairs with a reference (--ratings pairs): the probability that a clearly harder comparison is "
+        "judged softer all the same, such as 1/3 where the task fixes it; free samples it. By default guesses prefer "
+        "no side.",
+        affects_draws=True,
+        needs_ratings=True,
+    )
     n_categories: int | None = option(
         Number(CATEGORIES_RANGE, "K"),
         None,
@@ -532,6 +564,11 @@ class ModelOptions(Options):
     def decide(self, **chosen: Any) -> Self:
         """Return the options with open choices filled in, given by name."""
         return replace(self, **chosen, decided=tuple(dict.fromkeys([*self.decided, *chosen])))
+
+    @property
+    def fixed(self) -> Mapping[str, float]:
+        """The fixed values, a guess rate that is known among them."""
+        return self.fix if self.guess in (None, FREE.name) else {**self.fix, "guess": float(self.guess or 0.0)}
 
     @property
     def slider_width(self) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 
 from softness_bayes.errors import InputError
 from softness_bayes.parameters.laws import HalfNormal, LogNormal, Normal, Prior, Truncated, Uniform
-from softness_bayes.ranges import CATEGORIES_RANGE, FREE_FORCES, Range
+from softness_bayes.ranges import CATEGORIES_RANGE, FREE_FORCES, GUESSES, Range
 from softness_bayes.touch.contact import DISPLACEMENT, STRAIN, SkinDisplacement
 from softness_bayes.touch.neuron.rate_curve import LARGEST_CURRENT
 
@@ -213,6 +213,7 @@ ERROR_PARAMETERS: Mapping[str, Parameter] = _by_name(
         LogNormal(8, 0.8),
         range=Range(0.5, 1e12),
     ),
+    Parameter("guess", r"$\pi_0$", "–", "guess rate of pairs", HalfNormal(0.1), range=GUESSES),
     Parameter("lapse", r"$\lambda$", "–", "share of lapses", HalfNormal(0.05), range=Range(1e-6, 0.5, zero=True)),
     *(
         Parameter(f"gap_{k}", f"$w_{{{k}}}$", "–", f"width of category {k}", LogNormal(0.5, 1.0))

@@ -19,7 +19,7 @@ from scipy.special import expit, logsumexp, ndtr
 from softness_bayes.data import Ratings
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.error_laws import ErrorLaw
+from softness_bayes.likelihood.error_laws import LAPSES, ErrorLaw
 from softness_bayes.likelihood.intervals import IntervalModel, SliderModel
 from softness_bayes.likelihood.lists import RankedLists
 from softness_bayes.likelihood.row_laws import RowLaw, Rows
@@ -109,11 +109,22 @@ class SingleAnswers:
     categories: int = 0
     ends: tuple[float, float] = (0.0, 1.0)
     met: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    winner: IntArray | None = None
+    """1 for answers that a comparison is softer than its reference, 0 for the opposite, 2 for pairs without one, shape
+    (answers,), if there is a guess rate."""
 
     def _law(self, given: Mapping[str, float]) -> tuple[Rows, Array, Parameters]:
         """Return intervals, spread and the error law's parameters."""
         spread = np.array([given["varsigma"]]) if self.spread is None else self.spread
         law = Parameters(**given).each(lambda value: np.array([value]))
+        if self.winner is not None:
+            # guesses at different rates for two answers are lapses that give one of them more often
+            floors = np.array([0.5 * given.get("lapse", 0.0), given["guess"]])
+            total = max(float(floors.sum()), TINY)
+            shares = np.append(floors / total, 0.5)
+            with np.errstate(divide="ignore"):
+                rows = self.rows._replace(lapse=np.log(shares[self.winner]))
+            return rows, spread[None], Parameters(lapse=np.array([total]))
         if not self.categories:
             return self.rows, spread[None], law
         ends, of = np.concatenate([[-np.inf], self._thresholds(given), [np.inf]]), self.rows.low.astype(int)
@@ -286,7 +297,7 @@ def answers_of(ratings: Ratings, meaning: Interpretation, options: ModelOptions,
     """
     scale, law, intervals, count = options.scale, meaning.law, meaning.intervals, int(condition.max()) + 1
     if scale in (RANKS, PAIRS):
-        return _of_lists(ratings, law, scale, condition, count)
+        return _of_lists(ratings, meaning, scale, condition, count)
     people, categories, none = len(ratings.participants), meaning.categories, np.zeros(len(ratings))
     own = scale.own_units and people > 1 and scale is not AGGREGATED
     needs, spread = (*(["tau"] if own else []), "varsigma", *law.needs), None
@@ -334,7 +345,7 @@ def _error_of_means(ratings: Ratings) -> Array:
     return np.where(np.isnan(known), np.nanmedian(known), known) / np.sqrt(ratings.cells.raters)
 
 
-def _of_lists(ratings: Ratings, law: ErrorLaw, scale: Scale, condition: IntArray, count: int) -> Answers:
+def _of_lists(ratings: Ratings, meaning: Interpretation, scale: Scale, condition: IntArray, count: int) -> Answers:
     """Return the answers of places in lists: of pairs that are no ties, or of whole lists."""
     lists = np.unique(ratings.own_lists, return_inverse=True)[1]
     places = RankedLists.of(ratings.rating, lists)
@@ -347,12 +358,19 @@ def _of_lists(ratings: Ratings, law: ErrorLaw, scale: Scale, condition: IntArray
         owner = np.zeros(lists.max() + 1, np.intp)
         owner[lists] = ratings.participant
         return Orders(places, of, owner, count, met)
-    pairs = condition[told_pairs(ratings)]
+    told, law, needs, winner = told_pairs(ratings), meaning.law, meaning.law.needs, None
+    if meaning.intervals.reference is not None:
+        sides = meaning.intervals.reference[told]
+        winner = np.where(sides.any(axis=1), sides[:, 1], 2)
+        law, needs = LAPSES, ("guess", *needs)
+    pairs = condition[told]
     at = np.tile(np.arange(len(pairs)), 2), pairs.T.ravel()
     weights = csr_array((np.repeat([1.0, -1.0], len(pairs)), at), shape=(len(pairs), count))
     none = np.zeros(len(pairs))
     rows = Rows(none, none + np.inf, none + np.log(0.5))
-    return SingleAnswers(weights, rows, scale, law, count, 0, law.needs, 0.0, WIDE, none, none + 1.0, met=met)
+    return SingleAnswers(
+        weights, rows, scale, law, count, 0, needs, 0.0, WIDE, none, none + 1.0, met=met, winner=winner
+    )
 
 
 def told_pairs(ratings: Ratings) -> IntArray:

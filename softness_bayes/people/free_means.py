@@ -38,9 +38,8 @@ IntArray = NDArray[np.intp]
 SPREADS, DRAWS = 48, 2000
 """Number of vectors of spreads, and of draws of the means."""
 
-MOST_LAPSES = 0.5
-"""Largest share of lapses."""
-
+SHARES, MOST_LAPSES = frozenset({"lapse", "guess"}), 0.5
+"""Parameters that are shares of answers, and their largest value if it is not given."""
 
 FARTHEST = (-7.0, 6.0)
 """Ends of the coordinates between which their mode is sought."""
@@ -258,10 +257,10 @@ def _fit(answers: Answers, options: ModelOptions) -> tuple[Array, Array, Mapping
 
 
 class _Parameters:
-    """Parameters of an observation model in coordinates: logarithms; of the share of lapses, log odds."""
+    """Parameters of an observation model in coordinates: logarithms; of shares of answers, log odds."""
 
     def __init__(self, answers: Answers, options: ModelOptions) -> None:
-        self.held = {name: float(options.fix[name]) for name in answers.needs if name in options.fix}
+        self.held = {name: float(options.fixed[name]) for name in answers.needs if name in options.fixed}
         self.names = [name for name in answers.needs if name not in self.held]
         priors = {name: options.priors.get(name, EVERY_PARAMETER[name].prior) for name in self.names}
         self._priors: dict[str, Prior] = priors
@@ -270,20 +269,20 @@ class _Parameters:
     def values(self, point: Array) -> dict[str, float]:
         """Return the parameters at a point (parameters,)."""
         found = {name: float(np.exp(min(x, 50.0))) for name, x in zip(self.names, point, strict=True)}
-        if "lapse" in found:
-            found["lapse"] = MOST_LAPSES * float(expit(point[self.names.index("lapse")]))
+        for name in SHARES & found.keys():
+            found[name] = MOST_LAPSES * float(expit(point[self.names.index(name)]))
         return self.held | found
 
     def log_prior(self, point: Array) -> float:
         """Return the log density of the coordinates at a point."""
         total, values = 0.0, self.values(point)
         for name, x in zip(self.names, point, strict=True):
-            slope = np.log(values[name]) if name != "lapse" else np.log(MOST_LAPSES * expit(x) * expit(-x))
+            slope = np.log(values[name]) if name not in SHARES else np.log(MOST_LAPSES * expit(x) * expit(-x))
             total += float(self._priors[name].log_density(np.array(values[name]))) + float(slope)
         return total
 
 
-_START = {"tau": -1.0, "varsigma": -1.0, "nu": 2.0, "lapse": float(logit(0.03 / MOST_LAPSES))}
+_START = {"tau": -1.0, "varsigma": -1.0, "nu": 2.0, **dict.fromkeys(SHARES, float(logit(0.03 / MOST_LAPSES)))}
 
 
 def _mode(answers: Answers, given: Mapping[str, float], start: Array, log_prior: float) -> _Mode:

@@ -15,6 +15,7 @@ from softness_bayes.people.answers import left_out_of_draws, told_pairs
 from softness_bayes.people.free_means import FreeMeans
 from softness_bayes.people.psychometric import psychometric_table
 from softness_bayes.people.ruler import ruler
+from softness_bayes.provenance import Provenance
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -56,8 +57,10 @@ def threshold_table(ratings: Ratings, tree: xr.DataTree) -> pd.DataFrame:
     modulus = values_in(tree, "constant_data", "effective_modulus_kpa").astype(float)
     density = values_in(tree, "log_likelihood", "rating")[0][:, told_pairs(ratings)[:, 0]]
     chance = np.exp(density.astype(float)).mean(axis=0)
+    guess = Provenance(tree.attrs).asked.options.get("guess")
+    known = None if isinstance(guess, str) else guess
     parts = {"people": None, "chain": chance}
-    found = [psychometric_table(ratings, modulus, won).assign(answers=name) for name, won in parts.items()]
+    found = [psychometric_table(ratings, modulus, won, known).assign(answers=name) for name, won in parts.items()]
     return pd.concat(found, ignore_index=True)
 
 

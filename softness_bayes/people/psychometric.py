@@ -15,6 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.special import bdtr, ndtr, ndtri
 
 from softness_bayes.data import Ratings
+from softness_bayes.likelihood.lists import references
 from softness_bayes.people.answers import told_pairs
 from softness_bayes.people.free_means import groups_of_loads
 from softness_bayes.readable import counted, number, percent
@@ -33,8 +34,8 @@ NAMES = ("equal", "threshold", "weber", "bias", "guess", "lapse")
 BELOW_CHANCE = 1e-3
 """Probability under guessing of as few answers with the majority, from which a participant is below chance."""
 
-FEWEST, POINTS, DRAWS = 3, (36, 36, 14, 14), 4000
-"""Fewest comparisons of a reference; points of the grid for its parameters; draws from the posterior."""
+POINTS, DRAWS = (36, 36, 14, 14), 4000
+"""Points of the grid for the parameters; draws from the posterior."""
 
 
 def psychometric_table(
@@ -69,12 +70,10 @@ def psychometric_table(
     pairs = told_pairs(ratings)
     won = np.ones(len(pairs)) if first_won is None else first_won
     fabric, at, rows = ratings.fabric[pairs], load[pairs[:, 0]], []
+    sides = references(fabric, at, len(ratings.fabrics))
     for k, name in enumerate(names):
-        met = np.zeros((len(ratings.fabrics),) * 2)
-        np.add.at(met, tuple(fabric[at == k].T), 1.0)
-        partners = ((met + met.T) > 0).sum(axis=1)
-        for reference in np.flatnonzero((partners >= FEWEST) & (partners >= 2 * np.median(partners[partners > 0]))):
-            here = (at == k) & (fabric == reference).any(axis=1) & (fabric[:, 0] != fabric[:, 1])
+        for reference in np.unique(fabric[at == k][sides[at == k]]):
+            here = (at == k) & ((fabric == reference) & sides).any(axis=1)
             lost = fabric[here, 0] == reference
             other = np.where(lost, fabric[here, 1], fabric[here, 0])
             x = np.log(modulus[other] / modulus[reference])

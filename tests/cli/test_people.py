@@ -93,6 +93,6 @@ def test_pairs_with_a_reference_have_thresholds_and_catch_trials(tmp_path):
     assert "72 comparisons of two fabrics" in done.stdout
     refused = call(*data, "--guess", "often", cwd=tmp_path)
     assert refused.returncode == 2
-    assert "--guess often: expected a rate" in refused.stderr
+    assert "expected a rate from 0 to 0.9, such as 1/3, or free, got 'often'" in refused.stderr
     (tmp_path / "ratings.csv").write_text("fabric,fabric_2,rating\nF4,F4,1\n")
     assert "expected two different fabrics" in call(*data, cwd=tmp_path).stderr

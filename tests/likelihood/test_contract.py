@@ -132,6 +132,20 @@ CASES = {
         RATED.replace(gamma=np.array([0.1, 0.2, 0.15]), tau=np.zeros(3), omega=np.zeros(3)),
         numbers=(1, 3),
     ),
+    "pairs with a guess rate": Case(
+        PairRatings(
+            [2, 1, 5, 1, 2, 2, 1],
+            DESIGN,
+            PairModel(RISES, law=LAPSES, guesses_given=True),
+            lists=np.array([0, 0, 1, 2, 2, 3, 3]),
+            reference=np.array([0, 1, 0, 1, 0, 0, 1], bool),
+        ),
+        RATES,
+        RATED.replace(
+            gamma=np.array([0.1, 0.2, 0.15]), tau=np.zeros(3), omega=np.zeros(3), guess=np.array([0.3, 0.1, 0.0])
+        ),
+        numbers=(1, 3),
+    ),
     UncertainLoads: Case(
         UncertainLoads(20.0 * np.exp(NOISE), DESIGN, RatingModel(FALLS), TOUCHES),
         np.concatenate([RATES, *FURTHER], axis=1),
@@ -263,7 +277,7 @@ def shuffled(y, order, people):
     if hasattr(y, "errors"):
         load = (y.load,) if hasattr(y, "load") else ()
         return type(y)(y.values[order], design, y.model, replace(y.errors, of_row=y.errors.of_row[order]), *load)
-    own = {"lists": y.lists[order]} if isinstance(y, OrderRatings) else {}
+    own = y._arguments(order) if isinstance(y, OrderRatings) else {}
     return type(y)(y.values[order], design, y.model, **own)
 
 

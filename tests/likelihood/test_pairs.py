@@ -12,7 +12,7 @@ from scipy.stats import norm
 from softness_bayes.data import Fabrics, Ratings
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.error_laws import LAPSES
+from softness_bayes.likelihood.error_laws import LAPSES, NORMAL
 from softness_bayes.likelihood.orders import OrderModel, PairModel, PairRatings
 from support.points import rated
 
@@ -20,13 +20,14 @@ RATE = np.array([0.0, 2.0, 7.0, 30.0])
 POINT = rated(np.float64(0.8), 0.0, np.float64(1.5), 0.0, np.float64(0.1))
 
 
-def asked(condition, answers, law=None):
+def asked(condition, answers, law=None, reference=None):
     """Pairs of conditions, two rows each, of which the first was called softer or not."""
     condition = np.asarray(condition)
     design = Design(condition.ravel(), np.zeros(condition.size, int), np.arange(4), 1)
     values = np.stack([answers, 1.0 - np.asarray(answers, float)], axis=1).ravel()
-    model = PairModel() if law is None else PairModel(law=law)
-    return PairRatings(values, design, model, lists=np.repeat(np.arange(len(condition)), 2))
+    model = PairModel(law=law or NORMAL, guesses_given=reference is not None)
+    sides = None if reference is None else (condition == reference).ravel() & (np.diff(condition) != 0).repeat(2)
+    return PairRatings(values, design, model, lists=np.repeat(np.arange(len(condition)), 2), reference=sides)
 
 
 def test_an_answer_is_a_probit_of_the_difference():
@@ -48,6 +49,38 @@ def test_guesses_bound_the_chances():
     assert_allclose(
         asked(*pairs, LAPSES).log_likelihood(RATE, none), asked(*pairs).log_likelihood(RATE, POINT), atol=1e-10
     )
+
+
+def test_a_guess_rate_is_the_floor_of_comparisons_alone():
+    sure = POINT.replace(varsigma=np.float64(1e-3), guess=np.float64(1 / 3), lapse=np.float64(0.06))
+    pairs = [[0, 1], [0, 1], [1, 3], [1, 3], [1, 1]]  # fabric 1 is the reference, in either place
+    observed = asked(pairs, [1, 0, 0, 1, 1], LAPSES, reference=1)
+    chances = np.exp(observed.log_likelihood_answers(RATE, sure))
+    assert_allclose(chances, [1 / 3, 2 / 3, 0.97, 0.03, 0.5], rtol=1e-9)
+
+
+def test_answers_with_a_guess_rate_are_recovered_and_equal_guesses_fail():
+    """Replicates have the stated chances; the rate is found again; guesses that prefer no side are the control."""
+    rng, truth = np.random.default_rng(5), POINT.replace(guess=np.float64(1 / 3), lapse=np.float64(0.04))
+    pairs = np.repeat([[0, 1], [2, 1], [1, 3]], 1500, axis=0)
+    blank = asked(pairs, np.ones(len(pairs)), LAPSES, reference=1)
+    made = blank.replicate(rng, blank.drive(RATE, truth), truth, None).reshape(-1, 2)[:, 0]
+    share = made.reshape(3, -1).mean(axis=1)
+    expected = blank.expected(RATE, truth, None)
+    assert_allclose([share[0], share[1], 1.0 - share[2]], expected[[0, 2, 3]], atol=4.0 * 0.5 / np.sqrt(1500))
+
+    def loss(observed, point):
+        size, lapse, guess = np.exp(point)
+        value = observed.log_likelihood(RATE, truth.replace(gamma=size, lapse=lapse, guess=guess))
+        return float("inf") if max(guess, lapse) > 0.6 else -float(value)
+
+    right, wrong = asked(pairs, made, LAPSES, reference=1), asked(pairs, made, LAPSES)
+    start = np.log([0.5, 0.1, 0.1])
+    found, control = (minimize(lambda z, o=one: loss(o, z), start, method="Nelder-Mead") for one in (right, wrong))
+    assert np.exp(found.x)[[0, 2]] == pytest.approx([0.8, 1 / 3], rel=0.15)
+    assert control.fun > found.fun + 50.0
+    others = right.without(np.arange(len(made) * 2) < 2000)
+    assert others.log_likelihood(RATE, truth) == pytest.approx(right.log_likelihood_answers(RATE, truth)[1000:].sum())
 
 
 def test_each_pair_is_one_answer():

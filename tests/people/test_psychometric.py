@@ -1,11 +1,18 @@
 """Psychometric functions of pairs against maximum likelihood and psignifit; what is wrong with comparisons."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import minimize
 from scipy.special import expit, ndtr, ndtri
 
 from softness_bayes.data import Ratings
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.error_laws import NORMAL
+from softness_bayes.likelihood.scales import PAIRS
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.people.free_means import free_means
 from softness_bayes.people.psychometric import comparison_cautions, psychometric_table, threshold_sentences
 from softness_bayes.touch.contact import Force
 
@@ -28,6 +35,28 @@ def constant_stimuli(rng, guess=0.03, lapse=0.05, reference=4, bias=0.1, width=0
     x = np.log(MODULUS[others] / MODULUS[reference])
     won = rng.random(others.size) < guess + (1.0 - guess - lapse) * ndtr(-(x - bias) / width)
     return table(won, others, np.full(others.size, reference)), x, won
+
+
+@pytest.mark.parametrize(("guess", "holds"), [(1.0 / 3.0, True), ("free", True), (None, False)])
+def test_free_means_of_pairs_know_the_guess_rate(rng, guess, holds):
+    """Differences from the reference on the probit scale; guesses that prefer no side are biased."""
+    ratings, x, _ = constant_stimuli(rng, guess=1.0 / 3.0, lapse=0.0, width=0.5)
+    found = free_means(ratings, ModelOptions(scale=PAIRS, errors=NORMAL, guess=guess))
+    apart = np.delete(found.means - found.means[:, [4]], 4, axis=1)
+    truth = -(x.reshape(9, -1)[:, 0] - 0.1) / 0.5
+    z = (apart.mean(axis=0) - truth) / apart.std(axis=0)
+    assert (np.abs(z[truth < 0.5]).max() < 3.5) == holds, z
+
+
+def test_a_guess_rate_needs_a_reference(rng):
+    first, second = np.array([(a, b) for a in range(5) for b in range(a)]).T
+    round_robin = table(first > second, first, second)
+    with pytest.raises(InputError, match=r"--guess\) needs pairs of a comparison and a reference.* no references"):
+        free_means(round_robin, ModelOptions(scale=PAIRS, guess=0.5))
+    with pytest.raises(InputError, match="a guess rate is one of pairs"):
+        free_means(replace(round_robin, lists=None), ModelOptions(guess=0.5))
+    with pytest.raises(InputError, match="guess"):
+        ModelOptions(scale=PAIRS, guess=1.5)
 
 
 @pytest.mark.parametrize("guess", [None, 1.0 / 3.0])
@@ -83,6 +112,7 @@ def test_quantities_are_those_of_psignifit(rng):
     assert 0.6 * (high - low) < ours < 1.05 * (high - low)
 
 
+@pytest.mark.slow
 def test_intervals_cover_the_truth():
     """In 60 simulated tables of one reference, for what psychophysicists report."""
     inside = []
