@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -16,38 +14,29 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from softness_bayes.data.afferents import Afferents
 from softness_bayes.data.columns import (
     AFFERENTS,
     FABRICS,
     FORCE,
     FORCES_OF_A_PLATE,
-    GEOMETRIC_MEAN,
-    GEOMETRIC_SD,
     INDENTATION,
-    LOAD_CV,
     LOADED,
-    MISSING,
     MODULUS_SOURCES,
-    RATERS,
-    RATING,
+    NUMBERS,
     RATINGS,
-    RESOLUTION,
-    THICKNESS,
-    Column,
 )
-from softness_bayes.data.compression import Compression
-from softness_bayes.data.decimals import Marks
+from softness_bayes.data.decimals import Marks, is_missing
 from softness_bayes.data.fabrics import USUAL_POISSON_RATIO, Fabrics
 from softness_bayes.data.faults import TableError, identity, listing, together
 from softness_bayes.data.formats import TableSource
+from softness_bayes.data.measurements import Afferents, Compression
 from softness_bayes.data.ratings import FREE_TOUCH, LOAD_COLUMNS, Ratings, loads_of, with_drift, with_rounded_loads
 from softness_bayes.data.reading import check_renames, has_sheet, read_table, with_hints
 from softness_bayes.data.shapes import Request
 from softness_bayes.data.tables import FloatArray, Table
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import write_outputs
-from softness_bayes.files.spreadsheet import escaped
+from softness_bayes.files.spreadsheet import csv_of
 from softness_bayes.ranges import require_kind, require_mapping
 
 Read = TypeVar("Read")
@@ -191,7 +180,7 @@ def read_experiment(
             request = request._replace(kind=request.kind.and_also(FABRICS))
         table = read_table(ratings_path, request)
         own = [column.name for column in MODULUS_SOURCES if column.name in table]
-        fabric_table, notes = table, []
+        fabric_table, notes = table, list[str]()
         if described is not None and not (own and fabrics_path is None):
             fabric_table = described()
             if own:
@@ -202,7 +191,7 @@ def read_experiment(
             elif place:
                 notes.append(f"properties of fabrics are read from {fabric_table.place}, found {place}")
         elif not own:
-            table.faults.add_general(_NO_FABRICS)
+            table.refuse(_NO_FABRICS)
         measured = _measured(request, compression_path, afferents_path)
         check_renames(request.renames, table, fabric_table, *measured.values())
         faults: list[TableError] = []
@@ -211,7 +200,7 @@ def read_experiment(
         if own or fabric_table is not table:
             fabrics = _tried(faults, partial(Fabrics.from_table, fabric_table, repeated=fabric_table is table))
         cloth = fabrics
-        if cloth is None and (names := tuple(dict.fromkeys(fabric_table.cells.get("fabric", ())))):
+        if cloth is None and (names := tuple(filter(None, dict.fromkeys(fabric_table.texts("fabric"))))):
             # so that the other faults of the ratings are found too
             cloth = Fabrics(names, effective_modulus=np.ones(len(names)), source=fabric_table.place)
         ratings = _tried(faults, partial(Ratings.from_table, table, cloth, given, drop_zeros))
@@ -271,7 +260,7 @@ def _measurements(tables: Mapping[str, Table], faults: list[TableError]) -> Meas
 _NO_FABRICS = (
     f"the fabrics have no properties: name their table with --fabrics, put a {FABRICS_BESIDE} in the "
     "folder of the ratings, or add to the ratings a column "
-    f"{', '.join(column.name for column in MODULUS_SOURCES)} (the last with {THICKNESS.name}); "
+    f"{', '.join(column.name for column in MODULUS_SOURCES)} (the last with thickness_mm); "
     "what people said of them needs no properties: 'softness-bayes check' shows it"
 )
 
@@ -303,8 +292,7 @@ def read_answers(
     source, _ = _separate_fabrics(ratings_path, fabrics_path, request)
     table = read_table(ratings_path, request)
     described = table if source is None else read_table(source, request._replace(kind=FABRICS))
-    known = (text for column in MODULUS_SOURCES for text in described.cells.get(column.name, ()))
-    if any(text.casefold() not in MISSING for text in known):
+    if not all(is_missing(text) for column in MODULUS_SOURCES for text in described.texts(column.name)):
         return None
     ratings = Ratings.from_table(table, None, given, drop_zeros, loads_needed=False)
     return with_drift(ratings) if drift else ratings
@@ -374,21 +362,20 @@ def ratings_csv(ratings: Ratings, fabrics: Fabrics | None = None) -> str:
             columns["trial"] = [*map(str, trials)]
     else:
         columns["list"] = [str(number + 1) for number in ratings.lists]
-
-    def add(column: Column, values: FloatArray | None) -> None:
-        if values is not None:
-            columns[column.name] = [column.write(value) for value in values]
-
-    add(LOAD_CV, ratings.load_cv)
-    add(RESOLUTION, ratings.resolution)
-    add(RATING if ratings.cells is None else GEOMETRIC_MEAN, ratings.rating)
-    if ratings.cells is not None:
-        add(GEOMETRIC_SD, ratings.cells.geometric_sd)
-        columns[RATERS.name] = [str(ratings.cells.raters)] * len(ratings)
+    cells = ratings.cells
+    numbers: dict[str, FloatArray | None] = {
+        "load_cv": ratings.load_cv,
+        "resolution": ratings.resolution,
+        "rating" if cells is None else "geometric_mean": ratings.rating,
+        "geometric_sd": None if cells is None else cells.geometric_sd,
+        "n": None if cells is None else np.full(len(ratings), float(cells.raters)),
+    }
+    columns |= {
+        name: [NUMBERS[name].write(value) for value in values] for name, values in numbers.items() if values is not None
+    }
     columns |= {name: [own[i] for i in ratings.participant] for name, own in ratings.covariates.items()}
     if fabrics is not None:
-        places = {name: i for i, name in enumerate(fabrics.names)}
-        place = [places[name] for name in names]
+        place = [fabrics.names.index(name) for name in names]
         columns |= {name: [texts[i] for i in place] for name, texts in fabrics.cells().items()}
     return _csv(columns)
 
@@ -401,6 +388,12 @@ def compression_csv(compression: Compression) -> str:
         FORCE.name: [FORCE.write(value) for value in compression.force],
     }
     return _csv(columns)
+
+
+def _csv(columns: Mapping[str, Sequence[str]]) -> str:
+    import pandas as pd
+
+    return csv_of(pd.DataFrame(columns, dtype=object), index=False)
 
 
 def write_fabrics(path: str | Path, fabrics: Fabrics) -> None:
@@ -427,11 +420,3 @@ def write_compression(path: str | Path, compression: Compression) -> None:
 def _write(path: str | Path, text: str) -> None:
     path = Path(path)
     write_outputs(path.parent, {path.name: text}, SIMULATE)
-
-
-def _csv(columns: Mapping[str, Sequence[str]]) -> str:
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(map(escaped, columns))
-    writer.writerows([map(escaped, row) for row in zip(*columns.values(), strict=True)])
-    return text.getvalue()

@@ -1,4 +1,4 @@
-"""Columns of tables: names, also in other languages, ranges, and exact conversion to SI."""
+"""Columns of tables: names, also in other languages, ranges, exact conversion to SI, and the kinds of tables."""
 
 from __future__ import annotations
 
@@ -13,38 +13,6 @@ from softness_bayes.data.titles import Unit, analysed, bag, is_unit, key
 from softness_bayes.errors import quoted
 from softness_bayes.ranges import ANY, FORCES, INDENTATIONS, LOAD_ERRORS, RELATIVE_ERRORS, RESOLUTIONS, Range
 
-MISSING = frozenset(
-    {
-        "",
-        "na",
-        "n/a",
-        "n.a.",
-        "#n/a",
-        "nan",
-        "null",
-        "none",
-        "-",
-        "–",
-        "—",
-        ".",
-        "--",
-        "<na>",
-        "n.d.",
-        "missing",
-        "k.a.",
-    }
-)
-"""Texts for a missing number, in any case. Only an empty name is missing: NA may be initials."""
-
-
-def looks_numeric(text: str) -> bool:
-    """Return whether a text is a plain number, with any decimal mark."""
-    return re.fullmatch(r"[-+]?[0-9]+(?:[.,][0-9]+)?(?:[eE][-+]?[0-9]+)?", text.strip()) is not None
-
-
-_NUMBER = re.compile(r"([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))(?:[eE]([+-]?[0-9]{1,9}))?")
-_EXACT = Context(prec=60, Emax=MAX_EMAX, Emin=MIN_EMIN)
-
 
 @dataclass(frozen=True)
 class Column:
@@ -57,7 +25,7 @@ class Column:
     label, unit
         Text for axes and tables.
     quantity
-        What is measured, as in `titles.UNITS`; "scale" for numbers without units, whose brackets contain remarks.
+        What is measured, as in `titles.UNITS`; empty for numbers whose brackets contain remarks.
     range
         Allowed values [SI].
     reason
@@ -74,7 +42,7 @@ class Column:
     @property
     def power(self) -> int:
         """The unit is 10^power SI units; shifting the decimal point keeps each value bitwise when written and read."""
-        return _POWERS.get(self.unit, 0)
+        return {"mm": -3, "kPa": 3, "MPa": 6}.get(self.unit, 0)
 
     @property
     def factor(self) -> float:
@@ -104,13 +72,13 @@ class Column:
         ValueError
             If the text is not a number or out of range; the message says what was expected.
         """
-        match = _NUMBER.fullmatch(text)
+        match = re.fullmatch(r"([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))(?:[eE]([+-]?[0-9]{1,9}))?", text)
         if not match:
             value = math.nan
         elif unit is None:
             value = float(f"{match[1]}e{int(match[2] or 0) + self.power}")
         else:
-            value = float(_EXACT.multiply(Decimal(text), unit.factor))
+            value = float(Context(prec=60, Emax=MAX_EMAX, Emin=MIN_EMIN).multiply(Decimal(text), unit.factor))
         if not self.holds(value):
             raise ValueError(f"expected {self.expected(unit)}, got {quoted(text)}")
         return value
@@ -123,11 +91,24 @@ class Column:
         return f"{number:f}" if -6 < number.adjusted() < 16 else str(number)
 
 
-_POWERS = {"mm": -3, "kPa": 3, "MPa": 6}
-_QUANTITIES = {"mm": "length", "N": "force", "kPa": "pressure", "MPa": "pressure", "N m": "rigidity"}
+NUMBERS: dict[str, Column] = {}
+"""The columns of numbers, by name."""
+
+
+def _number(name: str, label: str, unit: str = "", range: Range = ANY, reason: str = "") -> Column:
+    """Declare a column of numbers; without a unit, a ratio."""
+    quantities = {"": "ratio", "mm": "length", "N": "force", "kPa": "pressure", "MPa": "pressure", "N m": "rigidity"}
+    NUMBERS[name] = Column(name, label, unit, quantities.get(unit, ""), range, reason)
+    return NUMBERS[name]
+
+
+def _scale(name: str, label: str, range: Range = ANY) -> Column:
+    """Declare a column of numbers whose brackets contain remarks."""
+    NUMBERS[name] = Column(name, label, "", "", range)
+    return NUMBERS[name]
+
 
 _POSITIVE = Range(0.0, above=True)
-_NOT_NEGATIVE = Range(0.0)
 
 SOLID = Range(1e-15, 1e21, "Pa")
 """Range of valid effective moduli; implausible values within this range cause a note."""
@@ -136,24 +117,9 @@ FINGERTIP = Range(INDENTATIONS.low, 8e-3, "m")
 BEARABLE = Range(FORCES.low, 1e2, "N")
 """Forces that a finger can bear."""
 
-NUMBERS: dict[str, Column] = {}
-"""The columns of numbers, by name."""
-
-
-def _number(name: str, label: str, unit: str, range: Range = ANY, reason: str = "", quantity: str = "ratio") -> Column:
-    """Declare a column of numbers."""
-    NUMBERS[name] = Column(name, label, unit, _QUANTITIES.get(unit, quantity), range, reason)
-    return NUMBERS[name]
-
-
-def _scale(name: str, label: str, range: Range = ANY) -> Column:
-    """Declare a column of numbers without units."""
-    return _number(name, label, "", range, quantity="scale")
-
-
 INDENTATION = _number("indentation_mm", "indentation", "mm", FINGERTIP, "a fingertip's radius is 8 mm")
 FORCE = _number("force_n", "force", "N", BEARABLE, "a finger cannot bear more")
-LOAD_CV = _number("load_cv", "relative error of the load", "", LOAD_ERRORS)
+LOAD_CV = _number("load_cv", "relative error of the load", range=LOAD_ERRORS)
 RESOLUTION = _scale("resolution", "step of the rater's grid of numbers", RESOLUTIONS)
 RATING = _scale("rating", "rating")
 RANK = _scale("rank", "rank", _POSITIVE)
@@ -165,23 +131,25 @@ GEOMETRIC_SD = _scale("geometric_sd", "geometric standard deviation of a cell's 
 RATERS = _scale("n", "number of raters of a cell, or of averaged responses", Range(2.0, 1e6))
 TENSILE_MODULUS = _number("tensile_modulus_mpa", "tensile modulus", "MPa", _POSITIVE)
 THICKNESS = _number("thickness_mm", "thickness", "mm", _POSITIVE)
-POISSON_RATIO = _number("poisson_ratio", "Poisson ratio", "", Range(-1.0, 0.5, above=True))
+POISSON_RATIO = _number("poisson_ratio", "Poisson ratio", range=Range(-1.0, 0.5, above=True))
 BENDING_RIGIDITY = _number("bending_rigidity_n_m", "bending rigidity", "N m", _POSITIVE)
 EFFECTIVE_MODULUS = _number("effective_modulus_kpa", "effective modulus", "kPa", _POSITIVE)
 EFFECTIVE_MODULUS_LOW = _number("effective_modulus_low_kpa", "least modulus", "kPa", _POSITIVE)
 EFFECTIVE_MODULUS_HIGH = _number("effective_modulus_high_kpa", "largest modulus", "kPa", _POSITIVE)
-_VALUES = {
+_MEASURED = {
+    "tensile_modulus": TENSILE_MODULUS,
+    "thickness": THICKNESS,
+    "bending_rigidity": BENDING_RIGIDITY,
+    "effective_modulus": EFFECTIVE_MODULUS,
+}
+PROPERTIES: Mapping[str, Column] = {
     "tensile_modulus": TENSILE_MODULUS,
     "thickness": THICKNESS,
     "poisson_ratio": POISSON_RATIO,
     "bending_rigidity": BENDING_RIGIDITY,
     "effective_modulus": EFFECTIVE_MODULUS,
-}
-_MEASURED = {name: column for name, column in _VALUES.items() if column is not POISSON_RATIO}
-PROPERTIES: Mapping[str, Column] = {
-    **_VALUES,
     **{
-        f"{name}_cv": _number(f"{name}_cv", f"relative error of the {column.label}", "", RELATIVE_ERRORS)
+        f"{name}_cv": _number(f"{name}_cv", f"relative error of the {column.label}", range=RELATIVE_ERRORS)
         for name, column in _MEASURED.items()
     },
     "effective_modulus_low": EFFECTIVE_MODULUS_LOW,
@@ -190,25 +158,23 @@ PROPERTIES: Mapping[str, Column] = {
 """Columns by field of `Fabrics`."""
 STANDARD_ERRORS: Mapping[str, Column] = {
     name: _number(
-        column.name.replace(name, f"{name}_sd"), f"standard error of the {column.label}", column.unit, _NOT_NEGATIVE
+        column.name.replace(name, f"{name}_sd"), f"standard error of the {column.label}", column.unit, Range(0.0)
     )
     for name, column in _MEASURED.items()
 }
 """Columns of standard errors, in the unit of the property, by property of `Fabrics`; NAME_cv is relative."""
 
 DISTANCE = _number("distance_mm", "distance from the contact's axis", "mm", Range(0.0, 0.05))
-CURVATURE = _number("probe_curvature_per_m", "curvature of the probe", "1/m", Range(-1e4, 1e4), quantity="scale")
-RATE = _number("rate_hz", "firing rate", "Hz", Range(0.0, 1e3), quantity="scale")
-RATE_SD = _number("sd_hz", "sd of averaged firing rates", "Hz", Range(0.0, 1e3, above=True), quantity="scale")
+CURVATURE = _number("probe_curvature_per_m", "curvature of the probe", "1/m", Range(-1e4, 1e4))
+RATE = _number("rate_hz", "firing rate", "Hz", Range(0.0, 1e3))
+RATE_SD = _number("sd_hz", "sd of averaged firing rates", "Hz", Range(0.0, 1e3, above=True))
 COUNT = _scale("count", "number of spikes", Range(0.0, 1e6))
-WINDOW = _number("window_s", "duration of the count", "s", Range(1e-3, 1e4), quantity="scale")
+WINDOW = _number("window_s", "duration of the count", "s", Range(1e-3, 1e4))
 
-SECOND_FABRIC = "fabric_2"
-"""Column of the other fabric of a pair."""
 LABELS: Mapping[str, str] = {
     "participant": "who rated, or whose finger was pressed; without it all rows are of one",
     "fabric": "name of the fabric",
-    SECOND_FABRIC: "other fabric of a pair: rating 1 if `fabric` was softer, 0 if this one, 0.5 if neither",
+    "fabric_2": "other fabric of a pair: rating 1 if `fabric` was softer, 0 if this one, 0.5 if neither",
     "session": "session or block",
     "trial": "number of the trial or repetition",
     "list": "list to which a rank or a touch of a pair belongs; otherwise a participant's touches under one load",
@@ -219,11 +185,23 @@ LABELS: Mapping[str, str] = {
     "species": "species of the afferents",
 }
 """The columns of names, and what each holds."""
-OF_CELLS = frozenset({MEAN.name, GEOMETRIC_MEAN.name, SD.name, SE.name, GEOMETRIC_SD.name, RATERS.name})
+NAMES = (*LABELS, *NUMBERS)
+"""The names of all columns."""
+OF_CELLS = ("mean", "geometric_mean", "sd", "se", "geometric_sd", "n")
 """Columns of cells of several raters, used instead of ratings."""
 MODULUS_SOURCES = (EFFECTIVE_MODULUS, EFFECTIVE_MODULUS_LOW, BENDING_RIGIDITY, TENSILE_MODULUS)
 """Sources of a fabric's modulus; the first available one is used. A lower limit requires an upper limit, and a tensile
 modulus requires a thickness."""
+
+
+def holds_cells(names: Container[str]) -> bool:
+    """Return whether a table with these columns has cell means instead of ratings."""
+    return "rating" not in names and ("geometric_mean" in names or ("mean" in names and "n" in names))
+
+
+# names of columns elsewhere
+
+
 _WORDS: Mapping[str, str] = {
     "participant": (
         "participant id, participants, subject, subject id, subjects, rater, observer, assessor, panelist, "
@@ -302,8 +280,6 @@ SYNONYMS: Mapping[str, tuple[str, ...]] = {name: tuple(words.split(", ")) for na
 """Name of a column here -> its names elsewhere, without units. Case, spaces, strokes and underlines do not matter; a
 name stands for one column only."""
 
-NAMES = (*LABELS, *NUMBERS)
-"""The names of all columns."""
 KNOWN_BY: Mapping[str, frozenset[str]] = {
     name: frozenset(map(bag, (name, analysed(name).stem, *SYNONYMS.get(name, ())))) for name in NAMES
 }
@@ -314,104 +290,58 @@ OWNERS: Mapping[str, str] = {words: name for name in reversed(NAMES) for words i
 
 def quantity_of(name: str) -> str:
     """Return the quantity of a column; empty for names and scales, whose brackets contain remarks."""
-    quantity = NUMBERS[name].quantity if name in NUMBERS else "scale"
-    return "" if quantity == "scale" else quantity
+    return NUMBERS[name].quantity if name in NUMBERS else ""
 
 
-class Kind(NamedTuple):
-    """A kind of table, by the columns that it may have.
-
-    Standard names and those given by `--column` take precedence over others.
-    """
-
-    sheet: str
-    """The kind; the name of its sheet in a workbook."""
-    columns: frozenset[str]
-    """The columns that are read."""
-    marks: tuple[frozenset[str], ...]
-    """Alternative sets of columns that tell the sheet if none has the name."""
-    otherwise: tuple[frozenset[str], ...] = ()
-    """The same for sheets not told by these: a wide table has no column of ratings."""
-    enough: tuple[tuple[tuple[frozenset[str], ...], frozenset[str]], ...] = ()
-    """Alternative sets, one of which under standard names is enough, and columns then not sought by other names."""
-    given: frozenset[str] = frozenset()
-    """Columns whose values are given separately: columns that may contain them are reported but not read."""
-
-    def sought(self, present: Container[str]) -> list[str]:
-        """Return the columns to be sought by other names, in the order of declaration."""
-        done = {
-            name
-            for sets, others in self.enough
-            if any(all(name in present for name in one) for one in sets)
-            for name in others
-        }
-        return [name for name in NAMES if name in self.columns and name not in present and name not in done]
-
-    def needed(self, present: Container[str]) -> set[str]:
-        """Return the columns without which the table cannot be read, or says little, that are not there."""
-        basic = {"participant", "fabric", RATING.name, *(name for _, others in self.enough for name in others)}
-        return basic & {*self.sought(present)}
-
-    def and_also(self, other: Kind) -> Kind:
-        """Return this kind of table with the columns of another kind beside its own."""
-        return self._replace(columns=self.columns | other.columns, enough=self.enough + other.enough)
+LESS_CLEAR: Mapping[str, Mapping[str, str]] = {
+    "ratings": {
+        "participant": (
+            "prolific pid, prolific id, participant private id, private id, worker id, user id, user, subj, subj id, "
+            "sub, sub id, pid, ppid, person, person id, panelist id, assessor id, rater id, judge id, sona id, "
+            "subject code, participant code, subject nr, participant nr, VP Nr, id, name, initials, response id, "
+            "participant public id, public id"
+        ),
+        "rating": "response, slider response, rating response, answer",
+        "trial": "rep, repeat, replicate, run, cycle",
+    },
+    "fabrics": {"fabric": "id, name, code, article, style, designation, fabric code, fabric no"},
+    "compression": {
+        "participant": "id, subj, sub, user id, pid, name, finger",
+        "trial": "rep, repeat, replicate, run, cycle, cycle number, test",
+        "indentation_mm": (
+            "extension, compressive extension, compressive displacement, travel, position, stroke, crosshead, Weg, "
+            "Standardweg, Verschiebung, Traversenweg, déplacement, 変位"
+        ),
+        "force_n": "compressive load, standard force, Standardkraft, compressive force, 試験力",
+    },
+    "afferents": {
+        "afferent": "unit, fibre, fiber, neuron, cell",
+        "probe_curvature_per_m": "curvature, curvature per m, probe curvature",
+        "distance_mm": "distance, distance from centre, distance from center",
+        "rate_hz": "rate, firing rate, response, impulses per s, spikes per s",
+        "count": "spikes, impulses, spike count",
+        "window_s": "window, duration",
+    },
+}
+"""Names that mean a column in one kind of table only, by the kind, the clearest first."""
 
 
-def _named(names: str) -> frozenset[str]:
-    """Return the columns of these names, which must be declared."""
-    if unknown := {*names.split()} - {*NAMES}:
-        raise KeyError(unknown)
-    return frozenset(names.split())
+def _words(text: str) -> list[str]:
+    """Return words with commas between them."""
+    return text.split(", ")
 
-
-_LOADS = (_named(INDENTATION.name), _named(FORCE.name))
-_HELD = _LOADS[0] | _LOADS[1]
-_MODULI = (
-    _named("effective_modulus_kpa"),
-    _named("effective_modulus_low_kpa effective_modulus_high_kpa"),
-    _named("bending_rigidity_n_m"),
-    _named("tensile_modulus_mpa thickness_mm"),
-)
-_OF_RATINGS = _named("participant fabric fabric_2 session trial list rating resolution load_cv")
-_OF_FABRICS = {column.name for column in (*PROPERTIES.values(), *STANDARD_ERRORS.values())} | {"fabric", "direction"}
-_RATED = (_named("rating"),)
-_WIDE = (_named("participant"),)
-
-LOADED = Kind("ratings", _OF_RATINGS, _RATED, _WIDE, given=_HELD)
-"""Ratings under a load that is given separately."""
-RATINGS = Kind("ratings", _OF_RATINGS | _HELD, _RATED, _WIDE, ((_LOADS, _HELD),))
-"""Ratings with a load in each row."""
-FABRICS = Kind(
-    "fabrics",
-    frozenset(_OF_FABRICS),
-    _MODULI,
-    enough=(
-        # a measured rigidity takes precedence over tensile modulus and thickness, and is compared with them
-        (_MODULI, _MODULI[0] | _MODULI[1] | _MODULI[3]),
-        (_MODULI[:2], _MODULI[2]),
-    ),
-)
-"""Fabrics."""
-FORCES_OF_A_PLATE = Kind("compression", _named("participant trial indentor indentation_mm force_n"), (_HELD,))
-"""Forces of a rigid plate."""
-AFFERENTS = Kind(
-    "afferents",
-    _named("recording afferent species n probe_curvature_per_m distance_mm rate_hz sd_hz count window_s") | _HELD,
-    (_named("probe_curvature_per_m"),),
-    enough=((_LOADS, _HELD), ((_named("rate_hz"), _named("count")), _named("rate_hz count"))),
-)
-"""Firing recorded from afferents."""
-ORDER = Kind("ratings", _named("fabric"), _RATED)
-"""An observed order of fabrics."""
 
 WORDS_FOR_RATINGS = frozenset(
-    {"rating", "ratings", "estimate", "estimates", "magnitude", "judgement", "judgment", "score", "feel", "response"}
-    | {"soft", "softness"}
+    _words(
+        "rating, ratings, estimate, estimates, magnitude, judgement, judgment, score, feel, response, soft, softness"
+    )
 )
 """Words in the title of a column of ratings that has another name."""
 _HARD = frozenset(
-    {"hard", "harder", "hardness", "stiff", "stiffness", "firm", "firmness", "hart", "härte", "steifigkeit", "dur"}
-    | {"dureté", "rigidité", "duro", "dureza", "durezza", "硬さ", "かたさ"}
+    _words(
+        "hard, harder, hardness, stiff, stiffness, firm, firmness, hart, härte, steifigkeit, dur, dureté, rigidité, "
+        "duro, dureza, durezza, 硬さ, かたさ"
+    )
 )
 """Words in the title of a column of ratings that are higher for harder."""
 ANCHOR = re.compile(r"([0-9]+)\s*[=:]\s*(?:very|extremely|completely)?\s*([^\W\d]+)|([^\W\d]+)\s*[=:]\s*([0-9]+)")
@@ -437,38 +367,6 @@ def reversed_remark(title: str) -> str:
     )
 
 
-LESS_CLEAR: Mapping[str, Mapping[str, tuple[str, ...]]] = {
-    "ratings": {
-        "participant": (
-            *("prolific pid", "prolific id", "participant private id", "private id", "worker id", "user id", "user"),
-            *("subj", "subj id", "sub", "sub id", "pid", "ppid", "person", "person id", "panelist id", "assessor id"),
-            *("rater id", "judge id", "sona id", "subject code", "participant code", "subject nr", "participant nr"),
-            *("VP Nr", "id", "name", "initials", "response id", "participant public id", "public id"),
-        ),
-        "rating": ("response", "slider response", "rating response", "answer"),
-        "trial": ("rep", "repeat", "replicate", "run", "cycle"),
-    },
-    "fabrics": {"fabric": ("id", "name", "code", "article", "style", "designation", "fabric code", "fabric no")},
-    "compression": {
-        "participant": ("id", "subj", "sub", "user id", "pid", "name", "finger"),
-        "trial": ("rep", "repeat", "replicate", "run", "cycle", "cycle number", "test"),
-        "indentation_mm": (
-            *("extension", "compressive extension", "compressive displacement", "travel", "position", "stroke"),
-            *("crosshead", "Weg", "Standardweg", "Verschiebung", "Traversenweg", "déplacement", "変位"),
-        ),
-        "force_n": ("compressive load", "standard force", "Standardkraft", "compressive force", "試験力"),
-    },
-    "afferents": {
-        "afferent": ("unit", "fibre", "fiber", "neuron", "cell"),
-        "probe_curvature_per_m": ("curvature", "curvature per m", "probe curvature"),
-        "distance_mm": ("distance", "distance from centre", "distance from center"),
-        "rate_hz": ("rate", "firing rate", "response", "impulses per s", "spikes per s"),
-        "count": ("spikes", "impulses", "spike count"),
-        "window_s": ("window", "duration"),
-    },
-}
-"""Names that mean a column in one kind of table only, by the kind, the clearest first."""
-
 _SUMMARIES = (
     "mean, means, average, avg, median, total, sum, sd, std, stdev, sem, variance, count, minimum, maximum, overall, "
     "geomean, quartile, percentile, cv, Mittelwert, Mittel, Durchschnitt, Summe, gesamt, Standardabweichung, Anzahl, "
@@ -477,7 +375,7 @@ _SUMMARIES = (
     "медиана, сумма, итого, 平均, 平均値, 中央値, 合計, 標準偏差, 均值, 平均值, "
     "总计, 合计, 标准差, 평균, 합계, 표준편차"
 )
-SUMMARIES = frozenset(map(key, _SUMMARIES.split(", ")))
+SUMMARIES = frozenset(map(key, _words(_SUMMARIES)))
 """Names of rows that are statistics of other rows."""
 PERHAPS_SUMMARIES = frozenset({"m", "n", "se", "min", "max", "all", "everyone", "group", "s d", "s e", "alle", "tous"})
 """Names of such rows that may also be those of people."""
@@ -491,9 +389,100 @@ def summarises(name: str) -> bool:
     return key(name) in SUMMARIES or (1 < len(words) <= 6 and not SUMMARIES.isdisjoint((words[0], " ".join(words[1:]))))
 
 
-_WARP = "warp wale wales lengthwise longitudinal length md machine kette kettrichtung chaîne ordito urdimbre 1"
-_WEFT = "weft filling course courses widthwise crosswise transverse width cd cross schuss schussrichtung trame trama 2"
+_WARP = (
+    "warp, wale, wales, lengthwise, longitudinal, length, md, machine, kette, kettrichtung, chaîne, ordito, urdimbre, 1"
+)
+_WEFT = (
+    "weft, filling, course, courses, widthwise, crosswise, transverse, width, cd, cross, schuss, schussrichtung, "
+    "trame, trama, 2"
+)
 DIRECTIONS: Mapping[str, str] = {
-    word: name for name, words in (("warp", _WARP), ("weft", _WEFT)) for word in words.split(" ")
+    **dict.fromkeys(_words(_WARP), "warp"),
+    **dict.fromkeys(_words(_WEFT), "weft"),
 }
 """Words for the two directions of a fabric."""
+
+
+# kinds of tables
+
+
+class Kind(NamedTuple):
+    """A kind of table, by the columns that it may have.
+
+    Standard names and those given by `--column` take precedence over others.
+    """
+
+    sheet: str
+    """The kind; the name of its sheet in a workbook."""
+    columns: frozenset[str]
+    """The columns that are read."""
+    marks: tuple[frozenset[str], ...]
+    """Sets of columns that tell the sheet if none has the name, the most telling first."""
+    enough: tuple[tuple[tuple[frozenset[str], ...], frozenset[str]], ...] = ()
+    """Alternative sets, one of which under standard names is enough, and columns then not sought by other names."""
+    given: frozenset[str] = frozenset()
+    """Columns whose values are given separately: columns that may contain them are reported but not read."""
+
+    def sought(self, present: Container[str]) -> list[str]:
+        """Return the columns to be sought by other names, in the order of declaration."""
+        enough = [others for sets, others in self.enough if any(all(n in present for n in one) for one in sets)]
+        done = frozenset().union(*enough)
+        return [name for name in NAMES if name in self.columns and name not in present and name not in done]
+
+    def needed(self, present: Container[str]) -> set[str]:
+        """Return the columns without which the table cannot be read, or says little, that are not there."""
+        basic = {"participant", "fabric", "rating", *(name for _, others in self.enough for name in others)}
+        return basic & {*self.sought(present)}
+
+    def and_also(self, other: Kind) -> Kind:
+        """Return this kind of table with the columns of another kind beside its own."""
+        return self._replace(columns=self.columns | other.columns, enough=self.enough + other.enough)
+
+
+def _named(names: str) -> frozenset[str]:
+    """Return the columns of these names, which must be declared."""
+    if unknown := {*names.split()} - {*NAMES}:
+        raise KeyError(unknown)
+    return frozenset(names.split())
+
+
+_LOADS = (_named("indentation_mm"), _named("force_n"))
+_HELD = _LOADS[0] | _LOADS[1]
+_MODULI = (
+    _named("effective_modulus_kpa"),
+    _named("effective_modulus_low_kpa effective_modulus_high_kpa"),
+    _named("bending_rigidity_n_m"),
+    _named("tensile_modulus_mpa thickness_mm"),
+)
+
+LOADED = Kind(
+    "ratings",
+    _named("participant fabric fabric_2 session trial list rating resolution load_cv"),
+    (_named("rating"), _named("participant")),
+    given=_HELD,
+)
+"""Ratings under a load that is given separately; a wide table has no column of ratings."""
+RATINGS = LOADED._replace(columns=LOADED.columns | _HELD, enough=((_LOADS, _HELD),), given=frozenset())
+"""Ratings with a load in each row."""
+FABRICS = Kind(
+    "fabrics",
+    _named("fabric direction") | {column.name for column in (*PROPERTIES.values(), *STANDARD_ERRORS.values())},
+    _MODULI,
+    enough=(
+        # a measured rigidity takes precedence over tensile modulus and thickness, and is compared with them
+        (_MODULI, _MODULI[0] | _MODULI[1] | _MODULI[3]),
+        (_MODULI[:2], _MODULI[2]),
+    ),
+)
+"""Fabrics."""
+FORCES_OF_A_PLATE = Kind("compression", _named("participant trial indentor indentation_mm force_n"), (_HELD,))
+"""Forces of a rigid plate."""
+AFFERENTS = Kind(
+    "afferents",
+    _named("recording afferent species n probe_curvature_per_m distance_mm rate_hz sd_hz count window_s") | _HELD,
+    (_named("probe_curvature_per_m"),),
+    enough=((_LOADS, _HELD), ((_named("rate_hz"), _named("count")), _named("rate_hz count"))),
+)
+"""Firing recorded from afferents."""
+ORDER = Kind("ratings", _named("fabric"), (_named("rating"),))
+"""An observed order of fabrics."""

@@ -1,12 +1,17 @@
-"""Decimal marks: what the numbers of a table say about them."""
+"""Numbers as texts: missing ones, decimal marks, and what the numbers of a table say about theirs."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+import unicodedata
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple, TypeAlias
 
 from softness_bayes.errors import InputError
+
+_MISSING = "na|n/a|n.a.|#n/a|nan|null|none|-|–|—|.|--|<na>|n.d.|missing|k.a."
+MISSING = frozenset(("", *_MISSING.split("|")))
+"""Texts for a missing number, in any case. Only an empty name is missing: NA may be initials."""
 
 MARKS = (",", ".")
 """The possible decimal marks."""
@@ -16,6 +21,24 @@ MARKED = ("ratings", "fabrics", "compression", "afferents")
 
 Marks: TypeAlias = str | Mapping[str, str] | None
 """The mark of all tables, or marks by table; None, or a missing table, to infer it from the numbers."""
+
+
+class SheetNumber(str):
+    """A number that the file holds as one, not as text: its decimal mark is a point.
+
+    Attributes
+    ----------
+    shown
+        The text that the program of the file shows for it, such as P01 or a label of a value.
+    """
+
+    shown: str
+
+    def __new__(cls, value: object, shown: str = "") -> SheetNumber:
+        """Make the text of a number."""
+        made = super().__new__(cls, value)
+        made.shown = shown or str(made)
+        return made
 
 
 def mark_of(marks: Marks, table: str) -> str | None:
@@ -36,36 +59,83 @@ def mark_of(marks: Marks, table: str) -> str | None:
     return given.get(table)
 
 
-_SPACES = re.compile("[\u00a0\u2009\u202f'\u2019]")
-_SPACED = re.compile(rf"[+-]?[0-9]{{1,3}}(?:{_SPACES.pattern}[0-9]{{3}})+(?:[.,][0-9]+)?")
+def is_missing(text: str) -> bool:
+    """Return whether a text stands for a missing number."""
+    return text.casefold() in MISSING
+
+
+def looks_numeric(text: str) -> bool:
+    """Return whether a text is a plain number, with any decimal mark."""
+    return re.fullmatch(r"[-+]?[0-9]+(?:[.,][0-9]+)?(?:[eE][-+]?[0-9]+)?", text.strip()) is not None
+
+
+def mostly_numeric(texts: Sequence[str]) -> bool:
+    """Return whether more than half of the texts that are not missing are numbers."""
+    filled = [text for text in texts if not is_missing(text)]
+    return 2 * sum(map(looks_numeric, filled)) > len(filled)
+
+
+_RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁺⁻", "0123456789+-")
+
+
+def plain_text(text: str) -> str:
+    """Return a text in its Unicode normal form, with `^` before raised digits and one sign for minus."""
+    raised = re.sub("[⁰¹²³⁴-⁹⁺⁻]{2,}|(?<=10)[⁰¹²³⁴-⁹]", lambda match: f"^{match[0].translate(_RAISED)}", text)
+    return unicodedata.normalize("NFKC", raised).replace("\u2212", "-").strip()
+
+
+def plain_digits(text: str) -> str:
+    """Return a number in full-width digits or with a sign of its own for minus in plain characters."""
+    if text.isascii() or isinstance(text, SheetNumber):
+        return text
+    wide = all(unicodedata.east_asian_width(c) in "FWNaA" or c.isascii() for c in text)
+    plain = plain_text(text) if wide or "\u2212" in text else text
+    return plain if re.fullmatch("[0-9+.,eE%-]*[0-9][0-9+.,eE%-]*", plain) else text
 
 
 class Cell(NamedTuple):
-    """A number as written in a file, and its place."""
+    """A number as written in a file, and its row and column in words."""
 
     text: str
-    column: str
-    row: int
-
-    @property
-    def place(self) -> str:
-        """Row and column in words."""
-        return f"row {self.row}, column {self.column!r}"
+    place: str
 
 
 class Reading(NamedTuple):
-    """Evidence in a table's numbers about its decimal mark."""
+    """Decimal mark and grouping of the numbers of a table."""
 
     mark: str
+    grouped: bool = False
+    """True if the other mark groups thousands: the user named the decimal mark, or a number shows it."""
     note: str = ""
     """Assumption about an ambiguous number."""
-    unclear: Cell | None = None
-    """An ambiguous number, with decimals or grouped thousands, if no other number decides."""
-    grouped: bool = False
-    """True if the other mark groups thousands, as shown by an unambiguous number."""
+
+    def plain(self, text: str) -> str:
+        """Return a number with a decimal point and no grouped thousands.
+
+        No-break or thin spaces and apostrophes always group thousands.
+
+        Raises
+        ------
+        ValueError
+            If the number is not written with this mark; the message says what was expected.
+        """
+        if isinstance(text, SheetNumber):
+            return text
+        other, text = _other(self.mark), _unspaced(text)
+        if other in text:
+            groups = rf"([+-]?[0-9]{{1,3}}(?:\{other}[0-9]{{3}})+)(\{self.mark}[0-9]*)?"
+            if self.grouped and re.fullmatch(groups, text):
+                text = text.replace(other, "")
+            elif self.mark == "," and text.strip("+-0123456789.,eE") == "":
+                raise ValueError("expected a decimal comma, as elsewhere in this file")
+        return text.replace(self.mark, ".")
 
 
-def decimal_mark(columns: Iterable[Sequence[Cell]], between_commas: bool = False) -> Reading:
+POINT = Reading(".")
+"""Numbers with a decimal point."""
+
+
+def reading_of(place: str, columns: Sequence[Sequence[Cell]], between_commas: bool = False) -> Reading:
     """Find the decimal mark of a table, and whether the other mark groups thousands.
 
     Three digits after a comma may be decimals or thousands, as in 1,234. A number that can only have decimals, such as
@@ -75,10 +145,17 @@ def decimal_mark(columns: Iterable[Sequence[Cell]], between_commas: bool = False
 
     Parameters
     ----------
+    place
+        The file, for the message.
     columns
         The columns of numbers, without their missing cells.
     between_commas
         Whether commas separate the cells, so that the decimal mark is a point.
+
+    Raises
+    ------
+    InputError
+        If a number has two meanings and no other number decides.
     """
     columns = [[cell._replace(text=_unspaced(cell.text)) for cell in cells] for cells in columns]
 
@@ -86,29 +163,48 @@ def decimal_mark(columns: Iterable[Sequence[Cell]], between_commas: bool = False
         pattern = _PATTERNS[mark][what]
         return next((cell for cells in columns for cell in cells if pattern.fullmatch(cell.text)), None)
 
+    def assumed(unclear: Cell | None, mark: str, shows: Cell, what: str) -> str:
+        if unclear is None:
+            return ""
+        other = _other(mark)
+        read = unclear.text.replace(other, "").replace(mark, ".")
+        return (
+            f"{unclear.place}: {unclear.text} is read as {read}, because {shows.text} in {shows.place} has {what}; "
+            f"--decimal {other} reads it otherwise"
+        )
+
     for mark in (".",) if between_commas else MARKS:
-        other = MARKS[mark == ","]
+        other = _other(mark)
         shows = first(mark, "thousands")
         if shows and not first(other, "thousands") and not first(other, "decimals"):
-            return Reading(mark, _assumed(first(other, "either"), mark, shows, "thousands separators"), grouped=True)
+            return Reading(mark, True, assumed(first(other, "either"), mark, shows, "thousands separators"))
     if between_commas:
         return Reading(".")
-    unclear, shows = first(",", "either"), first(",", "decimals")
-    if shows:
-        return Reading(",", _assumed(unclear, ",", shows, "a decimal comma"))
-    if unclear:
-        return Reading(",", unclear=unclear)
+    unclear = first(",", "either")
+    if shows := first(",", "decimals"):
+        return Reading(",", note=assumed(unclear, ",", shows, "a decimal comma"))
     marked = [[cell for cell in cells if "." in cell.text] for cells in columns]
-    if all(_PATTERNS["."]["either"].fullmatch(cell.text) for cells in marked for cell in cells):
-        mixed = (some[0] for some, cells in zip(marked, columns, strict=True) if 0 < len(some) < len(cells))
-        return Reading(".", unclear=next(mixed, None))
-    return Reading(".")
+    if not unclear and all(_PATTERNS["."]["either"].fullmatch(cell.text) for cells in marked for cell in cells):
+        unclear = next(
+            (some[0] for some, cells in zip(marked, columns, strict=True) if 0 < len(some) < len(cells)), None
+        )
+    if unclear is None:
+        return Reading(".")
+    point, whole = unclear.text.replace(",", "."), unclear.text.replace(",", "").replace(".", "")
+    raise InputError(
+        f"{place}: {unclear.place}: {unclear.text!r} may be {point} or {whole}, and no other number of this table "
+        "decides which; give the decimal mark with --decimal . or --decimal ,"
+    )
 
 
-def _patterns(mark: str, other: str) -> dict[str, re.Pattern[str]]:
+def _other(mark: str) -> str:
+    return MARKS[mark == ","]
+
+
+def _patterns(mark: str) -> dict[str, re.Pattern[str]]:
     """Return patterns of numbers that can only have decimals behind a mark, decimals or thousands, only thousands."""
     either = rf"[+-]?[1-9][0-9]{{0,2}}\{mark}[0-9]{{3}}"
-    groups = rf"[+-]?[1-9][0-9]{{0,2}}(?:\{other}[0-9]{{3}})"
+    groups = rf"[+-]?[1-9][0-9]{{0,2}}(?:\{_other(mark)}[0-9]{{3}})"
     return {
         "decimals": re.compile(rf"(?!{either}\Z)[+-]?[0-9]*\{mark}[0-9]+(?:[eE][+-]?[0-9]+)?"),
         "either": re.compile(either),
@@ -116,48 +212,11 @@ def _patterns(mark: str, other: str) -> dict[str, re.Pattern[str]]:
     }
 
 
-_PATTERNS = {",": _patterns(",", "."), ".": _patterns(".", ",")}
-
-
-def _assumed(unclear: Cell | None, mark: str, shows: Cell, what: str) -> str:
-    """Return the note on a number of two meanings that another number decides, empty if there is none."""
-    if unclear is None:
-        return ""
-    other = MARKS[mark == ","]
-    read = unclear.text.replace(other, "").replace(mark, ".")
-    return (
-        f"{unclear.place}: {unclear.text} is read as {read}, because {shows.text} in {shows.place} has {what}; "
-        f"--decimal {other} reads it otherwise"
-    )
-
-
-def plain(text: str, mark: str, declared: bool) -> str:
-    """Return a number with a decimal point and no grouped thousands.
-
-    Parameters
-    ----------
-    text
-        The number as written.
-    mark
-        Its decimal mark.
-    declared
-        Whether the other mark is known to group thousands. No-break or thin spaces and apostrophes always do.
-
-    Raises
-    ------
-    ValueError
-        If the number is not written with this mark; the message says what was expected.
-    """
-    other, text = MARKS[mark == ","], _unspaced(text)
-    if other in text and mark != other:
-        groups = re.compile(rf"([+-]?[0-9]{{1,3}}(?:\{other}[0-9]{{3}})+)(\{mark}[0-9]*)?")
-        if declared and groups.fullmatch(text):
-            text = text.replace(other, "")
-        elif mark == "," and text.strip("+-0123456789.,eE") == "":
-            raise ValueError("expected a decimal comma, as elsewhere in this file")
-    return text.replace(mark, ".")
+_PATTERNS = {mark: _patterns(mark) for mark in MARKS}
+_SPACES = "[\u00a0\u2009\u202f'\u2019]"
 
 
 def _unspaced(text: str) -> str:
     """Return a number without the spaces (other than plain ones) or apostrophes that group its thousands."""
-    return _SPACES.sub("", text) if _SPACED.fullmatch(text) else text
+    grouped = re.fullmatch(rf"[+-]?[0-9]{{1,3}}(?:{_SPACES}[0-9]{{3}})+(?:[.,][0-9]+)?", text)
+    return re.sub(_SPACES, "", text) if grouped else text

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from softness_bayes.data.columns import (
-    BENDING_RIGIDITY,
     EFFECTIVE_MODULUS,
-    EFFECTIVE_MODULUS_HIGH,
-    EFFECTIVE_MODULUS_LOW,
     FABRICS,
     KNOWN_BY,
     MODULUS_SOURCES,
@@ -26,11 +23,11 @@ from softness_bayes.data.columns import (
     Column,
 )
 from softness_bayes.data.decimals import Marks
-from softness_bayes.data.faults import TableError, listing, natural
+from softness_bayes.data.faults import Fault, TableError, listing, natural
 from softness_bayes.data.formats import TableSource
 from softness_bayes.data.reading import read_as
 from softness_bayes.data.shapes import Request
-from softness_bayes.data.tables import FloatArray, Table, read_only
+from softness_bayes.data.tables import FloatArray, IntArray, Table, read_only
 from softness_bayes.data.titles import analysed
 from softness_bayes.errors import InputError, quoted
 from softness_bayes.ranges import RELATIVE_ERRORS, Range, numbers, refuse
@@ -39,10 +36,10 @@ from softness_bayes.touch.contact import PLATE_LENGTH, PRINTED_RIGIDITY, FabricM
 USUAL_POISSON_RATIO = 0.3
 """Poisson ratio [-] of a fabric for which none is given (model.md 10)."""
 
-_BOTH_LIMITS = f"{EFFECTIVE_MODULUS_LOW.name} and {EFFECTIVE_MODULUS_HIGH.name}"
+_BOTH_LIMITS = "effective_modulus_low_kpa and effective_modulus_high_kpa"
 _EXPECTED = (
-    f"expected {EFFECTIVE_MODULUS.name}, or {BENDING_RIGIDITY.name}, or both {TENSILE_MODULUS.name} and "
-    f"{THICKNESS.name}, or both {_BOTH_LIMITS}"
+    "expected effective_modulus_kpa, or bending_rigidity_n_m, or both tensile_modulus_mpa and thickness_mm, "
+    f"or both {_BOTH_LIMITS}"
 )
 
 
@@ -71,7 +68,7 @@ def _incomplete(properties: Mapping[str, FloatArray]) -> dict[int, str]:
             low, high = (f"{value / EFFECTIVE_MODULUS.factor:g}" for value in (low, high))
             found[i] = f"{_BOTH_LIMITS} are {low} and {high}, expected both, the first smaller than the second"
         elif bracketed and not np.isnan(own["effective_modulus"]):
-            found[i] = f"expected {EFFECTIVE_MODULUS.name}, or {_BOTH_LIMITS}, but not all three"
+            found[i] = f"expected effective_modulus_kpa, or {_BOTH_LIMITS}, but not all three"
         elif not source and (half or not any(basis)):
             found[i] = _EXPECTED
     return found
@@ -89,10 +86,10 @@ USUAL_MODULI = Range(1e2, 5e6)
 AGREEMENT = 1.1
 """Largest ratio of two moduli of one fabric without a note."""
 _UNITS = {
-    EFFECTIVE_MODULUS.name: "in Pa or MPa",
-    EFFECTIVE_MODULUS_LOW.name: "in Pa or MPa",
-    BENDING_RIGIDITY.name: "in gf·cm²/cm or µN·m",
-    TENSILE_MODULUS.name: "in other units than MPa and mm",
+    "effective_modulus_kpa": "in Pa or MPa",
+    "effective_modulus_low_kpa": "in Pa or MPa",
+    "bending_rigidity_n_m": "in gf·cm²/cm or µN·m",
+    "tensile_modulus_mpa": "in other units than MPa and mm",
 }
 
 
@@ -163,7 +160,8 @@ class Fabrics:
             object.__setattr__(self, name, read_only(values, float))
         wrong = _incomplete({name: getattr(self, name) for name in PROPERTIES})
         if wrong:
-            raise TableError(self.source, [f"{self._spot(i)}: {problem}" for i, problem in wrong.items()])
+            faults = [Fault(-1, "", f"{self._spot(i)}: {problem}") for i, problem in wrong.items()]
+            raise TableError(self.source, faults)
 
     def __len__(self) -> int:
         return len(self.names)
@@ -221,13 +219,13 @@ class Fabrics:
         tensile, thickness = log_sd(self.tensile_modulus_cv), log_sd(self.thickness_cv)
         none = np.isnan(tensile) & np.isnan(thickness)
         squared = np.where(none, np.nan, np.nan_to_num(tensile) ** 2 + 9.0 * np.nan_to_num(thickness) ** 2)
+        basis = np.array(self.basis)
         by_basis = {
-            EFFECTIVE_MODULUS.name: self.effective_modulus_cv,
-            BENDING_RIGIDITY.name: self.bending_rigidity_cv,
-            TENSILE_MODULUS.name: np.sqrt(np.expm1(squared)),
+            "effective_modulus_kpa": self.effective_modulus_cv,
+            "bending_rigidity_n_m": self.bending_rigidity_cv,
+            "tensile_modulus_mpa": np.sqrt(np.expm1(squared)),
         }
-        missing = np.full(len(self), np.nan)
-        return np.array([by_basis.get(basis, missing)[i] for i, basis in enumerate(self.basis)], float)
+        return np.select([basis == name for name in by_basis], [*by_basis.values()], np.nan)
 
     def take(self, names: tuple[str, ...]) -> Fabrics:
         """Return the fabrics of these names, in their order."""
@@ -283,44 +281,45 @@ class Fabrics:
         if not any(column.name in table for column in MODULUS_SOURCES):
             table.lack(f"no column for moduli: {_EXPECTED}", *(column.name for column in (*MODULUS_SOURCES, THICKNESS)))
             table.check()
-        directions = table.cells.get("direction", [""] * len(table))
+        directions = [text.casefold() for text in table.texts("direction")]
         directed = len(set(directions)) > 1
-        rows: dict[str, list[int]] = {name: [] for name in (natural(labels) if repeated else labels)}
-        for i, name in enumerate(labels):
-            if rows[name] and not (repeated or directed):
-                table.fault(i, "fabric", "expected one row for each fabric", "; give the mean of repeated measurements")
-            else:
-                rows[name].append(i)
+        names = natural(labels) if repeated else [*dict.fromkeys(labels)]
+        place = {name: k for k, name in enumerate(names)}
+        fabric = np.array([place[name] for name in labels])
+        first = np.unique(fabric, return_index=True)[1]
+        for i in [] if repeated or directed else np.setdiff1d(np.arange(len(table)), first).tolist():
+            table.fault(i, "fabric", "expected one row for each fabric", "; give the mean of repeated measurements")
+            fabric[i] = -1
         properties: dict[str, Any] = {
-            name: _property(table, column, rows.values(), directions if name in _DIRECTED else [""] * len(table))
+            name: _property(table, column, fabric, directions if name in _DIRECTED else [""] * len(table))
             for name, column in PROPERTIES.items()
         }
         for name in STANDARD_ERRORS:
-            _take_standard_errors(table, rows.values(), name, properties)
-        first = np.array([own[0] for own in rows.values()], dtype=np.intp)
-        sound = [k for k, own in enumerate(rows.values()) if table.faults.rows.isdisjoint(table.rows[own].tolist())]
+            _take_standard_errors(table, fabric, first, name, properties)
+        faulty = {row for row, _ in table.faults}
+        sound = [k for k in range(len(names)) if faulty.isdisjoint(table.rows[fabric == k].tolist())]
         some = {name: values[sound] for name, values in properties.items()}
         if not table.faults or any(bases(some)):
             for k, problem in _incomplete(some).items():
                 i = first[sound[k]]
-                table.faults.add_general(f"row {table.rows[i]}, fabric {quoted(labels[i])}: {problem}")
+                table.refuse(f"row {table.rows[i]}, fabric {quoted(labels[i])}: {problem}")
         table.check()
         notes = list(table.notes)
         if directed:
             notes.append("rigidities and moduli are geometric means over directions")
-        thick = [THICKNESS.name] * (THICKNESS.name in table)
-        thick += [title for title in table.others if analysed(title).bags & KNOWN_BY[THICKNESS.name]]
-        if thick and BENDING_RIGIDITY.name in table and EFFECTIVE_MODULUS.name not in table:
+        thick = ["thickness_mm"] * ("thickness_mm" in table)
+        thick += [title for title in table.others if analysed(title).bags & KNOWN_BY["thickness_mm"]]
+        if thick and "bending_rigidity_n_m" in table and "effective_modulus_kpa" not in table:
             notes.append(
                 f"{thick[0]} is not used where a rigidity D is measured: by the printed relation "
                 "E_fab is D / l³ with a fixed length l (model.md 1)"
             )
         if usual := np.isnan(properties["poisson_ratio"]).sum():
             notes.append(
-                f"poisson_ratio {USUAL_POISSON_RATIO} is used for {usual} of {len(rows)} fabrics without a value"
+                f"poisson_ratio {USUAL_POISSON_RATIO} is used for {usual} of {len(names)} fabrics without a value"
             )
         lines = tuple(int(row) for row in table.rows[first])
-        found = cls(tuple(rows), **properties, source=table.place, rows=lines, digest=table.digest)
+        found = cls(tuple(names), **properties, source=table.place, rows=lines, digest=table.digest)
         if unknown := [name for name, basis in zip(found.names, found.basis, strict=True) if not basis]:
             notes.append(f"fabrics of unknown modulus: {listing(unknown)}")
         return replace(found, notes=tuple(f"{table.label}: {note}" for note in (*notes, *found.implausible())))
@@ -353,8 +352,8 @@ class Fabrics:
             notes.append(f"looks wrong: {said}, expected {expected}: {remedy}")
         with np.errstate(over="ignore", under="ignore"):
             computed = PRINTED_RIGIDITY.rigidity(self.tensile_modulus, self.thickness, self.poisson_ratio)
-        both = f"{TENSILE_MODULUS.name} and {THICKNESS.name}"
-        for other, rigidity in ((BENDING_RIGIDITY.name, self.bending_rigidity), (both, computed)):
+        both = "tensile_modulus_mpa and thickness_mm"
+        for other, rigidity in (("bending_rigidity_n_m", self.bending_rigidity), (both, computed)):
             differ = [
                 f"{self.names[i]} {modulus[i] / 1e3:.3g} and {value / 1e3:.3g} kPa"
                 for i, value in enumerate((rigidity / PLATE_LENGTH**3).tolist())
@@ -375,30 +374,27 @@ def warn_of_moduli(fabrics: Fabrics) -> None:
 _DIRECTED = frozenset({"bending_rigidity", "tensile_modulus", "effective_modulus"})
 
 
-def _property(table: Table, column: Column, rows: Iterable[Sequence[int]], directions: Sequence[str]) -> FloatArray:
+def _property(table: Table, column: Column, fabric: IntArray, directions: Sequence[str]) -> FloatArray:
     """Return a property of each fabric [SI], the geometric mean over its directions; NaN without a value.
 
     Values of one fabric and direction must agree.
     """
-    filed = table.numbers(column)
-    found = []
-    for own in rows:
-        first: dict[str, int] = {}
-        for i in own:
-            if np.isnan(filed[i]):
-                continue
-            k = first.setdefault(directions[i].casefold(), i)
-            if filed[i] != filed[k]:
-                value, other = (quoted(table.cells[column.name][j]) for j in (i, k))
-                fabric = quoted(table.cells["fabric"][i])
-                table.problem(i, column.name, f"{fabric} has {value} here and {other} in row {table.rows[k]}")
-        values = filed[[*first.values()]]
-        found.append(values[0] if len(values) == 1 else np.exp(np.log(values).mean()) if len(values) else np.nan)
-    return np.array(found)
+    filed, first = table.numbers(column), dict[tuple[int, str], int]()
+    for i in np.flatnonzero(~np.isnan(filed) & (fabric >= 0)).tolist():
+        k = first.setdefault((int(fabric[i]), directions[i]), i)
+        if filed[i] != filed[k]:
+            texts, name = table.texts(column.name), table.texts("fabric")[i]
+            problem = f"{quoted(name)} has {quoted(texts[i])} here and {quoted(texts[k])} in row {table.rows[k]}"
+            table.problem(i, column.name, problem)
+    found = np.full(fabric.max() + 1, np.nan)
+    for k in {k for k, _ in first}:
+        values = filed[[i for (own, _), i in first.items() if own == k]]
+        found[k] = values[0] if len(values) == 1 else np.exp(np.log(values).mean())
+    return found
 
 
 def _take_standard_errors(
-    table: Table, rows: Iterable[Sequence[int]], name: str, properties: dict[str, FloatArray]
+    table: Table, fabric: IntArray, first: IntArray, name: str, properties: dict[str, FloatArray]
 ) -> None:
     """Add the errors of a property in its own unit to the relative ones.
 
@@ -406,20 +402,21 @@ def _take_standard_errors(
     """
     column, relative, absolute = PROPERTIES[name], PROPERTIES[f"{name}_cv"], STANDARD_ERRORS[name]
     value, cv = properties[name], properties[f"{name}_cv"]
-    sd = _property(table, absolute, rows, [""] * len(table))
-    for k, own in enumerate(rows):
-        if any(table.is_faulty(j, c.name) for j in own for c in (column, relative, absolute) if c.name in table):
+    sd = _property(table, absolute, fabric, [""] * len(table))
+    for k in np.flatnonzero(~(np.isnan(sd) & np.isnan(cv))).tolist():
+        rows, i = np.flatnonzero(fabric == k).tolist(), int(first[k])
+        if any(table.is_faulty(j, column.name, relative.name, absolute.name) for j in rows):
             continue
         given = relative if np.isnan(sd[k]) else absolute
         if not (np.isnan(sd[k]) or np.isnan(cv[k])):
-            table.problem(own[0], given.name, f"expected this or {relative.name}, but not both")
-        elif np.isnan(value[k]) and not (np.isnan(sd[k]) and np.isnan(cv[k])):
-            table.problem(own[0], given.name, f"an error of {column.name}, which has no value in this row")
-        elif not np.isnan(sd[k]):
+            table.problem(i, given.name, f"expected this or {relative.name}, but not both")
+        elif np.isnan(value[k]):
+            table.problem(i, given.name, f"an error of {column.name}, which has no value in this row")
+        elif given is absolute:
             with np.errstate(over="ignore", under="ignore"):
                 cv[k] = sd[k] / value[k]
             if not relative.holds(cv[k]):
-                table.fault(own[0], given.name, f"expected at most {RELATIVE_ERRORS.high:g} times the value")
+                table.fault(i, given.name, f"expected at most {RELATIVE_ERRORS.high:g} times the value")
 
 
 def log_sd(cv: FloatArray) -> FloatArray:

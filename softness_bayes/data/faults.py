@@ -1,4 +1,4 @@
-"""Problems of tables, collected to be reported in one message, and suggestions for misspelt names."""
+"""Names of people and fabrics in messages, and the problems of tables, collected in one message."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 from softness_bayes.errors import InputError
 
-_LONGEST_GUESSED = 100
+LONGEST = 100
+"""Largest number of characters of a name that is compared with others, and that is shown."""
 
 MOST_GUESSED, MOST_ASKED = 500, 100
 """Largest numbers of names among which, and for which, similar ones are sought in a table."""
@@ -20,31 +21,27 @@ MOST_GUESSED, MOST_ASKED = 500, 100
 
 def natural(names: Iterable[str]) -> list[str]:
     """Return distinct names, sorted with numbers in numerical order: P2 before P10."""
+    return sorted(set(names), key=lambda name: (re.sub("[0-9]+", lambda digits: digits[0].zfill(20), name), name))
 
-    def key(name: str) -> tuple[str, str]:
-        return re.sub("[0-9]+", lambda digits: digits[0].zfill(20), name), name
 
-    return sorted(set(names), key=key)
+def _short(name: str) -> str:
+    return name if len(name) <= LONGEST else f"{name[:LONGEST]}…"
 
 
 def listing(names: Sequence[str], most: int = 8) -> str:
     """Return names for a message, limited to the first few."""
-    shown = [name if len(name) <= _LONGEST_GUESSED else f"{name[:_LONGEST_GUESSED]}…" for name in names[:most]]
-    return ", ".join(shown) + (f", … ({len(names)} in all)" if len(names) > most else "")
+    return ", ".join(map(_short, names[:most])) + (f", … ({len(names)} in all)" if len(names) > most else "")
+
+
+def shown_names(names: Iterable[str]) -> str:
+    """Return names that differ in little, in quotes, with escapes for non-ASCII characters, which show how."""
+    return " and ".join(ascii(_short(name)) for name in names)
 
 
 def guess(name: str, known: Iterable[str]) -> str:
     """Return ' (did you mean ...?)' if one of the first `MOST_GUESSED` known names is similar, otherwise nothing."""
-    if len(name) > _LONGEST_GUESSED:
-        return ""
-    near = difflib.get_close_matches(name, [*islice(known, MOST_GUESSED)], 1)
+    near = difflib.get_close_matches(name, [*islice(known, MOST_GUESSED)], 1) if len(name) <= LONGEST else []
     return f" (did you mean {near[0]!r}?)" if near else ""
-
-
-def look(name: str) -> str:
-    """Return a key that is equal for names that look alike."""
-    folded = unicodedata.normalize("NFKC", unicodedata.normalize("NFKC", name).casefold())
-    return " ".join("".join(c for c in folded if c.isspace() or unicodedata.category(c) not in ("Cf", "Cc")).split())
 
 
 def identity(name: str) -> tuple[str, ...]:
@@ -55,18 +52,17 @@ def identity(name: str) -> tuple[str, ...]:
     >>> identity("P01") == identity("p-1"), identity("1.0") == identity("01"), identity("A 12") == identity("A 1/2")
     (True, True, False)
     """
-    text = look(name)
+    folded = unicodedata.normalize("NFKC", unicodedata.normalize("NFKC", name).casefold())
+    seen = "".join(c for c in folded if c.isspace() or unicodedata.category(c) not in ("Cf", "Cc"))
+    text = " ".join(seen.split())
     if re.fullmatch(r"[+-]?[0-9]{1,30}(?:[.,][0-9]{1,30})?", text):
         return (f"{Decimal(text.replace(',', '.')).normalize():f}",)
     text = re.sub(r"(?<=[0-9])[.,]0+$", "", text)
     apart = "".join(" " if c in _BETWEEN or unicodedata.category(c) in ("Pd", "Zs") else c for c in text)
-    parts: list[str] = []
-    for part in re.findall(r"\d+|[^\d\s]+", apart):
-        if parts and not part.isdigit() and not parts[-1].isdigit():
-            parts[-1] += part
-        else:
-            parts.append(part.lstrip("0") or "0" if part.isdigit() else part)
-    return tuple(parts) or (text,)
+    # a space counts between two numbers only
+    joined = re.sub(r"(?<!\d) | (?!\d)", "", " ".join(apart.split()))
+    parts = re.findall(r"\d+|[^\d\s]+", joined)
+    return tuple(part.lstrip("0") or "0" if part.isdigit() else part for part in parts) or (text,)
 
 
 _BETWEEN = frozenset('_.,;:/\\()[]{}"#')
@@ -74,26 +70,14 @@ DIFFERENCE = "case, zeros in front, the format of numbers, punctuation or invisi
 """Differences of names of one identity."""
 
 
-def shown_names(names: Iterable[str]) -> str:
-    """Return names that differ in little, in quotes, with escapes for non-ASCII characters, which show how."""
-    short = (name if len(name) <= _LONGEST_GUESSED else f"{name[:_LONGEST_GUESSED]}…" for name in names)
-    return " and ".join(map(ascii, short))
-
-
 Hint = Mapping[str, str]
 """Titles of columns, by standard name, with which a table may be read; `wide` stands for one column per fabric."""
-
-MOST_HINTS = 4
-"""Largest number of ways to mend a table that are tried."""
 
 SHOWN = 20
 """Largest number of problem lines per table in a message."""
 
-SHARED = 4
-"""Number of rows from which a common problem is summarised in one line."""
-
-NAMED = 3
-"""Number of rows, and of different values, listed in such a line."""
+SHARED, NAMED = 4, 3
+"""Number of rows from which a common problem is summarised in one line, and of those that are listed in it."""
 
 
 class Fault(NamedTuple):
@@ -109,13 +93,6 @@ class Fault(NamedTuple):
     """The value of the cell as quoted, if it is what is wrong."""
     remedy: str = ""
     """Advice, said once of equal problems."""
-
-    def line(self, rows: Sequence[int] = (), values: Sequence[str] = (), remedy: str = "") -> str:
-        """Return the problem in words, by default of its own row and value."""
-        own = [*map(str, rows)] or [str(self.row)]
-        place = "" if self.row == -1 else f"row{'s' * (len(own) > 1)} {_named(own)}, column {self.title!r}: "
-        got = f", got {_named(values or [self.got])}" if self.got else ""
-        return f"{place}{self.problem}{got}{remedy}"
 
 
 class TableError(InputError):
@@ -136,21 +113,18 @@ class TableError(InputError):
         What mends it, as options of the command line, tried before.
     """
 
-    def __init__(self, place: str, problems: Sequence[Fault | str], hints: Sequence[Hint] = ()) -> None:
-        self.place = place
-        self.hints = tuple(hints)
-        self.remedy = ""
-        self.problems = tuple(Fault(-1, "", one) if isinstance(one, str) else one for one in problems)
+    def __init__(self, place: str, problems: Sequence[Fault], hints: Sequence[Hint] = ()) -> None:
+        self.place, self.problems, self.hints, self.remedy = place, tuple(problems), tuple(hints), ""
         super().__init__(_message(place, self.problems))
 
     @property
     def candidates(self) -> list[Hint]:
-        """Return the ways to mend it, all at once first, then each."""
+        """Return the ways to mend it, all at once first, then each of the first few."""
         every: dict[str, str] = {}
         for hint in self.hints:
             if not hint.keys() & every.keys() and not {*hint.values()} & {*every.values()}:
                 every |= hint
-        return [*([every] if len(every) > 1 else []), *self.hints[:MOST_HINTS]]
+        return [*([every] if len(every) > 1 else []), *self.hints[:4]]
 
     def __str__(self) -> str:
         return str(self.args[0]) + (f"\n  try: {self.remedy}" if self.remedy else "")
@@ -169,68 +143,36 @@ def together(errors: Sequence[TableError]) -> TableError:
 
 
 def _message(place: str, problems: Sequence[Fault]) -> str:
-    lines = _lines(problems)
-    if len(problems) == 1:
-        return f"{place}: {lines[0]}"
-    shown = f", of which the first {SHOWN} are" if len(lines) > SHOWN else ""
-    if len(lines) == 1:
-        return f"{place}: {len(problems)} equal problems in {lines[0]}"
-    if shown and len(lines) < len(problems):
-        shown = f" in {len(lines)} lines{shown}"
-    return "\n  ".join([f"{place}: {len(problems)} problems{shown}:", *lines[:SHOWN]])
-
-
-def _lines(problems: Sequence[Fault]) -> list[str]:
-    """Return a line for each problem; problems of many rows of a column that differ only in value share a line."""
-    shared: dict[tuple[str, str, str], list[Fault]] = {}
+    """Return the problems of a table; those of many rows of a column that differ only in value share a line."""
+    groups: dict[tuple[str, str, str], list[Fault]] = {}
     for one in problems:
-        shared.setdefault((one.title, one.problem, one.remedy), []).append(one)
+        groups.setdefault((one.title, one.problem, one.remedy), []).append(one)
     lines: list[tuple[int, str]] = []
     said: set[str] = set()
-    for members in shared.values():
-        together = members[0].row != -1 and len(members) >= SHARED
-        for one in members[:1] if together else members:
-            remedy = "" if one.remedy in said else one.remedy
-            said.add(one.remedy)
-            rows, values = [m.row for m in members], [*dict.fromkeys(m.got for m in members)]
-            lines.append((one.row, one.line(rows, values, remedy) if together else one.line(remedy=remedy)))
-    return [text for _, text in sorted(lines, key=lambda line: line[0])]
+    for (_, _, remedy), group in groups.items():
+        shared = group[0].row != -1 and len(group) >= SHARED
+        for some in [group] if shared else [[one] for one in group]:
+            lines.append((some[0].row, _line(some) + ("" if remedy in said else remedy)))
+            said.add(remedy)
+    texts = [text for _, text in sorted(lines, key=lambda line: line[0])]
+    if len(problems) == 1:
+        return f"{place}: {texts[0]}"
+    if len(texts) == 1:
+        return f"{place}: {len(problems)} equal problems in {texts[0]}"
+    shown = f", of which the first {SHOWN} are" if len(texts) > SHOWN else ""
+    if shown and len(texts) < len(problems):
+        shown = f" in {len(texts)} lines{shown}"
+    return "\n  ".join([f"{place}: {len(problems)} problems{shown}:", *texts[:SHOWN]])
 
 
-def _named(texts: Sequence[str]) -> str:
-    """Return the first few texts, and the number of further ones."""
-    more = f", … and {len(texts) - NAMED} more" if len(texts) > NAMED else ""
-    return ", ".join(texts[:NAMED]) + more
+def _line(faults: Sequence[Fault]) -> str:
+    """Return a problem in words, with the rows and values that have it."""
 
+    def few(texts: Sequence[str]) -> str:
+        return ", ".join(texts[:NAMED]) + (f", … and {len(texts) - NAMED} more" if len(texts) > NAMED else "")
 
-class Faults:
-    """The problems found in a table."""
-
-    def __init__(self) -> None:
-        self._found: dict[tuple[int, str], Fault] = {}
-        self.hints: list[Hint] = []
-
-    def add(self, fault: Fault) -> None:
-        """Add the problem of a cell, unless the cell already has one."""
-        self._found.setdefault((fault.row, fault.title), fault)
-
-    def add_general(self, problem: str, hints: Sequence[Hint] = ()) -> None:
-        """Add a problem of the whole table, and what may mend it."""
-        self.hints += hints
-        self._found.setdefault((-1, problem), Fault(-1, "", problem))
-
-    def __bool__(self) -> bool:
-        return bool(self._found)
-
-    def __contains__(self, cell: tuple[int, str]) -> bool:
-        return cell in self._found
-
-    @property
-    def rows(self) -> set[int]:
-        """The rows that have a problem."""
-        return {row for row, _ in self._found}
-
-    @property
-    def listed(self) -> list[Fault]:
-        """The problems, general ones first, then by their rows."""
-        return [self._found[cell] for cell in sorted(self._found, key=lambda cell: cell[0])]
+    one = faults[0]
+    rows = few([str(fault.row) for fault in faults])
+    place = "" if one.row == -1 else f"row{'s' * (len(faults) > 1)} {rows}, column {one.title!r}: "
+    got = f", got {few([*dict.fromkeys(fault.got for fault in faults)])}" if one.got else ""
+    return f"{place}{one.problem}{got}"

@@ -1,4 +1,4 @@
-"""Files of tables in all formats, recognised by their first bytes, and DataFrames: the cells of their sheets."""
+"""Files of tables in all formats, recognised by their first bytes: the cells of their sheets."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import os
 import re
 import tempfile
 import zipfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
-from softness_bayes.data.delimited import text_sheet
-from softness_bayes.data.sheets import MOST_CELLS, Sheet, SheetNumber, sheet_of
-from softness_bayes.data.workbooks import INSTALL, cell_text, workbook_sheets
+from softness_bayes.data.decimals import SheetNumber
+from softness_bayes.data.sheets import MOST_CELLS, Sheet, cell_text, frame_sheet, text_sheet
+from softness_bayes.data.workbooks import INSTALL, workbook_sheets
 from softness_bayes.errors import InputError, quoted
 from softness_bayes.files.json_text import parse_json
 
@@ -40,10 +40,6 @@ class _File(NamedTuple):
     content: bytes
     digest: str
 
-    def sheet(self, frame: pd.DataFrame, first: int = 0) -> dict[str, Sheet]:
-        """Return a DataFrame that was read from the file as its only sheet, with the number of its first row."""
-        return {"": frame_sheet(frame, str(self.path), self.path.name, self.digest, first)}
-
     def require_size(self, rows: int, columns: int, size: int) -> None:
         """Raise an error for a table that is too large."""
         if rows * columns > MOST_CELLS or size > LARGEST:
@@ -51,10 +47,6 @@ class _File(NamedTuple):
                 f"{self.path}: {rows} rows of {columns} columns with {size >> 20} MB, expected at most "
                 f"{MOST_CELLS} cells and {LARGEST >> 20} MB"
             )
-
-
-_Reader: TypeAlias = Callable[[_File], "_File | dict[str, Sheet]"]
-"""Returns the sheets of a file by name, or the file in it."""
 
 
 def sheets_of(source: TableSource, kind: str) -> dict[str, Sheet]:
@@ -75,12 +67,25 @@ def sheets_of(source: TableSource, kind: str) -> dict[str, Sheet]:
     content = _content(path)
     file = _File(path, content, hashlib.sha256(content).hexdigest())
     for _ in range(2):  # a compressed file may hold a workbook
-        read = next((read for starts, read in _FORMATS if file.content.startswith(starts)), None)
-        found = file if read is None else read(file)
+        what, read = next(
+            ((what, read) for starts, what, read in _FORMATS if file.content.startswith(starts)), ("", None)
+        )
+        if what and read is None:
+            raise InputError(f"{path}: this is {what}")
+        found = _opened(file, what, read) if read else None
+        if isinstance(found, bytes) and len(found) > LARGEST:
+            raise InputError(f"{path}: unpacks to more than {LARGEST >> 20} MB, expected a table")
         if isinstance(found, dict):
             return found
-        file = found
-    return _json_sheet(file) or {"": text_sheet(path, file.content, file.digest)}
+        if found is None:
+            break
+        if not isinstance(found, bytes):
+            return {"": frame_sheet(found, str(path), path.name, file.digest)}
+        file = file._replace(content=found)
+    frame = _json(file)
+    if frame is not None:
+        return {"": frame_sheet(frame, str(path), path.name, file.digest, first=1)}
+    return {"": text_sheet(path, file.content, file.digest)}
 
 
 def is_workbook(path: Path) -> bool:
@@ -101,62 +106,48 @@ def _content(path: Path) -> bytes:
     return content
 
 
-def _unpacked(open_file: Callable[[IO[bytes]], Any]) -> Callable[[_File], _File]:
-    def unpack(file: _File) -> _File:
-        try:
-            content = open_file(io.BytesIO(file.content)).read(LARGEST + 1)
-        except Exception as error:  # damaged archives end in errors of many kinds
+def _opened(file: _File, what: str, read: Callable[[_File], Any]) -> Any:
+    """Return what a library reads: the sheets of a workbook, a DataFrame, or the unpacked bytes."""
+    try:
+        return read(file)
+    except ImportError as error:
+        missing = error.name or "pyarrow"
+        raise InputError(
+            f"{file.path}: {what} files are read with {missing}, which is not installed: {INSTALL}"
+        ) from None
+    except InputError:
+        raise
+    except Exception as error:  # damaged files end in errors of many kinds
+        if what == "compressed":
             raise InputError(f"{file.path}: a compressed file that cannot be unpacked ({error})") from None
-        if len(content) > LARGEST:
-            raise InputError(f"{file.path}: unpacks to more than {LARGEST >> 20} MB, expected a table")
-        return file._replace(content=content)
-
-    return unpack
+        raise InputError(f"{file.path}: not a {what} file that can be read ({type(error).__name__})") from None
 
 
-def _zip(file: _File) -> _File | dict[str, Sheet]:
-    """Return the sheets of a workbook, or the one file of an archive."""
+def _unpacked(opened: Callable[[Any], Any]) -> Callable[[_File], bytes]:
+    def read(file: _File) -> bytes:
+        with opened(io.BytesIO(file.content)) as content:
+            return content.read(LARGEST + 1)
+
+    return read
+
+
+def _zip(file: _File) -> dict[str, Sheet] | bytes:
+    """Return the sheets of a workbook, or the content of the one file of an archive."""
     try:
         with zipfile.ZipFile(io.BytesIO(file.content)) as archive:
             names = archive.namelist()
-    except Exception:
-        names = ["xl/"]  # the message is that of a workbook
-    if any(name.startswith(("xl/", "[Content")) for name in names):
+            if any(name.startswith(("xl/", "[Content")) for name in names):
+                return workbook_sheets(file.path, file.content, file.digest)
+            if "mimetype" in names:
+                raise InputError(f"{file.path}: this is an OpenDocument file: save the table as .xlsx or .csv")
+            if len(names) != 1:
+                raise InputError(f"{file.path}: an archive of {len(names)} files, expected one table")
+            return archive.open(names[0]).read(LARGEST + 1)
+    except zipfile.BadZipFile:
         return workbook_sheets(file.path, file.content, file.digest)
-    if "mimetype" in names:
-        return _refuse("an OpenDocument file: save the table as .xlsx or .csv")(file)
-    if len(names) != 1:
-        raise InputError(f"{file.path}: an archive of {len(names)} files, expected one table")
-    return _unpacked(lambda content: zipfile.ZipFile(content).open(names[0]))(file)
 
 
-def _refuse(what: str) -> Callable[[_File], Any]:
-    def refuse(file: _File) -> Any:
-        raise InputError(f"{file.path}: this is {what}")
-
-    return refuse
-
-
-def _by_library(read: Callable[[_File], Any], what: str) -> Callable[[_File], dict[str, Sheet]]:
-    """Return a reader of DataFrames by an optional library."""
-
-    def sheets(file: _File) -> dict[str, Sheet]:
-        try:
-            return file.sheet(read(file))
-        except ImportError as error:
-            missing = error.name or "pyarrow"
-            raise InputError(
-                f"{file.path}: {what} files are read with {missing}, which is not installed: {INSTALL}"
-            ) from None
-        except InputError:
-            raise
-        except Exception as error:  # these libraries have errors of many kinds
-            raise InputError(f"{file.path}: not a {what} file that can be read ({type(error).__name__})") from None
-
-    return sheets
-
-
-def _parquet(file: _File) -> Any:
+def _parquet(file: _File) -> pd.DataFrame:
     import pandas as pd
     import pyarrow.parquet
 
@@ -166,13 +157,13 @@ def _parquet(file: _File) -> Any:
     return pd.read_parquet(io.BytesIO(file.content), engine="pyarrow")
 
 
-def _feather(file: _File) -> Any:
+def _feather(file: _File) -> pd.DataFrame:
     import pyarrow.feather
 
     return pyarrow.feather.read_feather(io.BytesIO(file.content))
 
 
-def _spss(file: _File) -> Any:
+def _spss(file: _File) -> pd.DataFrame:
     import pandas as pd
     import pyreadstat
 
@@ -181,21 +172,22 @@ def _spss(file: _File) -> Any:
     try:
         _, about = pyreadstat.read_sav(copy.name, metadataonly=True)
         file.require_size(about.number_rows or 0, about.number_columns or 0, 0)
-        return _labelled(*(pd.read_spss(copy.name, convert_categoricals=named) for named in (False, True)))
+        return _labelled(lambda labels: pd.read_spss(copy.name, convert_categoricals=labels))
     finally:
         os.unlink(copy.name)
 
 
-def _stata(file: _File) -> Any:
+def _stata(file: _File) -> pd.DataFrame:
     import pandas as pd
 
-    return _labelled(*(pd.read_stata(io.BytesIO(file.content), convert_categoricals=named) for named in (False, True)))
+    return _labelled(lambda labels: pd.read_stata(io.BytesIO(file.content), convert_categoricals=labels))
 
 
-def _labelled(numbers: pd.DataFrame, labels: pd.DataFrame) -> pd.DataFrame:
+def _labelled(read: Callable[[bool], pd.DataFrame]) -> pd.DataFrame:
     """Return numbers that know the labels of their values, such as the names of fabrics."""
     import pandas as pd
 
+    numbers, labels = read(False), read(True)
     cells = numbers.astype(object)
     for name in numbers.columns:
         pairs = zip(numbers[name], labels[name], strict=True)
@@ -206,32 +198,32 @@ def _labelled(numbers: pd.DataFrame, labels: pd.DataFrame) -> pd.DataFrame:
     return cells
 
 
-_FORMATS: Sequence[tuple[bytes | tuple[bytes, ...], _Reader]] = (
-    (b"PK\x03\x04", _zip),
-    (b"\x1f\x8b", _unpacked(lambda content: gzip.GzipFile(fileobj=content))),
-    (b"BZh", _unpacked(bz2.BZ2File)),
-    (b"\xfd7zXZ", _unpacked(lzma.LZMAFile)),
-    (b"PAR1", _by_library(_parquet, "Parquet")),
-    ((b"ARROW1", b"FEA1"), _by_library(_feather, "Feather")),
-    ((b"$FL2", b"$FL3"), _by_library(_spss, "SPSS")),
-    (
-        (b"<stata_dta>", *(bytes([k, 1 + order, 1]) for k in range(110, 120) for order in (0, 1))),
-        _by_library(_stata, "Stata"),
-    ),
-    (b"\xd0\xcf\x11\xe0", _refuse("an old workbook: save it as .xlsx")),
+_STATA = (b"<stata_dta>", *(bytes([k, 1 + order, 1]) for k in range(110, 120) for order in (0, 1)))
+_PAGE = (b"<!DOCTYPE", b"<!doctype", b"<html", b"<HTML")
+_FORMATS: tuple[tuple[bytes | tuple[bytes, ...], str, Callable[[_File], Any] | None], ...] = (
+    (b"PK\x03\x04", "compressed", _zip),
+    (b"\x1f\x8b", "compressed", _unpacked(gzip.open)),
+    (b"BZh", "compressed", _unpacked(bz2.open)),
+    (b"\xfd7zXZ", "compressed", _unpacked(lzma.open)),
+    (b"PAR1", "Parquet", _parquet),
+    ((b"ARROW1", b"FEA1"), "Feather", _feather),
+    ((b"$FL2", b"$FL3"), "SPSS", _spss),
+    (_STATA, "Stata", _stata),
+    (b"\xd0\xcf\x11\xe0", "an old workbook: save it as .xlsx", None),
     (
         tuple(bytes([0x80, k]) for k in range(2, 6)),
-        _refuse("a pickle, which could run code: save the table with to_csv or to_parquet"),
+        "a pickle, which could run code: save the table with to_csv or to_parquet",
+        None,
     ),
-    (b"\x89HDF", _refuse("an HDF5 file: save the table as .csv or .parquet")),
-    ((b"RDX", b"RDA"), _refuse("a file of R: save the table with write.csv")),
-    (b"%PDF", _refuse("a PDF: copy the table into a spreadsheet, and save it as .csv")),
-    ((b"<!DOCTYPE", b"<!doctype", b"<html", b"<HTML"), _refuse("a web page: save its table as .csv")),
+    (b"\x89HDF", "an HDF5 file: save the table as .csv or .parquet", None),
+    ((b"RDX", b"RDA"), "a file of R: save the table with write.csv", None),
+    (b"%PDF", "a PDF: copy the table into a spreadsheet, and save it as .csv", None),
+    (_PAGE, "a web page: save its table as .csv", None),
 )
-"""First bytes of a file, and what reads it."""
+"""First bytes of a file, what it is, and what reads it, if anything does."""
 
 
-def _json_sheet(file: _File) -> dict[str, Sheet] | None:
+def _json(file: _File) -> pd.DataFrame | None:
     """Return the rows of a JSON file: records, one in each line or in a list, or columns; None for other text."""
     import pandas as pd
 
@@ -251,41 +243,11 @@ def _json_sheet(file: _File) -> dict[str, Sheet] | None:
         found = lists[0]
     try:
         if isinstance(found, dict) and {"columns", "data"} <= found.keys():
-            frame = pd.DataFrame(found["data"], columns=found["columns"], dtype=object)
-        elif isinstance(found, dict) or (found and all(isinstance(one, dict) for one in found)):
-            frame = pd.DataFrame(found, dtype=object)
-        else:
-            raise ValueError
+            return pd.DataFrame(found["data"], columns=found["columns"], dtype=object)
+        if isinstance(found, dict) or (found and all(isinstance(one, dict) for one in found)):
+            return pd.DataFrame(found, dtype=object)
+        raise ValueError
     except (ValueError, TypeError):
         raise InputError(
             f'{file.path}: JSON, expected a list of records such as {{"fabric": "felt", "rating": 5}}'
         ) from None
-    return file.sheet(frame, first=1)
-
-
-def frame_sheet(frame: pd.DataFrame, place: str, label: str = "", digest: str = "", first: int = 0) -> Sheet:
-    """Return the rows of a DataFrame, of which a named index is a column.
-
-    Parameters
-    ----------
-    frame
-        The DataFrame.
-    place, label
-        As of `Sheet`.
-    digest
-        That of the file; by default that of the cells.
-    first
-        Number of the first row: 0, as `iloc` counts them.
-    """
-    if frame.columns.nlevels > 1:
-        raise InputError(f"{place}: the columns have {frame.columns.nlevels} levels, expected one")
-    if any(name is not None for name in frame.index.names):
-        try:
-            frame = frame.reset_index()
-        except ValueError as error:
-            raise InputError(f"{place}: {error}, expected columns of different names") from None
-    header = [cell_text(title) for title in frame.columns]
-    columns = [[cell_text(value) for value in frame.iloc[:, j].to_numpy()] for j in range(frame.shape[1])]
-    body = list(zip(*columns, strict=True))
-    digest = digest or hashlib.sha256(repr((header, [[*map(str, row)] for row in body])).encode()).hexdigest()
-    return sheet_of([(header, -1), *((row, k) for k, row in enumerate(body, first))], place, label or place, digest)

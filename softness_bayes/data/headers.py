@@ -4,57 +4,55 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from softness_bayes.data.columns import (
     ANCHOR,
     KNOWN_BY,
     LESS_CLEAR,
-    MISSING,
     NAMES,
     NUMBERS,
     OF_CELLS,
     OWNERS,
     WORDS_FOR_RATINGS,
     Kind,
+    holds_cells,
     is_reversed,
-    looks_numeric,
     quantity_of,
     reversed_remark,
 )
+from softness_bayes.data.decimals import is_missing, looks_numeric, mostly_numeric
 from softness_bayes.data.faults import MOST_GUESSED, listing
-from softness_bayes.data.sheets import Sheet
 from softness_bayes.data.titles import LONGEST_TITLE, UNITS, Title, Unit, analysed, bag, is_unit, key, unit_named
 from softness_bayes.errors import InputError, quoted
 
 
-def holds_cells(at: Container[str]) -> bool:
-    """Return whether a table with these columns has cell means instead of ratings."""
-    return "rating" not in at and ("geometric_mean" in at or ("mean" in at and "n" in at))
-
-
 class Header:
-    """The columns of a sheet: known by standard names, by those of the user, and by `columns.SYNONYMS`, in this order.
+    """The columns of a table: known by standard names, by those of the user, and by other names, in this order.
 
     Parameters
     ----------
-    sheet
-        Its header, whose nonempty titles are distinct ignoring case, and its cells.
+    place
+        The row of the header in words, for errors.
+    cells
+        Cells by title; nonempty titles are distinct ignoring case.
     renames
-        Names in the file by standard name; names missing in the file are ignored.
+        Titles by standard name; those missing in the file are ignored.
     kind
         The kind of table.
+    melted
+        Whether rows held several values, so that a participant may have one row only.
 
     Attributes
     ----------
     at
-        Index of each known column, by standard name.
+        Title of each known column, by standard name.
     units
         Units of columns by standard name, where they differ from the standard unit.
     notes
         What was understood.
     perhaps
-        Index of a column that is not read -> the name that it may have, and a remark (empty if there is none).
+        Title of a column that is not read -> the name that it may have, and a remark (empty if there is none).
 
     Raises
     ------
@@ -63,135 +61,119 @@ class Header:
         ten of unclear meaning.
     """
 
-    def __init__(self, sheet: Sheet, renames: Mapping[str, str], kind: Kind) -> None:
-        self.sheet, self.kind = sheet, kind
-        self.titles = [analysed(text) for text in sheet.header]
-        self.at: dict[str, int] = {}
+    def __init__(
+        self, place: str, cells: Mapping[str, Sequence[str]], renames: Mapping[str, str], kind: Kind, melted: bool
+    ) -> None:
+        self.place, self.cells, self.kind, self.melted = place, cells, kind, melted
+        self.titles = {text: analysed(text) for text in cells if text}
+        self.at: dict[str, str] = {}
         self.units: dict[str, Unit] = {}
         self.notes: list[str] = []
-        self.perhaps: dict[int, tuple[str, str]] = {}
+        self.perhaps: dict[str, tuple[str, str]] = {}
         self._take_named(renames)
         if "rating" in kind.columns:
             self._take_means()
         sought = [name for name in kind.sought(self.at) if not (name == "rating" and holds_cells(self.at))]
-        claims = self._claims()
-        for take in (self._take_synonym, self._take_less_clear):
-            for name in sought:
-                if name not in self.at:
-                    take(name, claims.get(name, []))
-        self._guess(sought)
+        less_clear = LESS_CLEAR.get(kind.sheet, {})
+        meant: dict[str, list[str]] = {}
+        for text in self.free:
+            for name in {OWNERS[words] for words in self.titles[text].bags if words in OWNERS}:
+                meant.setdefault(name, []).append(text)
+        for name in sought:
+            self._take_meant(name, meant.get(name, ()), sure=True)
+        for name in sought:
+            words = map(bag, less_clear.get(name, "").split(", ")) if name not in self.at else ()
+            self._take_meant(
+                name, [text for one in words for text in self.free if one in self.titles[text].bags], False
+            )
+        self._guess([name for name in sought if name in kind.needed(self.at)])
         self.notes += [
-            f"column {quoted(self.titles[j].text)} may contain loads but is not read: the given load is used for all "
-            "ratings"
+            f"column {quoted(text)} may contain loads but is not read: the given load is used for all ratings"
             for name in sorted(kind.given - self.at.keys())
-            for j in self.free
-            if name in map(OWNERS.get, self.titles[j].bags) and len(key(self.titles[j].text)) > 2
+            for text in self.free
+            if name in map(OWNERS.get, self.titles[text].bags) and len(key(text)) > 2
         ]
 
     @property
-    def free(self) -> list[int]:
-        """Indices of the columns with a title that are not known."""
+    def free(self) -> list[str]:
+        """Titles of the columns that are not known."""
         taken = {*self.at.values()}
-        return [j for j, title in enumerate(self.titles) if title.text and j not in taken]
+        return [text for text in self.titles if text not in taken]
 
     def _take_named(self, renames: Mapping[str, str]) -> None:
         """Take the columns of standard names or those of the user, which take precedence; no column has two roles."""
-        where = {title.text.casefold(): j for j, title in enumerate(self.titles) if title.text}
-        at: dict[str, int] = {}
+        where = {text.casefold(): text for text in self.titles}
+        at: dict[str, str] = {}
         for names in (renames, {name: name for name in NAMES}):
             for name in NAMES:
-                j = where.get(names.get(name, "").casefold())
-                if j is not None and j not in at.values():
-                    at.setdefault(name, j)
+                text = where.get(names.get(name, "").casefold())
+                if text is not None and text not in at.values():
+                    at.setdefault(name, text)
         means = holds_cells(at)
         for name in NAMES:
             if name in at and (means or name not in OF_CELLS):
                 self.at[name] = at[name]
-                title = self.titles[at[name]]
-                self._require_no_power(name, title)
-                if title.text.casefold() != name and title.unit is not None:
-                    self._take_unit(name, title)
-
-    def _claims(self) -> dict[str, list[int]]:
-        """Return the unknown columns whose titles mean a column, by its name."""
-        claims: dict[str, list[int]] = {}
-        for j in self.free:
-            for name in {OWNERS[words] for words in self.titles[j].bags if words in OWNERS}:
-                claims.setdefault(name, []).append(j)
-        return claims
-
-    def _take(self, name: str, j: int) -> None:
-        """Record that a column is the one of a name, and its unit."""
-        title = self.titles[j]
-        self._require_no_power(name, title)
-        self.at[name] = j
-        self.perhaps.pop(j, None)
-        lead = f"column {quoted(title.text)} is read as {name}"
-        before = len(self.notes)
-        if quantity_of(name) and title.unit is not None and (unit := unit_named(title.unit, quantity_of(name))):
-            self._convert(name, unit, f"{lead}, ")
-        if len(self.notes) == before:
-            self.notes.append(lead)
-
-    def _require_no_power(self, name: str, title: Title) -> None:
-        """Raise an error for a power of ten in a title, which some multiply by and others divide by."""
-        if not (title.power and quantity_of(name)):
-            return
-        unit = NUMBERS[name].unit if title.unit is None else title.unit
-        stem, power = title.stem.strip(" ,;([x×*·/"), re.sub(r"^[\W]*[xX]?\s*|\W+$", "", title.power)
-        raise InputError(
-            f"{self.sheet.titled}, column {quoted(title.text)}: are its numbers to be multiplied by {power}, or "
-            f"divided? Write the power of ten with the unit: under '{stem} (10^-2 {unit})', 3 means 0.03 "
-            f"{unit}".rstrip()
-        )
+                self._take_unit(name, self.titles[at[name]])
 
     def _take_unit(self, name: str, title: Title) -> None:
-        """Record the unit of a column named by the user; raise an error for a unit of another quantity."""
-        quantity, text = quantity_of(name), title.unit
-        if not quantity or not text:
+        """Record the unit in a title that the user named; raise an error for a unit of another quantity."""
+        quantity, unit = quantity_of(name), title.unit
+        self._require_no_power(name, title)
+        if not quantity or not unit or title.text.casefold() == name:
             return
-        if unit := unit_named(text, quantity):
-            self._convert(name, unit, f"column {quoted(title.text)}: ")
-        elif not title.bracketed and len(text) < 2:
-            return  # a one-letter word may not be a unit
-        elif is_unit(text) or not text.replace(" ", "").isalpha() or "[" in title.text:
-            raise InputError(
-                f"{self.sheet.titled}, column {quoted(title.text)}: {name} has the unit {quoted(text)} in the header, "
-                f"expected one of {', '.join(texts[0] for texts in UNITS[quantity].values())}"
-            )
-        else:
+        if unit_named(unit, quantity):
+            self._convert(name, title, f"column {quoted(title.text)}: ")
+        elif title.bracketed or len(unit) > 1:  # a one-letter word may not be a unit
+            if is_unit(unit) or not unit.replace(" ", "").isalpha() or "[" in title.text:
+                raise InputError(
+                    f"{self.place}, column {quoted(title.text)}: {name} has the unit {quoted(unit)} in the header, "
+                    f"expected one of {', '.join(texts[0] for texts in UNITS[quantity].values())}"
+                )
             self.notes.append(
-                f"column {quoted(title.text)}: {quoted(text)} is not a unit, so the numbers are read in the unit of "
+                f"column {quoted(title.text)}: {quoted(unit)} is not a unit, so the numbers are read in the unit of "
                 f"{name}"
             )
 
-    def _convert(self, name: str, unit: Unit, lead: str) -> None:
-        """Record that a column is in another unit."""
+    def _require_no_power(self, name: str, title: Title) -> None:
+        """Raise an error for a power of ten in a title, which some multiply by and others divide by."""
+        if title.power and quantity_of(name):
+            unit = NUMBERS[name].unit if title.unit is None else title.unit
+            stem, power = title.stem.strip(" ,;([x×*·/"), re.sub(r"^[\W]*[xX]?\s*|\W+$", "", title.power)
+            raise InputError(
+                f"{self.place}, column {quoted(title.text)}: are its numbers to be multiplied by {power}, or "
+                f"divided? Write the power of ten with the unit: under '{stem} (10^-2 {unit})', 3 means 0.03 "
+                f"{unit}".rstrip()
+            )
+
+    def _convert(self, name: str, title: Title, lead: str) -> bool:
+        """Record the unit in a title if it is another one than that of the column; return whether it is."""
         column = NUMBERS[name]
-        own = unit_named(column.unit or "1", column.quantity)
-        assert own is not None
-        if unit.factor != own.factor:
-            self.units[name] = unit
-            ratio = float(unit.factor / own.factor)
-            self.notes.append(f"{lead}converted, 1 {unit.name} = {ratio:.9g} {column.unit}".rstrip())
+        unit = unit_named(title.unit or "", column.quantity) if column.quantity else None
+        own = unit_named(column.unit or "1", column.quantity) if unit else None
+        if unit is None or own is None or unit.factor == own.factor:
+            return False
+        self.units[name] = unit
+        self.notes.append(
+            f"{lead}converted, 1 {unit.name} = {float(unit.factor / own.factor):.9g} {column.unit}".rstrip()
+        )
+        return True
 
     # columns with other names
 
     def _take_means(self) -> None:
         """Take columns of cell means under other names, if there are means and numbers of raters.
 
-        Single ratings, under any name, take precedence; columns that belong to means are then reported.
+        Single ratings, under any name, take precedence; columns that look like means are then reported.
         """
-        stems = {j: bag(self.titles[j].stem) for j in self.free}
-        ratings = "rating" in self.at or any(words in KNOWN_BY["rating"] for words in stems.values())
-        at: dict[str, int] = {}
-        for name in (name for name in NUMBERS if name in OF_CELLS):
-            own = [j for j in stems if self.titles[j].text.casefold() == name]
-            own = own or [j for j, words in stems.items() if words in KNOWN_BY[name]]
+        stems = {text: bag(self.titles[text].stem) for text in self.free}
+        at: dict[str, str] = {}
+        for name in OF_CELLS:
+            exact = [text for text in stems if text.casefold() == name]
+            own = exact or [text for text, words in stems.items() if words in KNOWN_BY[name]]
             if own and own[0] not in at.values():
                 at[name] = own[0]
-        seen = ", ".join(quoted(self.titles[j].text) for j in sorted({*at.values()}))
-        if ratings:
+        seen = ", ".join(quoted(text) for text in stems if text in at.values())
+        if "rating" in self.at or any(words in KNOWN_BY["rating"] for words in stems.values()):
             if "n" in at and at.keys() & {"sd", "se", "geometric_sd"}:
                 self.notes.append(
                     f"columns {seen} belong to means of several raters, and are not used; if the ratings are "
@@ -199,99 +181,94 @@ class Header:
                 )
         elif holds_cells({**self.at, **at}):
             self.at |= at
-            other = {name: self.titles[j].text for name, j in at.items() if self.titles[j].text.casefold() != name}
-            self.notes += [f"column {quoted(title)} is read as {name}" for name, title in other.items()]
+            self.notes += [
+                f"column {quoted(text)} is read as {name}" for name, text in at.items() if text.casefold() != name
+            ]
         elif "mean" in at or "geometric_mean" in at:
             self.notes.append(
                 f"columns {seen} look like means of several raters, which are read from a column n (how many "
                 f"raters) and geometric_mean, or mean with sd or se, and --ratings aggregated"
             )
 
-    def _take_synonym(self, name: str, claimed: Sequence[int]) -> None:
-        """Take the column with another name of a column, if its unit fits.
+    def _take_meant(self, name: str, meant: Sequence[str], sure: bool) -> None:
+        """Take the column whose title means a name, if its unit fits.
+
+        Parameters
+        ----------
+        name
+            The name.
+        meant
+            Titles that mean it, the clearest first.
+        sure
+            False if they mean it in tables of this kind only; the cells must then be possible ones.
 
         Raises
         ------
         InputError
-            If there are several.
+            If several columns are meant.
         """
-        near = [j for j in claimed if j not in self.at.values()]
-        fitting = self._apart([j for j in near if _fits(name, self.titles[j])])
-        if len(fitting) > 1:
-            ways = " or ".join(f"--column {name}={quoted(self.titles[j].text)}" for j in fitting[:4])
-            several = listing([quoted(self.titles[j].text) for j in fitting])
-            note = f"columns {several} may each be {name!r}; choose one with {ways}"
+        near = [*dict.fromkeys(text for text in meant if text not in self.at.values())]
+        fitting = self._apart([text for text in near if (_fits if sure else self._may_be)(name, self.titles[text])])
+        if len(fitting) > 1 and (sure or name == "participant"):
+            ways = " or ".join(f"--column {name}={quoted(text)}" for text in fitting[:4])
+            what = repr(name) if sure else f"the {name}"
+            note = f"columns {listing([*map(quoted, fitting)])} may each be {what}; choose one with {ways}"
             if name != "trial":
-                raise InputError(f"{self.sheet.titled}: {note}")
+                raise InputError(f"{self.place}: {note}")
             self.notes.append(note)  # the results do not depend on it
         elif fitting:
-            self._take(name, fitting[0])
-        else:
-            for j in near:
-                self.perhaps.setdefault(j, (name, _unread(name, self.titles[j])))
+            title = self.titles[fitting[0]]
+            self._require_no_power(name, title)
+            self.at[name] = title.text
+            self.perhaps.pop(title.text, None)
+            lead = f"column {quoted(title.text)} is read as {name}"
+            if name not in NUMBERS or not self._convert(name, title, f"{lead}, "):
+                self.notes.append(lead)
+        elif sure or quantity_of(name):
+            for text in near:
+                remark = ""
+                if quantity_of(name):
+                    stem = self.titles[text].stem
+                    example = "B (gf·cm²/cm)" if stem == "B" else f"{stem} ({NUMBERS[name].unit})"
+                    remark = (
+                        f"column {quoted(text)} is not read: it has no unit known here; write one, as in "
+                        f"{quoted(example)}"
+                    )
+                self.perhaps.setdefault(text, (name, remark))
 
-    def _take_less_clear(self, name: str, _: Sequence[int]) -> None:
-        """Take the column that means a column in tables of this kind only, if its cells may be those of the column.
-
-        Raises
-        ------
-        InputError
-            If several of them tell rows apart in different ways.
-        """
-        words = [*map(bag, LESS_CLEAR.get(self.kind.sheet, {}).get(name, ()))]
-        if not words:
-            return
-        near = [*dict.fromkeys(j for word in words for j in self.free if word in self.titles[j].bags)]
-        likely = self._apart([j for j in near if self._may_be(name, j)])
-        if len(likely) > 1 and name == "participant":
-            ways = " or ".join(f"--column {name}={quoted(self.titles[j].text)}" for j in likely[:4])
-            raise InputError(
-                f"{self.sheet.titled}: columns {listing([quoted(self.titles[j].text) for j in likely])} may each be "
-                f"the {name}; choose one with {ways}"
-            )
-        if likely:
-            self._take(name, likely[0])
-        elif quantity_of(name):
-            for j in near:
-                self.perhaps.setdefault(j, (name, _unread(name, self.titles[j])))
-
-    def _cells(self, j: int) -> list[str]:
-        return [row[j] for row in self.sheet.body]
-
-    def _apart(self, candidates: list[int]) -> list[int]:
+    def _apart(self, candidates: list[str]) -> list[str]:
         """Return the candidates for a column without constant ones, and one of those that tell the same rows apart."""
         if len(candidates) < 2:
             return candidates
-        cells = {j: self._cells(j) for j in candidates}
-        varying = [j for j in candidates if len({*cells[j]}) > 1] or candidates
-        first = cells[varying[0]]
-        alike = (len({*zip(first, cells[j], strict=True)}) == len({*first}) == len({*cells[j]}) for j in varying)
-        return varying[:1] if all(alike) and not any(looks_numeric(text) for text in first) else varying
+        varying = [text for text in candidates if len({*self.cells[text]}) > 1] or candidates
+        first = self.cells[varying[0]]
+        alike = all(
+            len({*zip(first, self.cells[text], strict=True)}) == len({*first}) == len({*self.cells[text]})
+            for text in varying
+        )
+        return varying[:1] if alike and not any(map(looks_numeric, first)) else varying
 
-    def _may_be(self, name: str, j: int) -> bool:
+    def _may_be(self, name: str, title: Title) -> bool:
         """Return whether the cells of a column may be those of the column of a name."""
-        texts = self._cells(j)
-        filled = [text for text in texts if text.casefold() not in MISSING]
-        if quantity_of(name) and not _fits(name, self.titles[j]):
-            return False
+        texts = self.cells[title.text]
+        filled = [text for text in texts if not is_missing(text)]
         if name in NUMBERS:
-            return 2 * sum(map(looks_numeric, filled)) > len(filled) > 0
-        if name != "participant" or self.sheet.made:
+            return mostly_numeric(texts) and bool(filled) and (not quantity_of(name) or _fits(name, title))
+        if name != "participant" or self.melted:
             return bool(filled)
-        others = [self._cells(self.at[other]) for other in ("fabric", "trial") if other in self.at]
+        others = [self.cells[self.at[other]] for other in ("fabric", "trial") if other in self.at]
         determined = any(len({*zip(own, texts, strict=True)}) == len({*own}) for own in others)
         counts_rows = "fabric" in self.at and len({*texts}) == len(texts)
         return len({*filled}) > 1 and not determined and not counts_rows
 
-    def _guess(self, sought: Sequence[str]) -> None:
-        """Find the titles that may be misspelt names of columns that are needed."""
-        needed = self.kind.needed(self.at)
-        for j in self.free if "rating" in needed else ():
-            if is_reversed(self.titles[j].text):
-                self.perhaps[j] = ("rating", reversed_remark(self.titles[j].text))
-        for name in (name for name in sought if name in needed):
-            left = [j for j in self.free if j not in self.perhaps][:MOST_GUESSED]
-            stems = {bag(self.titles[j].stem): j for j in left if len(self.titles[j].stem) <= LONGEST_TITLE}
+    def _guess(self, needed: Sequence[str]) -> None:
+        """Find the titles that may be misspelt names of columns that are needed, or words for ratings."""
+        for text in self.free if "rating" in needed else ():
+            if is_reversed(text):
+                self.perhaps[text] = ("rating", reversed_remark(text))
+        for name in needed:
+            left = [text for text in self.free if text not in self.perhaps][:MOST_GUESSED]
+            stems = {bag(self.titles[text].stem): text for text in left if len(text) <= LONGEST_TITLE}
             near = (
                 title
                 for words in sorted(KNOWN_BY[name])
@@ -301,19 +278,10 @@ class Header:
                 if not any({*words.split()} < {*title.split()} for words in KNOWN_BY[name])
             )
             if (close := next(near, None)) is not None:
-                j = stems[close]
-                self.perhaps[j] = (name, f"is column {quoted(self.titles[j].text)} a misspelt {name}?")
-        for j in self.free if "rating" in needed else ():
-            if WORDS_FOR_RATINGS & {*key(self.titles[j].text).split()}:
-                self.perhaps.setdefault(j, ("rating", ""))
-
-
-def _unread(name: str, title: Title) -> str:
-    """Return the remark on a column that has the name of another one but not its unit."""
-    if not quantity_of(name):
-        return ""
-    example = "B (gf·cm²/cm)" if title.stem == "B" else f"{title.stem} ({NUMBERS[name].unit})"
-    return f"column {quoted(title.text)} is not read: it has no unit known here; write one, as in {quoted(example)}"
+                self.perhaps[stems[close]] = (name, f"is column {quoted(stems[close])} a misspelt {name}?")
+        for text in self.free if "rating" in needed else ():
+            if WORDS_FOR_RATINGS & {*key(text).split()}:
+                self.perhaps.setdefault(text, ("rating", ""))
 
 
 def _fits(name: str, title: Title) -> bool:

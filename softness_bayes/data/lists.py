@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from softness_bayes.data import FABRICS_BESIDE
-from softness_bayes.data.columns import ORDER, RANK, RATING
+from softness_bayes.data.columns import ORDER
 from softness_bayes.data.decimals import Marks
 from softness_bayes.data.formats import TableSource
-from softness_bayes.data.reading import read_sheet, read_table
+from softness_bayes.data.reading import read_table, read_titled
 from softness_bayes.data.shapes import Request
 from softness_bayes.errors import InputError, quoted
 
@@ -85,19 +85,19 @@ def _of_folder(folder: Path) -> list[Listed]:
 
 
 def _of_file(path: Path) -> list[Listed]:
-    sheet = read_sheet(path, ORDER, {})
-    titles = [title.strip().casefold() for title in sheet.header]
-    if unknown := [title for title in titles if title and title not in COLUMNS]:
-        raise InputError(f"{sheet.titled}: column {quoted(unknown[0])}; expected some of {', '.join(COLUMNS)}")
-    if not {"data", "compression"} & {*titles}:
-        raise InputError(f"{sheet.titled}: no column 'data'; expected some of {', '.join(COLUMNS)}")
+    table = read_titled(path, ORDER, {})
+    cells = {title.casefold(): texts for title, texts in table.cells.items()}
+    if unknown := [title for title in cells if title and title not in COLUMNS]:
+        raise InputError(f"{table.header}: column {quoted(unknown[0])}; expected some of {', '.join(COLUMNS)}")
+    if not {"data", "compression"} & {*cells}:
+        raise InputError(f"{table.header}: no column 'data'; expected some of {', '.join(COLUMNS)}")
     found = []
-    for cells, row in zip(sheet.body, sheet.lines[1:], strict=True):
-        texts = dict(zip(titles, (str(cell) for cell in cells), strict=True))
+    for i, row in enumerate(table.rows):
+        texts = {title: str(column[i]) for title, column in cells.items()}
         paths = {name: path.parent / texts[name] if texts.get(name) else None for name in COLUMNS[1:]}
         given = paths["data"] or paths["compression"]
         if given is None:
-            raise InputError(f"{sheet.place}: row {row}, column 'data': is empty, expected the path of a table")
+            raise InputError(f"{table.place}: row {row}, column 'data': is empty, expected the path of a table")
         found.append(Listed(texts.get("table") or given.stem, **paths))
     return found
 
@@ -119,14 +119,13 @@ def read_order(path: TableSource, decimal: Marks = None) -> dict[str, float]:
     """
     table = read_table(path, Request(ORDER, {}, decimal))
     table.require("fabric")
-    given = [column for column in (RANK, RATING) if column.name in table]
+    given = [name for name in ("rank", "rating") if name in table]
     if len(given) != 1:
-        raise InputError(f"{table.place}: expected a column {RANK.name!r} or a column {RATING.name!r}, but not both")
-    (column,) = given
-    values = table.numbers(column)
+        raise InputError(f"{table.place}: expected a column 'rank' or a column 'rating', but not both")
+    values = table.numbers(given[0])
     for i in np.flatnonzero(np.isnan(values)).tolist():
-        table.problem(i, column.name, "is empty")
+        table.problem(i, given[0], "is empty")
     labels = np.array(table.labels("fabric"))
     table.check()
-    sign = 1.0 if column is RANK else -1.0
+    sign = 1.0 if given == ["rank"] else -1.0
     return {str(name): sign * float(values[labels == name].mean()) for name in dict.fromkeys(labels.tolist())}

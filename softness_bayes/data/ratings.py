@@ -12,18 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from softness_bayes.data.columns import (
-    FORCE,
-    INDENTATION,
-    LOAD_CV,
-    LOADED,
-    MISSING,
-    RATING,
-    RATINGS,
-    RESOLUTION,
-    Column,
-)
-from softness_bayes.data.decimals import Marks
+from softness_bayes.data.columns import FORCE, INDENTATION, LOAD_CV, LOADED, RATINGS, RESOLUTION, Column
+from softness_bayes.data.decimals import Marks, is_missing
 from softness_bayes.data.fabrics import Fabrics, log_sd
 from softness_bayes.data.faults import MOST_ASKED, guess, identity, listing, natural
 from softness_bayes.data.formats import TableSource
@@ -96,7 +86,8 @@ def loads_of(
 
 def rank(load: Load) -> tuple[int, float]:
     """Return the sort key of a load: indentations first, each in increasing order."""
-    return next((k, entry.value(load)) for k, entry in enumerate(LOAD_COLUMNS) if isinstance(load, entry.kind))
+    entry = load_column(load)
+    return LOAD_COLUMNS.index(entry), entry.value(load)
 
 
 def _given_load(table: Table, given: Sequence[Load]) -> Load | None:
@@ -104,22 +95,22 @@ def _given_load(table: Table, given: Sequence[Load]) -> Load | None:
     filed = [entry.column.name for entry in LOAD_COLUMNS if entry.column.name in table]
     if not filed and len(given) != 1:
         table.lack(
-            f"no load column ({INDENTATION.name} or {FORCE.name}); give the load of all "
-            "ratings by one of --indentation-mm and --force-n, name its column with --column, or, if people pressed as "
-            "they liked, say --load free, which takes their common force as unknown",
-            *(name for name, _ in table.perhaps.values() if name in (INDENTATION.name, FORCE.name)),
+            "no load column (indentation_mm or force_n); give the load of all ratings by one of --indentation-mm and "
+            "--force-n, name its column with --column, or, if people pressed as they liked, say --load free, which "
+            "takes their common force as unknown",
+            *("indentation_mm", "force_n"),
         )
     elif filed and given:
-        table.faults.add_general(
+        table.refuse(
             "--indentation-mm, --force-n and --load apply only to tables without a load column; this one has "
             f"{' and '.join(repr(table.titles[name]) for name in filed)}"
         )
-    elif len(filed) > 1 and all(text.casefold() not in MISSING for name in filed for text in table.cells[name]):
+    elif len(filed) > 1 and not any(is_missing(text) for name in filed for text in table.texts(name)):
         ways = " or ".join(f"--column {name}={quoted(table.titles[name])}" for name in filed)
         remedy = f"{ways} takes only one of them"
         if any(table.titles[name].casefold() == name for name in filed):
             remedy = f"remove the column that was measured rather than controlled ({' or '.join(filed)})"
-        table.faults.add_general(f"every row has an indentation and a force, expected one load; {remedy}")
+        table.refuse(f"every row has an indentation and a force, expected one load; {remedy}")
         table.check()
     return given[0] if given else None
 
@@ -127,14 +118,14 @@ def _given_load(table: Table, given: Sequence[Load]) -> Load | None:
 def loads_in(table: Table, given: Load | None) -> list[Load | None]:
     """Return each row's load, from its columns or the given one; rows without a load are faults."""
     filed = {entry: table.numbers(entry.column).tolist() for entry in LOAD_COLUMNS if entry.column.name in table}
+    names = [entry.column.name for entry in filed]
     touches: list[Load | None] = [given] * len(table)
     for i in range(len(table) if filed else 0):
         held = [entry.kind(values[i]) for entry, values in filed.items() if values[i] == values[i]]
-        if len(held) != 1 and not any(table.is_faulty(i, entry.column.name) for entry in filed):
-            last = next(reversed(filed)).column.name
-            found = " and ".join(quoted(table.cells[entry.column.name][i]) for entry in filed)
+        if len(held) != 1 and not table.is_faulty(i, *names):
+            found = " and ".join(quoted(table.texts(name)[i]) for name in names)
             expected = "a load" if len(filed) == 1 else "one load: an indentation or a force"
-            table.problem(i, last, f"expected {expected}, got {found}")
+            table.problem(i, names[-1], f"expected {expected}, got {found}")
         touches[i] = held[0] if held else None
     return touches
 
@@ -190,7 +181,7 @@ class Ratings:
     rows: IntArray
     n_missing: int = 0
     source: str = "ratings"
-    rating_column: str = RATING.name
+    rating_column: str = "rating"
     digest: str = ""
     notes: tuple[str, ...] = ()
     not_positive: str = ""
@@ -350,9 +341,9 @@ class Ratings:
         unknown = not (loads_needed or given or any(entry.column.name in table for entry in LOAD_COLUMNS))
         load = None if unknown else _given_load(table, given)
         table, cells = cells_of(table)
-        table.require("fabric", RATING.name)
+        table.require("fabric", "rating")
         table = unpaired(table)
-        filed = table.numbers(RATING)
+        filed = table.numbers("rating")
         whole, (rated, used, notes) = table, _rated_rows(table, filed, drop_zeros)
         table = table.take(used)
         if "participant" in table:
@@ -369,7 +360,7 @@ class Ratings:
         table.check()
         notes += _repeats(table, by, what, loads)
         if cells is not None and len(set(zip(by, what, loads, strict=True))) < len(table):
-            table.faults.add_general("a cell of one fabric and load is in several rows, expected one")
+            table.refuse("a cell of one fabric and load is in several rows, expected one")
             table.check()
         wrong = np.flatnonzero(filed[rated] < 0)
         if rated.size > 2 and np.ptp(filed[rated]) == 0:
@@ -380,7 +371,9 @@ class Ratings:
         covariates, noted = covariates_in(whole, participants)
         names = natural(what) if fabrics is None else [name for name in fabrics.names if name in {*what}]
         distinct = [] if unknown else sorted({load for load in loads if load is not None}, key=rank)
+        # lists with equal names but different participants are different
         lists = [*zip(by, table.labels("list"), strict=True)] if "list" in table else []
+        session = table.labels("session") if "session" in table else []
         return cls(
             tuple(participants),
             tuple(names),
@@ -392,16 +385,15 @@ class Ratings:
             rows=table.rows,
             n_missing=len(filed) - rated.size,
             source=table.place,
-            rating_column=table.titles[RATING.name],
+            rating_column=table.title("rating"),
             digest=table.digest,
             notes=tuple(f"{table.label}: {note}" for note in (*noted, *notes)),
-            not_positive=table.cells[RATING.name][wrong[0]] if wrong.size else "",
+            not_positive=table.texts("rating")[wrong[0]] if wrong.size else "",
             load_cv=load_cv,
             resolution=resolution,
-            # lists with equal names but different participants are different
             lists=_index(lists, [*dict.fromkeys(lists)]) if lists else None,
             order=_order_in(table, by),
-            session=_index(own := table.labels("session"), natural(own)) if "session" in table else None,
+            session=_index(session, natural(session)) if session else None,
             covariates=covariates,
             cells=None if cells is None else cells.take(used),
         )
@@ -417,32 +409,31 @@ def _rated_rows(table: Table, filed: FloatArray, drop_zeros: bool) -> tuple[IntA
 
     Codes for missing ratings are faults, and so are tables without ratings.
     """
-    texts = table.cells[RATING.name]
+    texts = table.texts("rating")
     # a code is nine times as far from 0 as every other rating, or the only negative number among positive ones
     codes = [i for i, text in enumerate(texts) if text in MISSING_CODES and not np.isnan(filed[i])]
     others = np.delete(filed, codes)
     others = others[~np.isnan(others)]
     largest = np.abs(others).max(initial=0.0)  # it may be too large for a multiplication
     for i in codes if others.size else ():
-        if not (abs(filed[i]) / FAR >= largest or filed[i] < 0 <= others.min()):
-            continue
-        table.problem(
-            i,
-            RATING.name,
-            f"{texts[i]} looks like a code for a missing rating, because no other rating is near it; leave the "
-            "cells of missing ratings empty; if it is a rating, write it with decimals, as 999.0",
-        )
+        if abs(filed[i]) / FAR >= largest or filed[i] < 0 <= others.min():
+            table.problem(
+                i,
+                "rating",
+                f"{texts[i]} looks like a code for a missing rating, because no other rating is near it; leave the "
+                "cells of missing ratings empty; if it is a rating, write it with decimals, as 999.0",
+            )
     kept = ~np.isnan(filed)
     zeros = int((filed == 0).sum()) if drop_zeros else 0
     rated = np.flatnonzero(kept & (filed != 0) if drop_zeros else kept)
-    faulty = np.array([table.is_faulty(i, RATING.name) for i in range(len(table))])
+    faulty = np.array([table.is_faulty(i, "rating") for i in range(len(table))])
     words = {text for text, wrong in zip(texts, faulty, strict=True) if wrong and not any(map(str.isdigit, text))}
     if not rated.size and len(words) > 1:
-        table.faults.add_general(
+        table.refuse(
             "no rating is a number: write words of a scale as numbers, higher for softer, and add --ratings categories"
         )
     if not (rated.size or faulty.any()):
-        table.faults.add_general(f"column {table.titles[RATING.name]!r}: there is no rating in any row")
+        table.refuse(f"column {table.title('rating')!r}: there is no rating in any row")
     notes = []
     if missing := int((~kept).sum()):
         notes.append(f"{some_of(missing, len(table), 'rating')} missing")
@@ -486,14 +477,11 @@ def _order_in(table: Table, by: Sequence[str]) -> FloatArray | None:
     """Return the place of each row among those of its rater, 0 to 1, by the numbers of sessions and trials."""
     import pandas as pd
 
-    told = [pd.Series(table.cells[name]) for name in ("session", "trial") if name in table]
-    if not told:
+    told = [pd.Series(table.texts(name), dtype=str) for name in ("session", "trial") if name in table]
+    numbers = [pd.to_numeric(texts, errors="coerce") for texts in told]
+    if not told or any(values.isna().any() for values in numbers):
         return None
-    numbers = [pd.to_numeric(text, errors="coerce").fillna(np.nan) for text in told]
-    if any(values.isna().any() for values in numbers):
-        return None
-    every = pd.DataFrame(dict(enumerate(numbers)))
-    rater = pd.Series([*by])
+    every, rater = pd.concat(numbers, axis=1), pd.Series([*by])
     place = every.apply(tuple, axis=1).rank(method="dense").groupby(rater).rank(method="dense") - 1.0
     return (place / place.groupby(rater).transform("max").clip(lower=1.0)).to_numpy(float)
 
@@ -503,24 +491,18 @@ def _repeats(table: Table, *keys: Sequence[object]) -> list[str]:
 
     It lists the unused columns that distinguish all of them.
     """
-    trials = "trial" in table
-    told = [table.cells[name] for name in ("session", "trial", "list") if name in table]
-    cells = set(zip(*keys, *told, strict=True))
-    repeated = len(table) - len(cells)
+    told = [*keys, *map(table.texts, ("session", "trial", "list"))]
+    repeated = len(table) - len({*zip(*told, strict=True)})
     if not repeated:
         return []
-    what = f"{repeated} ratings repeat a participant, fabric{' and load' if not trials else ', load and trial'}"
-    apart = [
-        title for title, texts in table.others.items() if len(set(zip(*keys, *told, texts, strict=True))) == len(table)
-    ]
-    if trials and apart:
-        columns = " and ".join(quoted(title) for title in apart)
+    if "trial" not in table:
+        return [f"{repeated} ratings repeat a participant, fabric and load: treated as further trials"]
+    what = f"{repeated} ratings repeat a participant, fabric, load and trial"
+    apart = [title for title, texts in table.others.items() if len({*zip(*told, texts, strict=True)}) == len(table)]
+    if apart:
+        columns = " and ".join(map(quoted, apart))
         return [f"{what}, and differ in {columns}, which is not used: treated as further trials under the same load"]
-    return [f"{what}: treated as further trials{'' if not trials else ' under the same load; is the trial right?'}"]
-
-
-SHOWN = 3
-"""Number of groups of loads that a note lists."""
+    return [f"{what}: treated as further trials under the same load; is the trial right?"]
 
 
 def with_few_loads(ratings: Ratings, most: int) -> Ratings:
@@ -604,7 +586,6 @@ def with_rounded_loads(ratings: Ratings, step: float) -> Ratings:
     told = [f"{load} from {listing(members, 3)}" for load, members in groups.items() if len(members) > 1]
     note = f"loads rounded to multiples of {step:g}: {len(ratings.loads)} became {len(groups)}"
     if told:
-        more = f"; and {len(told) - SHOWN} more" if len(told) > SHOWN else ""
-        note += f": {'; '.join(told[:SHOWN])}{more}"
+        note += f": {'; '.join(told[:3])}" + (f"; and {len(told) - 3} more" if len(told) > 3 else "")
     places = np.array([order[load] for load in rounded], dtype=np.intp)
     return replace(ratings, loads=tuple(order), load=places[ratings.load], notes=(*ratings.notes, note))

@@ -1,30 +1,30 @@
 """Reading of tables in four steps, and what mends one that is refused.
 
-Bytes become cells (`formats`); rows of cells become a sheet with one header and one row for each value (`shapes`);
-titles become known columns (`headers`); their cells become a `Table` without rows that are no data (`contents`). At
-each step a list of rules says in which ways a table can be odd.
+Bytes become cells (`formats`); rows of cells become a table with one header and one row for each value (`shapes`);
+titles become known columns (`headers`); rows that are no data are left out (`contents`). At each step a list of rules
+says in which ways a table can be odd.
 """
 
 from __future__ import annotations
 
 import shlex
-import unicodedata
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from softness_bayes.data import contents, shapes
-from softness_bayes.data.columns import LABELS, MISSING, NAMES, NUMBERS, Kind, summarises
-from softness_bayes.data.decimals import Cell, Reading, decimal_mark, mark_of
+from softness_bayes.data.columns import NAMES, NUMBERS, Kind, summarises
+from softness_bayes.data.decimals import Cell, Reading, SheetNumber, is_missing, mark_of, plain_digits, reading_of
 from softness_bayes.data.faults import Hint, TableError, guess, listing
 from softness_bayes.data.formats import TableSource, is_workbook, sheets_of
 from softness_bayes.data.headers import Header
 from softness_bayes.data.shapes import Request
-from softness_bayes.data.sheets import Sheet, SheetNumber, sheet_of, shown
+from softness_bayes.data.sheets import Sheet
 from softness_bayes.data.tables import Table, unused_note
-from softness_bayes.data.titles import key, plain_text
+from softness_bayes.data.titles import key
 from softness_bayes.errors import InputError, quoted
 from softness_bayes.files.spreadsheet import unescaped
 
@@ -41,7 +41,7 @@ class Rule(NamedTuple):
     name: str
     tables: Sequence[str]
     """The kinds of tables in which it is looked for."""
-    apply: Callable[..., object]
+    apply: Callable[..., Any]
 
 
 ROWS = (
@@ -64,7 +64,7 @@ COLUMNS = (
     Rule("people in columns", ("ratings",), shapes.with_people_in_rows),
     Rule("fabrics in columns", ("ratings",), shapes.with_fabrics_in_rows),
 )
-"""Rules for the columns of a sheet, given its `Header` and the `Request`."""
+"""Rules for the columns of a table, given its `Header` and the `Request`."""
 
 CONTENTS = (
     Rule("other columns of the same name", ALL, contents.without_namesakes),
@@ -81,17 +81,7 @@ CONTENTS = (
     Rule("noise about zero", ("compression",), contents.without_noise),
     Rule("way back", ("compression",), contents.without_unloading),
 )
-"""Rules for the cells of a `Table`."""
-
-Subject = TypeVar("Subject", Sheet, Table)
-
-
-def _after(rules: Sequence[Rule], kind: Kind, subject: Subject) -> Subject:
-    """Return a sheet or a table after the rules for its kind."""
-    for rule in rules:
-        if kind.sheet in rule.tables:
-            subject = rule.apply(subject)  # type: ignore[assignment]
-    return subject
+"""Rules for the cells of the known columns."""
 
 
 def read_table(source: TableSource, request: Request) -> Table:
@@ -103,20 +93,27 @@ def read_table(source: TableSource, request: Request) -> Table:
         If the file is not a table with at least one row, or it can be understood in several ways; the message names
         file and row.
     """
-    mark = mark_of(request.decimal, request.kind.sheet)
-    sheet = read_sheet(source, request.kind, request.renames)
-    header = Header(sheet, request.renames, request.kind)
+    mark, kind = mark_of(request.decimal, request.kind.sheet), request.kind
+    table = read_titled(source, kind, request.renames)
+    header = _header(table, kind, request.renames)
     for rule in COLUMNS:
-        if request.kind.sheet in rule.tables and (found := rule.apply(sheet, header, request)) is not sheet:
-            assert isinstance(found, Sheet)
-            sheet, header = found, Header(found, request.renames, request.kind)
-    return _after(CONTENTS, request.kind, _table(header, mark))
+        if kind.sheet in rule.tables and (found := rule.apply(table, header, request)) is not table:
+            table, header = found, _header(found, kind, request.renames)
+    table = _with_known(table, header, mark)
+    for rule in CONTENTS:
+        if kind.sheet in rule.tables:
+            table = rule.apply(table)
+    return table
+
+
+def _header(table: Table, kind: Kind, renames: Mapping[str, str]) -> Header:
+    return Header(table.header, table.cells, renames, kind, melted=bool(table.made))
 
 
 # bytes to cells, and the sheet among several
 
 
-def read_sheet(source: TableSource, kind: Kind, renames: Mapping[str, str]) -> Sheet:
+def read_titled(source: TableSource, kind: Kind, renames: Mapping[str, str]) -> Table:
     """Return the sheet of a file or DataFrame that has the columns looked for.
 
     Raises
@@ -126,8 +123,20 @@ def read_sheet(source: TableSource, kind: Kind, renames: Mapping[str, str]) -> S
     """
     sheets = sheets_of(source, kind.sheet)
     if len(sheets) == 1:
-        return _after(ROWS, kind, next(iter(sheets.values()))).headed()
-    return _chosen(str(source), _headed(sheets, kind), kind, renames)
+        return _titled(next(iter(sheets.values())), kind)
+    place, tables = str(source), _tables(sheets, kind)
+    if not tables:
+        raise InputError(f"{place}: the workbook is empty, expected a header and rows")
+    meant = list(tables) if len(tables) == 1 else _meant(tables, kind, renames)
+    if len(meant) == 1:
+        return tables[meant[0]]
+    titles = {frozenset(title.casefold() for title in tables[name].cells) for name in meant}
+    if len(titles) == 1:
+        return _stacked(place, {name: tables[name] for name in meant}, kind, renames)
+    raise InputError(
+        f"{place}: {len(meant) or 'none'} of the sheets {listing([quoted(name) for name in tables])} may "
+        f"contain the {kind.sheet}; rename the right one to {kind.sheet!r}"
+    )
 
 
 def has_sheet(source: str | Path, kind: Kind, renames: Mapping[str, str]) -> bool:
@@ -135,149 +144,111 @@ def has_sheet(source: str | Path, kind: Kind, renames: Mapping[str, str]) -> boo
     if not is_workbook(Path(source)):
         return False
     sheets = sheets_of(source, kind.sheet)
-    return len(sheets) > 1 and len(_candidates(_headed(sheets, kind), kind, renames)) == 1
+    return len(sheets) > 1 and len(_meant(_tables(sheets, kind), kind, renames)) == 1
 
 
-def _headed(sheets: Mapping[str, Sheet], kind: Kind) -> dict[str, Sheet]:
+def _titled(sheet: Sheet, kind: Kind) -> Table:
+    """Return the table of a sheet after the rules for its rows."""
+    for rule in ROWS:
+        if kind.sheet in rule.tables:
+            sheet = rule.apply(sheet)
+    return Table.of(sheet)
+
+
+def _tables(sheets: Mapping[str, Sheet], kind: Kind) -> dict[str, Table]:
     """Return the sheets of a workbook, each read as the table looked for, without those that are none."""
     found = {}
     for name, sheet in sheets.items():
         try:
-            found[name] = _after(ROWS, kind, sheet).headed()
+            found[name] = _titled(sheet, kind)
         except InputError:
             if key(name) == kind.sheet:
                 raise
     return found
 
 
-def _candidates(sheets: Mapping[str, Sheet], kind: Kind, renames: Mapping[str, str]) -> list[str]:
+def _meant(tables: Mapping[str, Table], kind: Kind, renames: Mapping[str, str]) -> list[str]:
     """Return the sheets with the name that is looked for, or with the columns that mark it."""
-    named = [name for name in sheets if key(name) == kind.sheet]
-    known = {name: _known(sheet, kind, renames) for name, sheet in sheets.items()}
-    for marks in (kind.marks, kind.otherwise):
-        named = named or [name for name, there in known.items() if any(names <= there for names in marks)]
+    named = [name for name in tables if key(name) == kind.sheet]
+    known = {name: _known(table, kind, renames) for name, table in tables.items()}
+    for mark in kind.marks:
+        named = named or [name for name, there in known.items() if mark <= there]
     return named
 
 
-def _known(sheet: Sheet, kind: Kind, renames: Mapping[str, str]) -> set[str]:
-    """Return the columns of a sheet that are known."""
+def _known(table: Table, kind: Kind, renames: Mapping[str, str]) -> set[str]:
+    """Return the columns of a table that are known."""
     try:
-        return {*Header(sheet, renames, kind).at}
+        return {*_header(table, kind, renames).at}
     except InputError:
         return set()
 
 
-def _chosen(place: str, sheets: Mapping[str, Sheet], kind: Kind, renames: Mapping[str, str]) -> Sheet:
-    """Return the one sheet of a workbook that is meant, or several of one form below each other."""
-    if not sheets:
-        raise InputError(f"{place}: the workbook is empty, expected a header and rows")
-    chosen = list(sheets) if len(sheets) == 1 else _candidates(sheets, kind, renames)
-    if len(chosen) == 1:
-        return sheets[chosen[0]]
-    headers = {frozenset(title.casefold() for title in sheets[name].header) for name in chosen}
-    if len(chosen) > 1 and len(headers) == 1:
-        return _stacked(place, {name: sheets[name] for name in chosen}, kind, renames)
-    raise InputError(
-        f"{place}: {len(chosen) or 'none'} of the sheets {listing([quoted(name) for name in sheets])} may "
-        f"contain the {kind.sheet}; rename the right one to {kind.sheet!r}"
-    )
-
-
-def _stacked(place: str, sheets: Mapping[str, Sheet], kind: Kind, renames: Mapping[str, str]) -> Sheet:
+def _stacked(place: str, tables: Mapping[str, Table], kind: Kind, renames: Mapping[str, str]) -> Table:
     """Return the rows of several sheets with the same titles, whose names are the participants if no column is."""
-    left = [name for name in sheets if summarises(name)]
-    kept = {name: sheet for name, sheet in sheets.items() if name not in left}
+    left = [name for name in tables if summarises(name)]
+    kept = {name: table for name, table in tables.items() if name not in left}
     first = next(iter(kept.values()))
     people = "participant" in kind.columns and "participant" not in _known(first, kind, renames)
     title = "participant" if people else "sheet"
-    titles = [text.casefold() for text in first.header]
-    rows: list[tuple[list[str], int]] = [([title, *first.header], -1)]
-    for name, sheet in kept.items():
-        order = [[text.casefold() for text in sheet.header].index(text) for text in titles]
-        body = ([name, *(row[j] for j in order)] for row in sheet.body)
-        rows += zip(body, sheet.lines[1:], strict=True)
+    folded = [{text.casefold(): texts for text, texts in table.cells.items()} for table in kept.values()]
+    cells = {text: [cell for one in folded for cell in one[text.casefold()]] for text in first.cells}
+    places = f"{place}, sheets {listing([quoted(name) for name in kept])}"
     notes = [
-        *dict.fromkeys(note for sheet in kept.values() for note in sheet.notes),
+        *dict.fromkeys(note for table in kept.values() for note in table.notes),
         f"{len(kept)} sheets are read below each other; their names are the column {title!r}",
         *([f"sheets of statistics are left out: {listing(left)}"] if left else []),
     ]
-    places = f"{place}, sheets {listing([quoted(name) for name in kept])}"
-    return sheet_of(rows, places, Path(place).name, first.digest, notes=notes).headed()
-
-
-# a sheet's known columns as a table
-
-
-def _table(header: Header, decimal: str | None) -> Table:
-    """Return the known columns of a sheet."""
-    sheet, at = header.sheet, header.at
-    cells = {name: [row[j] for row in sheet.body] for name, j in at.items()}
-    for name, texts in cells.items():
-        cells[name] = [str(unescaped(shown(text))) if name in LABELS else _number(text) for text in texts]
-    unused = {header.titles[j].text: j for j in header.free}
-    notes = [*sheet.notes, *header.notes, *unused_note([*unused])]
-    notes += [remark for _, (_, remark) in sorted(header.perhaps.items()) if remark]
-    titles = {name: sheet.header[j] for name, j in at.items()}
-    made = tuple(name for name, title in titles.items() if title in sheet.made)
-    if sheet.columns and (name := next((name for name in made if titles[name] == sheet.made[-1]), "")):
-        titles[name] = " … ".join(dict.fromkeys((sheet.columns[0], sheet.columns[-1])))
-    rows = np.array(sheet.lines[1:], dtype=np.intp)
-    reading = Reading(decimal, grouped=True) if decimal else _found_mark(sheet, cells, titles, made)
-    return Table(
-        place=sheet.place,
-        label=sheet.label,
-        digest=sheet.digest,
-        cells=cells,
-        titles=titles,
-        units=header.units,
-        rows=rows,
-        decimal=reading.mark,
-        grouped=reading.grouped,
-        notes=(*notes, *([reading.note] if reading.note else [])),
-        columns=sheet.columns,
-        made=made,
-        others={title: [str(unescaped(shown(row[j]))) for row in sheet.body] for title, j in unused.items()},
-        perhaps={sheet.header[j]: told for j, told in header.perhaps.items()},
+    return replace(
+        first,
+        place=places,
+        label=Path(place).name,
+        header=f"{places}: header",
+        cells={title: [name for name, table in kept.items() for _ in range(len(table))], **cells},
+        rows=np.concatenate([table.rows for table in kept.values()]),
+        notes=tuple(notes),
     )
 
 
-def _number(text: str) -> str:
-    """Return a number in full-width digits or with a sign of its own for minus in plain characters."""
-    if text.isascii() or isinstance(text, SheetNumber):
-        return text
-    wide = all(unicodedata.east_asian_width(c) in "FWNaA" or c.isascii() for c in text)
-    plain = plain_text(text) if wide or "\u2212" in text else text
-    return plain if any(c in "0123456789" for c in plain) and all(c in "0123456789+-.,eE%" for c in plain) else text
+# the known columns
 
 
-def _found_mark(
-    sheet: Sheet, cells: Mapping[str, Sequence[str]], titles: Mapping[str, str], made: Sequence[str]
-) -> Reading:
-    """Return the decimal mark that the numbers of a table show.
+def _with_known(table: Table, header: Header, decimal: str | None) -> Table:
+    """Return a table with its known columns, their numbers in plain characters, and their decimal mark."""
+    numbers = {title for name, title in header.at.items() if name in NUMBERS}
+    cells = {
+        title: [plain_digits(text) if title in numbers else _shown(text) for text in texts]
+        for title, texts in table.cells.items()
+        if title
+    }
+    table = replace(table, cells=cells, titles=header.at, units=header.units, perhaps=header.perhaps)
+    remarks = [header.perhaps[title][1] for title in cells if title in header.perhaps]
+    reading = Reading(decimal, grouped=True) if decimal else _found_reading(table)
+    notes = (
+        *header.notes,
+        *unused_note(header.free),
+        *filter(None, remarks),
+        *([reading.note] if reading.note else []),
+    )
+    return table.noted(*notes, reading=reading)
 
-    Raises
-    ------
-    InputError
-        If they do not decide between two.
-    """
-    numbers = [
-        [
-            Cell(text, sheet.columns[i] if name in made else titles[name], sheet.lines[1 + i])
-            for i, text in enumerate(cells[name])
-            if not (isinstance(text, SheetNumber) or (sheet.between_commas and "," not in text))
-            and text.casefold() not in MISSING
+
+def _shown(text: str) -> str:
+    """Return the text of a cell as its program shows it."""
+    return str(unescaped(text.shown if isinstance(text, SheetNumber) else text))
+
+
+def _found_reading(table: Table) -> Reading:
+    """Return the decimal mark that the numbers of a table show."""
+
+    def cells(name: str) -> list[Cell]:
+        return [
+            Cell(text, "row {}, column {!r}".format(*table.spot(i, name)))
+            for i, text in enumerate(table.texts(name))
+            if not (isinstance(text, SheetNumber) or (table.between_commas and "," not in text) or is_missing(text))
         ]
-        for name in NUMBERS
-        if name in cells
-    ]
-    reading = decimal_mark(numbers, sheet.between_commas)
-    if (cell := reading.unclear) is not None:
-        other = cell.text.replace(",", "").replace(".", "")
-        raise InputError(
-            f"{sheet.place}: {cell.place}: {cell.text!r} may be {cell.text.replace(',', '.')} or {other}, and no other "
-            "number of this table decides which; give the decimal mark with --decimal . or --decimal ,"
-        )
-    return reading
+
+    return reading_of(table.place, [cells(name) for name in NUMBERS if name in table], table.between_commas)
 
 
 # what mends a table

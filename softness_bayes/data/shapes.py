@@ -14,21 +14,18 @@ from softness_bayes.data.columns import (
     FORCE,
     INDENTATION,
     KNOWN_BY,
-    MISSING,
     NUMBERS,
     OWNERS,
-    RATING,
-    SECOND_FABRIC,
     Column,
     Kind,
-    looks_numeric,
     quantity_of,
     summarises,
 )
-from softness_bayes.data.decimals import Marks
+from softness_bayes.data.decimals import Marks, SheetNumber, is_missing, looks_numeric, mostly_numeric
 from softness_bayes.data.faults import MOST_ASKED, guess, identity, listing
 from softness_bayes.data.headers import Header
-from softness_bayes.data.sheets import Sheet, SheetNumber
+from softness_bayes.data.sheets import Sheet
+from softness_bayes.data.tables import Table
 from softness_bayes.data.titles import LONGEST_TITLE, UNITS, analysed, bag, is_unit, key, unit_named
 from softness_bayes.errors import InputError, quoted
 from softness_bayes.files.json_text import parse_json
@@ -79,37 +76,36 @@ def without_comments(sheet: Sheet) -> Sheet:
     if width < 2 or not marked:
         return sheet
     above = next(i for i in range(len(records) + 1) if i not in marked)
-    alone = {i for i in marked if _used(records[i]) == 1}
-    header = above - 1 if above and _used(records[above - 1]) == width else None
-    if header is not None and not any(map(looks_numeric, records[header])):
-        first = records[header][0].lstrip("# ")
-        sheet = replace(sheet, records=[[first, *r[1:]] if i == header else r for i, r in enumerate(records)])
-    return _without(sheet, {*range(above)} - {header} | alone, "lines that begin with # are left out")
+    left = {*range(above)} | {i for i in marked if _used(records[i]) == 1}
+    if above and _used(records[above - 1]) == width and not any(map(looks_numeric, records[above - 1])):
+        header = [records[above - 1][0].lstrip("# "), *records[above - 1][1:]]
+        sheet = replace(sheet, records=[*records[: above - 1], header, *records[above:]])
+        left -= {above - 1}
+    return _without(sheet, left, "lines that begin with # are left out")
 
 
 def without_preamble(sheet: Sheet) -> Sheet:
     """Leave out lines of one or two cells above a header of more."""
     width = _usual_width(sheet)
-    narrow = min(2, width - 1)
     for i, record in enumerate(sheet.records[:50]):
         filled = [cell for cell in record if cell]
         if i and _used(record) >= width and len({*filled}) == len(filled) and not any(map(looks_numeric, filled)):
             return _without(sheet, {*range(i)}, f"lines above the header in row {sheet.lines[i]} are left out")
-        if _used(record) > narrow:
+        if _used(record) > min(2, width - 1):
             break
     return sheet
 
 
-_REMARK = re.compile(r"[*†‡§].*|(?:notes?|source|remark|comment|legend|anmerkung|quelle)\b.*|.{12,}\s.*", re.IGNORECASE)
-
-
 def without_repeated_headers(sheet: Sheet) -> Sheet:
     """Leave out the header where it is repeated, with a line of one cell above it, and lines of dashes."""
-    header = [cell.casefold() for cell in sheet.records[0]] if sheet.records else []
-    again = {i for i, row in enumerate(sheet.records) if i and [cell.casefold() for cell in row] == header}
-    above = {i - 1 for i in again if i > 1 and _used(sheet.records[i - 1]) == 1}
-    dashes = {i for i, row in enumerate(sheet.records) if all(re.fullmatch(":?-{2,}:?|", cell) for cell in row)}
+    rows = [[cell.casefold() for cell in row] for row in sheet.records]
+    again = {i for i, row in enumerate(rows) if i and row == rows[0]}
+    above = {i - 1 for i in again if i > 1 and _used(rows[i - 1]) == 1}
+    dashes = {i for i, row in enumerate(rows) if all(re.fullmatch(":?-{2,}:?|", cell) for cell in row)}
     return _without(sheet, again | above | dashes, "repeated headers and lines of dashes are left out")
+
+
+_REMARK = re.compile(r"[*†‡§].*|(?:notes?|source|remark|comment|legend|anmerkung|quelle)\b.*|.{12,}\s.*", re.IGNORECASE)
 
 
 def without_remarks(sheet: Sheet) -> Sheet:
@@ -118,25 +114,24 @@ def without_remarks(sheet: Sheet) -> Sheet:
     last = len(records)
     while _usual_width(sheet) > 2 < last and _used(records[last - 1]) == 1 and _REMARK.fullmatch(records[last - 1][0]):
         last -= 1
-    return _without(sheet, {*range(last, len(records))}, "lines below the table are left out")
+    return _without(sheet, range(last, len(records)), "lines below the table are left out")
 
 
 def without_survey_rows(sheet: Sheet) -> Sheet:
     """Leave out the rows of questions and of import codes that Qualtrics writes below the header."""
-    records = sheet.records
-    codes = next((i for i in (1, 2) if sum('"ImportId"' in cell for cell in [*records, [], [], []][i]) > 1), None)
-    questions = records[1] if codes != 1 and len(records) > 1 else []
+    records = [*sheet.records[:3], [], [], []]
+    codes = next((i for i in (1, 2) if sum('"ImportId"' in cell for cell in records[i]) > 1), 0)
+    titles, questions = list(records[0]), records[1] if codes != 1 else []
     stems = Counter(text.rpartition(" - ")[0] for text in questions if " - " in text)
-    if codes is None and max(stems.values(), default=0) < 2:
+    if not codes and max(stems.values(), default=0) < 2:
         return sheet
-    titles, codes = list(records[0]), codes or 1
     for j, text in enumerate(questions[: len(titles)]):
         stem, _, option = text.rpartition(" - ")
         if option and stems[stem] > 1 and re.fullmatch(r"Q?[0-9]+(?:[._#][0-9A-Za-z]+)*", titles[j]):
             titles[j] = option
-    left = {*range(1, codes + 1)}
-    sheet = _without(sheet, left, "rows of questions and import codes below the header are left out")
-    return replace(sheet, records=[titles, *sheet.body])
+    note = "rows of questions and import codes below the header are left out"
+    sheet = _without(sheet, range(1, 1 + (codes or 1)), note)
+    return replace(sheet, records=[titles, *sheet.records[1:]])
 
 
 def with_one_row_of_titles(sheet: Sheet) -> Sheet:
@@ -155,12 +150,10 @@ def with_one_row_of_titles(sheet: Sheet) -> Sheet:
     return sheet
 
 
-_NAMES = KNOWN_BY["participant"] | KNOWN_BY["fabric"] | KNOWN_BY["list"]
-_NO_UNIT = frozenset({"-", "–", "1"})
+_NO_UNIT = ("-", "–", "1")
 _LIKE_A_UNIT = re.compile(
     r"(?=.{1,16}$)(?:(?=.*[/·⋅.*^²³%°])[^\W\d][\w/·⋅.*^²³%°-]*|[%°]C?|m?s|min|h|Hz|deg|rad|[ck]?m\^?[23²³])"
 )
-_LOAD = re.compile(r"[0-9]+(?:[.,][0-9]+)?\s*(?P<unit>[^\s0-9].*)")
 
 Joined = tuple[list[str], str] | None
 Rows = Sequence[Sequence[str]]
@@ -169,18 +162,16 @@ Rows = Sequence[Sequence[str]]
 def _numeric(rows: Rows, j: int) -> bool:
     """Return whether a column has numbers, and nothing else but missing cells."""
     cells = [row[j] for row in rows if j < len(row)]
-    return any(map(looks_numeric, cells)) and all(looks_numeric(c) or c.casefold() in MISSING for c in cells)
+    return any(map(looks_numeric, cells)) and all(looks_numeric(cell) or is_missing(cell) for cell in cells)
 
 
 def _with_groups(groups: list[str], titles: list[str], below: Rows) -> Joined:
     """Return the titles below a row of groups of columns."""
     filled = [j for j, text in enumerate(titles) if text]
-    without = [j for j in filled if not groups[j]]
-    if len(without) < 2 or any(looks_numeric(titles[j]) or _is_load(titles[j]) for j in filled):
+    if sum(not groups[j] for j in filled) < 2 or any(looks_numeric(titles[j]) or _is_load(titles[j]) for j in filled):
         return None
-    if len({titles[j].casefold() for j in filled}) < len(filled) or all(
-        is_unit(titles[j].strip("[]()")) for j in filled
-    ):
+    distinct = len({titles[j].casefold() for j in filled}) == len(filled)
+    if not distinct or all(is_unit(titles[j].strip("[]()")) for j in filled):
         return None
     # numbers follow, here or below a row of units
     if not any(sum(_numeric(below[k:], j) for j in filled) * 2 > len(filled) for k in (0, 1)):
@@ -191,16 +182,15 @@ def _with_groups(groups: list[str], titles: list[str], below: Rows) -> Joined:
 
 def _with_units(titles: list[str], units: list[str], below: Rows) -> Joined:
     """Return titles with the units below them, judged as a whole; no column of names has one."""
-    filled = [j for j, text in enumerate(units) if text]
-    bare = {j: units[j].strip("[]() ") for j in filled}
-    named = [j for j in filled if bare[j] not in _NO_UNIT]
-    if not any(is_unit(bare[j]) for j in named):
+    bare = {j: text.strip("[]() ") for j, text in enumerate(units) if text}
+    named = [j for j, text in bare.items() if text not in _NO_UNIT]
+    names = KNOWN_BY["participant"] | KNOWN_BY["fabric"] | KNOWN_BY["list"]
+    if not any(is_unit(bare[j]) for j in named) or not all(
+        titles[j] and bag(titles[j]) not in names and (is_unit(text) or _LIKE_A_UNIT.fullmatch(text))
+        for j, text in bare.items()
+    ):
         return None
-    for j in filled:
-        like = is_unit(bare[j]) or _LIKE_A_UNIT.fullmatch(bare[j])
-        if not (titles[j] and bag(titles[j]) not in _NAMES and like):
-            return None
-    if len(filled) == len(titles) and not all(_numeric(below, j) for j in named):
+    if len(bare) == len(titles) and not all(_numeric(below, j) for j in named):
         return None
     # a title that has a unit already keeps it; what is below must not be another one
     found = {j: f"{titles[j]} [{bare[j]}]" for j in named if not _has(titles[j], bare[j])}
@@ -216,9 +206,12 @@ def _has(title: str, unit: str) -> bool:
     )
 
 
+_LOADS = {"length": INDENTATION, "force": FORCE}
+
+
 def _is_load(text: str) -> bool:
-    match = _LOAD.fullmatch(text)
-    return match is not None and any(unit_named(match["unit"], quantity) for quantity in _LOADS)
+    match = re.fullmatch(r"[0-9]+(?:[.,][0-9]+)?\s*([^\s0-9].*)", text)
+    return match is not None and any(unit_named(match[1], quantity) for quantity in _LOADS)
 
 
 def _with_loads(titles: list[str], second: list[str], below: Rows) -> Joined:
@@ -243,43 +236,30 @@ def _with_loads(titles: list[str], second: list[str], below: Rows) -> Joined:
             found[j] = f"{second[j]} @ {carried}" if under else f"{carried} @ {second[j]}"
         else:
             found[j], carried = titles[j] or second[j], ""
-    return (
-        found,
-        f"{'the first' if under else 'the second'} row contains loads: {listing([quoted(found[j]) for j in filled])}",
-    )
+    which = "the first" if under else "the second"
+    return found, f"{which} row contains loads: {listing([quoted(found[j]) for j in filled])}"
 
 
 # columns, where the header is known
 
 
-def _column(sheet: Sheet, j: int) -> list[str]:
-    return [row[j] for row in sheet.body]
-
-
-def _with_column(sheet: Sheet, j: int, cells: Sequence[str], note: str) -> Sheet:
-    """Return a sheet with other cells in a column."""
-    body = [[*row[:j], cell, *row[j + 1 :]] for row, cell in zip(sheet.body, cells, strict=True)]
-    return sheet.noted(note, records=[sheet.header, *body])
-
-
-def with_json_cells(sheet: Sheet, header: Header, request: Request) -> Sheet:
+def with_json_cells(table: Table, header: Header, request: Request) -> Table:
     """Read cells such as {"Q0": "28.5"}, which hold the answers of a trial in jsPsych; several become columns."""
-    for j, title in enumerate(sheet.header):
-        cells = _column(sheet, j)
+    for title, cells in table.cells.items():
         if not any(cell.startswith("{") for cell in cells):
             continue
         objects = [_object(cell) for cell in cells]
         names = [*dict.fromkeys(name for one in objects for name in one)]
         if not names or any(cell and not one for cell, one in zip(cells, objects, strict=True)):
             continue
-        texts = [["" if one.get(name) is None else str(one[name]) for name in names] for one in objects]
-        note = f"column {quoted(title)}: its cells are JSON, of which {listing([repr(name) for name in names])} is read"
-        if len(names) == 1:
-            sheet = _with_column(sheet, j, [own[0] for own in texts], note)
-        elif not {name.casefold() for name in names} & {text.casefold() for text in sheet.header}:
-            body = ([*row, *own] for row, own in zip(sheet.body, texts, strict=True))
-            sheet = sheet.noted(note, records=[[*sheet.header, *names], *body])
-    return sheet
+        told = listing([repr(name) for name in names])
+        table = table.noted(f"column {quoted(title)}: its cells are JSON, of which {told} is read")
+        taken = {other.casefold() for other in table.cells}
+        for name in names:
+            texts = ["" if one.get(name) is None else str(one[name]) for one in objects]
+            if len(names) == 1 or name.casefold() not in taken:
+                table = table.with_column(title if len(names) == 1 else name, texts)
+    return table
 
 
 def _object(cell: str) -> dict[str, object]:
@@ -291,198 +271,152 @@ def _object(cell: str) -> dict[str, object]:
     return found if isinstance(found, dict) else {}
 
 
-_WITH_UNIT = re.compile(r"([+-]?[0-9]+(?:\.[0-9]+|,[0-9]{1,2})?(?:[eE][+-]?[0-9]+)?)\s*([^\s0-9.,+-].*)")
-
-
-def with_units_of_cells(sheet: Sheet, header: Header, request: Request) -> Sheet:
+def with_units_of_cells(table: Table, header: Header, request: Request) -> Table:
     """Read cells such as 2 mm, or 2 beside a column of units, in the unit of the column."""
-    titles = list(sheet.header)
-    columns = [_column(sheet, j) for j in range(len(titles))]
-    found: list[str] = []
-    for j, title in enumerate(header.titles):
-        name = next((OWNERS[words] for words in title.bags if words in OWNERS), "")
+    found: dict[str, str] = {}
+    titles = [*table.cells]
+    for title, after in zip(titles, [*titles[1:], ""], strict=True):
+        name = next((OWNERS[words] for words in analysed(title).bags if words in OWNERS), "")
         quantity = quantity_of(name) if name in request.kind.columns else ""
         if quantity in ("", "ratio"):
             continue
-        cells, beside = columns[j], columns[j + 1] if j + 1 < len(titles) else []
-        if beside and _UNIT_WORDS & {*key(titles[j + 1]).split()} and all(unit_named(u, quantity) for u in beside):
-            cells = [
-                f"{cell} {unit}" if looks_numeric(cell) else cell for cell, unit in zip(cells, beside, strict=True)
-            ]
-        told = [_WITH_UNIT.fullmatch(cell) for cell in cells]
+        cells, beside = table.cells[title], table.cells[after] if after else []
+        words = {"unit", "units", "einheit", "unité", "unidad", "単位"} & {*key(after).split()}
+        if words and all(unit_named(unit, quantity) for unit in beside):
+            pairs = zip(cells, beside, strict=True)
+            cells = [f"{cell} {unit}" if looks_numeric(cell) else cell for cell, unit in pairs]
+        number = r"([+-]?[0-9]+(?:\.[0-9]+|,[0-9]{1,2})?(?:[eE][+-]?[0-9]+)?)\s*([^\s0-9.,+-].*)"
+        told = [re.fullmatch(number, cell) for cell in cells]
         units = [unit_named(match[2], quantity) if match else None for match in told]
-        if not any(units) or any(not u and c.casefold() not in MISSING for u, c in zip(units, cells, strict=True)):
-            continue
         own = unit_named(NUMBERS[name].unit, quantity)
-        assert own is not None
-        columns[j] = [
+        unclear = any(not unit and not is_missing(cell) for unit, cell in zip(units, cells, strict=True))
+        if own is None or unclear or not any(units):
+            continue
+        texts = [
             SheetNumber(f"{Decimal(match[1].replace(',', '.')) * unit.factor / own.factor:f}") if match and unit else ""
             for match, unit in zip(told, units, strict=True)
         ]
-        found.append(quoted(titles[j]))
-        titles[j] = titles[j] if titles[j].casefold() == name else f"{title.stem} [{own.name}]"
-    note = f"units are read in the cells of column {listing(found)}"
-    return sheet.noted(note, records=[titles, *map(list, zip(*columns, strict=True))]) if found else sheet
+        table = table.with_column(title, texts)
+        found[title] = title if title.casefold() == name else f"{analysed(title).stem} [{own.name}]"
+    note = f"units are read in the cells of column {listing([*map(quoted, found)])}"
+    return table.noted(note).retitled(found) if found else table
 
 
-_UNIT_WORDS = frozenset({"unit", "units", "einheit", "unité", "unidad", "単位"})
-
-_WITH_ERROR = re.compile(
-    r"([+-]?[0-9.,]+(?:[eE][+-]?[0-9]+)?)\s*\(?\s*(?:±|\+/-|\+-)\s*[0-9.,]+(?:[eE][+-]?[0-9]+)?\s*\)?"
-)
+_ERROR = r"([+-]?[0-9.,]+(?:[eE][+-]?[0-9]+)?)\s*\(?\s*(?:±|\+/-|\+-)\s*[0-9.,]+(?:[eE][+-]?[0-9]+)?\s*\)?"
 
 
-def with_values_alone(sheet: Sheet, header: Header, request: Request) -> Sheet:
+def with_values_alone(table: Table, header: Header, request: Request) -> Table:
     """Read the value of cells such as 0.030 ± 0.003."""
-    for j, title in enumerate(sheet.header):
-        found = [_WITH_ERROR.fullmatch(cell) for cell in _column(sheet, j)]
+    for title, cells in table.cells.items():
+        found = [re.fullmatch(_ERROR, cell) for cell in cells]
         if any(found):
-            texts = [match[1] if match else row[j] for match, row in zip(found, sheet.body, strict=True)]
-            note = "the numbers behind ± are not used; if they are standard errors, write them in a column of their own"
-            sheet = _with_column(sheet, j, texts, f"column {quoted(title)}: {note}, such as bending_rigidity_sd_n_m")
-    return sheet
+            texts = [match[1] if match else cell for match, cell in zip(found, cells, strict=True)]
+            table = table.with_column(
+                title,
+                texts,
+                f"column {quoted(title)}: the numbers behind ± are not used; if they are standard errors, write "
+                "them in a column of their own, such as bending_rigidity_sd_n_m",
+            )
+    return table
 
 
-def with_a_title_of_names(sheet: Sheet, header: Header, request: Request) -> Sheet:
+def with_a_title_of_names(table: Table, header: Header, request: Request) -> Table:
     """Take a first column of names without a title as the fabrics."""
-    names = _column(sheet, 0)
-    if sheet.header[0] or "fabric" in header.at or len({*names}) < len(names) or any(map(looks_numeric, names)):
-        return sheet
-    note = "the first column has no title and is read as fabric"
-    return sheet.noted(note, records=[["fabric", *sheet.header[1:]], *sheet.body])
+    names = table.cells.get("", ())
+    if not names or "fabric" in header.at or len({*names}) < len(names) or any(map(looks_numeric, names)):
+        return table
+    return table.noted("the first column has no title and is read as fabric").retitled({"": "fabric"})
 
 
-class _Part(NamedTuple):
-    """A column of values: its index, and the cells that its rows get, by title."""
-
-    j: int
-    cells: Mapping[str, str]
-
-
-def _melted(sheet: Sheet, parts: Sequence[_Part], value: str, note: str) -> Sheet:
-    """Return one row for each value in some columns, in the order of the rows, then of the columns."""
-    melted = {part.j for part in parts}
-    kept = [j for j in range(len(sheet.header)) if j not in melted]
-    names = [*dict.fromkeys(name for part in parts for name in part.cells)]
-    titles = [sheet.header[part.j] for part in parts]
-    body = [
-        [*(row[j] for j in kept), *(part.cells.get(name, "") for name in names), row[part.j]]
-        for row in sheet.body
-        for part in parts
-    ]
-    return sheet.noted(
-        f"{note}: {listing(titles)}",
-        records=[[*(sheet.header[j] for j in kept), *names, value], *body],
-        lines=[sheet.lines[0], *(line for line in sheet.lines[1:] for _ in parts)],
-        columns=titles * len(sheet.body),
-        made=(*names, value),
-    )
-
-
-def _apart(stem: str) -> str:
-    """Return the words of a title, with the number of a direction apart from its symbol, as in B1."""
-    return re.sub(r"(?<=[^\W\d])(?=[12]\b)", " ", key(stem))
-
-
-def with_directions_in_rows(sheet: Sheet, header: Header, request: Request) -> Sheet:
+def with_directions_in_rows(table: Table, header: Header, request: Request) -> Table:
     """Return one row for each direction of a fabric if two columns are one property along warp and weft."""
-    found: dict[tuple[str, str], dict[str, int]] = {}
-    for j in header.free:
-        title = header.titles[j]
-        words = _apart(title.stem).split()
+    found: dict[tuple[str, str], dict[str, str]] = {}
+    for text in header.free:
+        title = header.titles[text]
+        # the number of a direction may stand beside its symbol, as in B1
+        words = re.sub(r"(?<=[^\W\d])(?=[12]\b)", " ", key(title.stem)).split()
         told = {DIRECTIONS[word] for word in words if word in DIRECTIONS}
         rest = " ".join(word for word in words if word not in DIRECTIONS)
         if len(told) == 1 and rest:
-            found.setdefault((rest, title.unit or ""), {}).setdefault(told.pop(), j)
+            found.setdefault((rest, title.unit or ""), {}).setdefault(told.pop(), text)
     properties = ("bending_rigidity_n_m", "tensile_modulus_mpa", "effective_modulus_kpa")
     for (stem, unit), both in found.items():
         meant = (name for name in properties if name not in header.at and bag(stem) in KNOWN_BY[name])
         column = next(meant, None)
         if len(both) == 2 and column is not None and (unit or len(stem) > 1):
             bare = stem.upper() if len(stem) == 1 else stem
-            parts = [_Part(j, {"direction": direction}) for direction, j in both.items()]
+            parts = [(text, {"direction": direction}) for direction, text in both.items()]
             value = f"{bare} [{unit}]" if unit else bare
-            return _melted(sheet, parts, value, f"columns of two directions are read as {column}")
-    return sheet
+            return table.melted(parts, value, f"columns of two directions are read as {column}")
+    return table
 
 
 _CHOSEN = frozenset(
     {"chosen", "choice", "selected", "softer", "chosen stimulus", "answer", "response", "key resp keys"}
 )
-_SIDES = (("left", "right"), ("first", "second"), ("a", "b"), ("1", "2"))
 
 
-def with_choices_as_pairs(sheet: Sheet, header: Header, request: Request) -> Sheet:
+def with_choices_as_pairs(table: Table, header: Header, request: Request) -> Table:
     """Read columns such as stim_left, stim_right and chosen as pairs of fabrics, with 1 where the first was chosen."""
-    words = [key(title).split() for title in sheet.header]
-    chosen = [j for j, own in enumerate(words) if " ".join(own) in _CHOSEN]
+    words = {title: key(title).split() for title in header.titles}
+    chosen = [title for title, own in words.items() if " ".join(own) in _CHOSEN]
     if len(chosen) != 1 or {"rating", "fabric"} & header.at.keys():
-        return sheet
-    for sides in _SIDES:
-        stems = [
-            {" ".join(w for w in own if w != side): j for j, own in enumerate(words) if side in own} for side in sides
-        ]
-        for stem in stems[0].keys() & stems[1].keys():
-            first, second = stems[0][stem], stems[1][stem]
-            answers = [_answer(row[chosen[0]], row[first], row[second], sides) for row in sheet.body]
+        return table
+    for sides in (("left", "right"), ("first", "second"), ("a", "b"), ("1", "2")):
+        firsts, seconds = (
+            {" ".join(w for w in own if w != side): title for title, own in words.items() if side in own}
+            for side in sides
+        )
+        for stem in firsts.keys() & seconds.keys():
+            titles = [firsts[stem], seconds[stem], chosen[0]]
+            rows = zip(*(table.cells[title] for title in titles), strict=True)
+            answers = [_answer(first, second, cell, sides) for first, second, cell in rows]
             if None in answers or not any(answers):
                 continue
-            titles = {first: "fabric", second: SECOND_FABRIC, chosen[0]: RATING.name}
-            what = [quoted(sheet.header[j]) for j in titles]
-            note = f"columns {what[0]}, {what[1]} are pairs of fabrics, of which {what[2]} names the softer one"
-            sheet = _with_column(sheet, chosen[0], [text or "" for text in answers], note)
-            return replace(sheet, records=[[titles.get(j, t) for j, t in enumerate(sheet.header)], *sheet.body])
-    return sheet
+            a, b, c = map(quoted, titles)
+            note = f"columns {a}, {b} are pairs of fabrics, of which {c} names the softer one"
+            table = table.with_column(chosen[0], [text or "" for text in answers], note)
+            return table.retitled(dict(zip(titles, ("fabric", "fabric_2", "rating"), strict=True)))
+    return table
 
 
-def _answer(cell: str, first: str, second: str, sides: tuple[str, str]) -> str | None:
+def _answer(first: str, second: str, cell: str, sides: tuple[str, str]) -> str | None:
     """Return 1 for a choice of the first fabric, 0 for one of the second, nothing if missing; None if it is neither."""
-    if cell.casefold() in MISSING:
+    if is_missing(cell):
         return ""
     texts = ((first, "1"), (second, "0"), (sides[0], "1"), (sides[1], "0"))
     return next((answer for text, answer in texts if cell.casefold() == text.casefold()), None)
 
 
-_PERSON = re.compile(r"(?:p|s|vp|pp|subj|sub|ppt|ss|judge|panelist|assessor|rater|person|participant|subject|観察者)")
+_PERSON = re.compile(r"p|s|vp|pp|subj|sub|ppt|ss|judge|panelist|assessor|rater|person|participant|subject|観察者")
 
 
-def with_people_in_rows(sheet: Sheet, header: Header, request: Request) -> Sheet:
+def with_people_in_rows(table: Table, header: Header, request: Request) -> Table:
     """Return one row for each rating of a table with one column for each participant, such as P01 or judge 2."""
     if "fabric" not in header.at or {"participant", "rating"} & header.at.keys():
-        return sheet
-    named, numbered = [], []
-    for j in header.free:
-        title, cells = sheet.header[j], [cell for cell in _column(sheet, j) if cell.casefold() not in MISSING]
-        if 2 * sum(map(looks_numeric, cells)) <= len(cells):
-            continue  # a cell that is no number is a fault of its person
-        stem = re.fullmatch(r"(.*?)[\s_.#-]*[0-9]{1,4}(?:\.0+)?", title)
-        if looks_numeric(title):
-            numbered.append(j)
-        elif stem and (_PERSON.fullmatch(stem[1].casefold()) or bag(stem[1]) in KNOWN_BY["participant"]):
-            named.append(j)
-    people = [_Part(j, {"participant": sheet.header[j]}) for j in sorted(named + numbered)] if named else []
-    return _melted(sheet, people, RATING.name, "one column per participant") if len(people) > 1 else sheet
-
-
-_LOADED = re.compile(
-    r"(?P<fabric>.*?\S)[\s@_,;/|([-]+(?P<number>[0-9]+(?:\.[0-9]+|,[0-9]{1,2})?)[\s_]*"
-    r"(?P<unit>mm|[uµμ]m|cm|N|mN|cN|gf)\s*[)\]]?",
-    re.IGNORECASE,
-)
-_LOADS = {"length": INDENTATION, "force": FORCE}
-_ASKED = re.compile(r".*(?:\[(?P<in>[^\[\]]+)\]|\s[-–—:>]+\s(?P<behind>.+))")
+        return table
+    # a cell that is no number is a fault of its person
+    free = [title for title in header.free if mostly_numeric(table.cells[title])]
+    stems = {title: re.fullmatch(r"(.*?)[\s_.#-]*[0-9]{1,4}(?:\.0+)?", title) for title in free}
+    named = [
+        title
+        for title, stem in stems.items()
+        if stem and (_PERSON.fullmatch(stem[1].casefold()) or bag(stem[1]) in KNOWN_BY["participant"])
+    ]
+    people = [(title, {"participant": title}) for title in free if title in named or looks_numeric(title)]
+    return table.melted(people, "rating", "one column per participant") if named and len(people) > 1 else table
 
 
 class _Rated(NamedTuple):
-    """A column of ratings: its index, fabric, and load in its title, if there is one."""
+    """A column of ratings: its title, its fabric, and the column and the text of the load in its title, if any."""
 
-    j: int
+    title: str
     fabric: str
-    load: tuple[Column, str] | None
+    load: tuple[Column, str] | None = None
 
 
-def with_fabrics_in_rows(sheet: Sheet, header: Header, request: Request) -> Sheet:
-    """Return a wide sheet with one row for each rating, any other as it is.
+def with_fabrics_in_rows(table: Table, header: Header, request: Request) -> Table:
+    """Return a wide table with one row for each rating, any other as it is.
 
     A table is wide if the user says so, or if it has no column of ratings or fabrics and at least two titles are
     fabrics, as in `cotton`, fabrics under loads, as in `cotton @ 2 mm`, `cotton_2mm` or `cotton_1N`, or end in a known
@@ -493,73 +427,79 @@ def with_fabrics_in_rows(sheet: Sheet, header: Header, request: Request) -> Shee
     InputError
         If a table that is called wide is none, or a title may be a misspelt fabric.
     """
-    if long := [name for name in ("fabric", RATING.name) if name in header.at]:
+    if long := [name for name in ("fabric", "rating") if name in header.at]:
         if request.wide:
             raise InputError(
-                f"{sheet.titled}: --wide expects a table with one column per fabric; this one has a column "
-                f"{quoted(sheet.header[header.at[long[0]]])} for the {long[0]} of each row"
+                f"{table.header}: --wide expects a table with one column per fabric; this one has a column "
+                f"{quoted(header.at[long[0]])} for the {long[0]} of each row"
             )
-        return sheet
-    rated = _rated(sheet, header.free, request)
-    loaded = [sheet.header[one.j] for one in rated if one.load is not None]
-    for column in _LOADS.values():
-        if loaded and column.name in header.at:
-            filed = quoted(sheet.header[header.at[column.name]])
+        return table
+    rated = _rated(table, header.free, request)
+    loaded = [one.title for one in rated if one.load is not None]
+    for name in ("indentation_mm", "force_n"):
+        if loaded and name in header.at:
             raise InputError(
-                f"{sheet.titled}: loads are in headers ({quoted(loaded[0])}) and in {filed}, expected only one of these"
+                f"{table.header}: loads are in headers ({quoted(loaded[0])}) and in {quoted(header.at[name])}, "
+                "expected only one of these"
             )
-    parts = []
-    for one in rated:
-        load = {one.load[0].name: SheetNumber(one.load[1])} if one.load else {}
-        parts.append(_Part(one.j, {"fabric": one.fabric, **load}))
+    parts = [
+        (one.title, {"fabric": one.fabric, **({one.load[0].name: SheetNumber(one.load[1])} if one.load else {})})
+        for one in rated
+    ]
     what = f"one column per fabric{' and load' if loaded else ''}"
-    return _melted(sheet, parts, RATING.name, what) if parts else sheet
+    return table.melted(parts, "rating", what) if parts else table
 
 
-def _rated(sheet: Sheet, free: Sequence[int], request: Request) -> list[_Rated]:
+def _rated(table: Table, free: Sequence[str], request: Request) -> list[_Rated]:
     """Return the columns of ratings, none if the table is not wide."""
     known = request.fabrics()
     spelt = {identity(name): name for name in known or ()}
     found: list[_Rated] = []
     strange: list[tuple[str, str]] = []
-    for j in free:
-        title = sheet.header[j]
+    for title in free:
         name, load = _fabric_and_load(title)
-        asked = _ASKED.fullmatch(title)
+        asked = re.fullmatch(r".*(?:\[(?P<in>[^\[\]]+)\]|\s[-–—:>]+\s(?P<behind>.+))", title)
         option = (asked["in"] or asked["behind"]).strip() if asked else ""
         if identity(title) in spelt:
-            found.append(_Rated(j, spelt[identity(title)], None))
+            found.append(_Rated(title, spelt[identity(title)]))
         elif load is not None and (known is None or identity(name) in spelt):
-            found.append(_Rated(j, spelt.get(identity(name), name), load))
+            found.append(_Rated(title, spelt.get(identity(name), name), load))
         elif option and identity(option) in spelt:
-            found.append(_Rated(j, spelt[identity(option)], None))
+            found.append(_Rated(title, spelt[identity(option)]))
         elif summarises(name):
             continue
         elif known is None and request.wide:
-            found.append(_Rated(j, title, None))
+            found.append(_Rated(title, title))
         elif known is not None:
             strange.append((title, name))
     if not request.wide and len(found) < 2:
         return []
-    twice: dict[tuple[str, object], int] = {}
-    for column in found:
-        first = twice.setdefault((column.fabric, column.load), column.j)
-        if first != column.j:
-            both = " and ".join(quoted(sheet.header[j]) for j in (first, column.j))
-            raise InputError(f"{sheet.titled}: columns {both} are both fabric {quoted(column.fabric)}, expected one")
-    absent = sorted({*(known or ())} - {column.fabric for column in found})
+    first: dict[tuple[str, object], str] = {}
+    for one in found:
+        other = first.setdefault((one.fabric, one.load), one.title)
+        if other != one.title:
+            both = f"{quoted(other)} and {quoted(one.title)}"
+            raise InputError(f"{table.header}: columns {both} are both fabric {quoted(one.fabric)}, expected one")
+    absent = sorted({*(known or ())} - {one.fabric for one in found})
     for k, (title, name) in enumerate(strange):
         near = guess(name, absent) if k < MOST_ASKED else ""
         if near or name != title:
-            raise InputError(f"{sheet.titled}, column {quoted(title)}: {quoted(name)} is not a known fabric{near}")
+            raise InputError(f"{table.header}, column {quoted(title)}: {quoted(name)} is not a known fabric{near}")
     if not found:
-        raise InputError(f"{sheet.titled}: no column has the name of a fabric, such as {listing(absent, 3)}")
+        raise InputError(f"{table.header}: no column has the name of a fabric, such as {listing(absent, 3)}")
     return found
+
+
+_FABRIC_AND_LOAD = re.compile(
+    r"(?P<fabric>.*?\S)[\s@_,;/|([-]+(?P<number>[0-9]+(?:\.[0-9]+|,[0-9]{1,2})?)[\s_]*"
+    r"(?P<unit>mm|[uµμ]m|cm|N|mN|cN|gf)\s*[)\]]?",
+    re.IGNORECASE,
+)
 
 
 def _fabric_and_load(title: str) -> tuple[str, tuple[Column, str] | None]:
     """Return the fabric in a title, and the column and text of its load, if there is one."""
-    match = _LOADED.fullmatch(title) if len(title) <= LONGEST_TITLE else None
+    match = _FABRIC_AND_LOAD.fullmatch(title) if len(title) <= LONGEST_TITLE else None
     for quantity, column in _LOADS.items() if match else ():
         if match and (unit := unit_named(match["unit"], quantity)):
             try:

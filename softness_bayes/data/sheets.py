@@ -1,13 +1,25 @@
-"""Sheets: rows of cells, of which the first is the header."""
+"""Sheets: rows of cells with their lines, from text files, typed values and DataFrames."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Sequence
+import csv
+import io
+import re
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from datetime import datetime, time
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from softness_bayes.errors import InputError, quoted
+import numpy as np
+
+from softness_bayes.data.decimals import SheetNumber
+from softness_bayes.errors import InputError
+from softness_bayes.files.json_text import as_json
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 MOST_COLUMNS = 2**14
 """Largest number of columns of a table, that of spreadsheet programs."""
@@ -16,32 +28,9 @@ MOST_CELLS = 2**24
 """Largest number of cells of a table, with the empty ones between others."""
 
 
-class SheetNumber(str):
-    """A number that the file holds as one, not as text: its decimal mark is a point.
-
-    Attributes
-    ----------
-    shown
-        The text that the program of the file shows for it, such as P01 or a label of a value.
-    """
-
-    shown: str
-
-    def __new__(cls, value: object, shown: str = "") -> SheetNumber:
-        """Make the text of a number."""
-        made = super().__new__(cls, value)
-        made.shown = shown or str(made)
-        return made
-
-
-def shown(cell: str) -> str:
-    """Return the text of a cell as its program shows it."""
-    return cell.shown if isinstance(cell, SheetNumber) else cell
-
-
 @dataclass(frozen=True)
 class Sheet:
-    """Rows of stripped cells, of which the first is the header; blank rows are left out."""
+    """Rows of stripped cells, some of which may be titles; blank rows are left out."""
 
     place: str
     """File, and sheet if there are several, for errors."""
@@ -55,67 +44,13 @@ class Sheet:
     between_commas: bool = False
     """True if commas separate the cells."""
     notes: tuple[str, ...] = ()
-    columns: Sequence[str] = ()
-    """Title of the column that each row is from, if the rows of the file held several values."""
-    made: tuple[str, ...] = ()
-    """Titles that such a file did not have; errors name those of `columns`."""
-
-    @property
-    def header(self) -> Sequence[str]:
-        """The titles."""
-        return self.records[0]
-
-    @property
-    def body(self) -> Sequence[Sequence[str]]:
-        """The rows below the header."""
-        return self.records[1:]
-
-    @property
-    def titled(self) -> str:
-        """Place of the header in words."""
-        return f"{self.place}: header" if self.lines[0] < 0 else f"{self.place}: row {self.lines[0]}"
 
     def noted(self, *notes: str, **changes: Any) -> Sheet:
         """Return the sheet with further notes, and other changes."""
         return replace(self, notes=(*self.notes, *notes), **changes)
 
-    def headed(self) -> Sheet:
-        """Return the sheet with rows as long as the header.
 
-        Raises
-        ------
-        InputError
-            If there is no row below the header, two columns have the same title, or a row is longer than the header.
-        """
-        if len(self.records) < 2:
-            raise InputError(f"{self.place}: there is no row below the header")
-        header = self.header
-        for title, count in Counter(title.casefold() for title in header if title).items():
-            if count > 1:
-                raise InputError(f"{self.titled}: {count} columns are called {quoted(title)}, expected one")
-        used = max((j + 1 for j, title in enumerate(header) if title), default=0)
-        for record, row in zip(self.body, self.lines[1:], strict=True):
-            if beyond := [cell for cell in record[used:] if cell]:
-                more = (
-                    f"; is {quoted(header[0])} a title of the table? The header must be the first row"
-                    if used == 1
-                    else ""
-                )
-                raise InputError(
-                    f"{self.place}: row {row}: {quoted(beyond[-1])} is beyond the {used} columns of the header{more}"
-                )
-        return replace(self, records=[[*record[:used], *[""] * (used - len(record))] for record in self.records])
-
-
-def sheet_of(
-    rows: Iterable[tuple[Sequence[str], int]],
-    place: str,
-    label: str,
-    digest: str,
-    *,
-    between_commas: bool = False,
-    notes: Sequence[str] = (),
-) -> Sheet:
+def sheet_of(rows: Iterable[tuple[Sequence[str], int]], place: str, label: str, digest: str, **others: Any) -> Sheet:
     """Return the sheet of some rows of cells with their lines.
 
     Raises
@@ -137,4 +72,163 @@ def sheet_of(
         if any(cells):
             records.append(cells)
             lines.append(line)
-    return Sheet(place, label, digest, records, lines, between_commas, tuple(notes))
+    return Sheet(place, label, digest, records, lines, **others)
+
+
+# text
+
+
+def text_sheet(path: Path, content: bytes, digest: str) -> Sheet:
+    """Return the rows of a text file with commas, semicolons, tabs, bars or spaces between cells.
+
+    Raises
+    ------
+    InputError
+        If it is not such a file; the message names file and row.
+    """
+    text, notes = _decode(path, content)
+    told = re.match('"?sep=([,;\t|])"?\n', text)  # Excel's own line before the header
+    if told:
+        text = f"\n{text[told.end() :]}"  # a blank row keeps the numbers of the others
+    separator = told[1] if told else _separator(text)
+    rows = _rows(path, text, separator)
+    return sheet_of(rows, str(path), path.name, digest, between_commas=separator == ",", notes=notes)
+
+
+def _decode(path: Path, content: bytes) -> tuple[str, tuple[str, ...]]:
+    """Return the text of a file, each newline one character, and notes."""
+    notes: tuple[str, ...] = ()
+    wide = content[:2] in (b"\xff\xfe", b"\xfe\xff")
+    try:
+        text = content.decode("utf-16" if wide else "utf-8-sig")
+    except UnicodeDecodeError as error:
+        if wide:
+            raise InputError(f"{path}: {error.reason} in UTF-16, expected a table saved as CSV") from None
+        japanese = _is_shift_jis(content)
+        text = content.decode("cp932" if japanese else "latin-1")
+        notes = (f"not UTF-8: read as {'Shift-JIS' if japanese else 'Latin-1'}",)
+    if control := re.search("[\x00-\x08\x0e-\x1f]", text):
+        utf16 = content.count(0) > len(content) // 4
+        remedy = "; is it UTF-16 without a byte-order mark? Save it as UTF-8" if utf16 else ""
+        line = 1 + text.count("\n", 0, control.start())
+        raise InputError(
+            f"{path}: not a text file, expected a table saved as CSV: control character {control[0]!r} in line {line}"
+            f"{remedy}"
+        )
+    if not text.strip():
+        raise InputError(f"{path}: the file is empty, expected a header and rows")
+    return text.replace("\r\n", "\n").replace("\r", "\n"), notes
+
+
+def _is_shift_jis(content: bytes) -> bool:
+    """Return whether bytes that are not UTF-8 are Japanese text in Shift-JIS.
+
+    Latin-1 has letters where Shift-JIS has second bytes, and typographic quotes of Windows where it has first ones:
+    two Japanese characters side by side, one of them of two bytes beyond ASCII, do not occur in it.
+    """
+    try:
+        text = content.decode("cp932")
+    except UnicodeDecodeError:
+        return False
+    pairs = (match.encode("cp932") for match in re.findall("[\u3041-\u30fe\u4e00-\u9fff]{2}", text))
+    return any(max(pair[1], pair[3]) >= 0x80 and min(pair[0], pair[2]) < 0xA0 for pair in pairs)
+
+
+def _separator(text: str) -> str:
+    """Return the separator of the cells: the one of the first lines, or spaces if every line has as many words."""
+    lines = [re.sub(r'"[^"]*"', "", line) for line in text.split("\n", 200)[:200] if line.strip()]
+    header = next((line for line in lines if not line.startswith("#")), lines[0])
+    if there := [mark for mark in ",;\t" if mark in header]:
+        # of a comma in a title and the separator, the latter is in every line as often
+        return max(
+            there, key=lambda mark: (sum(line.count(mark) == header.count(mark) for line in lines), header.count(mark))
+        )
+    # a preamble may have none
+    later = max(",;\t|", key=lambda mark: sum(mark in line for line in lines))
+    if 2 * sum(later in line for line in lines) > len(lines):
+        return later
+    words = {len(line.split()) for line in lines}
+    return " " if words == {max(words)} and max(words) > 2 else ","
+
+
+def _rows(path: Path, text: str, separator: str) -> Iterator[tuple[list[str], int]]:
+    """Yield the cells of each row, as many as it has, and the line where it starts.
+
+    Raises
+    ------
+    InputError
+        If a quotation mark is never closed, or a cell is too long.
+    """
+    end = "\x1f"  # end mark behind the last row, a character that occurs in no table
+    reader = csv.reader(io.StringIO(f"{text}\n{end}"), delimiter=separator, skipinitialspace=True)
+    line = 1
+    try:
+        for record in reader:
+            if record == [end]:
+                return
+            if record and record[-1].endswith(end):
+                break
+            yield record, line
+            line = reader.line_num + 1
+    except csv.Error as error:
+        raise InputError(f"{path}: row {line}: {error} (is a quotation mark never closed?)") from None
+    raise InputError(f"{path}: row {line}: a quotation mark is never closed")
+
+
+# typed values
+
+
+def cell_text(value: Any) -> str:
+    """Return the text of a typed value: names as they are, numbers with all their digits, nothing if missing."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, (bool, np.bool_)):
+        return str(bool(value)).upper()
+    if isinstance(value, (int, np.integer)):
+        return SheetNumber(int(value))
+    if isinstance(value, (float, np.floating)):
+        if np.isnan(value):
+            return ""
+        return SheetNumber(int(value) if float(value).is_integer() and abs(float(value)) < 2**53 else value)
+    return _other_text(value)
+
+
+def _other_text(value: Any) -> str:
+    """Return the text of a value that is neither text nor a number of the usual kinds."""
+    import pandas as pd
+
+    if isinstance(value, datetime) and value.time() == time():
+        value = value.date()  # as a day is shown
+    if isinstance(value, (dict, list)):
+        return as_json(value, "a cell")
+    if value is None or (pd.api.types.is_scalar(value) and pd.isna(value)):
+        return ""
+    return SheetNumber(value) if pd.api.types.is_number(value) else str(value)
+
+
+def frame_sheet(frame: pd.DataFrame, place: str, label: str = "", digest: str = "", first: int = 0) -> Sheet:
+    """Return the rows of a DataFrame, of which a named index is a column.
+
+    Parameters
+    ----------
+    frame
+        The DataFrame.
+    place, label
+        As of `Sheet`.
+    digest
+        That of the file; by default that of the cells.
+    first
+        Number of the first row: 0, as `iloc` counts them.
+    """
+    if frame.columns.nlevels > 1:
+        raise InputError(f"{place}: the columns have {frame.columns.nlevels} levels, expected one")
+    if any(name is not None for name in frame.index.names):
+        try:
+            frame = frame.reset_index()
+        except ValueError as error:
+            raise InputError(f"{place}: {error}, expected columns of different names") from None
+    header = [cell_text(title) for title in frame.columns]
+    columns = [[cell_text(value) for value in frame.iloc[:, j].to_numpy()] for j in range(frame.shape[1])]
+    body = list(zip(*columns, strict=True))
+    digest = digest or sha256(repr((header, [[*map(str, row)] for row in body])).encode()).hexdigest()
+    return sheet_of([(header, -1), *((row, k) for k, row in enumerate(body, first))], place, label or place, digest)

@@ -1,4 +1,4 @@
-"""Tables as named columns of text, and errors that name the place."""
+"""Tables: texts by title, with the known columns under their standard names, and errors that name the place."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.data.columns import MISSING, RATING, Column, is_reversed
-from softness_bayes.data.decimals import plain
-from softness_bayes.data.faults import Fault, Faults, Hint, TableError, listing
-from softness_bayes.data.sheets import SheetNumber
+from softness_bayes.data.columns import NUMBERS, Column, is_reversed
+from softness_bayes.data.decimals import POINT, Reading, is_missing
+from softness_bayes.data.faults import Fault, Hint, TableError, listing
+from softness_bayes.data.sheets import Sheet
 from softness_bayes.data.titles import Unit, unit_named
 from softness_bayes.errors import InputError, quoted
 
@@ -26,7 +26,7 @@ _DATE = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}|[0-9]{1,2}[./-](?:[0-9]{1,2}[./-
 
 @dataclass(frozen=True)
 class Table:
-    """The known columns of a file, as stripped text under their standard names."""
+    """The columns of a file, as stripped text under their titles."""
 
     place: str
     """The file, and its sheet if it has several."""
@@ -34,67 +34,124 @@ class Table:
     """Name of the file, for notes."""
     digest: str
     """SHA-256 of the file's bytes."""
+    header: str
+    """The row of the header in words, for errors."""
     cells: Mapping[str, Sequence[str]]
-    titles: Mapping[str, str]
-    """Standard name of a column -> its name in the file's header."""
-    units: Mapping[str, Unit]
-    """Standard name of a column -> its unit, where that is not the one in the standard name."""
+    """The texts of each column by its title; titles differ in more than case."""
     rows: IntArray
     """Line of each row in the file; the header is line 1."""
-    decimal: str
-    grouped: bool
-    """True if the other mark may group thousands: the user named the decimal mark, or a number shows it."""
-    notes: tuple[str, ...]
-    columns: Sequence[str] = ()
-    """Title of the column that each row is from, if the file has one for each fabric."""
-    made: tuple[str, ...] = ()
-    """Standard names of the columns that such a file does not have."""
-    others: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    """Title of a column that is not used -> its cells."""
+    notes: tuple[str, ...] = ()
+    between_commas: bool = False
+    """True if commas separate the cells."""
+    titles: Mapping[str, str] = field(default_factory=dict)
+    """Standard name of a known column -> its title."""
+    units: Mapping[str, Unit] = field(default_factory=dict)
+    """Standard name of a column -> its unit, where that is not the one in the standard name."""
+    reading: Reading = POINT
     perhaps: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     """Title of a column that is not used -> the standard name that it may have, and a remark."""
-    faults: Faults = field(default_factory=Faults)
-    """Problems found in the table so far."""
+    spread: Sequence[str] = ()
+    """Title of the column that each row is from, if the rows of the file held several values."""
+    made: tuple[str, ...] = ()
+    """Titles that such a file does not have; errors name those of `spread`."""
+    faults: dict[tuple[int, str], Fault] = field(default_factory=dict)
+    """Problems found in the table so far, by row and title."""
+    hints: list[Hint] = field(default_factory=list)
+    """Ways that may mend them."""
+
+    @classmethod
+    def of(cls, sheet: Sheet) -> Self:
+        """Return the table of a sheet whose first row is the header; only the first column may lack a title.
+
+        Raises
+        ------
+        InputError
+            If there is no row below the header, two columns have the same title, or a row is longer than the header.
+        """
+        if len(sheet.records) < 2:
+            raise InputError(f"{sheet.place}: there is no row below the header")
+        titles, *body = sheet.records
+        header = f"{sheet.place}: header" if sheet.lines[0] < 0 else f"{sheet.place}: row {sheet.lines[0]}"
+        for title, count in Counter(title.casefold() for title in titles if title).items():
+            if count > 1:
+                raise InputError(f"{header}: {count} columns are called {quoted(title)}, expected one")
+        used = max((j + 1 for j, title in enumerate(titles) if title), default=0)
+        for record, row in zip(body, sheet.lines[1:], strict=True):
+            if beyond := [cell for cell in record[used:] if cell]:
+                more = f"; is {quoted(titles[0])} a title of the table? The header must be the first row"
+                raise InputError(
+                    f"{sheet.place}: row {row}: {quoted(beyond[-1])} is beyond the {used} columns of the header"
+                    f"{more if used == 1 else ''}"
+                )
+        cells = {
+            str(title): [record[j] if j < len(record) else "" for record in body]
+            for j, title in enumerate(titles[:used])
+            if title or not j
+        }
+        lines = np.array(sheet.lines[1:], dtype=np.intp)
+        return cls(sheet.place, sheet.label, sheet.digest, header, cells, lines, sheet.notes, sheet.between_commas)
 
     def __len__(self) -> int:
         return len(self.rows)
 
     def __contains__(self, name: str) -> bool:
-        return name in self.cells
+        return name in self.titles
 
-    def fault(self, i: int, name: str, expected: str, remedy: str = "") -> None:
-        """Add that the value of a cell is not what was expected; `check` raises it."""
-        got = quoted(self.cells[name][i])
-        self.faults.add(Fault(int(self.rows[i]), self._title(i, name), expected, got, remedy))
+    def texts(self, name: str) -> Sequence[str]:
+        """Return the cells of a known column, blank ones for another."""
+        return self.cells[self.titles[name]] if name in self.titles else [""] * len(self)
 
-    def problem(self, i: int, name: str, problem: str) -> None:
-        """Add another problem of a cell; `check` raises it."""
-        self.faults.add(Fault(int(self.rows[i]), self._title(i, name), problem))
+    def title(self, name: str) -> str:
+        """Return the title of a known column, of several columns of the file the first and the last."""
+        title = self.titles[name]
+        return " … ".join(dict.fromkeys((self.spread[0], self.spread[-1]))) if title in self.made[-1:] else title
 
-    def is_faulty(self, i: int, name: str) -> bool:
-        """Return whether a problem of the cell has been found."""
-        return (int(self.rows[i]), self._title(i, name)) in self.faults
+    @property
+    def others(self) -> dict[str, Sequence[str]]:
+        """The cells of the columns that are not known, by title."""
+        known = {*self.titles.values(), ""}
+        return {title: texts for title, texts in self.cells.items() if title not in known}
 
-    def _title(self, i: int, name: str) -> str:
-        return self.columns[i] if name in self.made else self.titles[name]
+    def keys(self, *names: str) -> list[tuple[str, ...]]:
+        """Return the cells of some columns by row, blank where there is no column."""
+        return [*zip(*map(self.texts, names), strict=True)]
 
-    def check(self) -> None:
-        """Raise the error that lists all problems found, if there are any."""
-        if self.faults:
-            raise TableError(self.place, self.faults.listed, self.faults.hints)
+    # other tables made of it
 
-    def noted(self, *notes: str, **changes: Any) -> Table:
+    def noted(self, *notes: str, **changes: Any) -> Self:
         """Return the table with further notes, and other changes."""
         return replace(self, notes=(*self.notes, *notes), **changes)
 
-    def with_cells(self, name: str, texts: Sequence[str], *notes: str) -> Table:
-        """Return the table with other cells in a column, and further notes."""
-        return self.noted(*notes, cells={**self.cells, name: texts})
+    def with_column(self, title: str, texts: Sequence[str], *notes: str) -> Self:
+        """Return the table with other cells in a column, which may be a new one, and further notes."""
+        return self.noted(*notes, cells={**self.cells, title: texts})
 
-    def without(self, left: Sequence[int], note: str) -> Table:
+    def with_texts(self, name: str, texts: Sequence[str], *notes: str) -> Self:
+        """Return the table with other cells in a known column, and further notes."""
+        title = self.titles.get(name, name)
+        return replace(self.with_column(title, texts, *notes), titles={**self.titles, name: title})
+
+    def retitled(self, titles: Mapping[str, str]) -> Self:
+        """Return the table with other titles of some columns."""
+        return replace(self, cells={titles.get(title, title): texts for title, texts in self.cells.items()})
+
+    def called(self, names: Mapping[str, str]) -> Self:
+        """Return the table with other standard names of known columns, without those that get an empty one."""
+        gone = {title for name, title in self.titles.items() if names.get(name) == ""}
+        titles = {names.get(name, name): title for name, title in self.titles.items() if title not in gone}
+        cells = {title: texts for title, texts in self.cells.items() if title not in gone}
+        return replace(self, cells=cells, titles=titles)
+
+    def take(self, index: IntArray) -> Self:
+        """Return the rows at `index`."""
+        places = index.tolist()
+        cells = {title: [texts[i] for i in places] for title, texts in self.cells.items()}
+        spread = [self.spread[i] for i in places] if self.spread else ()
+        return replace(self, cells=cells, rows=self.rows[index], spread=spread)
+
+    def without(self, left: Sequence[int], note: str) -> Self:
         """Return the table without some rows, by index; the note begins with the lines of these rows."""
-        kept = np.setdiff1d(np.arange(len(self)), np.asarray(left, dtype=np.intp))
-        return self.take(kept).noted(f"{self.lines(left)}: {note}")
+        return self.take(np.setdiff1d(np.arange(len(self)), np.asarray(left, int))).noted(f"{self.lines(left)}: {note}")
 
     def lines(self, some: Sequence[int]) -> str:
         """Return the lines of some rows in words, such as `rows 3 to 9, 12`."""
@@ -103,79 +160,127 @@ class Table:
         told = [str(run[0]) if run.size == 1 else f"{run[0]} to {run[-1]}" for run in runs]
         return f"row{'s' * (lines.size > 1)} {listing(told, 4)}"
 
-    def keys(self, *names: str) -> list[tuple[str, ...]]:
-        """Return the cells of some columns by row, those without a column left out."""
-        columns = [self.cells[name] for name in names if name in self]
-        return [*zip(*columns, strict=True)] if columns else [()] * len(self)
+    def melted(self, parts: Sequence[tuple[str, Mapping[str, str]]], value: str, note: str) -> Self:
+        """Return one row for each value in some columns, in the order of the rows, then of the columns.
 
-    def take(self, index: IntArray) -> Table:
-        """Return the rows at `index`."""
-        cells, others = (
-            {name: [texts[i] for i in index] for name, texts in columns.items()}
-            for columns in (self.cells, self.others)
-        )
-        columns = [self.columns[i] for i in index] if self.columns else ()
-        return replace(self, cells=cells, others=others, rows=self.rows[index], columns=columns)
+        Parameters
+        ----------
+        parts
+            Titles of the columns, and the cells that their rows get, by title.
+        value
+            Title of the values.
+        note
+            What was understood.
+        """
+        columns = [title for title, _ in parts]
+        cells: dict[str, Sequence[str]] = {
+            title: [text for text in texts for _ in parts]
+            for title, texts in self.cells.items()
+            if title not in columns
+        }
+        made = dict.fromkeys(name for _, own in parts for name in own)
+        if taken := cells.keys() & {*made, value}:
+            raise InputError(f"{self.header}: {note}, but there is a column {quoted(min(taken))}, too; rename it")
+        cells |= {name: [own.get(name, "") for _, own in parts] * len(self) for name in made}
+        cells[value] = [self.cells[title][i] for i in range(len(self)) for title in columns]
+        spread, rows = columns * len(self), np.repeat(self.rows, len(parts))
+        return self.noted(f"{note}: {listing(columns)}", cells=cells, rows=rows, spread=spread, made=(*made, value))
+
+    # its problems
+
+    def fault(self, i: int, name: str, expected: str, remedy: str = "") -> None:
+        """Add that the value of a cell is not what was expected; `check` raises it."""
+        self._add(i, name, expected, quoted(self.texts(name)[i]), remedy)
+
+    def problem(self, i: int, name: str, problem: str) -> None:
+        """Add another problem of a cell; `check` raises it."""
+        self._add(i, name, problem)
+
+    def _add(self, i: int, name: str, *what: str) -> None:
+        row, title = self.spot(i, name)
+        self.faults.setdefault((row, title), Fault(row, title, *what))
+
+    def refuse(self, problem: str, *hints: Hint) -> None:
+        """Add a problem of the whole table, and what may mend it."""
+        self.hints.extend(hints)
+        self.faults.setdefault((-1, problem), Fault(-1, "", problem))
+
+    def is_faulty(self, i: int, *names: str) -> bool:
+        """Return whether a problem of a row in some columns has been found."""
+        return any(self.spot(i, name) in self.faults for name in names if name in self)
+
+    def spot(self, i: int, name: str) -> tuple[int, str]:
+        """Return row and title of a cell in the file."""
+        title = self.titles[name]
+        return int(self.rows[i]), self.spread[i] if title in self.made else title
+
+    def check(self) -> None:
+        """Raise the error that lists all problems found, general ones first, if there are any."""
+        if self.faults:
+            raise TableError(self.place, sorted(self.faults.values(), key=lambda fault: fault.row), self.hints)
 
     def lack(self, problem: str, *names: str, wide: bool = False) -> None:
         """Add that some columns are missing, with the titles that there are and what may mend it."""
-        hints: list[Hint] = [{}]
-        for name in names:
-            may_be = [title for title, (own, _) in self.perhaps.items() if own == name and not is_reversed(title)][:3]
-            hints = [{**hint, name: title} for title in may_be for hint in hints if title not in hint.values()] or hints
-        titles = [quoted(title) for title in (*self.titles.values(), *self.others)]
-        remarks = dict.fromkeys(remark for name, remark in self.perhaps.values() if name in names and remark)
-        told = [problem, *(f"its columns are {listing(titles)}" for _ in titles[:1]), *[*remarks][:1]]
-        ways = [hint for hint in hints if hint] + ([{"wide": ""}] if wide else [])
-        self.faults.add_general("; ".join(told), ways)
+        titles = [quoted(title) for title in (*map(self.title, self.titles), *self.others)]
+        told = [problem, *(f"its columns are {listing(titles)}" for _ in titles[:1])]
+        meant = [(*self.perhaps[title], title) for title in self.cells if title in self.perhaps]
+        told += [remark for name, remark, _ in meant if name in names and remark][:1]
+        hints = [{own: title} for name in names for own, _, title in meant if own == name and not is_reversed(title)]
+        self.refuse("; ".join(told), *hints, *([{"wide": ""}] if wide else []))
 
     def require(self, *names: str) -> None:
         """Raise an error for a table without one of the columns `names`, with all other problems found."""
-        if absent := [name for name in names if name not in self]:
-            stems = {title: re.sub(r"[\s_.#-]*[0-9]{1,3}$", "", title) for title in self.others}
-            count = Counter(stem for title, stem in stems.items() if stem != title)
-            series = [title for title, stem in stems.items() if count[stem] > 1 and stem != title]
-            if series and RATING.name in absent:
-                self.faults.add_general(
-                    f"columns {listing([quoted(title) for title in series])} look like repeated ratings: put each "
-                    "rating in a separate row, in a column 'rating'; if they are loads, write the unit, as in "
-                    f"{quoted(series[0] + ' mm')}"
-                )
-            else:
-                what = " and ".join(map(repr, absent))
-                if absent == [RATING.name] and "participant" not in self and len(self.others) > 1:
-                    what += "; if its columns are people, call them P1, P2, …"
-                self.lack(f"no column{'s' * (len(absent) > 1)} {what}", *absent, wide=RATING.name in absent)
-            self.check()
+        absent = [name for name in names if name not in self]
+        if not absent:
+            return
+        stems = {title: re.sub(r"[\s_.#-]*[0-9]{1,3}$", "", title) for title in self.others}
+        count = Counter(stem for title, stem in stems.items() if stem != title)
+        series = [title for title, stem in stems.items() if count[stem] > 1 and stem != title]
+        if series and "rating" in absent:
+            self.refuse(
+                f"columns {listing([quoted(title) for title in series])} look like repeated ratings: put each "
+                "rating in a separate row, in a column 'rating'; if they are loads, write the unit, as in "
+                f"{quoted(series[0] + ' mm')}"
+            )
+        else:
+            what = " and ".join(map(repr, absent))
+            if absent == ["rating"] and "participant" not in self and len(stems) > 1:
+                what += "; if its columns are people, call them P1, P2, …"
+            self.lack(f"no column{'s' * (len(absent) > 1)} {what}", *absent, wide="rating" in absent)
+        self.check()
+
+    # its values
 
     def labels(self, name: str) -> Sequence[str]:
         """Return a column of names; an empty one is a fault."""
         self.require(name)
-        blank = [i for i, text in enumerate(self.cells[name]) if not text]
-        once = 2 * len(blank) > len(self) and self.cells[name][0]
+        texts = self.texts(name)
+        blank = [i for i, text in enumerate(texts) if not text]
+        once = 2 * len(blank) > len(self) and texts[0]
         for i in blank:
             self.fault(i, name, "expected a name", "; write it in each row that it stands for" if once else "")
-        return self.cells[name]
+        return texts
 
     def plainly(self, name: str) -> FloatArray:
         """Return the numbers of a column in its own unit, NaN for all other cells, whatever is wrong with them."""
         values = np.full(len(self), np.nan)
-        for i, text in enumerate(self.cells.get(name, ())):
+        for i, text in enumerate(self.texts(name)):
             try:
-                values[i] = float(text if isinstance(text, SheetNumber) else plain(text, self.decimal, self.grouped))
+                values[i] = float(self.reading.plain(text))
             except ValueError:
                 continue
         return np.where(np.isfinite(values), values, np.nan)
 
-    def numbers(self, column: Column) -> FloatArray:
+    def numbers(self, column: Column | str) -> FloatArray:
         """Return a column of numbers [SI], NaN for a missing cell or column, and for a fault."""
+        column = NUMBERS[column] if isinstance(column, str) else column
         values = np.full(len(self), np.nan)
-        for i, text in enumerate(self.cells.get(column.name, ())):
-            if text.casefold() in MISSING:
+        for i, text in enumerate(self.texts(column.name)):
+            if is_missing(text):
                 continue
             unit = self.units.get(column.name)
             try:
-                number = text if isinstance(text, SheetNumber) else plain(text, self.decimal, self.grouped)
+                number = self.reading.plain(text)
             except ValueError as error:
                 self.fault(i, column.name, str(error))
                 continue
@@ -185,7 +290,7 @@ class Table:
                 values[i] = column.parse(number, unit)
             except ValueError:
                 remedy = ""
-                if "," in text and not self.grouped:
+                if "," in text and not self.reading.grouped:
                     remedy = "; if commas are decimal marks, add --decimal , and if they group thousands, --decimal ."
                 elif _DATE.match(text):
                     remedy = "; did a spreadsheet program turn a number into a date?"

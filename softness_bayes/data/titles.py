@@ -9,6 +9,8 @@ from decimal import Decimal
 from functools import lru_cache
 from typing import NamedTuple
 
+from softness_bayes.data.decimals import plain_text
+
 
 class Unit(NamedTuple):
     """A unit: its name, and the SI units in one of it."""
@@ -77,7 +79,6 @@ _BEHIND = re.compile(r"(.*\S)(?:\s*[,;]\s*|\s+in\s+|\s+/\s*)(\S.*)")
 _ONLY_BRACKETED = frozenset({"in", "bar", "1", "-", "–"})
 """Units that may be words or numbers where they do not stand in brackets."""
 
-_RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁺⁻", "0123456789+-")
 _EXPONENT = r"(?:\^|\*\*)\s*[({]?\s*"
 _POWER = (
     rf"(?:10\s*(?:{_EXPONENT}(?P<e>[+-]?[0-9]{{1,2}})[)}}]?|(?P<s>[+-][0-9]{{1,2}}))"
@@ -96,12 +97,6 @@ _IN_TITLE = re.compile(
 """A power of ten beside the words of a title."""
 
 
-def plain_text(text: str) -> str:
-    """Return a text in its Unicode normal form, with `^` before raised digits and one sign for minus."""
-    raised = re.sub("[⁰¹²³⁴-⁹⁺⁻]{2,}|(?<=10)[⁰¹²³⁴-⁹]", lambda match: f"^{match[0].translate(_RAISED)}", text)
-    return unicodedata.normalize("NFKC", raised).replace("\u2212", "-").strip()
-
-
 @lru_cache(2**16)
 def _spelling(text: str) -> str:
     """Return a unit in the one spelling that all of its ways of writing share."""
@@ -109,18 +104,15 @@ def _spelling(text: str) -> str:
     return re.sub(r"\s*[\u00b7\u22c5\u2219\u2022\u00d7*.]\s*|(?<=\w)\s+(?=\w)", ".", text).replace(" ", "")
 
 
-def _spellings(quantity: str) -> dict[str, Unit]:
-    """Return the units of a quantity by their spellings; in small letters too, of which the first one counts."""
-    exact = {
-        _spelling(text): Unit(texts[0], Decimal(factor)) for factor, texts in UNITS[quantity].items() for text in texts
-    }
-    folded: dict[str, Unit] = {}
-    for text, unit in exact.items():
-        folded.setdefault(text.casefold(), unit)
-    return folded | exact
-
-
-_KNOWN = {quantity: _spellings(quantity) for quantity in UNITS}
+_EXACT = {
+    quantity: {_spelling(text): Unit(texts[0], Decimal(size)) for size, texts in units.items() for text in texts}
+    for quantity, units in UNITS.items()
+}
+# of the units that differ in capitals only, the first one has the small letters
+_KNOWN = {
+    quantity: {**{text.casefold(): unit for text, unit in reversed(units.items())}, **units}
+    for quantity, units in _EXACT.items()
+}
 
 
 @lru_cache(2**16)
@@ -180,24 +172,20 @@ class Title(NamedTuple):
 def analysed(text: str) -> Title:
     """Return a title and its parts."""
     # what Gorilla writes before the columns of its spreadsheet says nothing
-    stem, unit, bracketed = _without_unit(re.sub(r"^spreadsheet\s*:\s*", "", text, flags=re.IGNORECASE))
-    bare, power = _without_power(stem)
-    if power and unit is None:
-        bare, unit, bracketed = _without_unit(bare)
-    words = [word for word in key(bare).split() if len(word) > 1 or not word.isalpha()]
-    apart = re.sub("(?<=[a-z])(?=[A-Z][a-zA-Z])", " ", bare)  # ResponseId
-    bags = {bag(text), bag(bare), bag(apart)} | ({bag(" ".join(words))} if len(words) > 1 else set())
-    return Title(text, bare, unit, bracketed, power, frozenset(bags))
-
-
-def _without_power(title: str) -> tuple[str, str]:
-    """Return a title without the power of ten in it, and the power as written."""
-    text = plain_text(title)
-    match = _IN_TITLE.search(text)
-    if match is None:
-        return title, ""
-    bracket = next((one for one in re.finditer(r"[\[(][^\])]*[\])]", text) if match[0].strip() in one[0]), match)
-    return f"{text[: bracket.start()]} {text[bracket.end() :]}".strip(), match[0].strip()
+    bare = re.sub(r"^spreadsheet\s*:\s*", "", text, flags=re.IGNORECASE)
+    stem, unit, bracketed = _without_unit(bare)
+    plain, power = plain_text(stem), ""
+    if match := _IN_TITLE.search(plain):
+        power = match[0].strip()
+        brackets = re.finditer(r"[\[(][^\])]*[\])]", plain)
+        beside = next((one for one in brackets if power in one[0]), match)
+        stem = f"{plain[: beside.start()]} {plain[beside.end() :]}".strip()
+        if unit is None:
+            stem, unit, bracketed = _without_unit(stem)
+    words = [word for word in key(stem).split() if len(word) > 1 or not word.isalpha()]
+    apart = re.sub("(?<=[a-z])(?=[A-Z][a-zA-Z])", " ", stem)  # ResponseId
+    bags = {bag(text), bag(stem), bag(apart)} | ({bag(" ".join(words))} if len(words) > 1 else set())
+    return Title(text, stem, unit, bracketed, power, frozenset(bags))
 
 
 def _without_unit(title: str) -> tuple[str, str | None, bool]:

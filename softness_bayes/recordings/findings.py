@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from softness_bayes.data.afferents import Afferents
+from softness_bayes.data.measurements import Afferents
 from softness_bayes.parameters.declared import PARAMETERS, PRIOR_SETS, SHAREABLE
 from softness_bayes.parameters.laws import LogNormal
 from softness_bayes.readable import number, percent

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import betainc, gammainc, gammaincc, gammaln, ndtr, ndtri
 
-from softness_bayes.data.afferents import Afferents
+from softness_bayes.data.measurements import Afferents
 from softness_bayes.likelihood.contract import Likelihood, Parameters, RowsLeftOut
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw

@@ -1,0 +1,301 @@
+"""Measured responses of fingers: forces of a rigid flat plate, and firing recorded from afferents."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.data.columns import AFFERENTS, FORCE, FORCES_OF_A_PLATE, INDENTATION, NUMBERS, RATERS
+from softness_bayes.data.decimals import Marks
+from softness_bayes.data.faults import natural
+from softness_bayes.data.formats import TableSource
+from softness_bayes.data.ratings import loads_in
+from softness_bayes.data.reading import read_as
+from softness_bayes.data.shapes import Request
+from softness_bayes.data.tables import FloatArray, IntArray, Table, freeze
+from softness_bayes.errors import InputError
+from softness_bayes.ranges import ANY, Range
+from softness_bayes.readable import counted, some_of
+from softness_bayes.touch.contact import Load
+
+FLAT_PLATE = ("flat_plate", "flat plate", "plate", "flat")
+"""Names of a rigid flat plate in a column `indentor`, ignoring case; without the column, all rows refer to a plate."""
+
+SOLE_FINGER = "finger"
+"""Name of the participant in a table without a column of participants."""
+
+
+@dataclass(frozen=True, eq=False)
+class Compression:
+    """Forces of a rigid flat plate on fingerpads at given indentations; rows without a force are left out.
+
+    Parameters
+    ----------
+    participants
+        Names of the participants.
+    participant
+        Index (n,) of each row's finger.
+    indentation, force
+        Indentation [m] and force [N], both (n,) and positive.
+    rows
+        Line (n,) of each row in its file.
+    n_zero
+        Number of rows dropped because a force of 0 has no logarithm.
+    source, digest, notes
+        File, SHA-256 of its bytes, and notes for the user.
+    """
+
+    participants: tuple[str, ...]
+    participant: IntArray
+    indentation: FloatArray
+    force: FloatArray
+    rows: IntArray
+    n_zero: int = 0
+    source: str = "compression"
+    digest: str = ""
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        freeze(self, self.source, {"participant": int, "indentation": float, "force": float, "rows": int})
+        for column, values in ((INDENTATION, self.indentation), (FORCE, self.force)):
+            for row, value in zip(self.rows, values, strict=True):
+                column.range.require(f"{self.source}: row {row}: {column.label}", value)
+
+    def __len__(self) -> int:
+        return len(self.force)
+
+    @classmethod
+    def read(cls, path: TableSource, *, columns: Mapping[str, str] | None = None, decimal: Marks = None) -> Compression:
+        """Read a table of forces, one row each.
+
+        Columns: `participant` (if missing, all rows are of one finger), `indentation_mm`, `force_n`. If there is a
+        column `indentor`, rows for other indentors than a flat plate are left out with a note, as are rows without a
+        force or with a force of 0.
+
+        Parameters
+        ----------
+        path
+            Text file, Excel workbook, Parquet file, or DataFrame.
+        columns
+            Names of columns in the file, by the names above, where they differ.
+        decimal
+            Decimal mark, "," or "."; by default inferred from the file, which is rejected if ambiguous.
+
+        Raises
+        ------
+        InputError
+            Naming file, row, column and value.
+        """
+        return read_as(cls.from_table, path, Request(FORCES_OF_A_PLATE, columns or {}, decimal))
+
+    @classmethod
+    def from_table(cls, table: Table) -> Compression:
+        """Return the rows of a table; its columns are those of `read`."""
+        table.require("indentation_mm", "force_n")
+        notes = list(table.notes)
+        if "participant" not in table:
+            notes.append("no column 'participant': all forces are treated as those of one finger")
+        if "indentor" in table:
+            flat = np.array([name.casefold() in FLAT_PLATE for name in table.labels("indentor")])
+            if not flat.all():
+                others = some_of(int((~flat).sum()), len(table), "row", "has", "have")
+                notes.append(f"{others} another indentor than a flat plate; left out")
+            table = table.take(np.flatnonzero(flat))
+        by = table.labels("participant") if "participant" in table else [SOLE_FINGER] * len(table)
+        # here 0 means that the plate does not yet touch the finger
+        depth, force = (table.numbers(replace(column, range=ANY, reason="")) for column in (INDENTATION, FORCE))
+        for i in range(len(table)):
+            if force[i] < 0:
+                table.fault(i, "force_n", "expected 0 or a positive force")
+            for column, value in ((FORCE, force[i]), (INDENTATION, depth[i])) if force[i] > 0 else ():
+                if not column.holds(value):
+                    expected = column.expected(table.units.get(column.name))
+                    table.fault(i, column.name, f"expected {expected} where there is a force")
+        table.check()
+        zero, missing = int((force == 0).sum()), int(np.isnan(force).sum())
+        if missing:
+            notes.append(f"{counted(missing, 'force is', 'forces are')} missing")
+        if zero:
+            notes.append(f"{zero} rows with a force of 0 are left out, because forces are fitted on a log scale")
+        kept = np.flatnonzero(force > 0).tolist()
+        if not kept:
+            raise InputError(f"{table.place}: no row with a force above 0 on a flat plate")
+        names = natural(by[i] for i in kept)
+        place = {name: k for k, name in enumerate(names)}
+        return cls(
+            tuple(names),
+            np.array([place[by[i]] for i in kept]),
+            depth[kept],
+            force[kept],
+            table.rows[kept],
+            n_zero=zero,
+            source=table.place,
+            digest=table.digest,
+            notes=tuple(f"{table.label}: {note}" for note in notes),
+        )
+
+
+_AVERAGED = replace(RATERS, label="number of averaged responses", range=Range(1.0, 1e6))
+_ARRAYS = ("curvature", "distance", "rate", "n", "sd", "count", "window")
+
+
+@dataclass(frozen=True, eq=False)
+class Afferents:
+    """Responses of afferents to a rigid probe pressed on the fingerpad, one row each: a rate, or a count of spikes.
+
+    Parameters
+    ----------
+    names
+        Names of the afferents.
+    afferent
+        Index (rows,) of each row's afferent; -1 for means of several.
+    loads
+        Load of each row.
+    curvature, distance
+        Probe curvature [1/m] (0: flat), and distance of the receptive field from the contact's axis [m], both (rows,).
+    rate, n, sd
+        Firing rate [Hz] (NaN in rows with a count), number of responses averaged, and their standard deviation [Hz]
+        (NaN if not stated), all (rows,).
+    count, window
+        Number of spikes and duration [s] in which they were counted (NaN in rows with a rate), both (rows,).
+    recording
+        Name (rows,) of the recording, for tables and figures; empty where there is none.
+    species
+        The species named in the table.
+    rows
+        Line (rows,) of each row in its file.
+    source, digest, notes
+        File, SHA-256 of its bytes, and notes for the user.
+    """
+
+    names: tuple[str, ...]
+    afferent: IntArray
+    loads: tuple[Load, ...]
+    curvature: FloatArray
+    distance: FloatArray
+    rate: FloatArray
+    n: FloatArray
+    sd: FloatArray
+    count: FloatArray
+    window: FloatArray
+    rows: IntArray
+    recording: tuple[str, ...] = ()
+    species: tuple[str, ...] = ()
+    source: str = "afferents"
+    digest: str = ""
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        freeze(self, self.source, {"afferent": int, "rows": int, **dict.fromkeys(_ARRAYS, float)})
+
+    def __len__(self) -> int:
+        return len(self.curvature)
+
+    def take(self, rows: IntArray) -> Afferents:
+        """Return some rows of the same afferents."""
+        arrays = {name: getattr(self, name)[rows] for name in ("afferent", "rows", *_ARRAYS)}
+        named = tuple(self.recording[k] for k in rows) if self.recording else ()
+        return replace(self, **arrays, loads=tuple(self.loads[k] for k in rows), recording=named)
+
+    @property
+    def counted(self) -> NDArray[np.bool_]:
+        """True (rows,) for rows with a count of spikes instead of a rate."""
+        return ~np.isnan(self.count)
+
+    @property
+    def observed(self) -> FloatArray:
+        """The response as a rate [Hz], shape (rows,): counts are divided by their window."""
+        return np.where(self.counted, self.count / self.window, self.rate)
+
+    @classmethod
+    def read(cls, path: TableSource, *, columns: Mapping[str, str] | None = None, decimal: Marks = None) -> Afferents:
+        """Read a table of recorded responses, one row each.
+
+        Columns: `force_n` or `indentation_mm`, `probe_curvature_per_m`, `distance_mm`, and either `rate_hz` (with `n`
+        and `sd_hz`, if it is a mean and its spread is known) or `count` with `window_s`. Optional: `recording`;
+        `afferent`, blank for means of several; `species`.
+
+        Parameters
+        ----------
+        path
+            Text file, Excel workbook, Parquet file, or DataFrame.
+        columns
+            Names of columns in the file, by the names above, where they differ.
+        decimal
+            Decimal mark, "," or "."; by default inferred from the file.
+
+        Raises
+        ------
+        InputError
+            Naming file, row, column and value.
+        """
+        return read_as(cls.from_table, path, Request(AFFERENTS, columns or {}, decimal))
+
+    @classmethod
+    def from_table(cls, table: Table) -> Afferents:
+        """Return the rows of a table; its columns are those of `read`."""
+        table.require("probe_curvature_per_m", "distance_mm")
+        for pair in (("force_n", "indentation_mm"), ("rate_hz", "count")):
+            if not {*pair} & table.titles.keys():
+                table.lack(f"no column {pair[0]!r} or {pair[1]!r}", *pair)
+        table.check()
+        values = {name: table.numbers(name) for name in _NUMBERS} | {"n": table.numbers(_AVERAGED)}
+        kept = [i for i, texts in enumerate(table.keys("rate_hz", "count")) if "".join(texts).strip()]
+        loads = loads_in(table, None)
+        for i in kept:
+            _check_row(table, i, values)
+        table.check()
+        if not kept:
+            raise InputError(f"{table.place}: no row with a rate or a count")
+        notes = list(table.notes)
+        if len(kept) < len(table):
+            notes.append(f"{counted(len(table) - len(kept), 'response is', 'responses are')} missing")
+        table = table.take(np.array(kept))
+        curvature, distance, rate, sd, count, window = (values[name][kept] for name in _NUMBERS)
+        afferents = table.texts("afferent")
+        names = natural(filter(None, afferents))
+        place = {name: k for k, name in enumerate(names)}
+        return cls(
+            tuple(names),
+            np.array([place.get(name, -1) for name in afferents]),
+            tuple(load for i in kept if (load := loads[i]) is not None),
+            curvature,
+            distance,
+            rate,
+            np.nan_to_num(values["n"][kept], nan=1.0),
+            sd,
+            count,
+            window,
+            table.rows,
+            recording=tuple(table.texts("recording")) if "recording" in table else (),
+            species=tuple(sorted({text for text in table.texts("species") if text})),
+            source=table.place,
+            digest=table.digest,
+            notes=tuple(f"{table.label}: {note}" for note in notes),
+        )
+
+
+_NUMBERS = ("probe_curvature_per_m", "distance_mm", "rate_hz", "sd_hz", "count", "window_s")
+
+
+def _check_row(table: Table, i: int, values: Mapping[str, FloatArray]) -> None:
+    """Add the faults of a row: missing places, two responses, a count without its window."""
+
+    def states(name: str) -> bool:
+        return not np.isnan(values[name][i]) or table.is_faulty(i, name)
+
+    for name in ("probe_curvature_per_m", "distance_mm"):
+        if not states(name):
+            table.problem(i, name, f"expected {NUMBERS[name].expected()} where there is a response, got ''")
+    if not states("count"):
+        return
+    text = table.texts("count")[i]
+    if states("rate_hz"):
+        table.problem(i, "count", f"expected a rate or a count, got both: {text!r}")
+    elif values["count"][i] % 1 > 0:
+        table.fault(i, "count", "expected a whole number of spikes")
+    elif not states("window_s"):
+        table.problem(i, "count", f"expected a count with its duration in column 'window_s', got {text!r} alone")
