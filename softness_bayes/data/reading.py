@@ -222,7 +222,7 @@ def _with_known(table: Table, header: Header, decimal: str | None) -> Table:
         if title
     }
     table = replace(table, cells=cells, titles=header.at, units=header.units, perhaps=header.perhaps)
-    remarks = [header.perhaps[title][1] for title in cells if title in header.perhaps]
+    remarks = [remark for title in cells if (remark := header.perhaps.get(title, ("", ""))[1])]
     reading = Reading(decimal, grouped=True) if decimal else _found_reading(table)
     notes = (
         *header.notes,
