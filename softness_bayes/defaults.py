@@ -42,6 +42,12 @@ SIGNALS = tuple(
 ANSWER_DRAWS = 400
 """Number of posterior draws used for predictions, rankings, targets and the page of sliders."""
 
+LEVELS = (0.5, 0.9)
+"""Probabilities of credible bands and regions."""
+
+LIMITS = (0.05, 0.25, 0.5, 0.75, 0.95)
+"""Quantiles that bound them, and the median."""
+
 MOST_SHOWN = 12
 """Largest number of loads shown in figures and lists; of more loads, this many are shown, evenly spaced."""
 

@@ -62,7 +62,7 @@ def report(
     author
         Author of the page, shown below its heading.
     """
-    from softness_bayes.report.anonymity import anonymous as nameless
+    from softness_bayes.report.page import anonymous as nameless
     from softness_bayes.report.page import write_report
 
     home = directory if directory.is_dir() else directory.parent

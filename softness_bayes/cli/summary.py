@@ -18,17 +18,24 @@ if TYPE_CHECKING:
 def print_result(result: Result, out: Path, times: str = "", verbose: bool = True) -> None:
     """Print what was read and how it ended, and the conclusion; with `verbose` also summary, turning points and checks.
 
-    The closing lines of a run under up to three loads are at most fifteen.
+    The closing lines of a run under up to three loads are at most about fifteen.
     """
     from softness_bayes.people.sentences import silence_note
-    from softness_bayes.report.conclusion import conclude, facts_of
+    from softness_bayes.report.conclusion import conclude, facts_of, subject
 
     fit = result.fit if result.has_ratings else None
     lines = [f"the fit failed: {fault}" for fault in result.faults]
     lines += _details(result, fit) if verbose else []
-    lines += [f"written to {out}; 'softness-bayes report {out}' makes a one-page report", result.provenance.verdict]
-    lines += [silence_note(fit)] if fit is not None and verbose else []
-    lines += [times, "\n".join(["", *conclude(facts_of(result), str(out)).lines])]
+    lines += [f"{subject(result)}; {times}" if times else subject(result), result.provenance.verdict]
+    if fit is not None:
+        silence = result.provenance.silence
+        lines.append(
+            f"in the model's range: receptors fire in {percent(1.0 - fit.silent_conditions)} of draws and conditions, "
+            f"and Hertz's geometry holds (contact below R/2) in {percent(1.0 - silence.contact_beyond_half_radius)}"
+        )
+        lines += [silence_note(fit)] if verbose else []
+    lines += [f"written to {out}; 'softness-bayes report {out}' makes a one-page report"]
+    lines += ["\n".join(["", *conclude(facts_of(result), str(out)).lines])]
     click.echo("\n".join(filter(None, lines)))
 
 

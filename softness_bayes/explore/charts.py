@@ -21,7 +21,7 @@ from softness_bayes.plotting.touch import SEEN
 from softness_bayes.report.charts import INK, add_bands, add_ratings, dress, plain_ticks
 
 MODULUS_WORDS = "fabric modulus E_fab [kPa]"
-BANDS = ("low50", "high50", "low95", "high95")
+BANDS = ("low50", "high50", "low90", "high90")
 ROUND = np.linspace(0.0, 2.0 * np.pi, 97)
 """Angles of the points that outline the contact."""
 

@@ -170,7 +170,7 @@ def _legend(run: bool) -> str:
     text = "Black: these parameters under the chosen load; grey: under the others; diamond: the touched fabric; dashed "
     text += "green: the turning point."
     if run:
-        text += " Blue: 50 % and 95 % credible bands of the run; orange: mean ratings and their spread between raters."
+        text += " Blue: 50 % and 90 % credible bands of the run; orange: mean ratings and their spread between raters."
     return f"<p>{text}</p>"
 
 

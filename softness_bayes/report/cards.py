@@ -24,7 +24,7 @@ from softness_bayes.checking.sentences import (
 from softness_bayes.checking.turning_check import Reproduction, turns_reproduced
 from softness_bayes.defaults import in_words, shown_of
 from softness_bayes.files.run_files import MODULUS_ERRORS, RULER
-from softness_bayes.people.ruler import Fit, Following
+from softness_bayes.people.ruler import Fit
 from softness_bayes.people.sentences import fit_faults, ruler_sentence, silence_note, untestable_sentence
 from softness_bayes.provenance import NumericalErrors, PlateData
 from softness_bayes.readable import number, sentence, with_error
@@ -75,29 +75,28 @@ def cards(result: Result) -> list[Card]:
     """Return the cards of a run, most decisive first; none is good without convergence or after a failed fit."""
     provenance = result.provenance
     convergence = convergence_card(provenance.ending.converged, provenance.ending.verdict)
-    held = provenance.held_eps
-    rest = _rating_cards(result) if result.has_ratings else [_without_ratings(FAST_MODEL), _without_ratings(TURNING)]
-    rest.append(information_card(result.summary(), [held] if held else []))
-    if result.has_compression:
-        rest.append(plate_card(provenance.plate))
-    if result.has_afferents:
-        rest.append(recorded_card(result.recorded_findings))
-    follows = [agreement_card(result.fit, ruler_sentence_of(result))] if result.has_ratings else []
+    follows: list[Card] = []
+    if result.has_ratings:
+        checks = result.tables["predictive_checks"]
+        ruler = ruler_sentence(result.tables[RULER], result.scale) if RULER in result.tables else ""  # a custom scale
+        follows = [agreement_card(result.fit, ruler)]
+        rest = [
+            fast_model_card(exactness_of(result), provenance.errors),
+            turning_card(turns_reproduced(checks), result.inflection()),
+            checks_card(doubts(checks), residual_sentences(provenance.findings, doubts(checks))),
+            input_card(input_errors_of(result)),
+        ]
+    else:
+        nothing = "Does not apply", Standing.NEUTRAL, ["The run has no ratings."]
+        rest = [Card(FAST_MODEL, *nothing), Card(TURNING, *nothing)]
+    rest.append(information_card(result.summary(), [*filter(None, [provenance.held_eps])]))
+    rest += [plate_card(provenance.plate)] if result.has_compression else []
+    rest += [recorded_card(result.recorded_findings)] if result.has_afferents else []
     if not provenance.ending.converged:
         rest, follows = ([card.doubted(NOT_CONVERGED) for card in some] for some in (rest, follows))
     if follows and follows[0].standing is Standing.BAD:
         return [*follows, *(card.doubted(MODEL_FAILED) for card in (convergence, *rest))]
-    return [convergence, *rest[:1], *follows, *rest[1:]] if follows else [convergence, *rest]
-
-
-def _rating_cards(result: Result) -> list[Card]:
-    provenance, checks = result.provenance, result.tables["predictive_checks"]
-    return [
-        fast_model_card(exactness_of(result), provenance.errors),
-        turning_card(turns_reproduced(checks), result.inflection()),
-        checks_card(doubts(checks), residual_sentences(provenance.findings, doubts(checks))),
-        input_card(input_errors_of(result)),
-    ]
+    return [convergence, *rest[:1], *follows, *rest[1:]]
 
 
 def convergence_card(converged: bool, verdict: str) -> Card:
@@ -106,41 +105,35 @@ def convergence_card(converged: bool, verdict: str) -> Card:
     return Card("Has the sampler converged?", answer, standing, [verdict])
 
 
-def ruler_sentence_of(result: Result) -> str:
-    """Return the sentence on the ruler of a run; empty for ratings on a custom scale, whose own means are not known."""
-    return ruler_sentence(result.tables[RULER], result.scale) if RULER in result.tables else ""
-
-
 def agreement_card(fit: Fit, ruler: str) -> Card:
     """Return the card on the agreement of the model with the ratings, without which no other finding counts.
 
     It is good only if the chain keeps all that people's own means predict, and a loss would have been seen.
     """
     details = [*fit_faults(fit), ruler, untestable_sentence(fit), silence_note(fit)]
+    answers = {
+        None: ("The ratings cannot tell", Standing.NEUTRAL),
+        True: ("Yes", Standing.GOOD),
+        False: ("In part", Standing.DOUBTFUL),
+    }
+    answer, standing = answers[fit.follows.keeps]
     if fit.direction.against_data:
         answer, standing = "No: wrong direction of the ratings", Standing.BAD
-    else:
+    elif fit.untestable:
+        answer, standing = "Not judged", Standing.NEUTRAL
+    elif fit.follows.rejected:
+        answer, standing = "No: it loses what people agree on", Standing.BAD
+    if not fit.direction.against_data:
         details.append(fit.direction.direction_note)
-        answer, standing = ("Not judged", Standing.NEUTRAL) if fit.untestable else _following(fit.follows)
     return Card("Does the model follow the ratings?", answer, standing, [sentence(one) for one in details if one])
-
-
-def _following(follows: Following) -> tuple[str, Standing]:
-    """Return answer and standing of the card on the ratings, by the ruler."""
-    if follows.keeps is None:
-        return "The ratings cannot tell", Standing.NEUTRAL
-    if follows.keeps:
-        return "Yes", Standing.GOOD
-    return ("No: it loses what people agree on", Standing.BAD) if follows.rejected else ("In part", Standing.DOUBTFUL)
 
 
 def fast_model_card(exactness: Exactness, errors: NumericalErrors) -> Card:
     """Return the card on the effect of the fast forward model on the posterior."""
-    if not exactness.checked:
-        answer, standing = "Not checked", Standing.NEUTRAL
-    else:
-        known = {True: ("Exact enough", Standing.GOOD), False: ("Not exact enough", Standing.BAD)}
-        answer, standing = known[exactness.exact_enough]
+    answer, standing = "Not checked", Standing.NEUTRAL
+    if exactness.checked:
+        good = exactness.exact_enough
+        answer, standing = ("Exact enough", Standing.GOOD) if good else ("Not exact enough", Standing.BAD)
     details = [
         errors.exactness,
         f"Largest error of the quadrature: {number(errors.numerical_error, 2)} of the peak response; of the "
@@ -179,9 +172,9 @@ def turning_card(judged: Sequence[Reproduction], table: pd.DataFrame) -> Card:
 
 def checks_card(unreproduced: Sequence[str], remarks: Sequence[str]) -> Card:
     """Return the card on all other test quantities, with sentences of the checks of residuals."""
-    answer, standing = "No other discrepancy", Standing.GOOD
-    if unreproduced:
-        answer, standing = "Not everything", Standing.DOUBTFUL
+    answer, standing = (
+        ("Not everything", Standing.DOUBTFUL) if unreproduced else ("No other discrepancy", Standing.GOOD)
+    )
     details = [*map(sentence, [unreproduced_sentence(unreproduced), *remarks])]
     return Card("Does it pass all other predictive checks?", answer, standing, details)
 
@@ -238,10 +231,9 @@ def information_card(summary: pd.DataFrame, remarks: Sequence[str] = ()) -> Card
 
 def plate_card(plate: PlateData) -> Card:
     """Return the card on the growth of plate forces with indentation."""
+    answer, standing = ("Yes", Standing.GOOD) if plate.force_p_value >= LEVEL else ("No", Standing.BAD)
     if not np.isfinite(plate.force_exponent):
         answer, standing = "Not judged", Standing.NEUTRAL
-    else:
-        answer, standing = ("Yes", Standing.GOOD) if plate.force_p_value >= LEVEL else ("No", Standing.BAD)
     question = "Does the skin model reproduce the forces of the plate?"
     return Card(question, answer, standing, [sentence(plate_sentence(plate))])
 
@@ -251,12 +243,6 @@ def recorded_card(found: RecordedFindings) -> Card:
     answer, standing = ("No", Standing.BAD) if found.faults else ("Yes", Standing.GOOD)
     question = "Does the chain reproduce what afferents were recorded to do?"
     return Card(question, answer, standing, [*map(sentence, found.sentences)])
-
-
-def _without_ratings(question: str) -> Card:
-    """Return the card of a question that a run without ratings does not answer."""
-    reason = "The run has no ratings."
-    return Card(question, "Does not apply", Standing.NEUTRAL, [reason])
 
 
 def exactness_of(result: Result) -> Exactness:

@@ -27,8 +27,8 @@ from softness_bayes.results.result import Result
 
 Array = NDArray[np.float64]
 
-QUANTILES: Mapping[str, float] = {"median": 0.5, "low50": 0.25, "high50": 0.75, "low95": 0.025, "high95": 0.975}
-"""Column name -> quantile: the median and the limits of the central 50 % and 95 % of the draws."""
+QUANTILES: Mapping[str, float] = {"median": 0.5, "low50": 0.25, "high50": 0.75, "low90": 0.05, "high90": 0.95}
+"""Column name -> quantile: the median and the limits of the central 50 % and 90 % of the draws."""
 
 DIGITS = 5
 """Number of significant digits in the data of a chart."""
@@ -193,7 +193,7 @@ def _numbered(script: str, places: dict[str, str]) -> tuple[str, dict[str, str]]
 
 def _reach(every: list[ChartData], what: str) -> tuple[float, float]:
     """Return the common range of all bands and, for ratings, of the data."""
-    values = [getattr(one, what)[name] for one in every for name in ("low95", "high95")]
+    values = [getattr(one, what)[name] for one in every for name in ("low90", "high90")]
     if what == "rating":
         values += [one.fabrics[name] for one in every for name in ("mean", "low", "high")]
     low, high = float(np.nanmin(np.concatenate(values))), float(np.nanmax(np.concatenate(values)))
@@ -228,7 +228,7 @@ def _chart(
     chart.vspan(x="middle", source=turn, color=USUAL.inflection, line_width=2)
     line = chart.line(x="x", y="median", source=band, color=USUAL.posterior, line_width=2.5, name="median")
     rows = [("at", "@x{0.[000]}"), ("median", "@median{0.[00]}")]
-    rows += [(f"{level} %", f"@low{level}{{0.[00]}} to @high{level}{{0.[00]}}") for level in ("50", "95")]
+    rows += [(f"{level} %", f"@low{level}{{0.[00]}} to @high{level}{{0.[00]}}") for level in ("50", "90")]
     chart.add_tools(HoverTool(renderers=[line], mode="vline", tooltips=rows, name=f"{name}/hover"))
     if axis == "log":
         plain_ticks(chart)
@@ -236,9 +236,9 @@ def _chart(
 
 
 def add_bands(chart: figure, band: ColumnDataSource, turn: ColumnDataSource) -> None:
-    """Shade the credible bands of 50 % and 95 %, and the interval of the turning point, in a chart."""
+    """Shade the credible bands of 50 % and 90 %, and the interval of the turning point, in a chart."""
     chart.vstrip(x0="left", x1="right", source=turn, color=USUAL.inflection, alpha=TURN_TINT)
-    for level, tint in (("95", TINTS[1]), ("50", TINTS[0])):
+    for level, tint in (("90", TINTS[1]), ("50", TINTS[0])):
         look: Any = {"fill_color": USUAL.posterior, "fill_alpha": tint}
         chart.varea(x="x", y1=f"low{level}", y2=f"high{level}", source=band, **look)
 

@@ -1,7 +1,8 @@
-"""The closing lines of a run, and the conclusion at the top of its report: people, trust, findings, next step."""
+"""Conclusion of a run: the closing lines of the terminal and the top of its report."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from softness_bayes.checking.sensitivity import INFORMED
 from softness_bayes.checking.sentences import surprise_sentence, surprises
 from softness_bayes.checking.turning_check import DOUBTFUL, turns_reproduced
 from softness_bayes.data.oddities import few_raters_sentence
+from softness_bayes.defaults import in_words
 from softness_bayes.files.run_files import FABRIC_RATINGS, RULER
 from softness_bayes.likelihood.scales import FALLS, RISES
 from softness_bayes.model.direction import odd_raters
@@ -21,7 +23,7 @@ from softness_bayes.parameters.declared import EVERY_PARAMETER, MODULUS_SCALE, P
 from softness_bayes.people.free_means import word_of
 from softness_bayes.people.ruler import UNKNOWN, Following, fit_of
 from softness_bayes.people.sentences import highest_sentences, ruler_sentence
-from softness_bayes.readable import chance, number, with_error
+from softness_bayes.readable import chance, counted, number, with_error
 from softness_bayes.report.cards import exactness_of, input_errors_of
 from softness_bayes.results.result import Result
 
@@ -47,6 +49,11 @@ class Turn(NamedTuple):
     """5 %, 50 % and 95 % quantiles of E_fab at the maximum [kPa]; NaN without one."""
     reproduced: bool | None
     """Result of the predictive check; None if the ratings under this load do not decide."""
+
+    @property
+    def decided(self) -> bool:
+        """True if the ratings decide whether the response turns over."""
+        return self.probability <= 1.0 - LIKELY or (self.probability >= LIKELY and self.reproduced is not None)
 
 
 class Skin(NamedTuple):
@@ -124,7 +131,7 @@ class Facts(NamedTuple):
 
 
 class Conclusion(NamedTuple):
-    """Three sentences for readers who do not know R-hat."""
+    """Sentences for readers who do not know R-hat."""
 
     trust: str
     learnt: str
@@ -134,12 +141,28 @@ class Conclusion(NamedTuple):
     cautions: tuple[str, ...] = ()
 
     @property
+    def questions(self) -> dict[str, Sequence[str]]:
+        """Questions of a reader, each with its answer in sentences or clauses."""
+        return {
+            "Can this result be trusted?": [self.trust],
+            "What do people say?": self.people,
+            "What was learnt?": self.learnt.split("; "),
+            "What next?": [self.next_step],
+        }
+
+    @property
     def lines(self) -> tuple[str, ...]:
         """The sentences with their labels, as printed."""
-        said = {"People:": [*self.people], "Trust it?": [self.trust], "Learnt:": self.learnt.split("; ")}
-        said |= {"Caution:": [*self.cautions], "Next:": [self.next_step]}
+        trust, people, learnt, next_step = self.questions.values()
+        parts = {
+            "People:": people,
+            "Trust it?": trust,
+            "Learnt:": learnt,
+            "Caution:": self.cautions,
+            "Next:": next_step,
+        }
         return tuple(
-            f"{label if k == 0 else '':11}{line}" for label, lines in said.items() for k, line in enumerate(lines)
+            f"{label if k == 0 else '':11}{line}" for label, lines in parts.items() for k, line in enumerate(lines)
         )
 
 
@@ -147,6 +170,8 @@ def facts_of(result: Result) -> Facts:
     """Return the values on which the conclusion about a result is based."""
     ending, summary = result.provenance.ending, result.summary()
     settled = summary["r_hat"].max() <= _AGREE and summary["ess_bulk"].min() >= _ENOUGH
+    recorded = result.recorded_findings.faults if result.has_afferents else ()
+    parameters = _skin(summary)
     facts = Facts(
         ending.converged,
         ending.steps,
@@ -157,11 +182,13 @@ def facts_of(result: Result) -> Facts:
     if not result.has_ratings:
         failed = result.has_compression and result.provenance.plate.force_p_value < DOUBTFUL  # NaN is not
         wrong = ("growth of the plate's force with indentation",) if failed else ()
-        return facts._replace(unreproduced=(*wrong, *_recorded_faults(result)), skin=_skin(summary))
+        return facts._replace(unreproduced=(*wrong, *recorded), skin=parameters)
     ruler = result.tables.get(RULER)
     fit, checks, inputs = fit_of(result.tree, ruler), result.tables["predictive_checks"], input_errors_of(result)
     other = next(one.name for one in (RISES, FALLS) if one is not fit.direction.direction)
     modulus = result.fabrics.effective_modulus
+    reproduced = {one.load: one.reproduced for one in turns_reproduced(checks)}
+    turns = result.inflection()[["p_interior", "e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high"]]
     return facts._replace(
         other_direction=other if fit.direction.against_data else None,
         silent=fit.mostly_silent,
@@ -170,17 +197,27 @@ def facts_of(result: Result) -> Facts:
         remedies=_remedies(result),
         differ=ruler is None or bool(ruler["low"]["gain"] > 0.0),
         exact=exactness_of(result).exact_enough,
-        unreproduced=(*doubts(checks), *_recorded_faults(result)),
-        turns=_turns(result),
+        unreproduced=(*doubts(checks), *recorded),
+        turns=tuple(
+            Turn(load, probability, low, middle, high, reproduced.get(load))
+            for load, probability, low, middle, high in turns.itertuples(name=None)
+        ),
         fabrics=(float(modulus.min()) / 1e3, float(modulus.max()) / 1e3),
         highest=highest_rated(result.tree),
         moved=inputs.largest if inputs.sensitive else None,
         people=_people(result),
         follows=fit.follows if ending.converged or settled else UNKNOWN,
-        known=tuple(f"{one.name} {number(one.low)} to {number(one.high)}" for one in _skin(summary) if one.informed),
-        unknown=tuple(one.name for one in _skin(summary) if not one.informed),
+        known=tuple(f"{one.name} {number(one.low)} to {number(one.high)}" for one in parameters if one.informed),
+        unknown=tuple(one.name for one in parameters if not one.informed),
         cautions=_cautions(result),
     )
+
+
+def _skin(summary: pd.DataFrame) -> tuple[Skin, ...]:
+    rows = summary[summary.index.isin({**PARAMETERS, **RECORDING_PARAMETERS})]
+    informed = rows["contraction"] >= 1.0 - INFORMED**2
+    columns = (rows.index, rows["hdi_low"], rows["hdi_high"], informed)
+    return tuple(Skin(str(name), *row) for name, *row in zip(*columns, strict=True))
 
 
 def _remedies(result: Result) -> tuple[str, ...]:
@@ -210,16 +247,11 @@ def _odd(result: Result) -> str:
     return " and whether ".join(said)
 
 
-def _recorded_faults(result: Result) -> tuple[str, ...]:
-    return result.recorded_findings.faults if result.has_afferents else ()
-
-
 def _cautions(result: Result) -> tuple[str, ...]:
     """Return what no check of a run can show: errors common to all moduli, and people who were not asked."""
     raters = result.group("constant_data").get(RATERS_OF_CELLS)
     people = result.group("log_likelihood_participant").sizes["participant"] if raters is None else int(raters)
-    few, free = few_raters_sentence(people), result.said_of_force()
-    stated = [one for one in (few, free) if one]
+    stated = [one for one in (few_raters_sentence(people), result.said_of_force()) if one]
     if MODULUS_SCALE in result.group("posterior"):
         return tuple(stated)
     common = (
@@ -230,14 +262,48 @@ def _cautions(result: Result) -> tuple[str, ...]:
 
 
 def _people(result: Result) -> tuple[str, ...]:
-    """Return what people said under each load, and how much of it the chain keeps."""
+    """Return what people said under each load, which fabrics they do not tell apart, and what the chain keeps of it."""
     if RULER not in result.tables:
         return ()  # a custom scale
     table, scale = result.tables[FABRIC_RATINGS].reset_index(), result.scale
-    return (
-        *highest_sentences(table, word_of(result.provenance.rating_data.rating_column, scale), scale),
-        ruler_sentence(result.tables[RULER], scale),
-    )
+    word = word_of(result.provenance.rating_data.rating_column, scale)
+    alike = [said for load, rows in table.groupby("load", sort=False) if (said := _alike(str(load), rows))]
+    together = (f"not told apart, their 90 % intervals overlap: {'; '.join(alike)}",) if alike else ()
+    return (*highest_sentences(table, word, scale), *together, ruler_sentence(result.tables[RULER], scale))
+
+
+def _alike(load: str, rows: pd.DataFrame) -> str:
+    """Return the groups of fabrics whose intervals of people's means overlap, in their order; empty without any."""
+    groups: list[list[str]] = []
+    least = -np.inf
+    for _, row in rows.dropna(subset=["people_low", "people_high"]).sort_values("people").iterrows():
+        if row["people_low"] <= least:
+            groups[-1].append(row["fabric"])
+        else:
+            groups.append([row["fabric"]])
+        least = max(least, row["people_high"])
+    several = [", ".join(group) if len(group) <= 3 else f"{len(group)} fabrics" for group in groups if len(group) > 1]
+    return f"{' and '.join(several)} at {load}" if several else ""
+
+
+def subject(result: Result) -> str:
+    """Return a one-line description of the data of the run."""
+    parts = []
+    if result.has_ratings:
+        people = result.group("log_likelihood_participant").sizes["participant"]
+        fabrics = result.group("constant_data").sizes["fabric"]
+        loads = " and ".join(in_words([str(load) for load in result.loads]).rsplit(", ", 1))
+        ratings = int(np.isfinite(result.group("observed_data")["rating"].values).sum())
+        parts.append(
+            f"{counted(ratings, 'rating')} of {counted(fabrics, 'fabric')} by "
+            f"{counted(people, 'participant')} under {loads}"
+        )
+    if result.has_compression:
+        forces, fingers = result.group("observed_data")["plate_force_n"].size, result.group("posterior").sizes["finger"]
+        parts.append(f"{forces} forces of a rigid plate on {fingers} fingerpads")
+    if result.has_afferents:
+        parts.append(f"{result.group('observed_data')['recorded_rate_hz'].size} recorded responses of afferents")
+    return "; ".join(parts)
 
 
 def conclude(facts: Facts, directory: str | None = None) -> Conclusion:
@@ -265,16 +331,17 @@ def _trust(facts: Facts) -> str:
         )
     if not facts.converged:
         return f"Not yet: the chains have not converged after {facts.steps} steps. All numbers may still change."
-    if not facts.exact:
-        return "With care: the chains have converged, but the fast approximation of the model is not accurate enough."
-    if failed := [*(f"the turning point at {load}" for load in facts.contradicted), *facts.unreproduced]:
-        return f"In part: the chains have converged, but the model does not reproduce {_listed(failed)}."
-    if facts.follows.keeps is False:
-        return "In part: the chains have converged, but the chain loses some of what people agree on."
-    if facts.surprise:
-        return f"With care: the chains have converged, but {facts.surprise}."
-    if facts.silent:
-        return "With care: the chains have converged, but most of the posterior predicts that no receptor fires."
+    failed = [*(f"the turning point at {load}" for load in facts.contradicted), *facts.unreproduced]
+    doubts_of_it = (
+        (not facts.exact, "With care", "the fast approximation of the model is not accurate enough"),
+        (bool(failed), "In part", f"the model does not reproduce {_listed(failed)}"),
+        (facts.follows.keeps is False, "In part", "the chain loses some of what people agree on"),
+        (bool(facts.surprise), "With care", facts.surprise),
+        (facts.silent, "With care", "most of the posterior predicts that no receptor fires"),
+    )
+    for holds, word, reason in doubts_of_it:
+        if holds:
+            return f"{word}: the chains have converged, but {reason}."
     if facts.moved is not None:
         size = "more than one posterior standard deviation"
         if facts.moved.shift <= LINEAR:  # a shift to first order is a guide no further
@@ -315,21 +382,14 @@ def _learnt(facts: Facts) -> str:
 
 
 def _highest(highest: tuple[HighestRated, ...]) -> list[str]:
-    """Return a clause on the fabric rated highest under each load, if it is known of any."""
-    chances = [
-        with_error(100 * one.probability, 100 * one.error, " %") if one.error else chance(one.probability)
-        for one in highest
-    ]
-    clear = [
-        f"{one.fabric} at {one.load} (probability {likely})"
-        for one, likely in zip(highest, chances, strict=True)
-        if one.clear
-    ]
-    unclear = [
-        f"{one.load} (most probable: {one.fabric}, {likely} among {one.fabrics})"
-        for one, likely in zip(highest, chances, strict=True)
-        if not one.clear
-    ]
+    """Return clauses on the fabric that the chain predicts to be rated highest, and on loads without a clear one."""
+    clear, unclear = [], []
+    for one in highest:
+        likely = with_error(100 * one.probability, 100 * one.error, " %") if one.error else chance(one.probability)
+        if one.clear:
+            clear.append(f"{one.fabric} at {one.load} (probability {likely})")
+        else:
+            unclear.append(f"{one.load} (most probable: {one.fabric}, {likely} among {one.fabrics})")
     clauses = [f"the chain predicts the highest rating for {_listed(clear)}"] if clear else []
     return [*clauses, f"the chain predicts no single highest rating at {_listed(unclear)}"] if unclear else clauses
 
@@ -411,42 +471,19 @@ def _helpful(facts: Facts) -> str:
         if weak:
             return f"forces of more fingers, or rates under more probes and loads, would narrow {_listed(weak)}"
         return "ratings (--data) would show where the response turns over"
-    undecided = [turn for turn in facts.turns if not _decided(turn)]
+    undecided = [turn for turn in facts.turns if not turn.decided]
     if not undecided:
         return ""
-    at, (softest, stiffest) = _listed([turn.load for turn in undecided]), facts.fabrics
-    places = [turn.middle for turn in undecided if np.isfinite(turn.middle)]
+    (softest, stiffest), places = facts.fabrics, [turn.middle for turn in undecided if np.isfinite(turn.middle)]
     if not places:
-        return f"ratings of stiffer fabrics or by more participants at {at} would help to decide"
-    if max(places) > stiffest:
-        return f"ratings at {at} of fabrics stiffer than {number(stiffest)} kPa would help to decide"
-    if min(places) < softest:
-        return f"ratings at {at} of fabrics softer than {number(softest)} kPa would help to decide"
-    around = float(np.median(places))
-    return f"ratings at {at} of more fabrics around {number(around)} kPa, or by more participants, would help to decide"
-
-
-def _decided(turn: Turn) -> bool:
-    return turn.probability <= 1.0 - LIKELY or (turn.probability >= LIKELY and turn.reproduced is not None)
-
-
-def _turns(result: Result) -> tuple[Turn, ...]:
-    table = result.inflection()
-    reproduced = {str(one.load): one.reproduced for one in turns_reproduced(result.tables["predictive_checks"])}
-    columns = ("p_interior", "e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high")
-    return tuple(
-        Turn(load, probability, low, middle, high, reproduced.get(load))
-        for load, probability, low, middle, high in zip(
-            map(str, table.index), *(table[name].tolist() for name in columns), strict=True
-        )
-    )
-
-
-def _skin(summary: pd.DataFrame) -> tuple[Skin, ...]:
-    rows = summary[summary.index.isin({**PARAMETERS, **RECORDING_PARAMETERS})]
-    informed = rows["contraction"] >= 1.0 - INFORMED**2
-    columns = (rows.index, rows["hdi_low"], rows["hdi_high"], informed)
-    return tuple(Skin(str(name), *row) for name, *row in zip(*columns, strict=True))
+        which = "of stiffer fabrics or by more participants"
+    elif max(places) > stiffest:
+        which = f"of fabrics stiffer than {number(stiffest)} kPa"
+    elif min(places) < softest:
+        which = f"of fabrics softer than {number(softest)} kPa"
+    else:
+        which = f"of more fabrics around {number(float(np.median(places)))} kPa, or by more participants,"
+    return f"ratings at {_listed([turn.load for turn in undecided])} {which} would help to decide"
 
 
 def _listed(names: list[str]) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,7 +17,6 @@ from softness_bayes.checking.agreement import fabric_rating_table
 from softness_bayes.checking.check_table import check_table, doubts
 from softness_bayes.checking.identifiability import direction_table
 from softness_bayes.checking.sentences import unreproduced_sentence
-from softness_bayes.defaults import MOST_SHOWN, in_words
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import require_outputs, write_outputs
 from softness_bayes.files.run_files import FABRIC_RATINGS
@@ -26,19 +25,18 @@ from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.plotting.figures import announced, figure_named, figures_of, file_of, require_figures
 from softness_bayes.plotting.panels import TINTS
 from softness_bayes.plotting.style import METADATA, USUAL
-from softness_bayes.readable import chance, counted, number, sentence
+from softness_bayes.readable import chance, number, sentence
 from softness_bayes.report import tables
 from softness_bayes.report.cards import cards
 from softness_bayes.report.charts import AXES, TURN_TINT, ChartData, chart_data, charts
-from softness_bayes.report.conclusion import conclude, facts_of
-from softness_bayes.report.repeat import repetition
+from softness_bayes.report.conclusion import conclude, facts_of, subject
 from softness_bayes.results.result import Result
 
 RESOLUTION = 150
 """Resolution of the figures on the page [dots per inch]: sharp on a screen, with small files."""
 
 COARSE = 100
-"""Resolution of the figures in `SAMPLING` [dots per inch], whose many lines make large files."""
+"""Resolution of the figures of the sampler [dots per inch], whose many lines make large files."""
 
 GENERATOR = '<meta name="generator" content="softness-bayes">'
 """Element of the HTML head that names the program."""
@@ -48,14 +46,15 @@ TITLE = "Report of a run"
 REPORT = "report"
 """Command under which the page is listed in the record of written files."""
 
-SWITCHED = ("rating", "rating_ratio", "response", "response_ratio")
-"""Figures that replace the interactive charts in print and in browsers without scripts."""
+FOLDED = {
+    "charts": ("rating", "rating_ratio", "response", "response_ratio"),
+    "checks": ("predictive_checks", "category_counts", "psychometric", "loo_pit"),
+    "sampler": ("trace", "rank"),
+}
+"""Figures that replace the interactive charts in print and without scripts, those of checks, and of the sampler."""
 
-CHECKING = ("predictive_checks", "category_counts", "psychometric", "loo_pit")
-"""Figures of the predictive checks."""
-
-SAMPLING = ("trace", "rank")
-"""Figures for checking the convergence of the sampler."""
+PEOPLE = ("participant", "finger")
+"""Axes and columns with names of people."""
 
 
 class Picture(NamedTuple):
@@ -129,82 +128,91 @@ def report_page(
     environment.filters["opening"] = lambda said: f"{said[:1].upper()}{said[1:]}"
     result = _with_tables(result)
     pictures = {name: picture(result, name) for name in announced((*figures_of(result), *own_figures), progress)}
-    later = [name for name in pictures if name not in (*SWITCHED, *CHECKING, *SAMPLING)]
+    kinds = {name: kind for kind, names in FOLDED.items() for name in names}
+    by_kind = {kind: [one for name, one in pictures.items() if kinds.get(name) == kind] for kind in (None, *FOLDED)}
+    ending, rated = result.provenance.ending, result.has_ratings
     return environment.get_template("report.html").render(
         generator=GENERATOR,
         title=title or TITLE,
         author=author,
         subject=subject(result),
-        converged=result.provenance.ending.converged,
-        quick=result.provenance.ending.quick,
+        converged=ending.converged,
+        quick=ending.quick,
         faults=result.faults,
-        verdict=result.provenance.ending.verdict,
+        verdict=ending.verdict,
         conclusion=conclude(facts_of(result)),
         findings=cards(result),
-        has_ratings=result.has_ratings,
-        **(_switched(result) if result.has_ratings else {}),
-        replaced=[pictures[name] for name in SWITCHED if name in pictures],
-        pictures=[pictures[name] for name in later],
-        checking=[pictures[name] for name in CHECKING if name in pictures],
-        sampling=[pictures[name] for name in SAMPLING if name in pictures],
-        inflection=tables.of_turning_points(result) if result.has_ratings else None,
+        has_ratings=rated,
+        **(_switched(result) if rated else {}),
+        replaced=by_kind["charts"],
+        pictures=by_kind[None],
+        checking=by_kind["checks"],
+        sampling=by_kind["sampler"],
+        inflection=tables.of_turning_points(result) if rated else None,
         parameters=tables.of_parameters(result),
         directions=tables.of_directions(result),
-        checks=tables.of_checks(result) if result.has_ratings else None,
-        rated=tables.of_fabrics(result) if result.has_ratings else None,
-        rated_data=_as_link(csv_of(result.tables[FABRIC_RATINGS])) if result.has_ratings else "",
+        checks=tables.of_checks(result) if rated else None,
+        rated=tables.of_fabrics(result) if rated else None,
+        rated_data=_as_link("text/csv;charset=utf-8", csv_of(result.tables[FABRIC_RATINGS]).encode()) if rated else "",
         provenance=tables.of_provenance(result),
-        repetition=repetition(result),
+        repetition=tables.repetition(result),
         command=result.provenance.asked.command,
     )
 
 
 def _with_tables(result: Result) -> Result:
     """Return a result whose missing tables are recomputed from its draws."""
-    tables_of_result = dict(result.tables)
-    if "directions" not in tables_of_result:
-        tables_of_result["directions"] = direction_table(result.tree)
-    if result.has_ratings and "predictive_checks" not in tables_of_result:
-        tables_of_result["predictive_checks"] = check_table(result.tree)
-    if result.has_ratings and FABRIC_RATINGS not in tables_of_result:
-        tables_of_result[FABRIC_RATINGS] = fabric_rating_table(result.tree)
-    return replace(result, tables=tables_of_result)
-
-
-def subject(result: Result) -> str:
-    """Return a one-line description of the data of the run."""
-    parts = []
+    makers = {"directions": direction_table}
     if result.has_ratings:
-        people = result.group("log_likelihood_participant").sizes["participant"]
-        fabrics = result.group("constant_data").sizes["fabric"]
-        loads = in_words([str(load) for load in result.loads])
-        loads = loads if len(result.loads) > MOST_SHOWN else " and ".join(loads.rsplit(", ", 1))
-        ratings = int(np.isfinite(result.group("observed_data")["rating"].values).sum())
-        parts.append(
-            f"{counted(ratings, 'rating')} of {counted(fabrics, 'fabric')} by "
-            f"{counted(people, 'participant')} under {loads}"
-        )
-    if result.has_compression:
-        forces, fingers = result.group("observed_data")["plate_force_n"].size, result.group("posterior").sizes["finger"]
-        parts.append(f"{forces} forces of a rigid plate on {fingers} fingerpads")
-    if result.has_afferents:
-        parts.append(f"{result.group('observed_data')['recorded_rate_hz'].size} recorded responses of afferents")
-    return "; ".join(parts)
+        makers |= {"predictive_checks": check_table, FABRIC_RATINGS: fabric_rating_table}
+    missing = {name: make(result.tree) for name, make in makers.items() if name not in result.tables}
+    return replace(result, tables={**result.tables, **missing})
+
+
+def anonymous(result: Result) -> Result:
+    """Return a result in which participants are called P1, P2 and so on, in their order.
+
+    A person with both ratings and plate forces has the same name in both. Names of fabrics and files are kept.
+    """
+    groups = [group.to_dataset() for group in result.tree.children.values()]
+    stored = [group[what].values for what in PEOPLE for group in groups if what in group.coords]
+    names = dict.fromkeys(str(name) for values in stored for name in values)
+    return renamed(result, {name: f"P{k}" for k, name in enumerate(names, 1)})
+
+
+def renamed(result: Result, names: Mapping[str, str]) -> Result:
+    """Return a result with all names of people replaced, by their present names."""
+    import xarray as xr
+
+    groups = {}
+    for label, child in result.tree.children.items():
+        group = child.to_dataset()
+        axes = {what: [names.get(str(one), str(one)) for one in group[what].values] for what in PEOPLE if what in group}
+        groups[f"/{label}"] = group.assign_coords({what: (what, values) for what, values in axes.items()})
+    kept = dict(result.tables)
+    for label, table in kept.items():
+        for what in PEOPLE:
+            if what in table.index.names:
+                kept[label] = table = table.rename(index=dict(names), level=what)
+            if what in table:
+                kept[label] = table = table.assign(**{what: [names.get(str(one), one) for one in table[what]]})
+    return replace(
+        result, tree=xr.DataTree.from_dict({"/": xr.Dataset(attrs=result.tree.attrs), **groups}), tables=kept
+    )
 
 
 def picture(result: Result, name: str) -> Picture:
     """Return a figure by its name, drawn and embedded."""
-    drawing, drawn, dpi = figure_named(name), io.BytesIO(), COARSE if name in SAMPLING else RESOLUTION
+    drawing, drawn, dpi = figure_named(name), io.BytesIO(), COARSE if name in FOLDED["sampler"] else RESOLUTION
     with USUAL.applied():
         drawing(result, USUAL).savefig(drawn, format="png", dpi=dpi, metadata=dict(METADATA["png"]))
-    source = f"data:image/png;base64,{base64.b64encode(drawn.getvalue()).decode('ascii')}"
-    caption = sentence(drawing.shows)
+    source, caption = _as_link("image/png", drawn.getvalue()), sentence(drawing.shows)
     return Picture(file_of(name), source, caption, alternative_text(result, name, caption))
 
 
-def _as_link(text: str) -> str:
-    """Return a text as a data URL."""
-    return f"data:text/csv;charset=utf-8;base64,{base64.b64encode(text.encode()).decode('ascii')}"
+def _as_link(kind: str, content: bytes) -> str:
+    """Return a content of some MIME type as a data URL."""
+    return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
 
 
 def _switched(result: Result) -> dict[str, Any]:
@@ -247,17 +255,7 @@ def unbroken(value: Any) -> Any:
 
 
 def alternative_text(result: Result, name: str, caption: str) -> str:
-    """Return the caption of a figure and a description of its content.
-
-    Parameters
-    ----------
-    result
-        The run.
-    name
-        Name of the figure; custom figures have only the caption.
-    caption
-        Caption of the figure.
-    """
+    """Return the caption of a figure and, unless it is a custom one, what it shows of this run."""
     return " ".join([caption, *_content(result, name)])
 
 

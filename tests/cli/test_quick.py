@@ -10,7 +10,7 @@ from softness_bayes.checkpoints.saved import read_status
 from softness_bayes.plotting.figures import FIGURES
 from softness_bayes.plotting.figures import FIRST_LOOK as LABEL
 from softness_bayes.report.page import report_page
-from softness_bayes.report.repeat import repetition
+from softness_bayes.report.tables import repetition
 from softness_bayes.results.result import Result
 from softness_bayes.results.run_options import RunOptions
 from softness_bayes.runs.drawing import FIRST_FIGURES

@@ -60,7 +60,7 @@ def test_it_shows_the_run_in_silence(window, of_ratings, result):
     np.testing.assert_allclose(column(window, "curve", "rating"), found.rating[load])
     expected = chart_data(result)["e_fab"][load]
     for name in ("rate", "rating"):
-        for key in ("low95", "high50"):
+        for key in ("low90", "high50"):
             np.testing.assert_allclose(column(window, f"{name}/band", key), getattr(expected, name)[key])
     np.testing.assert_allclose(column(window, "data", "mean"), expected.fabrics["mean"])
     assert window.complaints() == []

@@ -80,7 +80,7 @@ def test_switches_show_the_other_load_and_the_other_axis(opened, result):
         choose(opened, "load", load)
         expected = every[axis][load]
         for what in ("rate", "rating"):
-            keys = ("x", "median", "low50", "high50", "low95", "high95")
+            keys = ("x", "median", "low50", "high50", "low90", "high90")
             for key, found in zip(keys, columns(opened, f"{what}/band", *keys), strict=True):
                 np.testing.assert_allclose(found, getattr(expected, what)[key])
             ends = opened.script(f"[{MODEL.format(what)}.x_range.start, {MODEL.format(what)}.x_range.end]")
@@ -112,7 +112,16 @@ def test_a_pointed_at_curve_tells_its_values(opened):
     assert opened.complaints() == []
 
 
-@pytest.mark.parametrize("width", [1200, 390, 320])
+def test_the_first_chart_is_on_the_first_screen(opened):
+    opened.resize(1280)
+    opened.wait(DRAWN)
+    place = "document.querySelector('.chart').getBoundingClientRect()"
+    top, bottom = opened.script(f"(({{top, bottom}}) => [top + scrollY, bottom + scrollY])({place})")
+    assert 0 < top < bottom < 900
+    opened.resize(1200)
+
+
+@pytest.mark.parametrize("width", [1200, 400, 320])
 def test_it_fits_the_width_of_a_desk_and_of_a_phone(opened, width):
     opened.resize(width)
     opened.wait(DRAWN)

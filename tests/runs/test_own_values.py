@@ -11,7 +11,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.laws import LogNormal
 from softness_bayes.parameters.priors import parse_prior
-from softness_bayes.report.repeat import repetition
+from softness_bayes.report.tables import repetition
 from softness_bayes.results.result import Result
 from softness_bayes.runs.run import sample
 from softness_bayes.sampler import sampling

@@ -19,7 +19,7 @@ from softness_bayes.model.build import build
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression
 from softness_bayes.provenance import Provenance
-from softness_bayes.report.repeat import repetition
+from softness_bayes.report.tables import repetition
 from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
 from softness_bayes.runs import run
