@@ -192,7 +192,7 @@ def netcdf(tree: xarray.DataTree, ending: Callable[[memoryview], bytes] | None =
         Function of the content that returns bytes to append to it, which readers ignore.
     """
     content = io.BytesIO()
-    with _opened(content, "w") as file:
+    with _written(content) as file:
         tree.to_netcdf(file, engine="h5netcdf")
     if ending is not None:
         with content.getbuffer() as whole:
@@ -203,13 +203,27 @@ def netcdf(tree: xarray.DataTree, ending: Callable[[memoryview], bytes] | None =
 
 
 def read_netcdf(path: str | os.PathLike[str]) -> xarray.DataTree:
-    """Read a result into memory and close its file."""
+    """Read a result from `netcdf` into memory: as xarray does, in a tenth of the time."""
+    import h5py
     import xarray
 
-    with _opened(path) as file:
-        dict(file.attrs)  # if attributes are damaged, h5netcdf fails on opening and again when the object is deleted
-        with xarray.open_datatree(file, engine="h5netcdf") as tree:
-            return tree.load()
+    def variable(name: str, stored: h5py.Dataset) -> tuple[tuple[str, ...], Any, dict[str, Any]]:
+        dims = [file[one[0]].name.rpartition("/")[2] for one in stored.attrs.get("DIMENSION_LIST", ())]
+        if stored.is_scale:
+            dims = [name]
+        text = h5py.check_string_dtype(stored.dtype) is not None
+        units = {"units": str(stored.attrs["units"])} if "units" in stored.attrs else {}
+        return tuple(dims), (stored.asstr() if text else stored)[()], units
+
+    with h5py.File(path) as file:
+        groups = {
+            f"/{group}": xarray.Dataset({name: variable(name, stored) for name, stored in file[group].items()})
+            for group in file
+        }
+        attributes = {name: value for name, value in file.attrs.items() if name != "_NCProperties"}
+        attributes = {name: value[0] if np.ndim(value) else value for name, value in attributes.items()}
+        groups["/"] = xarray.Dataset(attrs=attributes)
+    return xarray.DataTree.from_dict(groups)
 
 
 def for_arviz(tree: xarray.DataTree) -> Any:
@@ -220,16 +234,8 @@ def for_arviz(tree: xarray.DataTree) -> Any:
     return _arviz().InferenceData(attrs=dict(tree.attrs), **groups)
 
 
-def _opened(path: str | os.PathLike[str] | io.BytesIO, mode: str = "r") -> Any:
-    """Open an HDF5 file with cached look-ups of its objects, because h5netcdf looks up each one dozens of times.
-
-    Parameters
-    ----------
-    path
-        The file, or where to write its content.
-    mode
-        "r" to read; "w" to write, with objects in the order in which they are made, as h5netcdf has them.
-    """
+def _written(content: io.BytesIO) -> Any:
+    """Open an HDF5 file to write, with cached look-ups of its objects: h5netcdf looks up each one dozens of times."""
     import h5py
 
     class Group(h5py.Group):
@@ -243,7 +249,7 @@ def _opened(path: str | os.PathLike[str] | io.BytesIO, mode: str = "r") -> Any:
 
     class LookedUpOnce(h5py.File):
         def __init__(self) -> None:
-            super().__init__(path, mode, **({} if mode == "r" else {"track_order": True}))
+            super().__init__(content, "w", track_order=True)  # objects in the order in which they are made
             self._found: dict[str, Any] = {}
 
         def __getitem__(self, name: Any) -> Any:
@@ -251,7 +257,7 @@ def _opened(path: str | os.PathLike[str] | io.BytesIO, mode: str = "r") -> Any:
                 return super().__getitem__(name)
             if name not in self._found:
                 found = super().__getitem__(name)
-                if mode != "r" and isinstance(found, h5py.Group):
+                if isinstance(found, h5py.Group):
                     found = Group(found.id)
                     found.found = self._found
                 self._found[name] = found

@@ -227,7 +227,7 @@ def rank(
         order = np.argsort(put.place.mean(axis=0), kind="stable")
         at = np.full(len(fabrics), -1) if people is None else conditions_of(result, people, fabrics, load)
         decided = verdicts(p_higher_among(people, at), two.softer, [one[here] for one in unreached], against)
-        means = beside(result, people, fabrics, load)
+        means = beside(result, fabrics, load)
         ranked.append(Ranked(load, order, put, two, ties(two.tie, order), rating, why.iloc[here], means, decided))
     middle = scene.fabric_modulus if modulus is None else np.median(modulus, axis=0)
     word = word_of(result.provenance.rating_data.rating_column, result.scale)

@@ -115,7 +115,7 @@ def predicted(
 
     panel = fitted.posterior.observation.raters if raters is None else raters
     PANEL.require("raters", panel)
-    tables, scenes, people = [], [], people_of(fitted.result)
+    tables, scenes = [], []
     for some in parts_of(fabrics, len(loads), len(fitted.theta)):
         scene, rng = fitted.scene(some, loads) if compiled is None else compiled(some), np.random.default_rng(seed)
         modulus = fitted.modulus(rng, some)
@@ -124,7 +124,7 @@ def predicted(
         columns: dict[str, ArrayLike] = {"load": scene.load, **weber_fraction(fitted, scene, found.rate, modulus)}
         for name, drawn in (("typical_rating", found.typical), ("new_rater_rating", new), ("mean_rating", found.mean)):
             columns |= {f"{name}{end}": limit for end, limit in limits(drawn, found.alike).items()}
-        own = [beside(fitted.result, people, some, load) for load in loads]
+        own = [beside(fitted.result, some, load) for load in loads]
         columns |= {"raters": np.full(scene.n_conditions, panel)}
         columns |= {name: np.concatenate([one[name] for one in own]) for name in own[0]}
         rated = pd.concat([pd.DataFrame(columns), reasons(fitted, scene, found.rate, modulus)], axis=1)
@@ -268,17 +268,16 @@ def conditions_of(result: Stored, people: FreeMeans, fabrics: Fabrics, load: Loa
     return np.array([at.get(k, -1) for k in rated_among(result, fabrics)], np.intp)
 
 
-def beside(result: Stored, people: FreeMeans | None, fabrics: Fabrics, load: Load) -> dict[str, Array]:
+def beside(result: Stored, fabrics: Fabrics, load: Load) -> dict[str, Array]:
     """Return people's own mean of each fabric under a load with its 90 % limits, by column; NaN where there is none."""
-    names = ("people_low", "people", "people_high")
+    names, table = ["people_low", "people", "people_high"], result.tables[FABRIC_RATINGS]
     found = dict.fromkeys(names, np.full(len(fabrics), np.nan))
-    if people is None:
+    if load not in result.loads or "people" not in table:
         return found
-    at = conditions_of(result, people, fabrics, load)
-    limits = np.quantile(people.rating, (0.05, 0.5, 0.95), axis=0)
-    if not people.noise_known:
-        limits[[0, 2]] = np.nan
-    return {name: np.where(at >= 0, values[at], np.nan) for name, values in zip(names, limits, strict=True)}
+    groups, among = groups_of(result.loads), rated_among(result, fabrics)
+    known = [name if k >= 0 else None for name, k in zip(fabrics.names, among, strict=True)]
+    under = table.xs(groups.names[groups.of[result.loads.index(load)]]).reindex(known)
+    return {name: under[name].to_numpy(float) for name in names}
 
 
 def p_higher_among(people: FreeMeans | None, at: IndexArray) -> Array:

@@ -126,7 +126,7 @@ class Draws(NamedTuple):
     eps: float | None
     """eps, added to N/N_ref in the logarithm [Hz] (its median if it varies); None if there is no logarithm."""
     usual_channels: bool
-    """True if all channel multipliers vary under their default priors."""
+    """True if all channel multipliers vary: under their default priors, or a posterior within these."""
 
 
 class ChosenResolution(NamedTuple):
@@ -276,7 +276,8 @@ def given_draws(values: Mapping[str, ArrayLike], parameters: TouchParameters) ->
     shape = np.broadcast_shapes(*(np.shape(v) for v in parameters), (1,))
     eps = float(np.median(np.asarray(values["eps"], float))) if "eps" in values else None
     whole = parameters.broadcast(shape)
-    return Draws(first(whole, min(DRAWS, shape[0])), eps, False)
+    varies = all(np.size(channel) > 1 for channel in parameters.channels)
+    return Draws(first(whole, min(DRAWS, shape[0])), eps, varies)
 
 
 def first(parameters: TouchParameters, size: int) -> TouchParameters:
