@@ -45,7 +45,7 @@ HOMES = {
     },
     "dask": {"runs.cluster"},
     "distributed": {"runs.cluster"},
-    "emcee": {"sampler.moves", "sampler.sampling"},
+    "emcee": {"bench.tables", "sampler.moves"},
     "jinja2": {"report.page"},
     "openpyxl": {"data.workbooks"},
     "tornado": {"explore.server"},

@@ -74,10 +74,13 @@ CHANNELS = ("channels held", "channels free")
 
 def model_of(held: bool, **options: Any) -> ExperimentModel:
     """Return the model of 1080 simulated ratings, with channel multipliers fixed or free."""
-    rng = np.random.default_rng(1)
-    simulated = simulate_ratings(rng, FABRICS, LOADS, MEDIANS, participants=30)
-    fix = PAPER_CHANNELS._asdict() if held else {}
-    return build(Experiment(simulated.ratings, FABRICS, ()), ModelOptions(fix=fix, **options))
+    return build(simulated(30), ModelOptions(fix=PAPER_CHANNELS._asdict() if held else {}, **options))
+
+
+def simulated(raters: int, **how: Any) -> Experiment:
+    """Return a simulated experiment of 36 touches by some raters; other arguments as for `simulate_ratings`."""
+    ratings = simulate_ratings(np.random.default_rng(1), FABRICS, LOADS, MEDIANS, participants=raters, **how).ratings
+    return Experiment(ratings, FABRICS, ())
 
 
 def work_precision(effort: Effort) -> Iterator[Point]:

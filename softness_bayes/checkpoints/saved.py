@@ -89,7 +89,7 @@ class Status(NamedTuple):
 
 
 class Record(NamedTuple):
-    """What the file of a state says of it."""
+    """Record of a state in its file."""
 
     pieces: list[int]
     """Numbers of the files with the steps of the state's stage; the last is that of the file."""

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import click
 
@@ -27,6 +27,8 @@ from softness_bayes.readable import chance, some_of
 from softness_bayes.results.run_options import RunOptions
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from softness_bayes.bench.precision import Effort, Point
     from softness_bayes.checking.calibration import Replicate
     from softness_bayes.runs.rank_table import Calibrated
@@ -229,11 +231,13 @@ def _report(calibrated: Calibrated, out: Path) -> None:
 
 FIGURE, FORMATS = "work_precision", ("png", "pdf")
 PRECISION = (f"{FIGURE}.csv", "summary.md", *(f"{FIGURE}.{name}" for name in FORMATS))
-GROWTH = ("whole_runs.csv", "whole_runs.md")
+GROWTH, TABLES = ("whole_runs.csv", "whole_runs.md"), ("tables.csv", "tables.md")
 
 
 @command
-def bench(*, quick: bool = False, scale: bool = False, out: Out = Path("bench"), force: Force = False) -> None:
+def bench(
+    *, quick: bool = False, scale: bool = False, tables: bool = False, out: Out = Path("bench"), force: Force = False
+) -> None:
     """Measure time and error of the likelihood on this machine, and of other ways to compute the response.
 
     Measures the likelihood of 1080 ratings at each accuracy, on one core, for 12 fabrics under 3 indentations and draws
@@ -245,12 +249,17 @@ def bench(*, quick: bool = False, scale: bool = False, out: Out = Path("bench"),
     conditions and 3000 loads, and predicts 40 000 touches, each in a process of its own. Writes whole_runs.csv
     and whole_runs.md.
 
+    With --tables, simulates a table of every kind of ratings, samples each until it has converged, and compares
+    effective draws with those of emcee's default moves. Writes tables.csv and tables.md.
+
     Parameters
     ----------
     quick
         A trial run: few draws and small tables.
     scale
         Measure instead whole runs on growing tables: time and memory.
+    tables
+        Measure instead the time until tables of every kind of ratings have converged.
     out
         Directory to write to.
     """
@@ -259,27 +268,58 @@ def bench(*, quick: bool = False, scale: bool = False, out: Out = Path("bench"),
     from softness_bayes.bench.precision import FULL, QUICK
     from softness_bayes.files.outputs import require_outputs, write_outputs
 
-    names = GROWTH if scale else PRECISION
+    if scale and tables:
+        raise InputError("bench: --scale and --tables measure different things; give one of them")
+    names = GROWTH if scale else TABLES if tables else PRECISION
     require_outputs(out, names, "bench", force)
     click.echo(f"this takes minutes; it then writes {', '.join(names)} to {out.resolve()}", err=True)
     with threadpool_limits(1):
-        contents = _whole_runs(quick) if scale else _speed_and_error(QUICK if quick else FULL)
+        if scale or tables:
+            contents = dict(zip(names, _whole_runs(quick) if scale else _tables(quick), strict=True))
+        else:
+            contents = _speed_and_error(QUICK if quick else FULL)
     write_outputs(out, contents, "bench")
     click.echo(f"written to {out}")
 
 
-def _whole_runs(quick: bool) -> dict[str, bytes | str]:
-    """Measure and print whole runs on growing tables; a trial run measures the smallest of each kind."""
+def _rows(measured: Iterable[NamedTuple]) -> pd.DataFrame:
+    """Return measurements as a table; each is printed when it is made."""
     import pandas as pd
 
+    rows = []
+    for row in measured:
+        rows.append(row)
+        values = row._asdict().items()
+        click.echo(", ".join(f"{name} {f'{x:.3g}' if isinstance(x, float) else x}" for name, x in values))
+    return pd.DataFrame(rows)
+
+
+def _tables(quick: bool) -> tuple[bytes | str, ...]:
+    """Measure and print the convergence of tables of every kind."""
+    from softness_bayes.bench.tables import sampled
+    from softness_bayes.files.spreadsheet import csv_of
+
+    table = _rows(sampled(quick))
+    shown = {
+        "table": table["table"],
+        "ratings": table["ratings"],
+        "parameters": table["parameters"],
+        "to convergence [s]": table["seconds"].map("{:.1f}".format).where(table["converged"], "not in 600"),
+        "evaluations": table["evaluations"],
+        "each [µs]": table["microseconds"].map("{:.1f}".format),
+        "effective draws per 1000": table["effective"].map("{:.1f}".format),
+        "of emcee's moves": table["effective_emcee"].map("{:.1f}".format),
+    }
+    return csv_of(table, index=False), f"{_markdown(shown)}\nMeasured on: {_machine()}.\n"
+
+
+def _whole_runs(quick: bool) -> tuple[bytes | str, ...]:
+    """Measure and print whole runs on growing tables; a trial run measures the smallest of each kind."""
     from softness_bayes.bench.growth import TABLES, grown
     from softness_bayes.files.spreadsheet import csv_of
 
-    measured, smallest = [], {table.what: table for table in reversed(TABLES)}
-    for one in grown([*reversed(smallest.values())] if quick else TABLES):
-        click.echo(f"{one.what:12} {one.size:8} {one.seconds:9.1f} s {one.megabytes:7.0f} MB  power {one.exponent:.2f}")
-        measured.append(one)
-    table = pd.DataFrame(measured)
+    smallest = {table.what: table for table in reversed(TABLES)}
+    table = _rows(grown([*reversed(smallest.values())] if quick else TABLES))
     shown = {
         "what grows": table["what"],
         "size": table["size"],
@@ -287,7 +327,7 @@ def _whole_runs(quick: bool) -> dict[str, bytes | str]:
         "peak memory [MB]": table["megabytes"].map("{:.0f}".format),
         "time as size to the power": table["exponent"].map("{:.2f}".format).replace("nan", ""),
     }
-    return dict(zip(GROWTH, (csv_of(table, index=False), _markdown(shown)), strict=True))
+    return csv_of(table, index=False), _markdown(shown)
 
 
 def _speed_and_error(effort: Effort) -> dict[str, bytes | str]:
@@ -317,11 +357,7 @@ def _speed_and_error(effort: Effort) -> dict[str, bytes | str]:
             peers += import_module(f"softness_bayes.bench.{module}").PEERS
     others = [*shown(measure(peer, count, effort) for peer in peers)]
     ratios = [*(math.nan for _ in ours), *(ratio(point, ours) for point in others)]
-    info = Path("/proc/cpuinfo")
-    named = re.search(r"^model name\s*: (.*)", info.read_text() if info.is_file() else "", re.MULTILINE)
-    processor = named[1] if named else platform.processor() or platform.machine()
-    versions = f"Python {platform.python_version()}, NumPy {import_module('numpy').__version__}"
-    machine = f"{processor}, {os.cpu_count()} cores, {versions}"
+    machine = _machine()
     table = pd.DataFrame([*ours, *others]).assign(ratio=ratios)
     figure = work_precision_figure(
         {way: [(p.seconds, p.error_peak) for p in ours if p.way == way] for way in CHANNELS},
@@ -338,6 +374,15 @@ def _speed_and_error(effort: Effort) -> dict[str, bytes | str]:
     }
     contents = (csv_of(table, index=False), f"{_markdown(words)}\nMeasured on: {machine}.\n")
     return {**dict(zip(PRECISION, contents, strict=False)), **files_of(figure, FIGURE, FORMATS)}
+
+
+def _machine() -> str:
+    """Return a description of the machine: processor, number of cores and versions."""
+    info = Path("/proc/cpuinfo")
+    named = re.search(r"^model name\s*: (.*)", info.read_text() if info.is_file() else "", re.MULTILINE)
+    processor = named[1] if named else platform.processor() or platform.machine()
+    versions = f"Python {platform.python_version()}, NumPy {import_module('numpy').__version__}"
+    return f"{processor}, {os.cpu_count()} cores, {versions}"
 
 
 def _time(seconds: float) -> str:

@@ -168,7 +168,7 @@ def student_log_density(u: FloatArray, nu: FloatArray) -> FloatArray:
     constant = -betaln(0.5 * different, 0.5) - 0.5 * np.log(different)
     squares = u * u / nu
     # not all processors have vector instructions for log1p; where nu is small the rounding of 1 + u²/nu is harmless
-    logs = np.log1p(squares) if different[-1] > _LARGE else np.log(squares + 1.0)
+    logs = np.log1p(squares) if different.max(initial=0.0) > _LARGE else np.log(squares + 1.0)
     return constant[place] - 0.5 * (nu + 1.0) * logs
 
 
@@ -194,9 +194,10 @@ def student_normal_score(u: FloatArray, nu: FloatArray) -> FloatArray:
 
 
 def _different(nu: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Return the different values among many, as for single rows of few draws, and the place of each of the many."""
-    different, place = np.unique(nu, return_inverse=True)
-    return different, place.reshape(np.shape(nu))
+    """Return the values of runs of equal ones, as of the rows of few draws, and the place of each of the many."""
+    flat = np.ravel(nu)
+    first = np.append(True, flat[1:] != flat[:-1])[: flat.size]
+    return flat[first], (np.cumsum(first) - 1).reshape(np.shape(nu))
 
 
 @cache

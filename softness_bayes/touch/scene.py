@@ -194,6 +194,11 @@ class Scene:
             self.discretisation.field_tolerance,
         )
 
+    @cached_property
+    def _has_free_touch(self) -> bool:
+        """True if a load is the unknown one."""
+        return FreeTouch() in self.loads
+
     def fingertip(self, parameters: TouchParameters) -> Fingertip:
         """Return the finger: the scene's, or one for each vector of a batch (n,), with arrays of shape (n, 1).
 
@@ -202,7 +207,7 @@ class Scene:
         InputError
             If a vector has an individual finger but the scene was compiled for one finger.
         """
-        free = FreeTouch() in self.loads
+        free = self._has_free_touch
         if self.finger_box is not None:
             force = parameters.touch_force if free else Finger.force
             return fingertips(self.finger, parameters.radius, parameters.receptor_depth, force)

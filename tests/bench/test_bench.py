@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from softness_bayes.bench import growth, peers
+from softness_bayes.bench import growth, peers, tables
 from softness_bayes.bench.peers import Peer, measure, ratio
 from softness_bayes.bench.precision import CHANNELS, QUICK, Point
 from softness_bayes.bench.solvers import solve_each, step_all
@@ -80,6 +80,21 @@ def test_growth_is_the_slope_between_neighbouring_sizes(monkeypatch):
     np.testing.assert_allclose([one.exponent for one in found], [np.nan, 2.0, 2.0, np.nan, 0.0, 0.0], atol=1e-12)
 
 
+def test_draws_of_emcee_are_those_of_its_published_autocorrelation_time():
+    """Of a normal density of 13 dimensions, on which the stretch move takes 140 to 180 steps for a draw."""
+    start = np.random.default_rng(0).standard_normal((80, 13))
+    found = tables.default_moves(_Normal(), start, 4000)
+    assert 1e3 / 200 < found < 1e3 / 110
+
+
+class _Normal:
+    def __call__(self, z):
+        return -0.5 * (z**2).sum(axis=-1)
+
+    def natural(self, z):
+        return z
+
+
 def test_time_and_memory_are_those_of_the_process():
     seconds, megabytes = growth.timed("--help")
     assert 0.0 < seconds < 60.0
@@ -101,6 +116,7 @@ def test_all_of_it_runs(tmp_path):
     assert (table["ratio"].dropna() > 1e3).all()
     assert (tmp_path / "work_precision.png").stat().st_size > 0
     refused(call("bench", "--quick", "--out", tmp_path), "work_precision.csv", "--force")
+    refused(call("bench", "--scale", "--tables", "--out", tmp_path), "one of them")
     done = call("bench", "--scale", "--quick", "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     table = pd.read_csv(tmp_path / "out" / "whole_runs.csv")
