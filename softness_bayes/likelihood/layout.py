@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import block_array, csr_array, diags_array
+from scipy.sparse import csr_array
 
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.pieces import pieces
 from softness_bayes.likelihood.scales import MAGNITUDE, Scale
-
-if TYPE_CHECKING:
-    from scipy.sparse.linalg import SuperLU
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
@@ -23,6 +20,10 @@ IndexArray = NDArray[np.intp]
 
 ROUNDING = 1e-12
 """Standard deviation of residuals [-] below which it is treated as zero: rounding errors of log ratings are smaller."""
+
+
+RELATIVE_RANK = 1e-9
+"""Eigenvalues of normal equations below this, relative to the largest, are zero."""
 
 
 class Additive(NamedTuple):
@@ -70,56 +71,38 @@ class Layout:
         return np.unique(self.load)
 
     @cached_property
-    def _part(self) -> IndexArray:
-        """Connected part of the table of each participant, then of each condition."""
-        from scipy.sparse.csgraph import connected_components  # imported here because it takes a third of a second
-
-        people = self.design.n_participants
-        size = people + self.design.n_conditions
-        edges = self.design.participant, people + self.design.condition
-        graph = csr_array((np.ones(self.design.n_rows), edges), shape=(size, size))
-        return np.asarray(connected_components(graph, directed=False)[1], np.intp)
+    def _share(self) -> FloatArray:
+        """Share of each participant's rows in each condition, shape (participants, conditions); 0 without rows."""
+        cells = self.design.cells
+        return np.asarray(cells / np.maximum(cells.sum(axis=1, keepdims=True), 1.0))
 
     @cached_property
-    def _free(self) -> IndexArray:
-        """Effects to be estimated: participants with ratings, and conditions but the first of each connected part."""
-        people = self.design.n_participants
-        present = np.flatnonzero(self.design.cells.sum(axis=1) > 0)
-        first = np.unique(self._part[people:], return_index=True)[1]
-        return np.concatenate([present, people + np.setdiff1d(np.arange(self.design.n_conditions), first)])
+    def _inverse(self) -> FloatArray:
+        """Generalised inverse of the conditions' normal equations without participants, (conditions, conditions).
 
-    @cached_property
-    def _rows(self) -> csr_array:
-        """Effects of each row as a sparse matrix of zeros and ones, shape (rows, participants + conditions)."""
-        design, size = self.design, self.design.n_rows
-        columns = np.stack([design.participant, design.n_participants + design.condition], axis=1).ravel()
-        shape = (size, design.n_participants + design.n_conditions)
-        return csr_array((np.ones(2 * size), columns, 2 * np.arange(size + 1)), shape=shape)
-
-    @cached_property
-    def _normal(self) -> SuperLU:
-        """Factors of the normal equations of the free effects, whose matrix is sparse."""
-        from scipy.sparse.linalg import splu  # imported here because it takes a third of a second
-
-        cells = csr_array(self.design.cells)
-        counts = (diags_array(self.design.cells.sum(axis=axis)) for axis in (1, 0))
-        person, condition = counts
-        whole = block_array([[person, cells], [cells.T, condition]]).tocsr()
-        return splu(whole[self._free][:, self._free].tocsc())
+        Solutions have the mean 0 in each connected part of the table, because they have no component in the null space.
+        """
+        cells = self.design.cells
+        normal = np.diag(cells.sum(axis=0)) - cells.T @ self._share
+        return np.linalg.pinv(normal, rcond=RELATIVE_RANK, hermitian=True)
 
     @property
     def residual_freedom(self) -> int:
         """Degrees of freedom that the additive fit leaves."""
-        return self.design.n_rows - self._free.size
+        differences = np.linalg.matrix_rank(self._inverse, tol=RELATIVE_RANK, hermitian=True)
+        return int(self.design.n_rows - self._present.sum() - differences)
+
+    @property
+    def _present(self) -> NDArray[np.bool_]:
+        return np.asarray(self.design.cells.any(axis=1))
 
     @property
     def leverage(self) -> FloatArray:
         """Weight of each row in its own fitted value, shape (rows,): a residual's variance is 1 less this."""
-        rows, found = self._rows[:, self._free], np.empty(self.design.n_rows)
-        for k in pieces(self.design.n_rows, self._free.size):
-            some = rows[k].toarray()
-            found[k] = (some * self._normal.solve(some.T).T).sum(axis=1)
-        return found
+        person, condition = self.design.participant, self.design.condition
+        spread = self._share @ self._inverse
+        cells = np.diag(self._inverse) - 2.0 * spread + (spread * self._share).sum(axis=1, keepdims=True)
+        return (cells + 1.0 / np.maximum(self.design.cells.sum(axis=1, keepdims=True), 1.0))[person, condition]
 
     def fit(self, ratings: ArrayLike) -> Additive:
         """Fit log ratings additively by participants and conditions.
@@ -133,19 +116,18 @@ class Layout:
         """
         design, filed = self.design, np.asarray(ratings, float)
         shape, filed = filed.shape[:-1], filed.reshape(-1, filed.shape[-1])
-        people, freedom = design.n_participants, self.residual_freedom
-        present = design.cells.sum(axis=1) > 0
-        part_of_person, part = self._part[:people], self._part[people:]
-        member = np.eye(int(self._part.max()) + 1)[part]
-        mean_of_part = member / np.maximum(member.sum(axis=0), 1.0)
+        freedom, present, rows = self.residual_freedom, self._present, np.arange(design.n_rows)
+        of_person, of_condition = (
+            csr_array((np.ones(rows.size), (rows, index)), shape=(rows.size, size))
+            for index, size in ((design.participant, design.n_participants), (design.condition, design.n_conditions))
+        )
+        count = np.maximum(design.cells.sum(axis=1), 1.0)
         fits = []
         for k in pieces(len(filed), design.n_rows):
             y = self.scale.additive(filed[k])
-            effects = np.zeros((len(y), people + design.n_conditions))
-            effects[:, self._free] = self._normal.solve((self._rows.T @ y.T)[self._free]).T
-            participant, condition = effects[:, :people], effects[:, people:]
-            centre = condition @ mean_of_part
-            condition, participant = condition - centre[:, part], participant + centre[:, part_of_person]
+            mean = (y @ of_person) / count
+            condition = (y @ of_condition - mean @ design.cells) @ self._inverse
+            participant = mean - condition @ self._share.T
             residual = y - condition[:, design.condition] - participant[:, design.participant]
             level = participant[:, present].mean(axis=-1, keepdims=True)
             participant = np.where(present, participant - level, np.nan)
