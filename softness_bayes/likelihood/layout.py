@@ -84,7 +84,7 @@ class Layout:
         """
         cells = self.design.cells
         normal = np.diag(cells.sum(axis=0)) - cells.T @ self._share
-        return np.linalg.pinv(normal, rcond=RELATIVE_RANK, hermitian=True)
+        return np.asarray(np.linalg.pinv(normal, rcond=RELATIVE_RANK, hermitian=True), float)
 
     @property
     def residual_freedom(self) -> int:
