@@ -25,7 +25,7 @@ from scipy.optimize import brentq
 from scipy.special import chdtr, chdtrc, chdtri, ndtr, ndtri
 from scipy.stats import binom
 
-from softness_bayes.checking.uniformity import simultaneous_band, uniformity_p_value
+from softness_bayes.checking.quantities import simultaneous_band, uniformity_p_value
 from softness_bayes.readable import percent
 
 if TYPE_CHECKING:

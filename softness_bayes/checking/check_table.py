@@ -11,7 +11,11 @@ from numpy.typing import NDArray
 from softness_bayes.checking.checks import LOADS
 from softness_bayes.checking.layout import groups_in, layout_of, ratings_in, values_in
 from softness_bayes.checking.quantities import (
+    DOUBTFUL,
     DROP,
+    EXCESS,
+    FALL,
+    PIT,
     PLACE,
     QUANTITIES,
     TURNS_OVER,
@@ -19,9 +23,11 @@ from softness_bayes.checking.quantities import (
     Quantity,
     QuantityCheck,
     check_values,
+    fall,
+    fall_p_value,
+    power,
+    uniformity_p_value,
 )
-from softness_bayes.checking.turning_check import DOUBTFUL, EXCESS, FALL, fall, fall_p_value, power
-from softness_bayes.checking.uniformity import uniformity_p_value
 from softness_bayes.likelihood.layout import Additive, Layout
 from softness_bayes.provenance import Provenance
 
@@ -41,9 +47,6 @@ NEW_PARTICIPANTS = "rating_of_new_participants"
 
 LOO_PIT, PARETO_K = "loo_pit", "loo_pareto_k"
 """Variables of the group `constant_data`: each rating's LOO-PIT value, and Pareto k of its importance weights."""
-
-PIT = "LOO-PIT"
-"""Name of the check of LOO-PIT values in the table."""
 
 PIT_POINTS = np.arange(1, 100) / 100
 """Points at which the distribution function of LOO-PIT values is evaluated."""

@@ -15,7 +15,7 @@ All that checks need of an observation model is called here.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -25,6 +25,7 @@ from scipy.sparse import csr_array
 from scipy.special import chdtrc, chdtri, ndtri, polygamma
 
 from softness_bayes import arviz_bridge
+from softness_bayes.checking.quantities import PIT, SUMMARIES
 from softness_bayes.likelihood.contract import Effects, Likelihood, Parameters, RowsLeftOut
 from softness_bayes.likelihood.layout import Layout
 from softness_bayes.likelihood.pieces import part_of, pieces
@@ -41,9 +42,16 @@ CONDITIONS, FABRICS, LOADS = (
     "deviations between a fabric's loads",
 )
 EXPONENTS, NOISE, DEVIATIONS = "participants' own exponents", "participants' own noise", "standard deviations of cells"
-ALONG, FINGERS = "deviations along the response's slope", "raters' deviations along the skin's slope"
+ALONG, SKINS = "deviations along the response's slope", "raters' deviations along the skin's slope"
 DRIFT = "drift over trials"
 """Names of the checks in tables."""
+
+SLOPES: Mapping[str, tuple[bool, tuple[str, ...]]] = {
+    EXPONENTS: (True, ("--individual gamma",)),
+    SKINS: (True, ("--individual b",)),
+    ALONG: (False, ("--modulus-cv 0.15", "--shared-modulus-cv 0.3")),
+}
+"""Checks along slopes of the response: whether within raters (or within fabrics), and what would model them."""
 
 MODULUS_STEP, SKIN_STEP = 0.05, 0.1
 """Changes of a fabric's log modulus (a third of typical errors between laboratories), and of the skin's ln b, over
@@ -58,7 +66,7 @@ NOTICED = 0.8
 LEVEL = 0.05
 """Predictive p-value below which deviations are considered real."""
 
-CHECKS = 14
+CHECKS = len([CONDITIONS, FABRICS, NOISE, DEVIATIONS, DRIFT, PIT, *SLOPES, *SUMMARIES])
 """Number of checks that share this level, for the power of each."""
 
 FEWEST = 3
@@ -83,6 +91,11 @@ class Residuals:
     mean_rate: Array
     parameters: Parameters
     effects: Effects
+
+    @property
+    def response(self) -> Array:
+        """Predictor of the ratings in each condition, shape (draws, conditions)."""
+        return self.observation.predictor(self.mean_rate, self.parameters)
 
     @property
     def sd(self) -> Array:
@@ -251,68 +264,43 @@ def check_fabrics(residuals: Residuals, names: Sequence[str]) -> tuple[Finding, 
     )
 
 
-def check_exponents(residuals: Residuals, modelled: bool = False, available: bool = True) -> Finding:
-    """Compare the slopes of participants' residuals on the response with noise: differences of their exponents.
+def check_slope(
+    residuals: Residuals, name: str, slope: Array, modelled: bool = False, available: bool = True
+) -> Finding:
+    """Compare residuals along a slope of the response, within raters or fabrics, with noise.
 
-    The regressor is the logarithm of the response (z-scores: the standardised response) about its mean over the
-    participant's ratings.
+    `EXPONENTS`: along the logarithm of the response (z-scores: the standardised response) about its mean over the
+    rater's ratings, which shows differences of exponents. `SKINS`: along the slope in ln b, in the same way. It is
+    not proportional to the response, so that neither the rater's scale nor an exponent accounts for such deviations.
+    `ALONG`: along the slope in each fabric's log modulus, where wrong moduli move mean ratings by the same relative
+    error under every load. The fit absorbs most effects of wrong moduli, so that this check has little power.
 
     Parameters
     ----------
     residuals
         Residuals at draws of the posterior.
+    name
+        The check.
+    slope
+        Value of each condition, shape (draws, conditions): `Residuals.response`, or the derivative of
+        `Likelihood.drive`.
     modelled, available
-        Whether the model has individual exponents, and whether there is such a model.
+        Whether the model includes such deviations, and whether there is such a model.
     """
-    observation = residuals.observation
-    x, design = observation.predictor(residuals.mean_rate, residuals.parameters), observation.design
-    found = residuals.project(design.participant, design.n_participants, x, centred=True)
-    advice = ("--individual gamma",) if available and not modelled else ()
-    p_value = found.p_value_of_difference
-    return Finding(EXPONENTS, p_value, found.deviation, modelled=modelled, advice=advice, gain=found.gain)
-
-
-def check_moduli(residuals: Residuals, slope: Array, modelled: bool = False) -> Finding:
-    """Compare the residuals along the response's slope in each fabric's log modulus with noise.
-
-    If moduli are wrong, mean ratings deviate along that slope, by the same relative error under every load. The fit
-    absorbs most of the effect of wrong moduli, so that the check has little power.
-
-    Parameters
-    ----------
-    residuals
-        Residuals at draws of the posterior.
-    slope
-        Derivative of `Likelihood.drive` in each condition with respect to its fabric's log modulus, shape (draws,
-        conditions).
-    modelled
-        Whether the model includes errors of the moduli.
-    """
+    of_raters, advice = SLOPES[name]
     design = residuals.observation.design
-    found = residuals.project(design.fabric[design.condition], design.n_fabrics, slope)
-    advice = () if modelled else ("--modulus-cv 0.15", "--shared-modulus-cv 0.3")
-    return Finding(ALONG, found.p_value, modelled=modelled, advice=advice, gain=found.gain)
-
-
-def check_fingers(residuals: Residuals, slope: Array, modelled: bool = False) -> Finding:
-    """Compare each rater's residuals along the response's slope in ln b with noise: differences between fingers.
-
-    The slope is not proportional to the response, so that neither the rater's scale nor an exponent can account for
-    such deviations.
-
-    Parameters
-    ----------
-    residuals
-        Residuals at draws of the posterior.
-    slope
-        Derivative of `Likelihood.drive` in each condition with respect to ln b, shape (draws, conditions).
-    modelled
-        Whether the model has individual fingers.
-    """
-    design = residuals.observation.design
-    found = residuals.project(design.participant, design.n_participants, slope, centred=True)
-    advice = () if modelled else ("--individual b",)
-    return Finding(FINGERS, found.p_value_of_difference, modelled=modelled, advice=advice, gain=found.gain)
+    group, size = design.fabric[design.condition], design.n_fabrics
+    if of_raters:
+        group, size = design.participant, design.n_participants
+    found = residuals.project(group, size, slope, centred=of_raters)
+    return Finding(
+        name,
+        found.p_value_of_difference if of_raters else found.p_value,
+        found.deviation if name == EXPONENTS else np.nan,
+        modelled=modelled,
+        advice=advice if available and not modelled else (),
+        gain=found.gain,
+    )
 
 
 def check_drift(residuals: Residuals, order: Array) -> Finding:

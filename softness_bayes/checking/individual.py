@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.checking.identifiability import contraction, prior_moments
 from softness_bayes.checking.layout import UNCERTAIN
-from softness_bayes.checking.sensitivity import contraction, prior_moments
 from softness_bayes.likelihood.intervals import RATER_EFFECTS, RATER_SPREADS
 from softness_bayes.likelihood.ratings import SKIN
 from softness_bayes.parameters.declared import FABRIC_MODULUS

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from softness_bayes.checking import sensitivity
 from softness_bayes.checking.check_table import doubts
 from softness_bayes.checking.checks import (
     ALONG,
@@ -16,18 +15,26 @@ from softness_bayes.checking.checks import (
     DRIFT,
     EXPONENTS,
     FABRICS,
-    FINGERS,
     LEVEL,
     LOADS,
     NOISE,
     NOTICED,
+    SKINS,
 )
 from softness_bayes.checking.exactness import HARMLESS, Exactness
+from softness_bayes.checking.identifiability import DETERMINED, INFORMED, SENSITIVE, SURPRISING
 from softness_bayes.checking.individual import FAR, POPULATION
 from softness_bayes.checking.modulus_errors import ERROR, LINEAR, clear_shifts
-from softness_bayes.checking.quantities import PLACE, TURNS_OVER
-from softness_bayes.checking.sensitivity import DETERMINED, INFORMED, SENSITIVE
-from softness_bayes.checking.turning_check import DOUBTFUL, FALL, LARGEST_RATIO, NEEDED, Reproduction, turns_reproduced
+from softness_bayes.checking.quantities import (
+    DOUBTFUL,
+    FALL,
+    LARGEST_RATIO,
+    NEEDED,
+    PLACE,
+    TURNS_OVER,
+    Reproduction,
+    turns_reproduced,
+)
 from softness_bayes.defaults import shown_of
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.readable import number, percent
@@ -96,7 +103,7 @@ WORDINGS = {
         "they may be larger than stated, or the response may be wrong",
         ". This check has little power, because the fit absorbs most effects of wrong moduli",
     ),
-    FINGERS: Wording(
+    SKINS: Wording(
         "fingers",
         "cannot be compared, because the response depends on the skin for fewer than two raters",
         "the ratings do not show that the raters' skin differs",
@@ -315,7 +322,7 @@ def information_sentences(summary: pd.DataFrame) -> list[str]:
 def surprises(summary: pd.DataFrame) -> pd.Series:
     """Return the distances of posterior means that are far from their priors, in prior standard deviations, by name."""
     shift = summary["prior_shift"]
-    return shift[shift.abs() >= sensitivity.FAR]
+    return shift[shift.abs() >= SURPRISING]
 
 
 def surprise_sentence(summary: pd.DataFrame) -> str:

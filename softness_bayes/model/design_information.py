@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.special import ndtr, ndtri
 
+from softness_bayes.checking.identifiability import prior_moments
 from softness_bayes.checking.inflection import CurveShape, turning_points
-from softness_bayes.checking.sensitivity import prior_moments
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design, Stated

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.checking.identifiability import prior_moments
 from softness_bayes.checking.individual import modulus_laws
-from softness_bayes.checking.sensitivity import prior_moments
 from softness_bayes.people.free_means import FreeMeans
 from softness_bayes.provenance import DirectionTaken, Provenance
 

@@ -244,7 +244,7 @@ def _draw_ecdf(
     axes: Axes, x: Array, share: Array, size: int, probability: float, style: Style
 ) -> tuple[PolyCollection, Line2D]:
     """Draw the distribution function of values at x minus the uniform one, with simultaneous limits; return both."""
-    from softness_bayes.checking.uniformity import simultaneous_band
+    from softness_bayes.checking.quantities import simultaneous_band
 
     band = simultaneous_band(size, x, probability)
     tint = style.tint(style.prior, 0.4)

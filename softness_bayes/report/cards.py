@@ -12,8 +12,9 @@ from softness_bayes.arviz_bridge import SAMPLE_DIMS
 from softness_bayes.checking.check_table import doubts
 from softness_bayes.checking.checks import ALONG, LEVEL
 from softness_bayes.checking.exactness import Exactness, compare_likelihoods
+from softness_bayes.checking.identifiability import INFORMED
 from softness_bayes.checking.modulus_errors import MovedMost, moved_most
-from softness_bayes.checking.sensitivity import INFORMED
+from softness_bayes.checking.quantities import Reproduction, turns_reproduced
 from softness_bayes.checking.sentences import (
     information_sentences,
     plate_sentence,
@@ -21,7 +22,6 @@ from softness_bayes.checking.sentences import (
     turn_sentence,
     unreproduced_sentence,
 )
-from softness_bayes.checking.turning_check import Reproduction, turns_reproduced
 from softness_bayes.defaults import in_words, shown_of
 from softness_bayes.files.run_files import MODULUS_ERRORS, RULER
 from softness_bayes.people.ruler import Fit

@@ -9,11 +9,11 @@ import numpy as np
 
 from softness_bayes.checking.agreement import RATERS_OF_CELLS, HighestRated, highest_rated
 from softness_bayes.checking.check_table import doubts
+from softness_bayes.checking.identifiability import INFORMED
 from softness_bayes.checking.layout import layout_of, ratings_in
 from softness_bayes.checking.modulus_errors import LINEAR, MovedMost
-from softness_bayes.checking.sensitivity import INFORMED
+from softness_bayes.checking.quantities import DOUBTFUL, turns_reproduced
 from softness_bayes.checking.sentences import surprise_sentence, surprises
-from softness_bayes.checking.turning_check import DOUBTFUL, turns_reproduced
 from softness_bayes.data.oddities import few_raters_sentence
 from softness_bayes.defaults import in_words
 from softness_bayes.files.run_files import FABRIC_RATINGS, RULER

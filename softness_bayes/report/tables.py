@@ -13,8 +13,7 @@ import numpy as np
 import pandas as pd
 
 from softness_bayes.checking.check_table import ALL
-from softness_bayes.checking.quantities import DROP, PLACE
-from softness_bayes.checking.turning_check import FALL
+from softness_bayes.checking.quantities import DROP, FALL, PLACE
 from softness_bayes.files.command_line import storable
 from softness_bayes.files.run_files import FABRIC_RATINGS
 from softness_bayes.options import Flag

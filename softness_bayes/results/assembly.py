@@ -14,15 +14,16 @@ from numpy.typing import NDArray
 from softness_bayes.checking.agreement import fabric_rating_table
 from softness_bayes.checking.check_table import check_table
 from softness_bayes.checking.checks import (
+    ALONG,
+    EXPONENTS,
     MODULUS_STEP,
     SKIN_STEP,
+    SKINS,
     Residuals,
     check_drift,
-    check_exponents,
     check_fabrics,
-    check_fingers,
-    check_moduli,
     check_noise,
+    check_slope,
     check_spreads,
     loo_pit,
 )
@@ -327,10 +328,10 @@ def _findings(draws: RatedDraws) -> tuple[Finding, ...]:
     at = zip(ratings.conditions.fabric, ratings.conditions.load, strict=True)
     found = [
         *check_fabrics(residuals, [f"{ratings.fabrics[fabric]} under {ratings.loads[load]}" for fabric, load in at]),
-        check_exponents(residuals, "gamma" in modelled, available),
+        check_slope(residuals, EXPONENTS, residuals.response, "gamma" in modelled, available),
         check_noise(residuals, "varsigma" in modelled, available, model.error in (STUDENT, LAPSES)),
-        check_moduli(residuals, moduli, draws.posterior.space.moduli is not None),
-        check_fingers(residuals, skins, draws.posterior.fingers is not None),
+        check_slope(residuals, ALONG, moduli, draws.posterior.space.moduli is not None),
+        check_slope(residuals, SKINS, skins, draws.posterior.fingers is not None),
     ]
     order = draws.experiment.ratings.order
     if order is not None and model.scale not in (RANKS, PAIRS):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.checking.fabric_order import Pairs, Places, agreement, pairs, places, ties
+from softness_bayes.checking.agreement import Pairs, Places, agreement, pairs, places, ties
 from softness_bayes.data import Fabrics
 from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.likelihood.scales import Scale

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.checking.check_table import NEW_PARTICIPANTS
 from softness_bayes.checking.checks import check_exponent
-from softness_bayes.checking.turning_check import EXCESS, excess_of_plateau, plateau
+from softness_bayes.checking.quantities import EXCESS, excess_of_plateau, plateau
 from softness_bayes.data.columns import FORCE, INDENTATION
 from softness_bayes.data.measurements import Compression
 from softness_bayes.likelihood.contract import NO_RESPONSE, Parameters

@@ -10,9 +10,8 @@ import xarray as xr
 from softness_bayes.checking.check_table import adjusted, check_table
 from softness_bayes.checking.checks import EXPONENTS
 from softness_bayes.checking.layout import layout_of
-from softness_bayes.checking.quantities import PLACE, QUANTITIES, TURNS_OVER
+from softness_bayes.checking.quantities import FALL, PLACE, QUANTITIES, TURNS_OVER, Reproduction, turns_reproduced
 from softness_bayes.checking.sentences import check_sentences, turn_sentence
-from softness_bayes.checking.turning_check import FALL, Reproduction, turns_reproduced
 from softness_bayes.parameters.declared import FABRIC_MODULUS
 from softness_bayes.provenance import Finding, findings_attribute
 from support.made_ratings import LAY, MODULUS, SHALLOW, STEEP, tree

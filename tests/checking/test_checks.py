@@ -15,23 +15,21 @@ from softness_bayes.checking.checks import (
     DRIFT,
     EXPONENTS,
     FABRICS,
-    FINGERS,
     LEVEL,
     LOADS,
     NOISE,
     NOTICED,
+    SKINS,
     Residuals,
     check_drift,
-    check_exponents,
     check_fabrics,
-    check_fingers,
-    check_moduli,
     check_noise,
+    check_slope,
     check_spreads,
     loo_pit,
 )
+from softness_bayes.checking.quantities import uniformity_p_value
 from softness_bayes.checking.sentences import residual_sentence, residual_sentences
-from softness_bayes.checking.uniformity import uniformity_p_value
 from softness_bayes.likelihood.aggregated import RaterSpreads, SpreadModel
 from softness_bayes.likelihood.contract import NO_RESPONSE, Parameters
 from softness_bayes.likelihood.design import Design
@@ -47,6 +45,18 @@ from support.points import rated
 
 DEVIATING = PLAIN.replace(omega=0.2)
 NAMES = [f"{fabric} under {load} mm" for load in (1, 2) for fabric in "abcdef"]
+
+
+def check_exponents(held, *how, **more):
+    return check_slope(held, EXPONENTS, held.response, *how, **more)
+
+
+def check_moduli(held, slope, *how):
+    return check_slope(held, ALONG, slope, *how)
+
+
+def check_fingers(held, slope, *how):
+    return check_slope(held, SKINS, slope, *how)
 
 
 def simulate(rng, truth, layout):
@@ -130,7 +140,7 @@ def test_p_is_what_the_definition_says(rng):
     parameters = rated(*rng.uniform(0.5, 1.5, (5, draws)))
     effects = Effects(rng.normal(3, 1, draws), rng.normal(size=(draws, 3)), rng.normal(size=(draws, 4)))
     slope = rng.normal(size=(draws, 4))
-    expected = {name: [] for name in (FABRICS, CONDITIONS, LOADS, ALONG, EXPONENTS, FINGERS)}
+    expected = {name: [] for name in (FABRICS, CONDITIONS, LOADS, ALONG, EXPONENTS, SKINS)}
     excess, errors, mean = [], [], np.zeros((draws, 4))
     for d in range(draws):
         gamma, varsigma, eps = (float(getattr(parameters, n)[d]) for n in ("gamma", "varsigma", "eps"))
@@ -161,7 +171,7 @@ def test_p_is_what_the_definition_says(rng):
             FABRICS: between,
             LOADS: (every[0] - between[0], 1),
             ALONG: squares(of_row, slope[d]),
-            FINGERS: squares(layout.participant, slope[d], centred=True),
+            SKINS: squares(layout.participant, slope[d], centred=True),
             EXPONENTS: squares(layout.participant, x, centred=True),
         }
         for name, (value, freedom) in tests.items():
@@ -441,8 +451,8 @@ SAID = {
     "no evidence that raters' noise differs (p = 0.5)": Finding(NOISE, 0.5),
     "by about 0.42 (sd of its log": Finding(NOISE, 0.001, 0.42),
     "look the same: add --individual varsigma or --errors student": Finding(NOISE, 0.001, 0.42, advice=BOTH),
-    "raters' skin differs (p = 0.5)": Finding(FINGERS, 0.5),
-    "one skin for all: add --individual b": Finding(FINGERS, 0.001, advice=("--individual b",)),
+    "raters' skin differs (p = 0.5)": Finding(SKINS, 0.5),
+    "one skin for all: add --individual b": Finding(SKINS, 0.001, advice=("--individual b",)),
     "differ no more than they should (p = 0.4)": Finding(DEVIATIONS, 0.4, 1.0),
     "scatter 1.6 times as much": Finding(DEVIATIONS, 0.001, 1.6),
     "do not drift with the order of trials (p = 0.5); 0.2 (sd in the log rating) would be detected": Finding(
@@ -465,7 +475,7 @@ def test_a_sentence_follows_from_the_values(said):
     assert ("--" in sentence) == bool(one.advice)
 
 
-@pytest.mark.parametrize("quantity", [EXPONENTS, NOISE, FINGERS])
+@pytest.mark.parametrize("quantity", [EXPONENTS, NOISE, SKINS])
 def test_a_model_of_deviations_is_judged_by_what_remains(quantity):
     for p_value, doubted in ((0.5, ()), (0.001, (quantity,))):
         assert f"more than the model allows (p = {p_value})" in residual_sentence(

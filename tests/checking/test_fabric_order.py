@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import rankdata, spearmanr
 
-from softness_bayes.checking.fabric_order import agreement, jackknife, pairs, places, rank_correlation, ties
+from softness_bayes.checking.agreement import agreement, jackknife, pairs, places, rank_correlation, ties
 from softness_bayes.errors import InputError
 
 

@@ -8,18 +8,16 @@ from scipy.stats import halfnorm, lognorm, norm, truncnorm, uniform
 
 from softness_bayes import arviz_bridge
 from softness_bayes.checking.identifiability import (
-    direction_table,
-    find_directions,
-    find_products,
-    information_table,
-)
-from softness_bayes.checking.sensitivity import (
     DETERMINED,
     INFORMED,
     POWERS,
     SENSITIVE,
     contraction,
+    direction_table,
     distances,
+    find_directions,
+    find_products,
+    information_table,
     power_scaling,
     prior_moments,
 )

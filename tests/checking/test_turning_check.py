@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from softness_bayes.checking.turning_check import excess_of_plateau, fall, fall_p_value, plateau, power
+from softness_bayes.checking.quantities import excess_of_plateau, fall, fall_p_value, plateau, power
 from support.made_ratings import LAY, LOAD, MODULUS, SHALLOW, STEEP, ratings, tables
 
 

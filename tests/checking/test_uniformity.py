@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from softness_bayes.checking.uniformity import simultaneous_band, uniformity_p_value
+from softness_bayes.checking.quantities import simultaneous_band, uniformity_p_value
 
 POINTS = np.arange(1, 100) / 100
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 
-from softness_bayes.checking.checks import Residuals, check_exponents, check_fabrics, loo_pit
+from softness_bayes.checking.checks import EXPONENTS, Residuals, check_fabrics, check_slope, loo_pit
 from softness_bayes.likelihood import pieces as room
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.layout import Layout
@@ -77,7 +77,13 @@ def test_a_little_room_gives_the_same_numbers(rng, monkeypatch, omega):
             observed.below_loo(rate, points),
             observed.log_likelihood_participants(rate, points),
             *layout.fit(replicates),
-            *(one.p_value for one in (check_exponents(held), *check_fabrics(held, ["any"] * design.n_conditions))),
+            *(
+                one.p_value
+                for one in (
+                    check_slope(held, EXPONENTS, held.response),
+                    *check_fabrics(held, ["any"] * design.n_conditions),
+                )
+            ),
             *loo_pit(observed.left_out(rate, points), observed.discrete),
         ]
 
@@ -99,7 +105,8 @@ def test_room_grows_with_the_ratings_and_not_with_their_square(rng):
     tracemalloc.start()
     try:
         layout.fit(np.exp(rng.standard_normal((draws, design.n_rows))))
-        check_exponents(Residuals(observed, rate, points, effects))
+        held = Residuals(observed, rate, points, effects)
+        check_slope(held, EXPONENTS, held.response)
         observed.log_likelihood_participants(rate, points)
         observed.log_likelihood_loo(rate, points)
         _, most = tracemalloc.get_traced_memory()

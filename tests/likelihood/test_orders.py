@@ -9,7 +9,7 @@ from scipy.integrate import quad
 from scipy.stats import gumbel_r, norm
 
 from softness_bayes.checking.checks import loo_pit
-from softness_bayes.checking.uniformity import uniformity_p_value
+from softness_bayes.checking.quantities import uniformity_p_value
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.categories import CategoryModel
 from softness_bayes.likelihood.design import Design

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import norm
 
-from softness_bayes.checking.sensitivity import prior_moments
+from softness_bayes.checking.identifiability import prior_moments
 from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.error_laws import NORMAL

@@ -10,8 +10,7 @@ from click.testing import CliRunner
 from numpy.testing import assert_allclose
 
 from softness_bayes.checking.check_table import posterior_quantities
-from softness_bayes.checking.quantities import Columns
-from softness_bayes.checking.uniformity import simultaneous_band
+from softness_bayes.checking.quantities import Columns, simultaneous_band
 from softness_bayes.cli import main
 from softness_bayes.errors import InputError
 from softness_bayes.plotting.checks import FEW, loo_pit

@@ -6,8 +6,7 @@ import pytest
 
 from softness_bayes.checking.exactness import compare_likelihoods
 from softness_bayes.checking.modulus_errors import MovedMost
-from softness_bayes.checking.quantities import PLACE, TURNS_OVER
-from softness_bayes.checking.turning_check import FALL, Reproduction
+from softness_bayes.checking.quantities import FALL, PLACE, TURNS_OVER, Reproduction
 from softness_bayes.likelihood.scales import FALLS, MAGNITUDE, RISES
 from softness_bayes.people.ruler import Fit, following
 from softness_bayes.people.sentences import ruler_sentence

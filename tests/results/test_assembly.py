@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from softness_bayes.checking.turning_check import EXCESS
+from softness_bayes.checking.quantities import EXCESS
 from softness_bayes.likelihood.scales import MAGNITUDE
 from softness_bayes.model.build import build
 from softness_bayes.results import draws as draws_module

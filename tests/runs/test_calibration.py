@@ -20,7 +20,7 @@ from softness_bayes.checking.calibration import (
     verdict,
 )
 from softness_bayes.checking.inflection import LEAST_DROP, curve_scene
-from softness_bayes.checking.uniformity import simultaneous_band
+from softness_bayes.checking.quantities import simultaneous_band
 from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from softness_bayes.checking.checks import FINGERS
+from softness_bayes.checking.checks import SKINS
 from softness_bayes.checking.individual import POPULATION
 from softness_bayes.errors import InputError
 from softness_bayes.model.build import Parts, build, people_notes
@@ -39,7 +39,7 @@ def test_a_result_holds_the_raters_fingers(variant_run):
         for line in result.learnt()
     )
     assert [*table["pressed"]] == [False, False, False, True, False, True]
-    assert np.isfinite(result.provenance.findings[FINGERS].p_value)
+    assert np.isfinite(result.provenance.findings[SKINS].p_value)
 
 
 def test_two_raters_and_two_fabrics_agree_with_quadrature():

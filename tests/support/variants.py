@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from softness_bayes.checking.checks import ALONG, EXPONENTS, FABRICS, FINGERS, NOISE
+from softness_bayes.checking.checks import ALONG, EXPONENTS, FABRICS, NOISE, SKINS
 from softness_bayes.data import Experiment
 from softness_bayes.data.ratings import Ratings
 from softness_bayes.likelihood.error_laws import STUDENT
@@ -124,7 +124,7 @@ VARIANTS = {
         ("receptor_depth",),
     ),
     "own fingers": Variant(
-        pressed_too, {"individual": ("b",)}, {"tau_b"}, ("--individual b",), (FINGERS,), ("rater_fingers.csv",)
+        pressed_too, {"individual": ("b",)}, {"tau_b"}, ("--individual b",), (SKINS,), ("rater_fingers.csv",)
     ),
     "own answers": Variant(
         experiment,
