@@ -41,7 +41,14 @@ from softness_bayes.model.fingers import (
 from softness_bayes.model.interpretation import Interpretation, interpret
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Density, Posterior
-from softness_bayes.model.scenes import at_other_loads, fabric_moduli, prior_draws, scene_of, skin_of_priors
+from softness_bayes.model.scenes import (
+    at_other_loads,
+    fabric_moduli,
+    prior_draws,
+    require_readings,
+    scene_of,
+    skin_of_priors,
+)
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.coordinates import Bent, Coordinate, Scaled
 from softness_bayes.parameters.declared import (
@@ -165,6 +172,7 @@ class Parts:
         """
         experiment, options = self.experiment, self.options
         require_one_source(options.priors, options.finger)
+        require_readings(options.prior_set, options.readings)
         if experiment.compression is not None and "radius" in options.priors:
             raise InputError(
                 "radius is given a prior, but the model of compression data needs a known radius: omit the prior "

@@ -352,7 +352,8 @@ class ModelOptions(Options):
         PriorSet(),
         PRIOR_SET,
         "--priors",
-        "Named set of priors: default, in-vivo or wide. --prior changes single ones.",
+        "Named set of priors: default, in-vivo, wide, or recorded (a joint law of skin and transduction learnt from "
+        "recorded afferents). --prior changes single ones, but for recorded.",
         shown=True,
         spelled=True,
     )

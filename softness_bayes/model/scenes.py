@@ -24,6 +24,7 @@ from softness_bayes.parameters.declared import (
     PARAMETERS,
     UNKNOWN_MODULUS,
 )
+from softness_bayes.parameters.joint import JOINT_LAWS
 from softness_bayes.parameters.laws import LEAST_WIDTH, LogNormal, LogUniform, Prior
 from softness_bayes.parameters.space import FabricModuli, ParameterSpace
 from softness_bayes.ranges import RELATIVE_ERRORS, require_kind, require_mapping
@@ -34,7 +35,7 @@ from softness_bayes.touch.neuron.membrane import Channels, Membrane
 from softness_bayes.touch.neuron.rate_curve import Firing
 from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.parameters import TouchParameters
-from softness_bayes.touch.readings import Readings
+from softness_bayes.touch.readings import MENDED, Readings
 from softness_bayes.touch.scene import Discretisation, Scene
 from softness_bayes.touch.stress_fields import SkinBox
 
@@ -57,6 +58,23 @@ def touch_parameters(values: Mapping[str, ArrayLike]) -> TouchParameters:
     return TouchParameters(**{n: np.asarray(values[n], float) * EVERY_PARAMETER[n].si for n in names})
 
 
+def require_readings(prior_set: str, readings: Readings) -> None:
+    """Raise an error for a joint law of priors, which was learnt under the default readings, with other ones.
+
+    Raises
+    ------
+    InputError
+        Naming the reading.
+    """
+    felt = ("skin_displacement", "pressure", "stress_kernel", "stress_component", "membrane")
+    changed = [place for place in felt if getattr(readings, place) != getattr(MENDED, place)]
+    if prior_set in JOINT_LAWS and changed:
+        raise InputError(
+            f"prior set '{prior_set}': it was learnt from recordings under the default reading of {changed[0]}; omit "
+            f"--reading, or choose other priors"
+        )
+
+
 def usual_values(
     readings: Readings,
     prior_set: str = "default",
@@ -75,6 +93,7 @@ def usual_values(
     """
     require_kind("readings", readings, Readings, "Readings, such as Readings() or NAMED_READINGS['printed']")
     require_mapping("given", given or {}, '{"b": 80}')
+    require_readings(prior_set, readings)
     many = {name: np.asarray(value, float) for name, value in (given or {}).items() if isinstance(value, Sized)}
     # the ends of an array stand for all of it
     ends = [{name: float(pick(values)) for name, values in many.items()} for pick in (np.max, np.min) if many]

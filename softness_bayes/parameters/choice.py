@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence, Set
 from dataclasses import replace
 
 from softness_bayes.errors import InputError
+from softness_bayes.parameters import joint as joint_law
 from softness_bayes.parameters.declared import (
     ANSWER_PARAMETERS,
     ERROR_PARAMETERS,
@@ -21,6 +22,7 @@ from softness_bayes.parameters.declared import (
     TOUCH_FORCE,
     Parameter,
 )
+from softness_bayes.parameters.joint import JOINT_LAWS
 from softness_bayes.parameters.laws import Prior, Signed, magnitude
 from softness_bayes.parameters.priors import as_priors
 from softness_bayes.parameters.space import ParameterSpace
@@ -98,6 +100,14 @@ def parameter_space(
     forced = _not_identifiable(freed, n_participants, n_fingers, membrane)
     fix |= {name: value for name, value in forced.items() if name not in {*fix, *absent}}
     held = {name: value for name, value in HELD.items() if name not in (*freed, *absent)} | fix
+    joint = JOINT_LAWS.get(prior_set)
+    if joint is not None:
+        if changed := sorted({*joint_law.NAMES, *Channels._fields} & {*priors, *fix, *absent, *freed}):
+            raise InputError(
+                f"prior set '{prior_set}': {changed[0]} is given a prior or a value, or is not in this model; expected "
+                f"ratings, with {', '.join(joint_law.NAMES)} under their joint law and the paper's channels"
+            )
+        held |= {name: PARAMETERS[name].prior.median for name in Channels._fields}
     require_values(held)
     if skin_displacement in PRIOR_SETS[prior_set]:
         priors = {**PRIOR_SETS[prior_set][skin_displacement], **priors}
@@ -115,7 +125,7 @@ def parameter_space(
             sampled.append(replace(p, prior=prior, unit=units.get(name, p.unit)))
     # a membrane without a firing-rate surface still has default values; computing its rates raises a clear error
     if membrane.name not in DESIGNS or not any(p.name in Channels._fields for p in sampled):
-        return ParameterSpace(tuple(sampled), held, None)
+        return ParameterSpace(tuple(sampled), held, None, joint=joint)
     firing = FiringSurface.load(membrane)
     return ParameterSpace(_within_surface(sampled, held, firing), held, firing)
 

@@ -9,6 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from softness_bayes.errors import InputError
+from softness_bayes.parameters.joint import JOINT_LAWS
 from softness_bayes.parameters.laws import HalfNormal, LogNormal, Normal, Prior, Truncated, Uniform
 from softness_bayes.ranges import CATEGORIES_RANGE, FREE_FORCES, GUESSES, Range
 from softness_bayes.touch.contact import DISPLACEMENT, STRAIN, SkinDisplacement
@@ -280,6 +281,7 @@ PRIOR_SETS: Mapping[str, Mapping[SkinDisplacement, Mapping[str, Prior]]] = Mappi
                 **_RECORDED_SKIN,
             },
         },
+        "recorded": {STRAIN: JOINT_LAWS["recorded"].marginals},
     }
 )
 """Named prior sets: differences from the default priors, for each reading of the skin."""

@@ -22,6 +22,7 @@ from softness_bayes.parameters.declared import (
     UNKNOWN_MODULUS,
     Parameter,
 )
+from softness_bayes.parameters.joint import NAMES, JointLaw
 from softness_bayes.parameters.laws import Prior
 from softness_bayes.parameters.priors import Laws
 from softness_bayes.ranges import Range
@@ -125,6 +126,8 @@ class ParameterSpace:
     sigma_0 is the stress at which receptors start to fire, which the data determine best."""
     moduli: FabricModuli | None = None
     """The fabrics' moduli, if some are sampled; their parameters are the last of `sampled`."""
+    joint: JointLaw | None = None
+    """Joint law of some parameters, instead of their own priors, which are its marginals."""
     _coordinates: Coordinates = field(init=False, repr=False, compare=False)
     _laws: Laws = field(init=False, repr=False, compare=False)
 
@@ -137,7 +140,15 @@ class ParameterSpace:
 
     def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
         # a mapping proxy cannot be pickled for a worker
-        return type(self), (self.sampled, dict(self.held), self.firing, dict(self.bent), self.rheobase, self.moduli)
+        return type(self), (
+            self.sampled,
+            dict(self.held),
+            self.firing,
+            dict(self.bent),
+            self.rheobase,
+            self.moduli,
+            self.joint,
+        )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -218,6 +229,8 @@ class ParameterSpace:
         and for channel multipliers for which firing starts with a jump.
         """
         density = self._laws.log_density(theta)
+        if self.joint is not None:
+            density[..., self._jointly] = self.joint.log_density(theta[..., self._jointly])
         if self.firing is not None:
             answered = self._answered(theta)
             if not answered.all():
@@ -245,6 +258,8 @@ class ParameterSpace:
         for _ in range(_REDRAWS):
             beyond = np.flatnonzero(~self._answered(theta))
             if not beyond.size:
+                if self.joint is not None:
+                    theta[:, self._jointly] = self.joint.draw(rng, size)
                 return theta
             theta[beyond] = np.stack([_draw(p, rng, beyond.size) for p in self.sampled], axis=-1)
         raise InputError(
@@ -308,6 +323,10 @@ class ParameterSpace:
             if law is not None
         ]
         return replace(self, sampled=(*self.sampled, *extra), moduli=moduli)
+
+    @cached_property
+    def _jointly(self) -> list[int]:
+        return [self._place[name] for name in NAMES]
 
     @cached_property
     def _place(self) -> dict[str, int]:

@@ -23,6 +23,7 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.model.prediction import OtherTouches
 from softness_bayes.model.scenes import fabric_moduli, scene_of
+from softness_bayes.parameters import joint
 from softness_bayes.parameters.choice import require_values
 from softness_bayes.parameters.declared import EVERY_PARAMETER, FABRIC_MODULUS, KPA, MODULUS_SCALE
 from softness_bayes.parameters.laws import LogNormal, LogUniform
@@ -30,6 +31,7 @@ from softness_bayes.parameters.space import FabricModuli
 from softness_bayes.results.request import Request
 from softness_bayes.results.stored import Stored
 from softness_bayes.touch.contact import Load, loads_at
+from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Discretisation, Scene
 
@@ -248,11 +250,12 @@ def _afferents_of(result: Stored) -> Afferents:
 
 def options_of(result: Stored) -> ModelOptions:
     """Return the options of the model from which a result was sampled, with all its priors and fixed values."""
-    constant, priors = result.group("constant_data"), result.provenance.priors
+    constant, priors, asked = result.group("constant_data"), result.provenance.priors, Request.of(result).model
+    jointly = {*joint.NAMES, *Channels._fields} if asked.prior_set in joint.JOINT_LAWS else set()
     return replace(
-        Request.of(result).model,
-        fix={name: float(constant[name]) for name in EVERY_PARAMETER if name in constant},
-        priors={name: priors[name] for name in EVERY_PARAMETER if name in priors},
+        asked,
+        fix={name: float(constant[name]) for name in EVERY_PARAMETER if name in constant and name not in jointly},
+        priors={name: priors[name] for name in EVERY_PARAMETER if name in priors and name not in jointly},
     )
 
 

@@ -24,7 +24,7 @@ def test_names_and_order_are_those_of_the_files():
     assert " ".join(PARAMETERS) == contract
     assert EVERYTHING.names == tuple(PARAMETERS)
     assert parameter_space().names == tuple(name for name in PARAMETERS if name != "omega")
-    assert set(TouchParameters._fields) < {*PARAMETERS, *SHAPE_PARAMETERS}
+    assert set(TouchParameters._fields) < {*PARAMETERS, *SHAPE_PARAMETERS, "touch_force"}
 
 
 def test_alpha_ends_where_its_rate_curves_end():
