@@ -337,7 +337,7 @@ def _speed_and_error(effort: Effort) -> dict[str, bytes | str]:
     from softness_bayes.bench.peers import Peer, measure, ratio, receptors
     from softness_bayes.bench.precision import CHANNELS, work_precision
     from softness_bayes.files.spreadsheet import csv_of
-    from softness_bayes.plotting.benchmark import work_precision_figure
+    from softness_bayes.plotting.studies import work_precision_figure
     from softness_bayes.plotting.style import files_of
 
     def shown(points: Iterable[Point]) -> Iterator[Point]:

@@ -32,7 +32,7 @@ from softness_bayes.experiments.outlook import Touches
 from softness_bayes.files.json_text import as_json
 from softness_bayes.files.outputs import write_outputs
 from softness_bayes.files.spreadsheet import csv_of
-from softness_bayes.plotting.experiments import gain_figure
+from softness_bayes.plotting.studies import gain_figure
 from softness_bayes.plotting.style import USUAL, Style, files_of
 
 if TYPE_CHECKING:

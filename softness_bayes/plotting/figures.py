@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import require_outputs, write_outputs
 from softness_bayes.likelihood.scales import CATEGORIES, PAIRS
-from softness_bayes.plotting import checks, choices, parameters, rating, recorded, response, touch
+from softness_bayes.plotting import checks, parameters, rating, response, touch
 from softness_bayes.plotting.style import PLOT, USUAL, USUAL_FORMATS, Style, files_of, require_formats
 from softness_bayes.ranges import require_kind
 from softness_bayes.supplied import FORM, installed, is_supplied, supplied
@@ -94,7 +94,7 @@ FORCES = {"predictions/typical_force_n": "the run had no compression data"}
 FIGURES: Mapping[str, Drawing] = MappingProxyType(
     {
         "response": Drawing(
-            response.response, "response against E_fab under each load, with credible bands of 50 and 95 %", CURVES
+            response.response, "response against E_fab under each load, with credible bands of 50 and 90 %", CURVES
         ),
         "response_ratio": Drawing(
             partial(response.response, against_ratio=True), "response against E_fab / E_skin", CURVES
@@ -110,13 +110,13 @@ FIGURES: Mapping[str, Drawing] = MappingProxyType(
             CURVES | REPLICATES,
         ),
         "category_counts": Drawing(
-            choices.category_counts,
+            checks.category_counts,
             "number of ratings in each category, in the data and in replicates",
             REPLICATES,
             only=CATEGORIES,
         ),
         "psychometric": Drawing(
-            choices.psychometric,
+            checks.psychometric,
             "paired comparisons against the modulus, in the data and in replicates",
             REPLICATES,
             only=PAIRS,
@@ -147,7 +147,7 @@ FIGURES: Mapping[str, Drawing] = MappingProxyType(
             touch.compression, "force of a rigid plate against indentation, with credible bands and the data", FORCES
         ),
         "recorded": Drawing(
-            recorded.recorded, "recorded firing against load, curvature and distance, with credible bands", RECORDED
+            touch.recorded, "recorded firing against load, curvature and distance, with credible bands", RECORDED
         ),
     }
 )

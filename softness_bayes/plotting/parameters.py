@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from softness_bayes.defaults import LEVELS, LIMITS
 from softness_bayes.errors import InputError
 from softness_bayes.plotting import stored
 from softness_bayes.plotting.data import carry
-from softness_bayes.plotting.panels import LEVELS, TINTS, Array, legend_below, make_panels
+from softness_bayes.plotting.panels import TINTS, Array, make_panels
 from softness_bayes.plotting.style import Style
 from softness_bayes.readable import counted
 
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 MOST_DRAWS = 5000
 """Largest number of draws in a corner plot; more take time without a visible difference."""
 
-_SHOWN = (0.025, 0.975)
+_SHOWN = LIMITS[:: len(LIMITS) - 1]
 
 POINTS = 241
 """Number of points in the density curve of a prior."""
@@ -63,7 +64,7 @@ def informative(draws: ArrayLike, most: int = MOST_PARAMETERS) -> list[int]:
 
 
 def corner(result: stored.Drawable, style: Style, every: bool = False) -> Figure:
-    """Draw the posterior of the most correlated parameters, or of all: each and every pair, with 50 and 95 % regions.
+    """Draw the posterior of the most correlated parameters, or of all: each and every pair, with 50 and 90 % regions.
 
     Draws are thinned evenly to at most `MOST_DRAWS`. Few draws are shown as points.
 
@@ -207,7 +208,7 @@ def prior(result: stored.Drawable, style: Style) -> Figure:
         known = name in declared
         law = Truncated(declared[name], -np.inf, EVERY_PARAMETER[name].largest) if known else None
         _draw_steps(axes, after[:, place], f"posterior/{place}", fill=True, color=style.tint(style.posterior, 0.5))
-        # a wide prior may be cut outside its central 95 %, so that the posterior remains visible
+        # a wide prior may be cut outside its central 90 %, so that the posterior remains visible
         (low, high), (least, most) = (
             _ranges(after[:, [place]], 0.05)[0],
             np.quantile(before[:, place], _SHOWN) if law is None else law.quantile(np.array(_SHOWN)),
@@ -221,8 +222,7 @@ def prior(result: stored.Drawable, style: Style) -> Figure:
             line = axes.plot(x, np.exp(law.log_density(x)), color=style.prior, linewidth=0.9)[0]
             line.set(gid=f"prior/{place}", label="prior")
         axes.set(xlabel=label, yticks=(), ylim=(0.0, None))
-    legend_below(grid.figure, grid.panels)
-    return grid.figure
+    return grid.with_legend()
 
 
 def _draw_steps(axes: Axes, values: Array, gid: str, **look: Any) -> None:
@@ -260,8 +260,7 @@ def trace(result: stored.Drawable, style: Style) -> Figure:
                 line.set_gid(f"{kind}/{place}/{name}")
                 line.set_label(f"ensemble {name}" if kind == "median" else None)
         axes.set(ylabel=label, xlim=(0, max(1, steps[-1])))
-    legend_below(grid.figure, grid.panels)
-    return grid.figure
+    return grid.with_legend()
 
 
 def rank(result: stored.Drawable, style: Style) -> Figure:
@@ -290,5 +289,4 @@ def rank(result: stored.Drawable, style: Style) -> Figure:
         axes.set_title(label)
         axes.set(xlim=(0, 1), xticks=(0, 0.5, 1))
     grid.panels[0].set_ylim(0.0, None)  # limits of the shared axis, set after everything is drawn
-    legend_below(grid.figure, grid.panels)
-    return grid.figure
+    return grid.with_legend()

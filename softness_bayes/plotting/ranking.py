@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import Scale
-from softness_bayes.plotting.names import LONGEST_ROW, short_name
-from softness_bayes.plotting.panels import number_ticks, title
+from softness_bayes.plotting.panels import LONGEST_ROW, number_ticks, short_name, title
 from softness_bayes.plotting.style import USUAL, Style, styled
 from softness_bayes.touch.contact import Load
 

@@ -67,7 +67,7 @@ def rating(result: stored.Drawable, style: Style, against_ratio: bool = False) -
     Returns
     -------
     Figure
-        Artists named ``median/1 mm``, ``band95/1 mm``, ``band50/1 mm``, ``ratings/1 mm`` (points), ``spread/1 mm``
+        Artists named ``median/1 mm``, ``band90/1 mm``, ``band50/1 mm``, ``ratings/1 mm`` (points), ``spread/1 mm``
         (bars), ``name/1 mm/NAME``, ``guide/1 mm``, and for limits of moduli ``limits/1 mm``.
     """
     curves, loads, scale, observed = result.curves(), result.load_groups.called, result.scale, observed_of(result)
@@ -243,7 +243,7 @@ def design_figure(
     Returns
     -------
     Figure
-        Artists named ``median/1 mm``, ``band95/1 mm``, ``band50/1 mm`` (response), ``fabrics/1 mm`` and
+        Artists named ``median/1 mm``, ``band90/1 mm``, ``band50/1 mm`` (response), ``fabrics/1 mm`` and
         ``ratings/1 mm`` (means, on the axis at the right).
     """
     grid, draws = np.asarray(modulus, float) / 1e3, np.asarray(response, float)

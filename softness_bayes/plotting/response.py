@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from softness_bayes.defaults import LIMITS
 from softness_bayes.plotting import stored
 from softness_bayes.plotting.panels import (
     MODULUS_LABEL,
@@ -98,7 +99,7 @@ def modulus_axes(curves: Curves, against_ratio: bool) -> list[ModulusAxis]:
 
 
 def response(result: stored.Drawable, style: Style, against_ratio: bool = False) -> Figure:
-    """Draw the total rate against E_fab or E_fab / E_skin: median, 50 % and 95 % credible bands, one panel per load.
+    """Draw the total rate against E_fab or E_fab / E_skin: median, 50 % and 90 % credible bands, one panel per load.
 
     Fabrics of the data are marked along the bottom and named above. Against E_fab, the posterior of the turning point
     is drawn along the top with its probability, and the panel is grey where the draws' median contact radius exceeds
@@ -107,7 +108,7 @@ def response(result: stored.Drawable, style: Style, against_ratio: bool = False)
     Returns
     -------
     Figure
-        Artists named ``median/1 mm``, ``band95/1 mm``, ``band50/1 mm``, ``fabrics/1 mm``, ``name/1 mm/NAME``,
+        Artists named ``median/1 mm``, ``band90/1 mm``, ``band50/1 mm``, ``fabrics/1 mm``, ``name/1 mm/NAME``,
         ``guide/1 mm``, and against E_fab ``hertz/1 mm``, ``density/1 mm`` and ``probability/1 mm``.
     """
     curves, loads, names = result.curves(), result.load_groups.called, stored.fabric_names(result)
@@ -121,7 +122,7 @@ def response(result: stored.Drawable, style: Style, against_ratio: bool = False)
         if not against_ratio:
             radius = float(result.group("constant_data")["finger_radius_mm"]) * 1e-3
             _mark_hertz(axes, axis.grid, curves.radius[:, k], radius, str(load))
-    upper = np.quantile(curves.total_rate, 0.975, axis=0)
+    upper = np.quantile(curves.total_rate, LIMITS[-1], axis=0)
     top = 1.12 * float(upper[np.isfinite(upper)].max(initial=0.0)) or 1.0  # 1 spike/s if no receptor fires
     grid.panels[0].set_ylim(0.0, top)
     finish_load_panels(grid, loads, [axis.grid for axis in horizontal], [(at, names) for at in places], style)
@@ -144,7 +145,7 @@ def inflection(result: stored.Drawable, style: Style) -> Figure:
     """Draw the posterior of E_fab at the turning point (maximum), one row per load, with the outcomes' probabilities.
 
     The left panels show the density per decade for the draws with an interior maximum. The area under the density is
-    the fraction of such draws, so that rows can be compared. The dot and the bar show the median and the central 95 %
+    the fraction of such draws, so that rows can be compared. The dot and the bar show the median and the central 90 %
     of these draws. The range of the fabrics is shaded. The right panels show the probabilities of the three outcomes.
 
     Returns
@@ -222,14 +223,14 @@ def _draw_margin(margin: Axes, inflection: Inflection, index: int, style: Style,
 
 
 def _draw_summary(axes: Axes, inflection: Inflection, index: int, style: Style, gid: str) -> None:
-    """Draw and write median and 95 % interval of the turning point, if any draw has one."""
+    """Draw and write median and 90 % interval of the turning point, if any draw has one."""
     places = inflection.modulus[:, index] / 1e3
     known = places[np.isfinite(places)]
     if known.size:
         gids = (f"interval/{gid}", f"median/{gid}")
         low, middle, high = map(number, draw_interval(axes, known, 0.0, style.inflection, (2.5, 4.0), gids))
         inside, wide = chance(float(np.mean(inflection.inside[:, index]))), style.page >= WIDE
-        words = f"{middle} kPa (95 %: {low} to {high})\n{inside} within{' ' if wide else chr(10)}the fabrics' range"
+        words = f"{middle} kPa (90 %: {low} to {high})\n{inside} within{' ' if wide else chr(10)}the fabrics' range"
         text = axes.text(0.99, 0.95 if wide else 0.8, words, transform=axes.transAxes, fontsize=style.small)
         text.set(ha="right", va="top")
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from softness_bayes.defaults import LIMITS
 from softness_bayes.plotting import stored
-from softness_bayes.plotting.names import short_name
 from softness_bayes.plotting.panels import (
     WIDE,
     draw_bands,
@@ -16,8 +16,9 @@ from softness_bayes.plotting.panels import (
     legend_below,
     make_panels,
     number_ticks,
+    short_name,
 )
-from softness_bayes.plotting.style import Style
+from softness_bayes.plotting.style import Style, styled
 from softness_bayes.readable import number
 
 if TYPE_CHECKING:
@@ -40,14 +41,14 @@ def touch(result: stored.Drawable, style: Style) -> Figure:
     """Draw pressure, stress and firing rate against the distance from the axis, and maps of the pad's receptors below.
 
     Each column is a load; a narrow page shows the smallest and the largest. Lines are medians over the draws, and
-    bands are their central 95 %. Receptor positions are sampled from the receptor density. Their colour is the median
+    bands are their central 90 %. Receptor positions are sampled from the receptor density. Their colour is the median
     rate at their distance; open symbols are silent receptors. The circle is the edge of the contact. Only the part
     of the pad around the contact is shown.
 
     Returns
     -------
     Figure
-        Artists named ``stress/1 mm/0``, ``pressure/1 mm/0``, ``band95/1 mm/0``, ``rate/1 mm/0``, ``firing/1 mm/0``,
+        Artists named ``stress/1 mm/0``, ``pressure/1 mm/0``, ``band90/1 mm/0``, ``rate/1 mm/0``, ``firing/1 mm/0``,
         ``silent/1 mm/0`` and ``contact/1 mm/0``. The last number is the index of the fabric. Lengths are in mm,
         stresses in kPa.
     """
@@ -90,7 +91,7 @@ def _draw_profiles(figure: Figure, grid: GridSpec, touches: xr.Dataset, fabrics:
     """Draw stress, pressure and rates against the distance, in a column for each load, and their legend."""
     from matplotlib.lines import Line2D
 
-    x, low, middle, high = touches["distance_mm"].values, *(touches.sel(quantile=q) for q in (0.025, 0.5, 0.975))
+    x, low, middle, high = touches["distance_mm"].values, *(touches.sel(quantile=q) for q in LIMITS[::2])
     stress = middle["touch_stress_kpa"].values
     seen = x[(stress > SEEN * stress.max()).any(axis=(0, 1))].max(initial=x[1])
     colours = [style.ensembles[k % len(style.ensembles)] for k in range(len(fabrics))]
@@ -102,7 +103,7 @@ def _draw_profiles(figure: Figure, grid: GridSpec, touches: xr.Dataset, fabrics:
         for fabric, colour in enumerate(colours):
             gid = f"{load}/{fabric}"
             ends = (limit["touch_stress_kpa"].values[k, fabric] for limit in (low, high))
-            above.fill_between(x, *ends, color=style.tint(colour, 0.25), linewidth=0, gid=f"band95/{gid}")
+            above.fill_between(x, *ends, color=style.tint(colour, 0.25), linewidth=0, gid=f"band90/{gid}")
             above.plot(x, stress[k, fabric], color=colour, gid=f"stress/{gid}")
             pressure, rate = (middle[name].values[k, fabric] for name in ("touch_pressure_kpa", "touch_rate_hz"))
             above.plot(x, pressure, color=colour, linewidth=0.7, linestyle="--", gid=f"pressure/{gid}")
@@ -115,7 +116,7 @@ def _draw_profiles(figure: Figure, grid: GridSpec, touches: xr.Dataset, fabrics:
     cells[0][0].set(ylim=(0.0, None), ylabel="stress [kPa]")
     cells[0][1].set(ylim=(0.0, None), ylabel="firing rate [Hz]")
     keys = [
-        Line2D([], [], color="black", linewidth=0.9, label="stress at the receptors, 95 % credible"),
+        Line2D([], [], color="black", linewidth=0.9, label="stress at the receptors, 90 % credible"),
         Line2D([], [], color="black", linewidth=0.9, linestyle="--", label="pressure on the skin"),
         *(Line2D([], [], color=colour, label=label) for colour, label in zip(colours, fabrics, strict=True)),
     ]
@@ -187,12 +188,12 @@ def _draw_keys(figure: Figure, cells: list[Axes], ends: tuple[float, float], sty
 def membrane(result: stored.Drawable, style: Style) -> Figure:
     """Draw firing rate against current with credible bands, and below it example spike trains at some currents.
 
-    Bars above the panel show the central 95 % of the rheobase and of alpha, the largest current.
+    Bars above the panel show the central 90 % of the rheobase and of alpha, the largest current.
 
     Returns
     -------
     Figure
-        Artists named ``median/rate``, ``band95/rate``, ``band50/rate``, ``rheobase``, ``alpha`` and ``train/k``.
+        Artists named ``median/rate``, ``band90/rate``, ``band50/rate``, ``rheobase``, ``alpha`` and ``train/k``.
     """
     from matplotlib.figure import Figure
 
@@ -208,7 +209,7 @@ def membrane(result: stored.Drawable, style: Style) -> Figure:
         draws = predicted[name].values
         known = draws[np.isfinite(draws)]  # the rheobase is infinite if the membrane never fires
         if known.size:
-            label = f"{words}, 95 % credible"
+            label = f"{words}, 90 % credible"
             draw_interval(above, known, height, colour, (2.0, 3.0), (gid, f"{gid} median"), label)
     above.set(xlim=(x[0], x[-1]), ylim=(0.0, None), xlabel="receptor current [µA/cm²]", ylabel="firing rate [Hz]")
     for place, train in enumerate(examples["spike_time_ms"].values):
@@ -231,7 +232,7 @@ def compression(result: stored.Drawable, style: Style) -> Figure:
     Returns
     -------
     Figure
-        Artists named ``median/plate``, ``band95/plate``, ``band50/plate`` and ``finger/k`` (points joined
+        Artists named ``median/plate``, ``band90/plate``, ``band50/plate`` and ``finger/k`` (points joined
         in order of indentation).
     """
     predicted, constant = result.group("predictions").isel(chain=0), result.group("constant_data")
@@ -249,5 +250,55 @@ def compression(result: stored.Drawable, style: Style) -> Figure:
     axes.set(xscale="log", yscale="log", xlim=(depth.min(), depth.max()))
     number_ticks(axes.xaxis)
     number_ticks(axes.yaxis)
-    legend_below(grid.figure, grid.panels)
-    return grid.figure
+    return grid.with_legend()
+
+
+QUANTITIES = {
+    "probe_force_n": ("force [N]", "N"),
+    "probe_indentation_mm": ("indentation [mm]", "mm"),
+    "probe_curvature_per_m": ("curvature of the probe [1/m]", "/m"),
+    "probe_distance_mm": ("distance from the axis [mm]", "mm"),
+}
+"""Variables of the result -> label of the axis, and unit."""
+
+
+@styled
+def recorded(result: stored.Drawable, style: Style) -> Figure:
+    """Draw recorded rates and their expectation, with credible bands, against each quantity that varies.
+
+    Each series has one value of all other quantities, stated at its end. Its points are joined by the bands of the
+    expected rate, the sensitivities of named afferents included.
+
+    Returns
+    -------
+    Figure
+        Artists named ``median/k``, ``band90/k``, ``band50/k`` and ``data/k`` for series k, in a panel for each
+        quantity.
+    """
+    constant = result.group("constant_data")
+    rate = result.group("observed_data")["recorded_rate_hz"].values
+    expected = result.group("predictions")["expected_rate_hz"].isel(chain=0).values
+    place = np.column_stack([np.nan_to_num(constant[name].values) for name in QUANTITIES])
+    who = constant["afferent_index"].values
+    varying = [k for k in range(place.shape[1]) if np.unique(place[:, k]).size > 1] or [0]
+    grid = make_panels(len(varying), style, 2.4, len(varying), "", "firing rate [Hz]", sharey=True)
+    series = 0
+    for axes, k in zip(grid.panels, varying, strict=True):
+        label, _ = [*QUANTITIES.values()][k]
+        axes.set_xlabel(label)
+        others = np.column_stack([np.delete(place, k, axis=1), who])
+        for fixed in np.unique(others, axis=0):
+            rows = np.flatnonzero((others == fixed).all(axis=1))
+            rows = rows[np.argsort(place[rows, k], kind="stable")]
+            if np.unique(place[rows, k]).size < 2 and len(varying) > 1:
+                continue
+            x = place[rows, k]
+            draw_bands(axes, x, expected[:, rows], style.posterior, style, str(series))
+            (points,) = axes.plot(x, rate[rows], "o", color=style.data, markersize=3)
+            points.set(label="recorded", gid=f"data/{series}", zorder=3)
+            units = [unit for place_, (_, unit) in enumerate(QUANTITIES.values()) if place_ != k]
+            told = [f"{value:g} {unit}" for value, unit in zip(fixed, units, strict=False) if value]
+            axes.annotate(", ".join(told) or "flat", (x[-1], rate[rows][-1]), fontsize=style.small, ha="right")
+            series += 1
+        axes.set_ylim(bottom=0.0)
+    return grid.with_legend()

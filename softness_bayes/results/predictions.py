@@ -12,6 +12,7 @@ from softness_bayes.checking.agreement import TYPICAL
 from softness_bayes.checking.checks import MODULUS_STEP
 from softness_bayes.checking.inflection import find_inflection, response_curves, turning_points
 from softness_bayes.checking.modulus_errors import directions, posterior_shift, scores, shift_table
+from softness_bayes.defaults import LIMITS
 from softness_bayes.model.prediction import rates_of_other_moduli
 from softness_bayes.results.draws import (
     REWEIGHT_DRAWS,
@@ -49,9 +50,6 @@ SHIFTED = ("b", "m", "sigma_0", "gamma")
 
 ILLUSTRATIONS = "illustration_data"
 """Group of a result with quantiles over draws and single examples instead of draws."""
-
-QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
-"""Quantiles of the profiles of a touch over the draws."""
 
 MOST_LOADS = 3
 """Largest number of illustrated loads: the smallest, a middle one and the largest."""
@@ -239,7 +237,7 @@ def touch_illustration(
     profiles = touch_profiles(few, parameters, distance)
 
     def limits(values: Array) -> NDArray[np.float32]:
-        found = np.quantile(values, QUANTILES, axis=0)
+        found = np.quantile(values, LIMITS, axis=0)
         return found.reshape(found.shape[0], loads.size, moduli.size, *found.shape[2:]).astype(np.float32)
 
     at = ("quantile", "touch_load", "touch_fabric")
@@ -256,7 +254,7 @@ def touch_illustration(
         "contact_centre_mm": Variable(1e3 * np.array(finger.contact_centre), ("side",), "mm"),
     }
     coordinates = {
-        "quantile": np.array(QUANTILES),
+        "quantile": np.array(LIMITS),
         "touch_load": np.array([str(scene.loads[k]) for k in loads]),
         "touch_fabric": np.array([name for name, _ in chosen]),
         "distance_mm": distance * 1e3,

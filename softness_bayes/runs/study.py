@@ -19,7 +19,7 @@ from softness_bayes.files.run_files import POSTERIOR, RUNS
 from softness_bayes.files.spreadsheet import csv_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.laws import Prior
-from softness_bayes.plotting.forest import Forest, forest_figure
+from softness_bayes.plotting.studies import Forest, forest_figure
 from softness_bayes.plotting.style import USUAL as USUAL_STYLE
 from softness_bayes.plotting.style import Style, files_of
 from softness_bayes.readable import some_of

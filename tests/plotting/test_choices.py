@@ -8,7 +8,7 @@ import xarray as xr
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, PAIRS
-from softness_bayes.plotting.choices import (
+from softness_bayes.plotting.checks import (
     _draw_answers,
     counts_of,
     rows_of_pairs,

@@ -42,8 +42,8 @@ def test_touch_shows_the_stored_profiles_and_every_receptor_once(run):
                 line = artist(figure, f"{what}/{load}/{fabric}")
                 assert_allclose(line.get_xdata(), stored["distance_mm"])
                 assert_allclose(line.get_ydata(), middle[f"touch_{what}_kpa"][k, fabric])
-            limits = [stored["touch_stress_kpa"].sel(quantile=q)[k, fabric] for q in (0.025, 0.975)]
-            assert_allclose(outline(artist(figure, f"band95/{load}/{fabric}")), limits)
+            limits = [stored["touch_stress_kpa"].sel(quantile=q)[k, fabric] for q in (0.05, 0.95)]
+            assert_allclose(outline(artist(figure, f"band90/{load}/{fabric}")), limits)
             firing, silent = (artist(figure, f"{kind}/{load}/{fabric}") for kind in ("firing", "silent"))
             shown = np.concatenate([firing.get_offsets(), silent.get_xydata()])
             assert_allclose(np.sort(shown, axis=0), np.sort(places, axis=0))
@@ -57,10 +57,10 @@ def test_membrane_shows_the_quantiles_of_the_rates_and_the_trains(run):
     figure = drawn(run.plot.membrane())
     rate = run.group("predictions")["firing_rate_hz"].values[0]
     assert_allclose(artist(figure, "median/rate").get_ydata(), np.median(rate, axis=0))
-    for level, limits in ((50, (0.25, 0.75)), (95, (0.025, 0.975))):
+    for level, limits in ((50, (0.25, 0.75)), (90, (0.05, 0.95))):
         assert_allclose(outline(artist(figure, f"band{level}/rate")), np.quantile(rate, limits, axis=0))
     rheobase = run.group("predictions")["rheobase_ua_cm2"].values.ravel()
-    assert_allclose(artist(figure, "rheobase").get_xdata(), np.quantile(rheobase, [0.025, 0.975]))
+    assert_allclose(artist(figure, "rheobase").get_xdata(), np.quantile(rheobase, [0.05, 0.95]))
     for k, train in enumerate(run.group("illustration_data")["spike_time_ms"].values):
         assert artist(figure, f"train/{k}").get_positions() == train[np.isfinite(train)].tolist()
 
@@ -91,7 +91,7 @@ def test_loo_pit_shows_the_distribution_of_the_values_and_the_band(run):
     pit = run.group("constant_data")["loo_pit"].values
     x = np.arange(1, 100) / 100
     assert_allclose(artist(figure, "ecdf").get_ydata(), (pit[:, None] <= x).mean(axis=0) - x, atol=1e-12)
-    band = simultaneous_band(pit.size, x)
+    band = simultaneous_band(pit.size, x, 0.9)
     corners = artist(figure, "band").get_paths()[0].vertices[:, 1]
     assert_allclose([corners.min(), corners.max()], [(band.low - x).min(), (band.high - x).max()])
     assert "approximate" in " ".join(text.get_text() for text in figure.legends[0].get_texts())

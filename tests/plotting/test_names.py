@@ -22,7 +22,7 @@ from softness_bayes.plotting import style as styles
 from softness_bayes.plotting.checks import FEW, checks
 from softness_bayes.plotting.data import carry, data_of
 from softness_bayes.plotting.figures import FIGURES
-from softness_bayes.plotting.names import LONGEST, apart, name_fabrics, short_name, short_names
+from softness_bayes.plotting.panels import LONGEST, apart, name_fabrics, short_name, short_names
 from softness_bayes.plotting.parameters import informative, prior
 from softness_bayes.plotting.style import DATA, USUAL, files_of
 from support.figures import FABRICS, LOADS, artist, drawn, invented_curves, invented_draws, invented_run
@@ -111,8 +111,8 @@ def test_the_data_of_a_figure_are_those_of_its_artists() -> None:
     panel = table[table["panel"] == "3 mm"].set_index("element")
     assert_allclose(panel.loc["median", "x"], curves.modulus / 1e3, rtol=1e-6)
     assert_allclose(panel.loc["median", "y"], np.median(curves.total_rate[:, 1], axis=0), rtol=1e-6, atol=1e-6)
-    limits = np.quantile(curves.total_rate[:, 1], [0.025, 0.975], axis=0)
-    assert_allclose(panel.loc["band95", ["y", "y_end"]].to_numpy().T, limits, rtol=1e-6, atol=1e-6)
+    limits = np.quantile(curves.total_rate[:, 1], [0.05, 0.95], axis=0)
+    assert_allclose(panel.loc["band90", ["y", "y_end"]].to_numpy().T, limits, rtol=1e-6, atol=1e-6)
     assert panel.loc["fabrics", "name"].tolist() == ["'=gauze", "lawn", "felt"]  # no formula
     assert panel.loc["fabrics", "y"].isna().all()  # marks at the foot have no height
     assert {*table["x_axis"]} == {"fabric modulus E_fab [kPa]"}
@@ -144,7 +144,7 @@ def test_a_prior_is_drawn_exactly(rng) -> None:
     line = artist(figure, "prior/0")
     x, y = line.get_xdata(), line.get_ydata()
     assert_allclose(y, np.exp(law.log_density(x)))
-    assert x[0] == pytest.approx(law.quantile(0.025))
+    assert x[0] == pytest.approx(law.quantile(0.05))
     within = law.cumulative(x[-1]) - law.cumulative(x[0])
     assert np.trapezoid(y, x) == pytest.approx(float(within), rel=1e-3)
     assert artist(figure, "prior/1").get_data().values.size  # without a law, its draws

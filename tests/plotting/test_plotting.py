@@ -50,7 +50,7 @@ def test_response_shows_the_quantiles_of_every_load(loads: tuple[Load, ...], dra
         median = artist(figure, f"median/{load}")
         assert_allclose(median.get_xdata(), curves.modulus / 1e3)
         assert_allclose(median.get_ydata(), np.median(rate, axis=0))
-        for level, limits in ((50, (0.25, 0.75)), (95, (0.025, 0.975))):
+        for level, limits in ((50, (0.25, 0.75)), (90, (0.05, 0.95))):
             assert_allclose(outline(artist(figure, f"band{level}/{load}")), np.quantile(rate, limits, axis=0))
         assert_allclose(artist(figure, f"fabrics/{load}").get_xdata(), FABRICS / 1e3)
         share = np.mean(found.outcome[:, index] == 1)
@@ -84,7 +84,7 @@ def test_ratio_follows_every_draw_on_its_own_axis() -> None:
     figure = drawn(response(invented_run(LOADS["one"], same), USUAL, against_ratio=True))
     median = artist(figure, "median/1 N")
     assert_allclose(median.get_ydata(), 100.0 * np.log1p(median.get_xdata()), rtol=2e-3, atol=0.2)
-    low, high = outline(artist(figure, "band95/1 N"))
+    low, high = outline(artist(figure, "band90/1 N"))
     assert_allclose(low, high, rtol=5e-3, atol=0.2)
     assert median.get_xdata()[0] == pytest.approx(ratio[:, 0, 0].max())
     expected = np.median(FABRICS[:, None] / curves.skin_modulus[:, 0, 0], axis=1)
@@ -123,7 +123,7 @@ def test_inflection_has_the_area_of_its_probability() -> None:
         assert_allclose(widths, [100 * np.mean(outcome[:, index] == kind) for kind in (0, 1, 2)])
     known = place[outcome[:, 1] == 1, 1] / 1e3
     bar = artist(figure, f"interval/{loads[1]}").get_xdata()
-    assert_allclose(bar, np.quantile(known, [0.025, 0.975]))
+    assert_allclose(bar, np.quantile(known, [0.05, 0.95]))
     assert_allclose(artist(figure, f"median/{loads[1]}").get_xdata(), np.median(known))
 
 
