@@ -13,8 +13,9 @@ density of a panel's standard deviations is therefore one integral over u, and i
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from types import MappingProxyType
 from typing import ClassVar, NamedTuple, Self
 
@@ -360,10 +361,20 @@ def log_bessel(order: float, z: FloatArray) -> FloatArray:
     """Return log(I_order(z) / z^order) for z >= 0 and an order of -1/2 or more."""
     if order > LARGE_ORDER:
         return _debye(order, z)
-    z = np.maximum(z, _LEAST)
-    far = -0.5 * np.log(2.0 * math.pi * z) - (4.0 * order**2 - 1.0) / (8.0 * z)
-    scaled = np.where(z > _FAR, far, np.log(ive(order, np.minimum(z, _FAR))))
-    return np.asarray(scaled + z - order * np.log(z))
+    beyond = np.maximum(z, _FAR)
+    far = -(order + 0.5) * np.log(beyond) - 0.5 * math.log(2.0 * math.pi) - (4.0 * order**2 - 1.0) / (8.0 * beyond)
+    return np.asarray(z + np.where(z > _FAR, far, _near_bessel(order)(np.log1p(np.minimum(z, _FAR)))))
+
+
+@cache
+def _near_bessel(order: float) -> Callable[[FloatArray], FloatArray]:
+    """Return log(I_order(z) / z^order) - z as a spline in log(1 + z), which is a thirtieth of the time of `ive`."""
+    from scipy.interpolate import CubicSpline  # imported here because it takes a third of a second
+
+    x = np.linspace(math.log1p(_LEAST), math.log1p(_FAR), 6001)
+    z = np.expm1(x)
+    spline: Callable[[FloatArray], FloatArray] = CubicSpline(x, np.log(ive(order, z)) - order * np.log(z))
+    return spline
 
 
 def _debye(order: float, z: FloatArray) -> FloatArray:

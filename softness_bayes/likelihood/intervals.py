@@ -222,7 +222,10 @@ class IntervalRatings(RatingsLikelihood):
             self._rows = Rows(scale.additive(low), scale.additive(high), lapse).take(order)
         latent, level = scale.additive(self.values)[order], model.level
         trust = np.ones(order.size) if model.law == NORMAL else _trust(latent, rater, self._condition)
-        how = model.law, rater, design.fabric[self._condition], design.n_fabrics, level.mean, level.sd, trust
+        answers = np.column_stack([rater, self._condition, self.values[order], low[order], high[order]])
+        different, equal = np.unique(answers, axis=0, return_inverse=True)
+        same = None if len(different) == order.size else equal
+        how = model.law, rater, design.fabric[self._condition], design.n_fabrics, level.mean, level.sd, trust, same
         by_sums = model.law == NORMAL and self._exact.all()
         self._table = NormalTable(*how, values=latent) if by_sums else Table(*how)
         self._integrals = Integrals(self._table)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.error_laws import ErrorLaw
-from softness_bayes.likelihood.row_laws import RowLaw, Rows
+from softness_bayes.likelihood.row_laws import RowLaw, Rows, RowTerms
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
@@ -126,6 +126,9 @@ class Table:
         Prior mean and standard deviation of the level mu.
     trust
         Weight of each row where the search for the mode starts, shape (rows,): less than 1 for an outlier.
+    equal
+        Number of each row among the different ones, shape (rows,): repeated answers of a rater to a touch are evaluated
+        once. By default all differ.
     """
 
     def __init__(
@@ -137,8 +140,10 @@ class Table:
         centre: float,
         spread: float,
         trust: FloatArray,
+        equal: IndexArray | None = None,
     ) -> None:
-        self.trust = trust
+        self.trust, self._equal = trust, equal
+        self._different = slice(None) if equal is None else np.unique(equal, return_index=True)[1]
         self.law, self.rater, self.fabric, self.n_fabrics = law, rater, fabric, n_fabrics
         self.centre, self.spread = centre, spread
         self.first = np.flatnonzero(np.diff(rater, prepend=-1))
@@ -179,8 +184,11 @@ class Table:
     def sums(self, given: Given, effects: Effects) -> Sums:
         """Return the sums over rows given all effects."""
         expected, c, spread = self.expectations(given, effects)
-        noise = given.tau_varsigma is not None
-        terms = RowLaw(self.law, given.rows, expected, spread, given.law_parameters).terms(noise)
+        noise, some = given.tau_varsigma is not None, self._different
+        of_some = expected[:, some], spread if spread.shape[-1] == 1 else spread[:, some]
+        terms = RowLaw(self.law, given.rows.take(some), *of_some, given.law_parameters).terms(noise)
+        if self._equal is not None:
+            terms = RowTerms._make(None if values is None else values[:, self._equal] for values in terms)
         mean, mean2 = terms.of_mean, terms.of_mean2
         add = self._summing(given)
         second = add(mean2)

@@ -89,6 +89,16 @@ def test_silent_raters_and_order_do_not_matter():
 
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
+def test_repeated_answers_count_as_often_as_they_were_given(law):
+    """Against the same answers with differences in the last digits, none of which is a repetition."""
+    observed, rate, points = table(5, 3, 4, law, tau=0.3)
+    again = np.repeat(observed.values, 3)
+    apart = again * (1.0 + 1e-13 * np.arange(again.size))
+    repeated, different = (IntervalRatings(y, design_of(3, 12), observed.model).for_sampling() for y in (again, apart))
+    assert_allclose(repeated.log_likelihood(rate, points), different.log_likelihood(rate, points), rtol=1e-9)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
 def test_hard_tables_have_finite_densities(law):
     """All ratings 0 but one, all the same, one rater, one row; spreads near 0 and far too large; values far off."""
     rng = np.random.default_rng(12)
