@@ -65,7 +65,6 @@ if TYPE_CHECKING:
     from softness_bayes.runs.comparison import compare as compare
     from softness_bayes.runs.population import pool_results as pool_results
     from softness_bayes.runs.run import sample as sample
-    from softness_bayes.runs.run import sample_skin as sample_skin
     from softness_bayes.runs.study import study as study
     from softness_bayes.touch.contact import Finger as Finger
     from softness_bayes.touch.contact import Force as Force

@@ -12,7 +12,7 @@ from numpy.testing import assert_array_equal
 from softness_bayes import arviz_bridge
 from softness_bayes.checking.layout import ratings_in
 from softness_bayes.errors import InputError
-from softness_bayes.results.fitted import experiment_of
+from softness_bayes.results.data_groups import experiment_of
 
 RNG_SEED = 3
 

@@ -58,7 +58,7 @@ def check(
     """
     from softness_bayes.cli import check_text as text
     from softness_bayes.data import Measurements
-    from softness_bayes.model.build import Parts, build
+    from softness_bayes.model.build import ExperimentModel
     from softness_bayes.model.reach import reach_of
     from softness_bayes.model.understanding import SCHEMA, foreseen, understood, warnings
     from softness_bayes.people.free_means import free_means
@@ -77,11 +77,11 @@ def check(
         known["notes"] = list(experiment.notes)
         _echo(known if json_ else [*text.measurement_lines(experiment), *_notes(known["notes"])])
         return
-    parts = Parts(experiment, model)
-    reached = reach_of(experiment, model)
-    notes = [*experiment.notes, *warnings(parts)]
-    people = None if model.scale.model is not None else free_means(experiment.ratings, model, parts.interpretation)
-    known = understood(parts, [*([reached] if reached else []), *notes])
+    made = ExperimentModel(experiment, model)
+    reached = reach_of(made)
+    notes = [*experiment.notes, *warnings(made)]
+    people = None if model.scale.model is not None else free_means(experiment.ratings, model, made.interpretation)
+    known = understood(made, [*([reached] if reached else []), *notes])
     known["design"] = foreseen(experiment, model) if design else None
     known |= text.understood_measurements(experiment)
     if json_:
@@ -101,11 +101,11 @@ def check(
         lines += [*text.table_lines(known, experiment, model), *_notes(notes)]
         lines += ["\nWhat do the numbers say?", known["model"]["numbers"], known["model"]["errors_because"]]
         lines += ["\nDo ratings rise or fall with stiffness?", *known["model"]["direction_because"]]
-        lines += ["", *text.cost_lines(build(experiment, model))] if cost else []
+        lines += ["", *text.cost_lines(made)] if cost else []
         lines += ["", *text.design_lines(known["design"]), text.TOUCHES] if design else []
         _echo(lines)
     if figure is not None:
-        _draw(figure, experiment, model, parts.interpretation)
+        _draw(figure, experiment, model, made.interpretation)
         click.echo(f"drawn in {figure}", err=True)
 
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from softness_bayes.checkpoints.saved import Status
     from softness_bayes.data import Experiment, Measurements
     from softness_bayes.model.build import ExperimentModel, SkinModel
-    from softness_bayes.results.request import Request
+    from softness_bayes.results.run_options import Request
 
 MOVABLE = ("data", "fabrics", "compression", "afferents")
 """Tables of a run, which may have been moved since."""
@@ -63,7 +63,7 @@ def sample(
     """
     from softness_bayes.checkpoints.checkpoint import Checkpoint
     from softness_bayes.data import Measurements
-    from softness_bayes.results.request import Request
+    from softness_bayes.results.run_options import Request
 
     with telling("reading the tables"):
         data = files.read()
@@ -117,7 +117,7 @@ def resume(
     from softness_bayes.checkpoints.checkpoint import Checkpoint
     from softness_bayes.checkpoints.identity import differences
     from softness_bayes.provenance import VERSION, versions
-    from softness_bayes.results.request import Request
+    from softness_bayes.results.run_options import Request
     from softness_bayes.supplied import require_trusted
 
     checkpoint = Checkpoint.open(directory, salvage=True)
@@ -177,7 +177,7 @@ def _require_drawn(names: Sequence[str] | None) -> None:
 def _evaluated(data: Experiment | Measurements, options: ModelOptions) -> bool:
     """Evaluate and print a model without sampled parameters; return False for any other model."""
     from softness_bayes.data import Measurements
-    from softness_bayes.model.build import Parts, build, build_skin
+    from softness_bayes.model.build import ExperimentModel, build_skin
     from softness_bayes.runs.evaluation import evaluate
 
     lines = [f"note: {note}" for note in data.notes]
@@ -187,10 +187,9 @@ def _evaluated(data: Experiment | Measurements, options: ModelOptions) -> bool:
             return False
         lines += evaluate(skin).sentences()
     else:
-        parts = Parts(data, options)
-        if parts.space.sampled or not parts.moduli.known:
+        model = ExperimentModel(data, options)
+        if model.space(options.direction).sampled or not model.moduli.known:
             return False
-        model = build(data, options)
         assert model.resolution is not None, "the command line sets an accuracy"
         lines += [_about_direction(model)]
         lines += evaluate(model.posterior, float(model.resolution.errors.peak)).sentences()
@@ -273,11 +272,11 @@ def _about(model: ExperimentModel | SkinModel, data: Experiment | Measurements) 
     if data.afferents is not None:
         yield f"note: {sharing_note(data.afferents, model.options.shared)}"
     if isinstance(model, ExperimentModel):
-        if note := reach_of(model.experiment, model.options):
+        if note := reach_of(model):
             yield f"warning: {note}"
         yield _about_direction(model)
         notes = model.interpretation.note, model.interpretation.errors_note
-        yield from (f"note: {note}" for note in (*notes, *people_notes(model.experiment, model.options)))
+        yield from (f"note: {note}" for note in (*notes, *people_notes(model.data, model.options)))
 
 
 def _is_whole(directory: Path, trust_code: bool) -> bool:

@@ -94,7 +94,7 @@ class Adaptive:
         """
         require_run(result)
         outlook = outlook_of_run(result)
-        pressed = tuple(outlook.model.experiment.ratings.loads if loads is None else loads)
+        pressed = tuple(outlook.model.data.ratings.loads if loads is None else loads)
         touches = outlook.touches(candidates_of(outlook, candidates, moduli), pressed, modulus_cv)
         if not touches.table["within"].any():
             raise InputError("adaptive: no candidate is within the model's range; choose smaller loads")

@@ -94,7 +94,7 @@ def design(
         raise InputError(f"raters: expected {PANEL}, got {raters}")
     outlooks = _outlooks(source, options, rng)
     first = outlooks[0]
-    experiment = first.model.experiment
+    experiment = first.model.data
     fabrics = candidates_of(first, candidates, moduli)
     pressed = require_loads("loads", tuple(loads)) if loads is not None else tuple(experiment.ratings.loads)
     if largest_load is not None:
@@ -165,7 +165,7 @@ def require_run(result: Any) -> None:
 
 def candidates_of(outlook: Outlook, candidates: Fabrics | None, moduli: Sequence[float] | None) -> Fabrics:
     """Return the fabrics that could be rated: given or owned ones, and those of moduli to obtain."""
-    base = outlook.model.experiment.fabrics if candidates is None else candidates
+    base = outlook.model.data.fabrics if candidates is None else candidates
     if moduli is None:
         rated = outlook.model.scene.fabric_modulus
         wanted = np.geomspace(rated.min(), rated.max(), GRID if candidates is None else 0)

@@ -133,7 +133,7 @@ class Outlook:
             (None), or of a number of new ones.
         """
         mean, variance, new_mean, new_variance = self.levels
-        names = self.model.experiment.ratings.participants
+        names = self.model.data.ratings.participants
         if rater is None:
             return mean.mean(axis=1), variance.mean(axis=1) / len(names)
         if isinstance(rater, str) and rater in names:
@@ -158,7 +158,7 @@ class Outlook:
         laws = fabric_moduli(fabrics, options.readings.fabric_modulus, cv, options.unknown_modulus)
         finger = self.model.scene.finger
         scene = scene_of(fabrics, loads, self.named, options.readings, noise=options.noise, finger=finger, moduli=laws)
-        own, own_middle = self.model.experiment.fabrics.names, self.model.scene.fabric_modulus
+        own, own_middle = self.model.data.fabrics.names, self.model.scene.fabric_modulus
         rated = same_fabrics(fabrics.names, scene.fabric_modulus, own, own_middle)
         modulus, modulus_sd = self._moduli_and_errors(laws, rated)
         base = self.posterior.mean_rate(self.theta)

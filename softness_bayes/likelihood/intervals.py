@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -30,18 +29,13 @@ from softness_bayes.likelihood.rater_effects import Given, NormalTable, Table
 from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.row_laws import RowLaw, Rows
 from softness_bayes.likelihood.scales import SLIDER, Scale
+from softness_bayes.parameters.declared import RATER_EFFECTS, RATER_SPREADS
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
 REFERENCE, LAPLACE, ONLY_REFERENCE = "reference", "laplace", "only reference"
 """Methods by which effects are integrated out of the density of all ratings."""
-
-RATER_SPREADS: Mapping[str, str] = MappingProxyType({"gamma": "tau_gamma", "varsigma": "tau_varsigma"})
-"""Name of the parameter for the spread between raters, by the quantity that differs."""
-
-RATER_EFFECTS: Mapping[str, str] = MappingProxyType({"gamma": "rater_log_gamma", "varsigma": "rater_log_varsigma"})
-"""Names in files of raters' log deviations from the typical rater, by the quantity that differs."""
 
 _LEAST_SPREAD = 1e-8
 _SEED = 0  # seed of the random shares of intervals at which residuals are taken

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -36,7 +36,6 @@ from softness_bayes.model.fingers import (
     fingers_of,
     grid_of,
     require_one_source,
-    spreads_of,
 )
 from softness_bayes.model.interpretation import Interpretation, interpret
 from softness_bayes.model.options import ModelOptions
@@ -57,6 +56,7 @@ from softness_bayes.parameters.declared import (
     MODULUS_SCALE,
     OPTIONAL_RECORDING,
     PARAMETERS,
+    RATER_SPREADS,
     SHAPE_PARAMETERS,
     TOUCH_FORCE,
 )
@@ -66,6 +66,7 @@ from softness_bayes.ranges import require_kind
 from softness_bayes.recordings.likelihood import RecordedRates, recording_model
 from softness_bayes.recordings.response import ProbedTouches
 from softness_bayes.touch.accuracy import PRESETS, ChosenResolution, choose
+from softness_bayes.touch.finger_grid import SPREAD_OF
 from softness_bayes.touch.load_groups import groups_of
 from softness_bayes.touch.scene import Discretisation, Scene
 
@@ -75,39 +76,250 @@ COARSE = PRESETS[0]
 ALPHA_WIDTH = 0.3
 """Distance from the rheobase [µA/cm²] beyond which alpha's coordinate is logarithmic."""
 
+BY_REFERENCE = (
+    "; effects of raters are summed over points in every step, because Laplace's method is too rough for this table"
+)
+"""Addition to the note on the errors of a model without approximation."""
+
 SIGN_WIDTH = 0.1
 """Magnitude of a signed exponent below which its coordinate is linear."""
 
 
 @dataclass(frozen=True)
 class ExperimentModel:
-    """The model of one experiment.
+    """The model of one experiment, whose parts are made when they are first needed.
 
     Parameters
     ----------
-    experiment
-        Ratings and fabrics.
-    options
-        The requested options, with direction and discretisation filled in.
-    posterior
-        The density of the sampled parameters.
-    scene
-        Its forward model.
-    direction
-        The direction of the ratings, and the evidence of the data.
-    resolution
-        Reason for the discretisation; None if it was given.
-    interpretation
-        Interpretation of the ratings, and their error law.
+    data
+        Ratings and fabrics; plate forces and recorded afferents if there are any.
+    requested
+        Choices of the model. If no direction is given, it is inferred from the data; if no discretisation is given, it
+        is the coarsest preset that meets the accuracy.
+    approximate
+        Whether integrals over the effects of raters may be approximated in the steps of a run.
+
+    Raises
+    ------
+    InputError
+        If options cannot be combined with each other or with the data.
     """
 
-    experiment: Experiment
-    options: ModelOptions
-    posterior: Posterior
-    scene: Scene
-    direction: DirectionChoice
-    resolution: ChosenResolution | None
-    interpretation: Interpretation
+    data: Experiment
+    requested: ModelOptions = ModelOptions()
+    approximate: bool = True
+
+    def __post_init__(self) -> None:
+        options = self.requested
+        require_kind("experiment", self.data, Experiment, "an Experiment, as read_experiment returns it")
+        require_kind("options", options, ModelOptions, "ModelOptions")
+        if options.direction is FREE and options.scale is STANDARDISED:
+            raise InputError(f"direction: {FREE.name} needs magnitude estimates, not {options.scale.name} ratings")
+        if options.individual and len(self.data.ratings.participants) < 2:
+            raise InputError(
+                f"individual: there is one participant only, whose {differing(options.individual)[4:]} cannot be "
+                "distinguished from the typical one's; omit it"
+            )
+        if fingers_of(options.individual) and (freed := sorted(SHAPE_PARAMETERS.keys() & options.priors.keys())):
+            raise InputError(f"individual: raters' own fingers and a prior of {freed[0]} cannot be combined")
+
+    @cached_property
+    def options(self) -> ModelOptions:
+        """The requested options, with error law, direction and discretisation filled in."""
+        options = self.requested
+        if options.errors is None:
+            options = options.decide(errors=self.interpretation.law)
+        if options.direction is None:
+            options = options.decide(direction=self.direction.direction)
+        if self.resolution is not None:
+            options = options.decide(discretisation=self.resolution.discretisation)
+        return options
+
+    @cached_property
+    def interpretation(self) -> Interpretation:
+        """Interpretation of the ratings, and their error law."""
+        found = interpret(self.data.ratings, self.requested)
+        return found if self.approximate else found._replace(errors_note=f"{found.errors_note}{BY_REFERENCE}")
+
+    @cached_property
+    def design(self) -> Design:
+        """The design of the ratings, with conditions sorted by fabric, then load."""
+        ratings, conditions = self.data.ratings, self.data.ratings.conditions
+        return Design(conditions.of_rating, ratings.participant, conditions.fabric, len(ratings.participants))
+
+    @cached_property
+    def moduli(self) -> FabricModuli:
+        """Effective moduli of the fabrics, and the laws of those that are uncertain."""
+        options = self.requested
+        reading = options.readings.fabric_modulus
+        found = fabric_moduli(self.data.fabrics, reading, options.modulus_cv, options.unknown_modulus)
+        return replace(found, common=self._priors.get(MODULUS_SCALE))
+
+    @property
+    def _priors(self) -> dict[str, Any]:
+        """The priors given, and those of an error common to all moduli and of the force of a free touch, if any."""
+        options, own = self.requested, dict[str, Any]()
+        if options.shared_modulus_cv:
+            own[MODULUS_SCALE] = LogNormal(1.0, float(np.sqrt(np.log1p(options.shared_modulus_cv**2))))
+        if FREE_TOUCH in self.data.ratings.loads and TOUCH_FORCE not in options.fix:
+            own[TOUCH_FORCE] = EVERY_PARAMETER[TOUCH_FORCE].prior
+        return {**own, **options.priors}
+
+    def space(self, direction: RatingDirection | None) -> ParameterSpace:
+        """Return the parameters for a direction of the ratings, in plain coordinates and without the moduli.
+
+        Raises
+        ------
+        InputError
+            If the options contain an unknown name, or parameters of the finger that cannot vary in this model.
+        """
+        data, options = self.data, self.requested
+        require_one_source(options.priors, options.finger)
+        require_readings(options.prior_set, options.readings)
+        if data.compression is not None and "radius" in options.priors:
+            raise InputError(
+                "radius is given a prior, but the model of compression data needs a known radius: omit the prior "
+                "or the compression data"
+            )
+        needs, free = self.rating_model(RISES).needs, FREE_TOUCH in data.ratings.loads
+        if free and options.individual and fingers_of(options.individual):
+            raise InputError("individual: raters' own fingers and a free touch of unknown force cannot be combined")
+        return parameter_space(
+            fix=options.fixed,
+            priors=self._priors,
+            prior_set=options.prior_set,
+            skin_displacement=options.readings.skin_displacement,
+            n_participants=raters_told(data.ratings),
+            absent={*RatingModel.needs} - {*needs} | (set() if free else {TOUCH_FORCE}),
+            n_fingers=None if data.compression is None else len(data.compression.participants),
+            membrane=options.readings.membrane,
+            spreads=[{**SPREAD_OF, **RATER_SPREADS}[name] for name in options.individual],
+            signed=("gamma",) if direction is FREE else (),
+            of_errors=ERROR_PARAMETERS.keys() & {*needs},
+            recorded=[name for term in _recorded(data, options) for name in term.model.needs],
+        )
+
+    def scene_at(self, space: ParameterSpace, discretisation: Discretisation, noise: float | None = None) -> Scene:
+        """Return the scene at a resolution, with the noise of the options unless another is given."""
+        conditions, options = self.data.ratings.conditions, self.requested
+        return scene_of(
+            self.data.fabrics,
+            self.data.ratings.loads,
+            space.held,
+            options.readings,
+            conditions.fabric,
+            conditions.load,
+            discretisation,
+            options.noise if noise is None else noise,
+            options.finger,
+            self.moduli,
+            box_of_priors(space.sampled, options.finger),
+            skin_of_priors(space),
+        )
+
+    def rating_model(self, direction: RatingDirection) -> RatingsModel:
+        """Return the observation model of the ratings.
+
+        Raises
+        ------
+        InputError
+            If this scale has no model of individual fingers or answers.
+        """
+        options, meaning = self.requested, self.interpretation
+        if answers := answers_of(options.individual):
+            return model_of_different_raters(options.scale, answers, direction, meaning.law)
+        if options.individual:
+            if options.scale is not MAGNITUDE:
+                what = differing(options.individual)
+                raise InputError(
+                    f"individual: raters' {what} need magnitude estimates, not {options.scale.name} ratings"
+                )
+            return IndividualModel(direction, grid=grid_of(options.individual))
+        model: Any = rating_model(options.scale, direction, meaning.law, meaning.intervals.exact)
+        model = replace(model, categories=meaning.categories) if meaning.categories else model
+        model = replace(model, guesses_given=True) if options.guess is not None else model
+        return replace(model, raters=meaning.raters) if meaning.raters else model
+
+    @cached_property
+    def direction(self) -> DirectionChoice:
+        """The requested direction, or the one inferred from the data, with the evidence of the data.
+
+        Where the data do not decide, both directions are sampled.
+        """
+        (ratings, fabrics, *_), options, space = self.data, self.requested, self.space(self.requested.direction)
+        # noise smooths the onset of the rate curve, which does not change the order but takes minutes
+        coarse = replace(COARSE, rate_nodes=(options.discretisation or COARSE).rate_nodes)
+        scene = self.scene_at(space, coarse, noise=0.0)
+        layout = Layout(self.design, scene.modulus, ratings.conditions.load, scale=options.scale)
+        draws = space.touch(space.draw_prior(np.random.default_rng(0), DRAWS))
+        rate, groups = np.atleast_2d(scene.total_rate(draws)), groups_of(ratings.loads)  # one row if nothing is drawn
+        if groups.merged:
+            # a load that occurs with only one fabric does not order fabrics
+            layout, share = merge(layout, groups.of)
+            rate = rate @ share
+        known = np.array([bool(basis) for basis in fabrics.basis])
+        evidence = evidence_of(layout, self.interpretation.intervals.values, rate, known, groups.names)
+        asked = options.direction is not None and "direction" not in options.decided
+        # without an exponent that is sampled there is no sign to sample
+        signed = options.scale.model is None and options.scale is not STANDARDISED and "gamma" not in options.fix
+        return DirectionChoice(options.direction or evidence.direction or (FREE if signed else RISES), asked, evidence)
+
+    @cached_property
+    def _space(self) -> ParameterSpace:
+        return self.space(self.direction.direction)
+
+    @cached_property
+    def resolution(self) -> ChosenResolution | None:
+        """Reason for the discretisation; None if it was given."""
+        if self.requested.discretisation is not None:
+            return None
+        return choose(partial(self.scene_at, self._space), prior_draws(self._space), self.requested.accuracy)
+
+    @cached_property
+    def scene(self) -> Scene:
+        """The forward model."""
+        if self.resolution is not None:
+            return self.resolution.scene
+        assert self.requested.discretisation is not None
+        return self.scene_at(self._space, self.requested.discretisation)
+
+    @cached_property
+    def posterior(self) -> Posterior:
+        """The density of the sampled parameters.
+
+        Raises
+        ------
+        InputError
+            If a rating does not suit the scale, the options contain an unknown name, the model cannot reach the
+            accuracy, or the data do not suit the options.
+        """
+        data, options, stated = self.data, self.options, self.interpretation.intervals
+        observation = self.rating_model(self.direction.direction).observe(
+            stated.values, self.design, None if stated.exact else stated
+        )
+        observation = _with_load_errors(observation, data, options)
+        if not self.approximate:
+            observation = observation.without_approximation()
+        errors, plates = observation.load_errors, []
+        if data.compression is not None:
+            plates.append(forces_of(data.compression, options))
+            if set(SKIN) & set(options.individual):
+                # raters with plate forces on their own fingers, matched by name
+                names = data.ratings.participants, data.compression.participants
+                observation = observation.with_pressed(PressedRaters.of(plates[0], *names))
+        posterior = Posterior(
+            _bent(self._space, self.scene, self.direction.direction).with_moduli(self.moduli),
+            (observation, *spreads_between(data.ratings), *plates, *_recorded(data, options)),
+            self.scene,
+            None if errors is None else at_other_loads(self.scene, errors),
+            family_of(self.scene, grid_of(options.individual)) if fingers_of(options.individual) else None,
+        )
+        if options.scale.model is not None:
+            # all members of a custom observation model are tested before a run depends on them
+            drawn = posterior.space.draw_prior(np.random.default_rng(0), 2)
+            values = {name: np.broadcast_to(value, len(drawn)) for name, value in posterior.space.values(drawn).items()}
+            try_likelihood(observation, posterior.mean_rate(drawn), values)
+        return posterior
 
 
 @dataclass(frozen=True)
@@ -129,217 +341,11 @@ class SkinModel:
     posterior: Density
 
 
-@dataclass(frozen=True)
-class Parts:
-    """The parts of an experiment's model that need no direction and no resolution, each made once.
-
-    Parameters
-    ----------
-    experiment, options
-        The tables and the requested options.
-    """
-
-    experiment: Experiment
-    options: ModelOptions
-
-    @cached_property
-    def interpretation(self) -> Interpretation:
-        """Interpretation of the ratings, and their error law."""
-        return interpret(self.experiment.ratings, self.options)
-
-    @cached_property
-    def design(self) -> Design:
-        """The design of the ratings, with conditions sorted by fabric, then load."""
-        ratings, conditions = self.experiment.ratings, self.experiment.ratings.conditions
-        return Design(conditions.of_rating, ratings.participant, conditions.fabric, len(ratings.participants))
-
-    @cached_property
-    def moduli(self) -> FabricModuli:
-        """Effective moduli of the fabrics, and the laws of those that are uncertain."""
-        options = self.options
-        reading = options.readings.fabric_modulus
-        found = fabric_moduli(self.experiment.fabrics, reading, options.modulus_cv, options.unknown_modulus)
-        return replace(found, common=self._priors.get(MODULUS_SCALE))
-
-    @cached_property
-    def space(self) -> ParameterSpace:
-        """The parameters, before `_bent`.
-
-        Raises
-        ------
-        InputError
-            If the options contain an unknown name, or parameters of the finger that cannot vary in this model.
-        """
-        experiment, options = self.experiment, self.options
-        require_one_source(options.priors, options.finger)
-        require_readings(options.prior_set, options.readings)
-        if experiment.compression is not None and "radius" in options.priors:
-            raise InputError(
-                "radius is given a prior, but the model of compression data needs a known radius: omit the prior "
-                "or the compression data"
-            )
-        needs, free = self.rating_model(RISES).needs, FREE_TOUCH in experiment.ratings.loads
-        if free and options.individual and fingers_of(options.individual):
-            raise InputError("individual: raters' own fingers and a free touch of unknown force cannot be combined")
-        return parameter_space(
-            fix=options.fixed,
-            priors=self._priors,
-            prior_set=options.prior_set,
-            skin_displacement=options.readings.skin_displacement,
-            n_participants=raters_told(experiment.ratings),
-            absent={*RatingModel.needs} - {*needs} | (set() if free else {TOUCH_FORCE}),
-            n_fingers=None if experiment.compression is None else len(experiment.compression.participants),
-            membrane=options.readings.membrane,
-            spreads=spreads_of(options.individual),
-            signed=("gamma",) if options.direction is FREE else (),
-            of_errors=ERROR_PARAMETERS.keys() & {*needs},
-            recorded=[name for term in _recorded(experiment, options) for name in term.model.needs],
-        )
-
-    @property
-    def _priors(self) -> dict[str, Any]:
-        """The priors given, and those of an error common to all moduli and of the force of a free touch, if any."""
-        stated, own = self.options.shared_modulus_cv or 0.0, dict[str, Any]()
-        if stated:
-            own[MODULUS_SCALE] = LogNormal(1.0, float(np.sqrt(np.log1p(stated**2))))
-        if FREE_TOUCH in self.experiment.ratings.loads and TOUCH_FORCE not in self.options.fix:
-            own[TOUCH_FORCE] = EVERY_PARAMETER[TOUCH_FORCE].prior
-        return {**own, **self.options.priors}
-
-    def scene(self, discretisation: Discretisation, noise: float | None = None) -> Scene:
-        """Return the scene at a resolution, with the noise of the options unless another is given."""
-        conditions, options, space = self.experiment.ratings.conditions, self.options, self.space
-        return scene_of(
-            self.experiment.fabrics,
-            self.experiment.ratings.loads,
-            space.held,
-            options.readings,
-            conditions.fabric,
-            conditions.load,
-            discretisation,
-            options.noise if noise is None else noise,
-            options.finger,
-            self.moduli,
-            box_of_priors(space.sampled, options.finger),
-            skin_of_priors(space),
-        )
-
-    def rating_model(self, direction: RatingDirection) -> RatingsModel:
-        """Return the observation model of the ratings.
-
-        Raises
-        ------
-        InputError
-            If this scale has no model of individual fingers or answers.
-        """
-        options, meaning = self.options, self.interpretation
-        if answers := answers_of(options.individual):
-            return model_of_different_raters(options.scale, answers, direction, meaning.law)
-        if options.individual:
-            if options.scale is not MAGNITUDE:
-                what = differing(options.individual)
-                raise InputError(
-                    f"individual: raters' {what} need magnitude estimates, not {options.scale.name} ratings"
-                )
-            return IndividualModel(direction, grid=grid_of(options.individual))
-        model: Any = rating_model(options.scale, direction, meaning.law, meaning.intervals.exact)
-        model = replace(model, categories=meaning.categories) if meaning.categories else model
-        model = replace(model, guesses_given=True) if options.guess is not None else model
-        return replace(model, raters=meaning.raters) if meaning.raters else model
-
-    def direction(self) -> DirectionChoice:
-        """Return the requested direction, or the one inferred from the data, with the evidence of the data.
-
-        Where the data do not decide, both directions are sampled.
-
-        Raises
-        ------
-        InputError
-            If a rating does not suit the scale.
-        """
-        (ratings, fabrics, *_), options, space = self.experiment, self.options, self.space
-        # noise smooths the onset of the rate curve, which does not change the order but takes minutes
-        coarse = replace(COARSE, rate_nodes=(options.discretisation or COARSE).rate_nodes)
-        scene = self.scene(coarse, noise=0.0)
-        layout = Layout(self.design, scene.modulus, ratings.conditions.load, scale=options.scale)
-        draws = space.touch(space.draw_prior(np.random.default_rng(0), DRAWS))
-        rate, groups = np.atleast_2d(scene.total_rate(draws)), groups_of(ratings.loads)  # one row if nothing is drawn
-        if groups.merged:
-            # a load that occurs with only one fabric does not order fabrics
-            layout, share = merge(layout, groups.of)
-            rate = rate @ share
-        known = np.array([bool(basis) for basis in fabrics.basis])
-        evidence = evidence_of(layout, self.interpretation.intervals.values, rate, known, groups.names)
-        asked = options.direction is not None and "direction" not in options.decided
-        # without an exponent that is sampled there is no sign to sample
-        signed = options.scale.model is None and options.scale is not STANDARDISED and "gamma" not in options.fix
-        return DirectionChoice(options.direction or evidence.direction or (FREE if signed else RISES), asked, evidence)
-
-
 def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> ExperimentModel:
-    """Build the model of an experiment.
-
-    Parameters
-    ----------
-    experiment
-        Ratings and fabrics; compression data if there are any.
-    options
-        Choices of the model. If no direction is given, it is inferred from the data; if no discretisation is given, it
-        is the coarsest preset that meets the accuracy.
-
-    Raises
-    ------
-    InputError
-        If a rating does not suit the scale, the options contain an unknown name, the model cannot reach the accuracy,
-        or individual fingers or answers are requested for a single rater.
-    """
-    require_kind("experiment", experiment, Experiment, "an Experiment, as read_experiment returns it")
-    require_kind("options", options, ModelOptions, "ModelOptions")
-    if options.direction is FREE and options.scale is STANDARDISED:
-        raise InputError(f"direction: {FREE.name} needs magnitude estimates, not {options.scale.name} ratings")
-    if options.individual and len(experiment.ratings.participants) < 2:
-        raise InputError(
-            f"individual: there is one participant only, whose {differing(options.individual)[4:]} cannot be "
-            "distinguished from the typical one's; omit it"
-        )
-    if fingers_of(options.individual) and (freed := sorted(SHAPE_PARAMETERS.keys() & options.priors.keys())):
-        raise InputError(f"individual: raters' own fingers and a prior of {freed[0]} cannot be combined")
-    parts, resolution = Parts(experiment, options), None
-    meaning, chosen = parts.interpretation, parts.direction()
-    if options.errors is None:
-        options = options.decide(errors=meaning.law)
-    if options.direction is None:
-        parts = Parts(experiment, parts.options.decide(direction=chosen.direction))
-        options = options.decide(direction=chosen.direction)
-    if options.discretisation is None:
-        resolution = choose(parts.scene, prior_draws(parts.space), options.accuracy)
-        options = options.decide(discretisation=resolution.discretisation)
-    assert options.discretisation is not None
-    scene, stated = parts.scene(options.discretisation), meaning.intervals
-    observation = parts.rating_model(chosen.direction).observe(
-        stated.values, parts.design, None if stated.exact else stated
-    )
-    observation = _with_load_errors(observation, experiment, options)
-    errors, plates = observation.load_errors, []
-    if experiment.compression is not None:
-        plates.append(forces_of(experiment.compression, options))
-        if set(SKIN) & set(options.individual):
-            # raters with plate forces on their own fingers, matched by name
-            names = experiment.ratings.participants, experiment.compression.participants
-            observation = observation.with_pressed(PressedRaters.of(plates[0], *names))
-    posterior = Posterior(
-        _bent(parts.space, scene, chosen.direction).with_moduli(parts.moduli),
-        (observation, *spreads_between(experiment.ratings), *plates, *_recorded(experiment, options)),
-        scene,
-        None if errors is None else at_other_loads(scene, errors),
-        family_of(scene, grid_of(options.individual)) if fingers_of(options.individual) else None,
-    )
-    if options.scale.model is not None:
-        # all members of a custom observation model are tested before a run depends on them
-        drawn = posterior.space.draw_prior(np.random.default_rng(0), 2)
-        values = {name: np.broadcast_to(value, len(drawn)) for name, value in posterior.space.values(drawn).items()}
-        try_likelihood(observation, posterior.mean_rate(drawn), values)
-    return ExperimentModel(experiment, options, posterior, scene, chosen, resolution, meaning)
+    """Build the whole model of an experiment; arguments and errors as for `ExperimentModel`."""
+    model = ExperimentModel(experiment, options)
+    _ = model.posterior
+    return model
 
 
 def _with_load_errors(observed: RatingsLikelihood, experiment: Experiment, options: ModelOptions) -> RatingsLikelihood:
@@ -366,6 +372,13 @@ def _with_load_errors(observed: RatingsLikelihood, experiment: Experiment, optio
         spread = float(np.sqrt(np.log1p(shared**2)))
         return under_load_errors(observed, LoadErrors.of(design, spread, experiment.ratings.conditions.load))
     return under_load_errors(observed, LoadErrors.of(design, log_sd)) if log_sd.any() else observed
+
+
+def model_of(
+    data: Experiment | Compression | Afferents | Measurements, options: ModelOptions
+) -> ExperimentModel | SkinModel:
+    """Build the model of some data, with or without ratings; errors as for `build` and `build_skin`."""
+    return build(data, options) if isinstance(data, Experiment) else build_skin(data, options)
 
 
 def build_skin(data: Compression | Afferents | Measurements, options: ModelOptions) -> SkinModel:

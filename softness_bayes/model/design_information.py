@@ -81,7 +81,7 @@ def as_it_is(model: ExperimentModel) -> Planned:
     """Return the design of an experiment."""
     design, lists = model.posterior.observation.design, model.interpretation.intervals.lists
     compared = None if lists is None else Comparisons.of_rows(lists, design.condition)
-    return Planned("", design, model.scene, len(model.experiment.fabrics.names), compared)
+    return Planned("", design, model.scene, len(model.data.fabrics.names), compared)
 
 
 def others(model: ExperimentModel) -> list[Planned]:

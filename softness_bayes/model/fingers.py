@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.intervals import RATER_SPREADS
-from softness_bayes.parameters.declared import EVERY_PARAMETER, SHAPE_PARAMETERS, TOUCH_FORCE, Parameter
+from softness_bayes.parameters.declared import EVERY_PARAMETER, RATER_SPREADS, SHAPE_PARAMETERS, TOUCH_FORCE, Parameter
 from softness_bayes.ranges import Range
 from softness_bayes.touch.contact import Finger, FingerBox
 from softness_bayes.touch.finger_grid import SPREAD_OF, FingerGrid
@@ -195,11 +194,6 @@ def differing(names: Sequence[str]) -> str:
     """Describe the quantities that differ between raters."""
     words = {"gamma": "exponents", "varsigma": "noise"}
     return f"own {' and '.join(words[name] for name in answers_of(names)) or 'fingers'}"
-
-
-def spreads_of(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of the parameters for the spreads of quantities that differ."""
-    return tuple({**SPREAD_OF, **RATER_SPREADS}[name] for name in names)
 
 
 def grid_of(names: Sequence[str]) -> FingerGrid:

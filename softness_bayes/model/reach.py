@@ -9,11 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.data import Experiment, Fabrics
+from softness_bayes.data import Fabrics
 from softness_bayes.data.ratings import FREE_TOUCH
 from softness_bayes.errors import InputError
-from softness_bayes.model.build import COARSE, Parts
-from softness_bayes.model.options import ModelOptions
+from softness_bayes.model.build import COARSE, ExperimentModel
 from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
 from softness_bayes.parameters.declared import EVERY_PARAMETER, SHAPE_PARAMETERS, TOUCH_FORCE
 from softness_bayes.parameters.space import FabricModuli
@@ -183,13 +182,13 @@ def reach_of_priors(
     return reach_note(scene_under, loads, touch_parameters(values), others)
 
 
-def reach_of(experiment: Experiment, options: ModelOptions) -> str:
+def reach_of(model: ExperimentModel) -> str:
     """Return `reach_of_priors` for all combinations of the rated fabrics and loads of an experiment."""
+    data, options = model.data, model.requested
     known = {name: prior.median for name, prior in options.priors.items()} | dict(options.fix)
     shape = {name: known.pop(name) * parameter.si for name, parameter in SHAPE_PARAMETERS.items() if name in known}
     given = {name: value for name, value in known.items() if name in TouchParameters._fields}
-    if FREE_TOUCH in experiment.ratings.loads:
+    if FREE_TOUCH in data.ratings.loads:
         given.setdefault(TOUCH_FORCE, EVERY_PARAMETER[TOUCH_FORCE].prior.median)
-    loads, finger = experiment.ratings.loads, replace(options.finger, **shape)
-    moduli = Parts(experiment, options).moduli
-    return reach_of_priors(experiment.fabrics, loads, options.readings, options.prior_set, given, finger, moduli)
+    finger, readings = replace(options.finger, **shape), options.readings
+    return reach_of_priors(data.fabrics, data.ratings.loads, readings, options.prior_set, given, finger, model.moduli)

@@ -16,7 +16,6 @@ from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import NO_RESPONSE, Model, Parameters
 from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.error_laws import GUMBEL, NORMAL, ErrorLaw
-from softness_bayes.likelihood.intervals import RATER_SPREADS
 from softness_bayes.likelihood.models import model_of_different_raters, rating_model
 from softness_bayes.likelihood.plate import PLATE_PARAMETERS, CompressionForces
 from softness_bayes.likelihood.ratings import OF_FORCES
@@ -33,7 +32,7 @@ from softness_bayes.likelihood.scales import (
     Scale,
 )
 from softness_bayes.model.scenes import scaled, scene_of, touch_parameters
-from softness_bayes.parameters.declared import EVERY_PARAMETER
+from softness_bayes.parameters.declared import EVERY_PARAMETER, RATER_SPREADS
 from softness_bayes.ranges import (
     CATEGORIES_RANGE,
     FINGERS,

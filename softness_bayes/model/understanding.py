@@ -14,7 +14,7 @@ from softness_bayes.data.oddities import oddities
 from softness_bayes.data.ratings import FREE_TOUCH, load_column, rank, with_few_loads
 from softness_bayes.likelihood.layout import Layout, merge
 from softness_bayes.likelihood.scales import CATEGORIES, PAIRS, RANKS
-from softness_bayes.model.build import COARSE, Parts, build, people_notes
+from softness_bayes.model.build import COARSE, ExperimentModel, build, people_notes
 from softness_bayes.model.design_information import Expected, as_it_is, foresee, others
 from softness_bayes.model.direction import odd_raters
 from softness_bayes.model.options import ModelOptions
@@ -35,13 +35,13 @@ LIMITS = (0.1, 0.5, 0.9)
 """Reported quantiles over true parameter vectors."""
 
 
-def warnings(parts: Parts) -> list[str]:
+def warnings(model: ExperimentModel) -> list[str]:
     """Return warnings about odd or wrong values in the ratings, besides the notes from reading the files."""
-    ratings, options, conditions = parts.experiment.ratings, parts.options, parts.experiment.ratings.conditions
-    modulus = np.array(parts.moduli.middle)[conditions.fabric]
-    layout = Layout(parts.design, modulus, conditions.load, scale=options.scale)
+    ratings, options, conditions = model.data.ratings, model.requested, model.data.ratings.conditions
+    modulus = np.array(model.moduli.middle)[conditions.fabric]
+    layout = Layout(model.design, modulus, conditions.load, scale=options.scale)
     groups = groups_of(ratings.loads)
-    odd = odd_raters(merge(layout, groups.of)[0], parts.interpretation.intervals.values)
+    odd = odd_raters(merge(layout, groups.of)[0], model.interpretation.intervals.values)
     names = ratings.participants
     found = [
         f"looks wrong: {names[k]} rates against all others (rank correlation {r:+.2f} with their means): was "
@@ -56,23 +56,23 @@ def warnings(parts: Parts) -> list[str]:
         found.append(f"looks wrong: all ratings of {same} are copies of another rater's")
     return [
         *found,
-        *people_notes(parts.experiment, options),
+        *people_notes(model.data, options),
         *oddities(ratings, options.scale not in (CATEGORIES, RANKS, PAIRS)),
     ]
 
 
-def understood(parts: Parts, notes: list[str]) -> dict[str, Any]:
+def understood(model: ExperimentModel, notes: list[str]) -> dict[str, Any]:
     """Return the full interpretation of an experiment as JSON data.
 
     Parameters
     ----------
-    parts
-        The parts of its model.
+    model
+        The model, which need not be compiled.
     notes
         Notes from reading the files, and `warnings`.
     """
-    experiment, options, meaning = parts.experiment, parts.options, parts.interpretation
-    ratings, conditions, direction = experiment.ratings, experiment.ratings.conditions, parts.direction()
+    experiment, options, meaning = model.data, model.requested, model.interpretation
+    ratings, conditions, direction = experiment.ratings, experiment.ratings.conditions, model.direction
     pairs = len(ratings.fabrics) * len(ratings.loads)
     cells = len(set(zip(ratings.participant.tolist(), conditions.of_rating.tolist(), strict=True)))
     answers = np.bincount(ratings.participant)
@@ -97,7 +97,7 @@ def understood(parts: Parts, notes: list[str]) -> dict[str, Any]:
             }
             for k, name in enumerate(ratings.participants)
         ],
-        "fabrics": _understood_fabrics(parts),
+        "fabrics": _understood_fabrics(model),
         "loads": _understood_loads(ratings),
         "conditions": {
             "rated": len(conditions.fabric),
@@ -121,10 +121,10 @@ def understood(parts: Parts, notes: list[str]) -> dict[str, Any]:
     }
 
 
-def _understood_fabrics(parts: Parts) -> list[dict[str, Any]]:
+def _understood_fabrics(model: ExperimentModel) -> list[dict[str, Any]]:
     """Return each fabric with its modulus (and limits, if uncertain) and its number of ratings."""
-    fabrics, moduli = parts.experiment.fabrics, parts.moduli
-    counts = np.bincount(parts.experiment.ratings.fabric)
+    fabrics, moduli = model.data.fabrics, model.moduli
+    counts = np.bincount(model.data.ratings.fabric)
     found = []
     for k, name in enumerate(fabrics.names):
         law = moduli.laws[k]
@@ -243,7 +243,7 @@ def prior_responses(
     grid = curve_scene(model.scene.under(held, *pairs))
     space = model.posterior.space
     curves = response_curves(grid, space.touch(space.draw_prior(np.random.default_rng(0), draws)))
-    return curves.modulus, curves.total_rate, np.array(Parts(experiment, options).moduli.middle)
+    return curves.modulus, curves.total_rate, np.array(model.moduli.middle)
 
 
 def _ratios(expected: Expected) -> dict[str, Any]:

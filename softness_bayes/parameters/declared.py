@@ -205,6 +205,12 @@ ANSWER_PARAMETERS: Mapping[str, Parameter] = _by_name(
 )
 """Spreads of individual exponents and noise."""
 
+RATER_SPREADS: Mapping[str, str] = MappingProxyType({"gamma": "tau_gamma", "varsigma": "tau_varsigma"})
+"""Name of the parameter for the spread between raters, by the quantity that differs."""
+
+RATER_EFFECTS: Mapping[str, str] = MappingProxyType({"gamma": "rater_log_gamma", "varsigma": "rater_log_varsigma"})
+"""Names in files of raters' log deviations from the typical rater, by the quantity that differs."""
+
 ERROR_PARAMETERS: Mapping[str, Parameter] = _by_name(
     Parameter(
         "nu",

@@ -20,9 +20,8 @@ from softness_bayes.options import Flag
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.laws import in_short
 from softness_bayes.readable import counted, number, percent, with_error
-from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
-from softness_bayes.results.run_options import DataFiles
+from softness_bayes.results.run_options import DataFiles, Request
 
 Row = Mapping[str, Any]
 Columns = Mapping[str, Callable[[Row], str]]

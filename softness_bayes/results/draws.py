@@ -29,6 +29,7 @@ from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Scene
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
 
 Array = NDArray[np.float64]
@@ -234,6 +235,19 @@ def draws_per_walker(posterior: Posterior, chains: Chains, share: float = 1.0) -
     return min(int(share * DRAWS_PER_WALKER), max(LEAST_PER_WALKER, ROOM // (ensembles * walkers * width)))
 
 
+class Points(NamedTuple):
+    """Points at which the data of a run are replicated and predicted."""
+
+    every: Array
+    """All draws of the posterior, shape (chains, draws, dimension)."""
+    few: Array
+    """Draws with replicated data, shape (draws, dimension)."""
+    prior: Array
+    """As many draws of the prior."""
+    curves: Array
+    """Draws with stored curves."""
+
+
 class Variable(NamedTuple):
     """A variable of a group: values (chain, draw first in groups with draws), further axes, unit."""
 
@@ -246,22 +260,37 @@ Groups = dict[str, dict[str, Variable]]
 """Variables by group and name; variables of the same name have the same axes and unit in every group."""
 
 
-def tree_of(groups: Groups, coordinates: Mapping[str, ArrayLike], attributes: Mapping[str, Any]) -> xr.DataTree:
-    """Return the groups as a result, with `attributes` as its provenance."""
-    every = {name: variable for group in groups.values() for name, variable in group.items()}
-    return arviz_bridge.to_tree(
-        {group: {name: v.values for name, v in variables.items()} for group, variables in groups.items()},
-        {name: v.dims for name, v in every.items()},
-        coordinates,
-        attributes,
-        {name: {"units": v.units} for name, v in every.items() if v.units},
-    )
+class Part(NamedTuple):
+    """A part of a result: variables by group, coordinates of their axes, provenance and tables."""
+
+    groups: Groups
+    coordinates: Mapping[str, ArrayLike] = {}
+    attributes: Mapping[str, Any] = {}
+    tables: Mapping[str, pd.DataFrame] = {}
+
+    @property
+    def tree(self) -> xr.DataTree:
+        """The groups as those of a result."""
+        every = {name: variable for group in self.groups.values() for name, variable in group.items()}
+        return arviz_bridge.to_tree(
+            {group: {name: v.values for name, v in variables.items()} for group, variables in self.groups.items()},
+            {name: v.dims for name, v in every.items()},
+            self.coordinates,
+            self.attributes,
+            {name: {"units": v.units} for name, v in every.items() if v.units},
+        )
 
 
-def merged(*parts: Groups) -> Groups:
-    """Return groups with the variables of all parts."""
-    names = dict.fromkeys(group for part in parts for group in part)
-    return {group: {n: v for part in parts for n, v in part.get(group, {}).items()} for group in names}
+def joined(*parts: Part) -> Part:
+    """Return a part with everything of several parts."""
+    groups: Groups = {}
+    for name, variables in (one for part in parts for one in part.groups.items()):
+        groups.setdefault(name, {}).update(variables)
+
+    def every(field: str) -> dict[str, Any]:
+        return {name: value for part in parts for name, value in getattr(part, field).items()}
+
+    return Part(groups, *map(every, Part._fields[1:]))
 
 
 def named(space: ParameterSpace, values: Array, units: Sequence[str] | None = None) -> dict[str, Variable]:

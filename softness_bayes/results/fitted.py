@@ -4,17 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.checking.agreement import RATERS_OF_CELLS
-from softness_bayes.checking.individual import modulus_laws
-from softness_bayes.checking.layout import RATING_AS_FILED, RATING_LINE
-from softness_bayes.data import Afferents, Compression, Experiment, Fabrics, Ratings
-from softness_bayes.data.columns import GEOMETRIC_SD, LOAD_CV, RESOLUTION
-from softness_bayes.data.forms import AggregatedCells
+from softness_bayes.data import Fabrics
 from softness_bayes.data.ratings import FREE_TOUCH
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import name_of_scale
@@ -26,11 +20,11 @@ from softness_bayes.model.scenes import fabric_moduli, scene_of
 from softness_bayes.parameters import joint
 from softness_bayes.parameters.choice import require_values
 from softness_bayes.parameters.declared import EVERY_PARAMETER, FABRIC_MODULUS, KPA, MODULUS_SCALE
-from softness_bayes.parameters.laws import LogNormal, LogUniform
 from softness_bayes.parameters.space import FabricModuli
-from softness_bayes.results.request import Request
+from softness_bayes.results.data_groups import experiment_of
+from softness_bayes.results.run_options import Request
 from softness_bayes.results.stored import Stored
-from softness_bayes.touch.contact import Load, loads_at
+from softness_bayes.touch.contact import Load
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Discretisation, Scene
@@ -153,99 +147,6 @@ class Fitted:
             found[:, k] = values * KPA
         # the same tester is taken to have measured all cloth
         return found * np.reshape(self.named.get(MODULUS_SCALE, 1.0), (-1, 1))
-
-
-def experiment_of(result: Stored) -> Experiment:
-    """Return the data stored in a result: ratings, fabrics by their moduli, and compression data if any.
-
-    Raises
-    ------
-    InputError
-        If the run had no ratings.
-    """
-    loads, constant, data = result.loads, result.group("constant_data"), result.provenance.rating_data
-
-    def rows(name: str) -> NDArray[Any] | None:
-        return constant[name].values if name in constant else None
-
-    filed, fabrics = rows(RATING_AS_FILED), _fabrics_of(result)
-    raters = constant.get(RATERS_OF_CELLS)
-    ratings = Ratings(
-        tuple(str(name) for name in result.group("log_likelihood_participant")["participant"].values),
-        fabrics.names,
-        loads,
-        participant=constant["participant_index"].values,
-        fabric=constant["fabric_index"].values,
-        load=constant["load_index"].values,
-        rating=result.group("observed_data")["rating"].values if filed is None else filed,
-        rows=constant[RATING_LINE].values,
-        n_missing=data.missing_ratings,
-        rating_column=data.rating_column,
-        digest=data.digest_ratings,
-        load_cv=rows(LOAD_CV.name),
-        resolution=rows(RESOLUTION.name),
-        lists=rows("list_index"),
-        cells=None if raters is None else AggregatedCells(int(raters), rows(GEOMETRIC_SD.name)),
-    )
-    compression = _compression_of(result) if result.has_compression else None
-    return Experiment(ratings, fabrics, (), compression, _afferents_of(result) if result.has_afferents else None)
-
-
-def _fabrics_of(result: Stored) -> Fabrics:
-    """Return the fabrics of a result, with the errors of their moduli."""
-    fabrics, laws = result.fabrics, modulus_laws(result.group("constant_data"))
-    if not laws:
-        return fabrics
-    measured, cv, low, high = fabrics.effective_modulus.copy(), *np.full((3, len(fabrics)), np.nan)
-    for name, law in laws.items():
-        k = fabrics.names.index(name)
-        if law == result.provenance.asked.unknown_modulus:
-            measured[k] = np.nan
-        elif isinstance(law, LogUniform):
-            measured[k], low[k], high[k] = np.nan, law.low * 1e3, law.high * 1e3
-        else:
-            assert isinstance(law, LogNormal)
-            cv[k] = np.sqrt(np.expm1(law.sd_log**2))
-    return replace(
-        fabrics,
-        effective_modulus=measured,
-        effective_modulus_cv=cv,
-        effective_modulus_low=low,
-        effective_modulus_high=high,
-    )
-
-
-def _compression_of(result: Stored) -> Compression:
-    constant, force = result.group("constant_data"), result.group("observed_data")["plate_force_n"]
-    return Compression(
-        tuple(str(name) for name in result.group("posterior")["finger"].values),
-        constant["finger_index"].values,
-        constant["force_indentation_mm"].values * 1e-3,
-        force.values,
-        force["force_row"].values,
-        n_zero=result.provenance.plate.zero_forces,
-        digest=result.provenance.plate.digest_compression,
-    )
-
-
-def _afferents_of(result: Stored) -> Afferents:
-    constant, observed = result.group("constant_data"), result.group("observed_data")["recorded_rate_hz"]
-    window, posterior = constant["count_window_s"].values, result.group("posterior")
-    counted = np.isfinite(window)
-    return Afferents(
-        tuple(str(name) for name in posterior["afferent"].values) if "afferent" in posterior.dims else (),
-        constant["afferent_index"].values,
-        loads_at(constant["probe_indentation_mm"].values * 1e-3, constant["probe_force_n"].values),
-        constant["probe_curvature_per_m"].values,
-        constant["probe_distance_mm"].values * 1e-3,
-        np.where(counted, np.nan, observed.values),
-        constant["averaged_responses"].values,
-        constant["averaged_sd_hz"].values,
-        np.where(counted, np.round(observed.values * window), np.nan),
-        window,
-        observed["recorded_row"].values,
-        digest=result.provenance.recorded.digest_afferents,
-    )
 
 
 def options_of(result: Stored) -> ModelOptions:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +17,11 @@ from softness_bayes.model.prediction import rates_of_other_moduli
 from softness_bayes.results.draws import (
     REWEIGHT_DRAWS,
     Groups,
+    Part,
     RatedDraws,
     Variable,
     evenly,
-    merged,
+    joined,
     named,
     turning_variables,
 )
@@ -132,10 +133,8 @@ def turning_groups(draws: RatedDraws, error: float) -> Groups:
     return found
 
 
-def illustration_groups(
-    rng: np.random.Generator, draws: RatedDraws, turn: Array, trains: Trains
-) -> tuple[Groups, dict[str, NDArray[Any]]]:
-    """Return the data for the figures of touch and membrane, and coordinates of their axes.
+def illustrations(rng: np.random.Generator, draws: RatedDraws, turn: Array, trains: Trains) -> Part:
+    """Return the data for the figures of touch and membrane.
 
     Parameters
     ----------
@@ -149,9 +148,9 @@ def illustration_groups(
         Example trains at these draws.
     """
     touched, fired = (draws.touch(draws.subset(size).theta) for size in (ILLUSTRATED, draws.curves))
-    touch, along = touch_illustration(rng, draws.scene, touched, turn)
-    membrane, currents = membrane_illustration(draws.scene, fired, trains)
-    return merged(touch, membrane), {**along, **currents}
+    return joined(
+        touch_illustration(rng, draws.scene, touched, turn), membrane_illustration(draws.scene, fired, trains)
+    )
 
 
 def modulus_shifts(draws: RatedDraws, inflection: Mapping[str, Variable]) -> pd.DataFrame | None:
@@ -186,9 +185,7 @@ def modulus_shifts(draws: RatedDraws, inflection: Mapping[str, Variable]) -> pd.
     return shift_table({name: posterior_shift(values, score, share) for name, values in quantities.items()})
 
 
-def touch_illustration(
-    rng: np.random.Generator, scene: Scene, parameters: TouchParameters, inflection: Array
-) -> tuple[Groups, dict[str, NDArray[Any]]]:
+def touch_illustration(rng: np.random.Generator, scene: Scene, parameters: TouchParameters, inflection: Array) -> Part:
     """Return pressure, stress and rate along the pad for three fabrics and some loads, and the pad's receptors.
 
     The fabrics are the lowest modulus, the highest, and the typical turning point of the response under the load with
@@ -207,8 +204,8 @@ def touch_illustration(
 
     Returns
     -------
-    groups, coordinates
-        The group `ILLUSTRATIONS`, and coordinates of its axes.
+    Part
+        The group `ILLUSTRATIONS`.
     """
     finger = scene.finger
     receptors = draw_receptors(rng, finger, scene.readings.receptor_density)
@@ -259,7 +256,7 @@ def touch_illustration(
         "touch_fabric": np.array([name for name, _ in chosen]),
         "distance_mm": distance * 1e3,
     }
-    return {ILLUSTRATIONS: variables}, coordinates
+    return Part({ILLUSTRATIONS: variables}, coordinates)
 
 
 class Trains(NamedTuple):
@@ -297,9 +294,7 @@ def example_trains(rng: np.random.Generator, scene: Scene, parameters: TouchPara
     return Trains(given, spikes)
 
 
-def membrane_illustration(
-    scene: Scene, parameters: TouchParameters, trains: Trains
-) -> tuple[Groups, dict[str, NDArray[Any]]]:
+def membrane_illustration(scene: Scene, parameters: TouchParameters, trains: Trains) -> Part:
     """Return firing rate as a function of current for every draw, and example trains.
 
     The currents go from below the lowest rheobase to the largest alpha of the draws' central 95 %.
@@ -330,4 +325,4 @@ def membrane_illustration(
         "rheobase_ua_cm2": Variable(rheobase[None], (), "µA/cm²"),
         "largest_current_ua_cm2": Variable(np.array(parameters.alpha)[None], (), "µA/cm²"),
     }
-    return {ILLUSTRATIONS: examples, "predictions": curves}, {"current_ua_cm2": current}
+    return Part({ILLUSTRATIONS: examples, "predictions": curves}, {"current_ua_cm2": current})

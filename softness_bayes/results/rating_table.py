@@ -21,7 +21,8 @@ from softness_bayes.parameters.declared import KPA
 from softness_bayes.people.free_means import FreeMeans, free_means
 from softness_bayes.ranges import PANEL
 from softness_bayes.readable import number, percent
-from softness_bayes.results.fitted import Fitted, experiment_of, options_of, rated_among
+from softness_bayes.results.data_groups import experiment_of
+from softness_bayes.results.fitted import Fitted, options_of, rated_among
 from softness_bayes.results.stored import Stored
 from softness_bayes.touch.contact import Force, Indentation, Load
 from softness_bayes.touch.load_groups import groups_of

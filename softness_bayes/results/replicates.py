@@ -1,38 +1,23 @@
-"""Replicated ratings and plate forces, drawn after sampling, and the groups of compression data.
-
-Each function draws in a fixed order, so that the seed determines the numbers.
-"""
+"""Replicated ratings, drawn after sampling in a fixed order, so that the seed determines the numbers."""
 
 from __future__ import annotations
 
 import copy
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checking.check_table import NEW_PARTICIPANTS
-from softness_bayes.checking.checks import check_exponent
 from softness_bayes.checking.quantities import EXCESS, excess_of_plateau, plateau
-from softness_bayes.data.columns import FORCE, INDENTATION
-from softness_bayes.data.measurements import Compression
-from softness_bayes.likelihood.contract import NO_RESPONSE, Parameters
 from softness_bayes.likelihood.layout import Layout, merge
 from softness_bayes.likelihood.pieces import part_of, pieces
-from softness_bayes.likelihood.plate import FingerEffects
-from softness_bayes.model.posterior import Density
-from softness_bayes.provenance import PlateData, attributes_of
 from softness_bayes.results.draws import Groups, RatedDraws, Subset, Variable, named
-from softness_bayes.touch.contact import plate_force
 
 Array = NDArray[np.float64]
 
 ROWS = ("rating_row",)
 """Axis of variables with one value per rating."""
-
-POINTS = 60
-"""Number of indentations at which the force of the typical finger is stored."""
 
 
 def replicated_groups(rng: np.random.Generator, draws: RatedDraws) -> Groups:
@@ -97,72 +82,3 @@ def _rated(rng: np.random.Generator, draws: RatedDraws, drive: Array, some: Subs
     for k in pieces(*made.shape):
         made[k] = draws.ratings.replicate(rng, drive[k], some.parameters.part(k), part_of(some.effects, k))
     return made
-
-
-def plate_results(
-    rng: np.random.Generator,
-    compression: Compression | None,
-    density: Density,
-    theta: Array,
-    replicates: Array,
-    prior: Array,
-    curves: Array,
-) -> tuple[Groups, dict[str, NDArray[Any]], dict[str, Any]]:
-    """Draw deviations of fingers and replicated forces; return them, the data and the typical finger's force.
-
-    Parameters
-    ----------
-    rng
-        Random generator of effects and noise.
-    compression, density
-        The data, and the density that was sampled.
-    theta
-        All draws, shape (chains, draws, dimension), for the deviations of fingers.
-    replicates, prior
-        Draws of the posterior and of the prior, shape (draws, dimension), for which forces are simulated.
-    curves
-        Draws for the typical finger's force.
-
-    Returns
-    -------
-    groups, coordinates, attributes
-        The groups, the coordinates of their axes, and the provenance of the data; empty without such data.
-    """
-    forces, skin = density.compression, density.skin_parameters
-    if compression is None or forces is None:
-        return {}, {}, {}
-
-    def forces_at(points: Parameters, effects: FingerEffects) -> Array:
-        return forces.replicate(rng, forces.drive(NO_RESPONSE, points), points, effects)
-
-    fingers = forces.draw_effects(rng, NO_RESPONSE, skin(theta))
-    again = forces_at(skin(replicates), forces.draw_effects(rng, NO_RESPONSE, skin(replicates)))
-    anew = forces_at(skin(prior), forces.new_effects(rng, skin(prior), prior.shape[:1]))
-    # from half the smallest to a tenth more than the largest of the data
-    depth = np.geomspace(0.5 * compression.indentation.min(), 1.1 * compression.indentation.max(), POINTS)
-    b, m = (np.asarray(value)[:, None] for value in (skin(curves).b, skin(curves).m))
-    line = plate_force(depth, b, m, displacement=forces.model.displacement)
-    row, check = ("force_row",), check_exponent(forces, again)
-    groups = {
-        "posterior": {
-            "log_b_effect": Variable(fingers.log_b, ("finger",)),
-            "m_effect": Variable(fingers.m, ("finger",)),
-        },
-        "posterior_predictive": {"plate_force_n": Variable(again[None], row, FORCE.unit)},
-        "prior_predictive": {"plate_force_n": Variable(anew[None], row, FORCE.unit)},
-        "predictions": {"typical_force_n": Variable(line[None], ("plate_indentation_mm",), FORCE.unit)},
-        "observed_data": {"plate_force_n": Variable(compression.force, row, FORCE.unit)},
-        "constant_data": {
-            "finger_index": Variable(compression.participant, row),
-            "force_indentation_mm": Variable(compression.indentation / INDENTATION.factor, row, INDENTATION.unit),
-        },
-    }
-    coordinates = {
-        "finger": np.array(compression.participants),
-        "force_row": compression.rows,
-        "plate_indentation_mm": depth / INDENTATION.factor,
-    }
-    found = PlateData(
-        compression.digest, compression.n_zero, check.points, check.observed, check.low, check.high, check.p_value
-    )
-    return groups, coordinates, attributes_of(found)

@@ -24,8 +24,7 @@ from softness_bayes.parameters.declared import TOUCH_FORCE
 from softness_bayes.provenance import is_first_look
 from softness_bayes.ranges import numbers, require_kind, require_mapping
 from softness_bayes.readable import number
-from softness_bayes.results.result_file import SUMMARY_TABLE, content_of, read
-from softness_bayes.results.stored import Stored
+from softness_bayes.results.stored import SUMMARY_TABLE, Stored, content_of, read_file
 from softness_bayes.touch.contact import Load, require_loads
 from softness_bayes.touch.load_groups import LoadGroups, groups_of
 
@@ -448,11 +447,11 @@ class Result(Stored):
         path = path / POSTERIOR if path.is_dir() else path
         if not path.is_file():
             raise InputError(f"{path}: no such file; expected the {POSTERIOR} of a run")
-        tree, tables = read(path, verify, trust_code)
+        tree, tables = read_file(path, verify, trust_code)
         summary = tables.pop(SUMMARY_TABLE)
-        found = cls(tree, summary, Named(tables, "table", str(path)), verify, str(path))
-        if noise := tree.attrs.get("noise"):
-            from softness_bayes.results.constants import restore_curves
+        found = cls(tree, summary, Named(tables, "table", str(path)), str(path))
+        if tree.attrs.get("noise"):
+            from softness_bayes.results.data_groups import restore_curves
 
-            restore_curves(found.group("constant_data"), float(noise), found.readings.membrane)
+            restore_curves(found)
         return found

@@ -8,11 +8,12 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from softness_bayes import defaults
 from softness_bayes.defaults import MAX_STEPS, SEED
 from softness_bayes.errors import InputError, quoted
+from softness_bayes.model.options import ModelOptions
 from softness_bayes.options import (
     ByName,
     Duration,
@@ -29,6 +30,7 @@ from softness_bayes.ranges import LOAD_STEPS, PROCESSES, SEEDS, STEPS, STEPS_PER
 if TYPE_CHECKING:
     from softness_bayes.data import Experiment, Measurements, Ratings
     from softness_bayes.data.decimals import Marks
+    from softness_bayes.results.stored import Stored
     from softness_bayes.sampler.sampling import Settings
 
 
@@ -351,3 +353,54 @@ def require_no_ratings_needed(*given: Options) -> None:
     if flags:
         needs, them = ("needs", "it") if len(flags) == 1 else ("need", "them")
         raise InputError(f"{' and '.join(flags)} {needs} ratings: give --data, or omit {them}")
+
+
+class Request(NamedTuple):
+    """All settings of a run, apart from its data."""
+
+    model: ModelOptions = ModelOptions()
+    run: RunOptions = RunOptions()
+
+    def record(self) -> dict[str, Any]:
+        """Return the request as JSON data; `from_record` is the inverse."""
+        return {**self.model.record(), **self.run.record()}
+
+    def with_options(self, **options: Any) -> Self:
+        """Return the request with single options of model and run replaced, by name.
+
+        Raises
+        ------
+        TypeError
+            If there is no option of that name.
+        """
+        require_kind("model", self.model, ModelOptions, "ModelOptions, such as ModelOptions(fix={'m': 2.0})")
+        require_kind("run", self.run, RunOptions, "RunOptions, such as RunOptions(seed=1)")
+        model, run = ModelOptions.declared, RunOptions.declared
+        if unknown := [name for name in options if name not in {**model, **run}]:
+            raise TypeError(f"no option {unknown[0]!r}; expected one of {', '.join({**model, **run})}")
+        return self._replace(
+            model=replace(self.model, **{name: value for name, value in options.items() if name in model}),
+            run=replace(self.run, **{name: value for name, value in options.items() if name in run}),
+        )
+
+    def choices(self) -> dict[str, str]:
+        """Return the choices that affect the draws besides data, parameters and the sampler, by name."""
+        return {**self.model.choices(), "seed": str(self.run.seed)}
+
+    @classmethod
+    def from_record(cls, record: Mapping[str, Any]) -> Self:
+        """Return the request of a `record`.
+
+        Raises
+        ------
+        InputError
+            If an option is missing, or not known to this version.
+        """
+        of_run = {name: value for name, value in record.items() if name in RunOptions.declared}
+        of_model = {name: value for name, value in record.items() if name not in of_run}
+        return cls(ModelOptions.from_record(of_model), RunOptions.from_record(of_run))
+
+    @classmethod
+    def of(cls, result: Stored) -> Self:
+        """Return the request of a finished run."""
+        return cls.from_record(result.provenance.asked.options)

@@ -24,10 +24,10 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_ratings
-from softness_bayes.results.fitted import experiment_of, options_of
-from softness_bayes.results.request import Request
+from softness_bayes.results.data_groups import experiment_of
+from softness_bayes.results.fitted import options_of
 from softness_bayes.results.result import Result
-from softness_bayes.results.run_options import RunOptions
+from softness_bayes.results.run_options import Request, RunOptions
 from softness_bayes.runs.batch import batch, write_asked
 from softness_bayes.runs.rank_table import (
     CALIBRATE,

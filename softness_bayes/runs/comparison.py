@@ -15,7 +15,8 @@ from softness_bayes.checking.exactness import largest_pareto_k
 from softness_bayes.checking.layout import RATING_HIGH, RATING_LOW
 from softness_bayes.errors import InputError
 from softness_bayes.ranges import require_kind, require_mapping
-from softness_bayes.results.fitted import differences, experiment_of
+from softness_bayes.results.data_groups import experiment_of
+from softness_bayes.results.fitted import differences
 from softness_bayes.results.result import Result
 from softness_bayes.runs.left_out import LEAVE, Leave, LeftOut, Refits
 from softness_bayes.sampler.diagnostics import Goal

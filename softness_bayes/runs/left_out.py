@@ -17,7 +17,8 @@ from softness_bayes.checking.exactness import largest_pareto_k
 from softness_bayes.errors import InputError
 from softness_bayes.model.build import build
 from softness_bayes.model.posterior import Posterior
-from softness_bayes.results.fitted import experiment_of, options_of
+from softness_bayes.results.data_groups import experiment_of
+from softness_bayes.results.fitted import options_of
 from softness_bayes.results.result import Result
 from softness_bayes.sampler.sampling import Settings, sample_until
 from softness_bayes.sampler.workers import Workers, available_processors

@@ -19,9 +19,9 @@ from softness_bayes.data.fabrics import warn_of_moduli
 from softness_bayes.files.command_line import storable
 from softness_bayes.files.run_files import FABRIC_RATINGS, RULER, THRESHOLDS
 from softness_bayes.likelihood.scales import PAIRS, direction_named
-from softness_bayes.model.build import ExperimentModel, SkinModel, build, build_skin
+from softness_bayes.model.build import ExperimentModel, SkinModel, model_of
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.model.posterior import Density, Posterior
+from softness_bayes.model.posterior import Posterior
 from softness_bayes.people.free_means import FreeMeans, free_means
 from softness_bayes.people.of_run import people_tables, threshold_table
 from softness_bayes.provenance import (
@@ -36,24 +36,19 @@ from softness_bayes.provenance import (
     family_of,
     versions,
 )
+from softness_bayes.ranges import require_kind
 from softness_bayes.results.assembly import Stage, assembled, assembled_skin
 from softness_bayes.results.draws import FIRST_SHARE
-from softness_bayes.results.exact import compare_exactly
-from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
-from softness_bayes.results.result_file import SCHEMA
-from softness_bayes.results.run_options import RunOptions
+from softness_bayes.results.run_checks import compare_exactly
+from softness_bayes.results.run_options import Request, RunOptions
+from softness_bayes.results.stored import SCHEMA
 from softness_bayes.sampler.chains import RunState
 from softness_bayes.sampler.sampling import Progress, Sampled, progress_of, sampled_of, walk
 from softness_bayes.sampler.workers import Workers, one_thread
 
 Report = Callable[[Progress], None]
 """Function called at least every few seconds while a run is sampled."""
-
-BY_REFERENCE = (
-    "; effects of raters are summed over points in every step, because Laplace's method is too rough for this table"
-)
-"""Addition to the note on the errors of a run whose integrals by Laplace's method could not be corrected by weights."""
 
 MANY_RATINGS = 5000
 """Number of ratings above which each ensemble walks alone: the time of a call then grows with its points, and ensembles
@@ -64,23 +59,28 @@ WIDE = ModelOptions(prior_set="wide")
 
 
 def sample(
-    experiment: Experiment,
-    model: ModelOptions = ModelOptions(),
+    data: Experiment | Compression | Afferents | Measurements,
+    model: ModelOptions | None = None,
     run: RunOptions = RunOptions(),
     progress: Report | None = None,
     checkpoint: Checkpoint | None = None,
     **options: Any,
 ) -> Result:
-    """Sample the posterior of an experiment and predict from it.
+    """Sample the posterior of some data and predict from it.
 
-    The same data, options and seed give the same draws as ``softness-bayes sample``.
+    The same data, options and seed give the same draws as ``softness-bayes sample``. Without ratings, the result has no
+    response curves and no turning point, but replicated forces and rates.
 
     Parameters
     ----------
-    experiment
-        Ratings and fabrics.
-    model, run
-        Choices of the model, and how long to run.
+    data
+        Ratings and fabrics, with other data if there are any; or forces of a rigid plate on fingerpads, recorded
+        afferents, or both.
+    model
+        Choices of the model; those about ratings are not used without them. By default `WIDE` for data with plate
+        forces and without ratings.
+    run
+        How long to run.
     progress
         Function called at least every few seconds.
     checkpoint
@@ -100,49 +100,20 @@ def sample(
     NumericalError
         If no starting point has a finite density, or too many points have none.
     """
+    kinds = Experiment, Compression, Afferents, Measurements
+    require_kind("data", data, kinds, "an Experiment, as read_experiment returns it, Compression or Afferents")
+    if model is None:
+        alone = not isinstance(data, (Experiment, Afferents)) and Measurements.of(data).compression is not None
+        model = WIDE if alone else ModelOptions()
     model, run = Request(model, run).with_options(**options)
     model.require_storable()
     begun = None if checkpoint is None else checkpoint.description.get("direction")
     if model.direction is None and begun is not None:
         model = model.decide(direction=direction_named(begun))
-    built = build(experiment, model)
-    warn_of_moduli(experiment.fabrics)
+    built = model_of(data, model)
+    if isinstance(built, ExperimentModel):
+        warn_of_moduli(built.data.fabrics)
     return sample_model(built, run, progress, checkpoint)
-
-
-def sample_skin(
-    data: Compression | Afferents | Measurements,
-    model: ModelOptions | None = None,
-    run: RunOptions = RunOptions(),
-    progress: Report | None = None,
-    checkpoint: Checkpoint | None = None,
-    **options: Any,
-) -> Result:
-    """Sample the parameters of plate forces, recorded afferents, or both, without ratings.
-
-    The result has no response curves and no turning point; it contains replicated forces and rates.
-
-    Parameters
-    ----------
-    data
-        Forces of a rigid plate on fingerpads, recorded afferents, or both.
-    model
-        Choices of the model; those about ratings are not used. By default `WIDE` for data with plate forces.
-    run, progress, checkpoint, **options
-        As for `sample`.
-
-    Raises
-    ------
-    InputError
-        If data and options do not make a model, or the result file cannot store a name or an option.
-    NumericalError
-        If the log-likelihood is not a number somewhere.
-    """
-    data = Measurements.of(data)
-    usual = ModelOptions() if data.compression is None else WIDE
-    model, run = Request(usual if model is None else model, run).with_options(**options)
-    model.require_storable()
-    return sample_model(build_skin(data, model), run, progress, checkpoint)
 
 
 def sample_model(
@@ -159,11 +130,10 @@ def sample_model(
     workers
         Processes with the posterior, which are not closed; by default new ones.
     """
-    posterior, data = model.posterior, model.data if isinstance(model, SkinModel) else model.experiment
-    asked = requested(model, run)
-    arviz_bridge.require_storable({**asked, **labels_of(data)})
+    posterior, asked = model.posterior, requested(model, run)
+    arviz_bridge.require_storable({**asked, **labels_of(model.data)})
     with one_thread(), nullcontext(workers) if workers is not None else run.settings.workers(posterior) as workers:
-        state = walked(data, posterior, Request(model.options, run), progress, checkpoint, workers)
+        state = walked(model, run, progress, checkpoint, workers)
         (chains, verdict), attributes = sampled_of(state), {**asked, **outcome(state, run)}
         # a separate key makes the draws after sampling independent of the ensembles
         rng = np.random.default_rng(np.random.SeedSequence(run.seed, spawn_key=(1 << 20,)))
@@ -173,11 +143,11 @@ def sample_model(
         ended = verdict.converged and not run.quick
         integrals = _integrals(model.posterior, sampled_of(state)) if ended else None
         if integrals is None or integrals.exact_enough or integrals.pareto_k <= LARGEST_K:
-            ratings, means = model.experiment.ratings, None
+            ratings, means = model.data.ratings, None
             if model.options.scale.model is None:
                 means = workers.later(_means_of_people, ratings, model.options)
             found = assembled(
-                model.experiment,
+                model.data,
                 model.posterior,
                 chains,
                 verdict.burn_in,
@@ -196,10 +166,7 @@ def sample_model(
                 tables[THRESHOLDS] = thresholds.set_index(["load", "reference", "answers"])
             return Result(found.tree, found.summary.join(information_table(found.tree)), tables)
     # importance weights fail: the walk is repeated without the approximation
-    interpretation = model.interpretation._replace(errors_note=f"{model.interpretation.errors_note}{BY_REFERENCE}")
-    observation = model.posterior.observation.without_approximation()
-    sure = replace(model, interpretation=interpretation, posterior=model.posterior.with_term(observation))
-    return sample_model(sure, run, progress)
+    return sample_model(replace(model, approximate=False), run, progress)
 
 
 def sample_kept(
@@ -240,36 +207,25 @@ def sample_kept(
     return result
 
 
-def model_of(data: Experiment | Measurements, options: ModelOptions) -> ExperimentModel | SkinModel:
-    """Return the model of some data, with or without ratings.
-
-    Raises
-    ------
-    InputError
-        If data and options do not make a model.
-    """
-    return build_skin(data, options) if isinstance(data, Measurements) else build(data, options)
-
-
 def walked(
-    data: Experiment | Measurements,
-    density: Density,
-    request: Request,
+    model: ExperimentModel | SkinModel,
+    run: RunOptions,
     progress: Report | None,
     checkpoint: Checkpoint | None,
-    workers: Workers | None = None,
+    workers: Workers,
 ) -> RunState:
-    """Sample until convergence or a limit, from the start or from a checkpoint; arguments as for `sample`."""
+    """Sample until convergence or a limit, from the start or from a checkpoint; arguments as for `sample_model`."""
+    data, density = model.data, model.posterior
     density.space.require_sampled()
-    settings, begin = request.run.settings, None
+    settings, begin = run.settings, None
     if isinstance(data, Experiment) and len(data.ratings) > MANY_RATINGS:
         settings = replace(settings, together=1)
     if checkpoint is not None:
-        begin = checkpoint.begin(identity(data, density, settings, request.choices()))
+        begin = checkpoint.begin(identity(data, density, settings, Request(model.options, run).choices()))
         if begin is not None:
             require_density(density, begin)
     try:
-        for state in walk(density, settings, request.run.seed, begin, workers):
+        for state in walk(density, settings, run.seed, begin, workers):
             if checkpoint is not None:
                 checkpoint.keep(state, settings, density)
             if progress is not None:
@@ -308,7 +264,7 @@ def requested(model: ExperimentModel | SkinModel, run: RunOptions) -> dict[str, 
     }
     if isinstance(model, SkinModel):
         return found
-    chosen, ratings = model.direction, model.experiment.ratings
+    chosen, ratings = model.direction, model.data.ratings
     return found | attributes_of(
         DirectionTaken(
             chosen.direction,
@@ -328,7 +284,7 @@ def requested(model: ExperimentModel | SkinModel, run: RunOptions) -> dict[str, 
         ),
         RatingData(
             ratings.digest,
-            model.experiment.fabrics.digest,
+            model.data.fabrics.digest,
             ratings.n_missing,
             ratings.rating_column,
             ratings.simulated,

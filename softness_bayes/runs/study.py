@@ -23,9 +23,8 @@ from softness_bayes.plotting.studies import Forest, forest_figure
 from softness_bayes.plotting.style import USUAL as USUAL_STYLE
 from softness_bayes.plotting.style import Style, files_of
 from softness_bayes.readable import some_of
-from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
-from softness_bayes.results.run_options import RunOptions
+from softness_bayes.results.run_options import Request, RunOptions
 from softness_bayes.runs.batch import batch, write_asked
 from softness_bayes.runs.population import (
     PooledParameter,

@@ -27,7 +27,7 @@ from softness_bayes.files.lock import Lock
 from softness_bayes.files.run_files import CHECKPOINT, LOCK, POSTERIOR
 from softness_bayes.files.whole import is_part, write_whole
 from softness_bayes.provenance import versions
-from softness_bayes.results.request import Request
+from softness_bayes.results.run_options import Request
 from softness_bayes.runs.run import model_of, sample_kept
 from softness_bayes.sampler.diagnostics import Verdict
 from softness_bayes.sampler.workers import Workers, shares_files

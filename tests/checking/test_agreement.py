@@ -16,7 +16,8 @@ from softness_bayes.likelihood.scales import FALLS, RISES
 from softness_bayes.people.free_means import free_means
 from softness_bayes.report import page
 from softness_bayes.report.cards import Standing, cards
-from softness_bayes.results.fitted import experiment_of, options_of
+from softness_bayes.results.data_groups import experiment_of
+from softness_bayes.results.fitted import options_of
 from softness_bayes.runs.run import sample
 from support import report_runs
 from support.report_runs import OPTIONS, converged, quickly

@@ -17,7 +17,7 @@ import h5py
 import pytest
 
 from softness_bayes.data import formats
-from softness_bayes.results import result_file
+from softness_bayes.results import stored
 from support.command_line import call
 from support.small_result import small_result
 
@@ -75,7 +75,7 @@ def result(change: Callable[[Path], object]) -> Make:
 
 def of_a_later_version(path: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(result_file, "SCHEMA", 99)
+        patch.setattr(stored, "SCHEMA", 99)
         small_result().save(path.parent)
 
 

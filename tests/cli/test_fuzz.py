@@ -198,7 +198,7 @@ def stubbed(monkeypatch):
 
     for module, name in (
         (build, "build"),
-        (build.Parts, "direction"),
+        (build, "evidence_of"),
         (fitted, "build"),
         (accuracy, "choose"),
         (claims, "evaluate_claims"),

@@ -243,7 +243,7 @@ def test_an_interrupt_ends_any_verb_quietly(verb, delay, report_run, tmp_path):
     time.sleep(delay)
     stopped(process, signal.SIGINT, refuses=True)
     for name in ("run", "run-2"):
-        assert Result.load(tmp_path / name).verified
+        assert Result.load(tmp_path / name).provenance
     assert not [path for path in tmp_path.rglob("*") if path.suffix in (".part", ".tmp")]
 
 

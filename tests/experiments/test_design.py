@@ -42,10 +42,10 @@ def test_answers_weight_the_draws_as_the_joint_density_of_all_ratings_does(resul
     outlook = experiment.outlook
     observed, theta = outlook.posterior.observation, outlook.theta
     parameters = outlook.posterior.rating_parameters(theta)
-    names = outlook.model.experiment.ratings.participants
+    names = outlook.model.data.ratings.participants
     conditions = rng.choice(observed.design.n_conditions, 5)
     scene = outlook.model.scene
-    fabrics, loads = outlook.model.experiment.fabrics.names, scene.loads
+    fabrics, loads = outlook.model.data.fabrics.names, scene.loads
     level, drive = outlook.level(None)[0], observed.drive(outlook.posterior.mean_rate(theta), parameters)
     ratings = np.exp(np.median(level[:, None] + drive[:, conditions], axis=0) + rng.normal(0, 0.3, 5))
     touches = [(fabrics[scene.fabric[c]], loads[scene.load[c]]) for c in conditions]
@@ -91,7 +91,7 @@ def test_what_is_chosen(result):
 def test_errors_of_moduli_are_those_of_the_request(result):
     """Of every candidate; moduli at the draws are equal but for rounding, which is no error that the draws have."""
     outlook = outlook_of_run(result, DRAWS)
-    own = outlook.model.experiment.fabrics
+    own = outlook.model.data.fabrics
     for cv, expected in ((None, USUAL_CV), (0.3, 0.3), (0.0, 0.0)):
         errors = outlook.touches(candidates_of(outlook, None, None), (Indentation(2e-3),), cv).table["modulus_sd"]
         assert_allclose(errors, np.sqrt(np.log1p(expected**2)), atol=1e-12)
@@ -156,7 +156,8 @@ def test_a_run_that_has_not_converged_is_refused(result, monkeypatch):
 
 
 def test_before_any_rating(result):
-    from softness_bayes.results.fitted import experiment_of, options_of
+    from softness_bayes.results.data_groups import experiment_of
+    from softness_bayes.results.fitted import options_of
 
     plan = design(experiment_of(result), conditions=2, options=options_of(result), raters=10)
     assert plan.new

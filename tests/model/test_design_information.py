@@ -140,7 +140,7 @@ def test_foreseen_widths_are_those_of_posteriors(seed, scale, factor):
     seen = posterior.observation
     effects = seen.new_effects(rng, parameters, (1,))
     rating = seen.replicate(rng, seen.drive(rate, parameters), parameters, effects)[0]
-    data = model.experiment._replace(ratings=replace(model.experiment.ratings, rating=rating))
+    data = model.data._replace(ratings=replace(model.data.ratings, rating=rating))
     result = sample(data, model.options, RunOptions(), seed=1)
     expected = foresee(model, as_it_is(model), truth)
     draws = result.tree["posterior"].to_dataset()

@@ -12,7 +12,7 @@ from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import NORMAL
 from softness_bayes.likelihood.layout import Layout
 from softness_bayes.likelihood.scales import FALLS, FREE, RISES
-from softness_bayes.model.build import Parts, build
+from softness_bayes.model.build import ExperimentModel, build
 from softness_bayes.model.direction import LEVEL, condition_means, find_trend, mean_correlation, odd_raters
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.touch.contact import Indentation
@@ -139,7 +139,7 @@ def table(rng, slope, modulus=CLOTH, depth=2e-3, participants=8, noise=0.2):
 @pytest.mark.parametrize(("slope", "direction"), [(0.4, RISES), (-0.4, FALLS)])
 def test_the_data_decide(rng, slope, direction):
     experiment = table(rng, slope)
-    found = Parts(experiment, ModelOptions()).direction()
+    found = ExperimentModel(experiment, ModelOptions()).direction
     assert (found.direction, found.asked, found.against_data) == (direction, False, False)
     assert found.evidence.firing == 1.0
     assert f"--direction {direction.name} was chosen from the data" in found.sentence
@@ -147,7 +147,7 @@ def test_the_data_decide(rng, slope, direction):
     assert (decided.direction, decided.decided) == (direction, ("errors", "direction"))
     again = ModelOptions.from_record(decided.record())
     assert again == decided
-    assert not Parts(experiment, again).direction().asked
+    assert not ExperimentModel(experiment, again).direction.asked
 
 
 def with_unknown(experiment, *places):
@@ -160,7 +160,9 @@ def with_unknown(experiment, *places):
 def test_fabrics_of_unknown_modulus_have_no_place_in_the_trend(rng):
     """Their prior median would place them somewhere: here the stiffest ones among the softest."""
     whole = table(rng, 0.4)
-    found, every = (Parts(one, ModelOptions()).direction().evidence for one in (with_unknown(whole, 5, 2), whole))
+    found, every = (
+        ExperimentModel(one, ModelOptions()).direction.evidence for one in (with_unknown(whole, 5, 2), whole)
+    )
     assert (found.left_out, every.left_out) == (2, 0)
     assert found.trend.fabrics == (4,)
     assert "; without 2 fabrics of unknown modulus" in found.sentence
@@ -170,19 +172,19 @@ def test_fabrics_of_unknown_modulus_have_no_place_in_the_trend(rng):
     rating = whole.ratings.rating.reshape(8, 6)[:, kept].ravel()
     assert_allclose(found.trend.mean.value, find_trend(layout, rating).mean.value)
     # with one known modulus, or none, there is no trend to be had, and the medians of the priors take their place
-    assert Parts(with_unknown(whole, 1, 2, 3, 4, 5), ModelOptions()).direction().evidence.left_out == 0
+    assert ExperimentModel(with_unknown(whole, 1, 2, 3, 4, 5), ModelOptions()).direction.evidence.left_out == 0
 
 
 def test_what_is_asked_for_is_taken_and_said_to_be_wrong(rng):
     experiment = table(rng, -0.4)
-    found = Parts(experiment, ModelOptions(direction=RISES)).direction()
+    found = ExperimentModel(experiment, ModelOptions(direction=RISES)).direction
     assert (found.direction, found.asked, found.against_data) == (RISES, True, True)
     assert found.sentence.startswith(
         "the direction contradicts the data: with --direction rises-with-firing the prediction"
     )
     asked = dataclasses.replace(QUICK, direction=RISES, errors=NORMAL)
     assert build(experiment, asked).options == asked
-    right = Parts(experiment, ModelOptions(direction=FALLS)).direction()
+    right = ExperimentModel(experiment, ModelOptions(direction=FALLS)).direction
     assert not right.against_data
     assert right.sentence.startswith("--direction falls-with-firing, as asked: these ratings fall")
 
@@ -190,18 +192,18 @@ def test_what_is_asked_for_is_taken_and_said_to_be_wrong(rng):
 @pytest.mark.parametrize("modulus", [CLOTH, CLOTH[:1]])
 def test_where_the_table_cannot_tell_both_directions_are_sampled(modulus):
     experiment = table(np.random.default_rng(3), 0.0, modulus)
-    found = Parts(experiment, ModelOptions()).direction()
+    found = ExperimentModel(experiment, ModelOptions()).direction
     assert (found.direction, found.evidence.direction, found.against_data) == (FREE, None, False)
     assert "--direction free, because the table cannot decide between" in found.sentence
     # without an exponent there is no sign to sample
-    assert Parts(experiment, ModelOptions(fix={"gamma": 1.0})).direction().direction is RISES
-    assert not Parts(experiment, ModelOptions(direction=FALLS)).direction().against_data
+    assert ExperimentModel(experiment, ModelOptions(fix={"gamma": 1.0})).direction.direction is RISES
+    assert not ExperimentModel(experiment, ModelOptions(direction=FALLS)).direction.against_data
 
 
 def test_beyond_the_turn_falling_ratings_rise_with_firing(rng):
     """Fabrics so stiff that firing falls with stiffness: the same falling ratings are the other reading's."""
     stiff = np.geomspace(1e6, 2e7, 6)
-    found = Parts(table(rng, -0.4, stiff, depth=3e-3), ModelOptions()).direction()
+    found = ExperimentModel(table(rng, -0.4, stiff, depth=3e-3), ModelOptions()).direction
     assert found.evidence.trend.sign == -1
     assert found.evidence.firing < 0.1
     assert found.direction == RISES

@@ -25,7 +25,7 @@ from softness_bayes.model.scenes import scaled, scene_of, touch_parameters, usua
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.parameters.laws import HalfNormal
-from softness_bayes.results.exact import exact_log_likelihood
+from softness_bayes.results.run_checks import exact_log_likelihood
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from softness_bayes.data import Experiment, Fabrics
-from softness_bayes.model.build import COARSE
+from softness_bayes.model.build import COARSE, ExperimentModel
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.reach import DEEP, reach, reach_of, reach_of_priors, wide_contacts
 from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
@@ -62,9 +62,9 @@ def test_stiff_cloth_gets_no_note():
     assert reach_of_priors(STIFF, (Indentation(2e-3),), MENDED) == ""
     made = simulate_ratings(np.random.default_rng(0), STIFF, (Indentation(2e-3),), usual_values(MENDED), participants=3)
     rated = Experiment(made.ratings, STIFF, ())
-    assert reach_of(rated, ModelOptions()) == ""
+    assert reach_of(ExperimentModel(rated)) == ""
     # the run's own skin decides
-    assert reach_of(rated, ModelOptions(fix={"sigma_0": 1e3}))
+    assert reach_of(ExperimentModel(rated, ModelOptions(fix={"sigma_0": 1e3})))
 
 
 def test_indentations_with_wide_contacts_are_named():

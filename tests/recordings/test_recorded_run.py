@@ -15,9 +15,9 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.simulation import simulate_afferents, simulate_compression
 from softness_bayes.plotting.figures import figures_of
 from softness_bayes.recordings.findings import log_additive_sd
-from softness_bayes.results.agreement import agreements
+from softness_bayes.results.other_data import agreements
 from softness_bayes.results.result import Result
-from softness_bayes.runs.run import sample_skin
+from softness_bayes.runs.run import sample
 from support.command_line import call, refused
 
 TRUTH = {"b_rec": 8.0, "m_rec": 3.9, "alpha_rec": 40.0, "beta_rec": 0.02, "rest_rec": 0.97, "sd_rate": 4.0}
@@ -106,7 +106,7 @@ def test_check_describes_the_table(tmp_path):
 
 @pytest.fixture(scope="module")
 def result():
-    return sample_skin(Afferents.read(simulated(1)), max_steps=400, processes=1, seed=1)
+    return sample(Afferents.read(simulated(1)), max_steps=400, processes=1, seed=1)
 
 
 def test_a_run_has_rates_findings_and_a_figure(result, tmp_path):
@@ -144,7 +144,7 @@ def test_plates_and_recordings_say_whether_they_agree_about_the_skin():
 
 def test_a_run_shares_a_skin_with_plates():
     data = Measurements(plates(1), Afferents.read(simulated(1)))
-    run = sample_skin(data, max_steps=40, processes=1, shared=("b", "m"))
+    run = sample(data, max_steps=40, processes=1, shared=("b", "m"))
     assert "b_rec" not in run.summary().index
     assert {"recorded", "compression"} <= {*figures_of(run)}
     assert [one.second for one in run.recorded_findings.agreements] == ["recorded afferents"]
@@ -159,7 +159,7 @@ def test_parameters_are_recovered(result):
 
 
 def test_counts_of_named_afferents_run_too():
-    result = sample_skin(Afferents.read(simulated(2, COUNTED, spiking())), max_steps=60, processes=1, seed=1)
+    result = sample(Afferents.read(simulated(2, COUNTED, spiking())), max_steps=60, processes=1, seed=1)
     assert result.group("posterior")["log_rate_effect"].sizes["afferent"] == 3
     assert {"tau_afferent", "fano"} <= {*result.summary().index}
     assert "sd_rate" not in result.summary().index
@@ -225,7 +225,7 @@ def test_ranks_of_full_runs_are_uniform():
     density = build_skin(Afferents.read(probed()), ModelOptions()).posterior
     for k, point in enumerate(density.space.draw_prior(rng, 200)):
         truth = dict(zip(density.names, point.tolist(), strict=True))
-        run = sample_skin(Afferents.read(simulated(k, truth)), max_steps=300, processes=1, seed=k)
+        run = sample(Afferents.read(simulated(k, truth)), max_steps=300, processes=1, seed=k)
         draws = run.group("posterior")["alpha_rec"].values.ravel()
         fraction.append((draws < truth["alpha_rec"]).mean())
     assert kstest(fraction, "uniform").pvalue > 0.01

@@ -30,8 +30,7 @@ from softness_bayes.report.cards import Standing, cards, exactness_of
 from softness_bayes.report.charts import chart_data
 from softness_bayes.report.page import alternative_text, anonymous, renamed, report_page, write_report
 from softness_bayes.report.tables import MOST_FABRICS, repetition
-from softness_bayes.results.request import Request
-from softness_bayes.results.run_options import DataFiles
+from softness_bayes.results.run_options import DataFiles, Request
 from softness_bayes.touch.readings import CLASSICAL
 from support.report_runs import EVIL, OPTIONS, PERSON, RUNS, TYPED, converged
 

@@ -19,7 +19,7 @@ from softness_bayes.results.draws import (
     draws_per_walker,
 )
 from softness_bayes.results.replicates import replicated_groups
-from softness_bayes.results.request import Request
+from softness_bayes.results.run_options import Request
 from softness_bayes.sampler.chains import Chains
 from support.report_runs import OPTIONS, experiment, quickly
 

@@ -5,11 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from softness_bayes.checking import exactness
 from softness_bayes.checking.exactness import HARMLESS
 from softness_bayes.checking.sentences import exactness_sentence
-from softness_bayes.results import exact
+from softness_bayes.results import run_checks
 from softness_bayes.results.draws import evenly
-from softness_bayes.results.exact import EXACT_DRAWS, FIRST_DRAWS, compare_exactly, exactness_stats
+from softness_bayes.results.run_checks import EXACT_DRAWS, FIRST_DRAWS, compare_exactly, exactness_stats
 from softness_bayes.sampler.workers import Workers
 from support.fake_scene import fake_posterior
 
@@ -31,7 +32,7 @@ def compare(monkeypatch, rng):
             asked.append(len(points))
             return posterior.log_likelihood(points) + [by_point[bytes(point)] for point in points]
 
-        monkeypatch.setattr(exact, "exact_log_likelihood", different)
+        monkeypatch.setattr(run_checks, "exact_log_likelihood", different)
         with Workers(posterior, 1) as workers:
             found = compare_exactly(posterior, theta, workers, reweight)()
         assert sum(asked) == found.difference.size + (FIRST_DRAWS if found.difference.size == EXACT_DRAWS else 0)
@@ -76,7 +77,7 @@ def test_weights_need_every_draw(compare, rng):
 def test_the_error_of_the_spread_is_that_of_repetitions(rng):
     spreads = []
     for _ in range(400):
-        found = exact.compare_likelihoods(("x",), np.zeros((40, 1)), np.zeros(40), 1e-3 * rng.standard_normal(40))
+        found = exactness.compare_likelihoods(("x",), np.zeros((40, 1)), np.zeros(40), 1e-3 * rng.standard_normal(40))
         spreads.append((found.sd, found.sd_error))
     sd, error = np.array(spreads).T
     assert error.mean() == pytest.approx(sd.std(), rel=0.15)

@@ -14,9 +14,9 @@ from softness_bayes.checking.individual import MODULUS_LAW, modulus_laws
 from softness_bayes.checkpoints.saved import read_record
 from softness_bayes.errors import InputError
 from softness_bayes.provenance import Provenance
-from softness_bayes.results import result_file
-from softness_bayes.results.request import Request
+from softness_bayes.results import stored
 from softness_bayes.results.result import Result
+from softness_bayes.results.run_options import Request
 from softness_bayes.supplied import require_trusted
 from support.command_line import FIXED, QUICK, call, few_ratings, refused
 from support.faults import rewritten
@@ -180,7 +180,7 @@ def test_no_command_runs_the_code_that_a_result_names(tampered, monkeypatch):
     refused(call(*READERS[0], "--trust-code"), "there is no module 'evil'", "PYTHONPATH")
     assert not has_run()
     with monkeypatch.context() as patch:  # the control: as before there was a refusal
-        patch.setattr(result_file, "require_trusted", lambda *_: None)
+        patch.setattr(stored, "require_trusted", lambda *_: None)
         call(*READERS[0])
         assert has_run()
     monkeypatch.syspath_prepend(tampered)

@@ -19,8 +19,7 @@ from softness_bayes.likelihood.error_laws import STUDENT
 from softness_bayes.likelihood.scales import SLIDER
 from softness_bayes.model import understanding
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.results.request import Request
-from softness_bayes.results.run_options import RunOptions
+from softness_bayes.results.run_options import Request, RunOptions
 from softness_bayes.runs.batch import ASKED, LOCK, read_asked, write_asked
 from softness_bayes.runs.calibrate import (
     RANKED,

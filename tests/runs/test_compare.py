@@ -24,10 +24,11 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression, simulate_ratings
 from softness_bayes.parameters.laws import HalfNormal
-from softness_bayes.results.fitted import differences, experiment_of, options_of
+from softness_bayes.results.data_groups import experiment_of
+from softness_bayes.results.fitted import differences, options_of
 from softness_bayes.runs.comparison import clustered_error, compare, stacking_weights
 from softness_bayes.runs.left_out import LEAVE, Refits, leave_by_weights
-from softness_bayes.runs.run import sample, sample_skin
+from softness_bayes.runs.run import sample
 from softness_bayes.sampler.diagnostics import Goal
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch.contact import Indentation
@@ -313,7 +314,7 @@ def test_what_is_not_comparable_is_refused(results, experiment):
         compare({"a": right, "b": fitted})
     fingers = simulate_compression(np.random.default_rng(1), usual_values(MENDED, n_fingers=3), fingers=3).compression
     with pytest.raises(InputError, match="b: a run without ratings"):
-        compare({"a": right, "b": sample_skin(fingers, max_steps=2, processes=1)})
+        compare({"a": right, "b": sample(fingers, max_steps=2, processes=1)})
 
 
 WHOLE = {f"whole numbers, {law.name}": {"resolution": 1.0, "errors": law} for law in ERROR_LAWS.values()}

@@ -16,9 +16,8 @@ from softness_bayes.model import build as building
 from softness_bayes.model.fingers import finger_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.laws import LogNormal
-from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
-from softness_bayes.results.run_options import DataFiles, RunOptions
+from softness_bayes.results.run_options import DataFiles, Request, RunOptions
 from softness_bayes.touch.readings import CLASSICAL
 from softness_bayes.touch.scene import Discretisation
 from support.command_line import HELD, few_ratings
@@ -128,9 +127,9 @@ def pairs(tmp_path_factory):
     """Runs of one seed from both faces, and how often the direction was looked for in them."""
     directory = tmp_path_factory.mktemp("faces")
     few_ratings(directory)
-    asked, choose = [], building.Parts.direction
+    asked, choose = [], building.evidence_of
     with quickly(), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(building.Parts, "direction", lambda *given: asked.append(1) or choose(*given))
+        patch.setattr(building, "evidence_of", lambda *given: asked.append(1) or choose(*given))
         found = drawn(directory, 7)
     return found, len(asked)
 

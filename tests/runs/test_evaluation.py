@@ -11,7 +11,7 @@ from softness_bayes.model.build import build, build_skin
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.results.run_options import RunOptions
 from softness_bayes.runs.evaluation import evaluate
-from softness_bayes.runs.run import sample, sample_skin
+from softness_bayes.runs.run import sample
 from softness_bayes.touch.scene import Discretisation
 from support.command_line import HELD
 from support.paths import DATA
@@ -71,7 +71,7 @@ def test_forces_alone_are_evaluated_too(tmp_path, monkeypatch):
     forces = Compression.read(path)
     assert evaluate(build_skin(forces, ModelOptions(fix=SKIN)).posterior).inflection is None
     with pytest.raises(InputError, match="nothing to sample"):
-        sample_skin(forces, fix=SKIN)
+        sample(forces, fix=SKIN)
 
 
 def test_in_python_there_is_nothing_to_sample(experiment):

@@ -11,7 +11,7 @@ from scipy.stats import multivariate_normal
 from softness_bayes.checking.checks import SKINS
 from softness_bayes.checking.individual import POPULATION
 from softness_bayes.errors import InputError
-from softness_bayes.model.build import Parts, build, people_notes
+from softness_bayes.model.build import ExperimentModel, build, people_notes
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.understanding import warnings
 from softness_bayes.touch.finger_grid import FingerGrid
@@ -50,7 +50,7 @@ def test_two_raters_and_two_fabrics_agree_with_quadrature():
         fine = Discretisation(16, 14.0, 1e-8)
         options = ModelOptions(fix={**OPTIONS["fix"], "tau_b": 0.2}, individual=("b",), discretisation=fine)
         model = build(whole, options)
-        posterior, design = model.posterior, Parts(whole, ModelOptions()).design
+        posterior, design = model.posterior, ExperimentModel(whole, ModelOptions()).design
         few = (design.participant < 2) & (design.fabric[design.condition] < 2)
         posterior = posterior.with_term(posterior.observation.without(~few))
         grid = FingerGrid({"b": 169}, reach=7.0)
@@ -82,7 +82,7 @@ def test_the_notes_say_who_was_pressed():
     assert not any("pressed" in note for note in people_notes(experiment(), alike))
     assert "rated and pressed (2 of 5 raters); each is one person" in people_notes(whole, alike)[-1]
     assert "without --individual b all raters have the typical finger" in people_notes(whole, ModelOptions())[-1]
-    said = warnings(Parts(whole, ModelOptions()))
+    said = warnings(ExperimentModel(whole, ModelOptions()))
     assert any("2 of 5 raters" in line for line in said)
     others = replace(whole.compression, participants=("F1", "F2", "F3", "F4"))
     assert "treated as different people" in people_notes(whole._replace(compression=others), alike)[-1]

@@ -14,8 +14,9 @@ from softness_bayes.model import build
 from softness_bayes.plotting.figures import FIGURES
 from softness_bayes.plotting.style import USUAL
 from softness_bayes.results import predictions
-from softness_bayes.results.fitted import experiment_of, options_of
-from softness_bayes.results.request import Request
+from softness_bayes.results.data_groups import experiment_of
+from softness_bayes.results.fitted import options_of
+from softness_bayes.results.run_options import Request
 from softness_bayes.runs.run import sample
 from softness_bayes.touch.load_groups import groups_of
 from support.report_runs import OPTIONS, quickly
@@ -99,9 +100,9 @@ def test_falling_ratings_of_single_measured_loads_are_taken_as_falling(monkeypat
     """No load alone shows an order of fabrics; groups of them do."""
     with quickly():
         options = Request().with_options(**OPTIONS).model
-        found = build.Parts(measured_loads(), options).direction()
+        found = build.ExperimentModel(measured_loads(), options).direction
         assert found.direction is FALLS
         assert found.sentence.startswith("--direction falls-with-firing was chosen from the data")
         # each load alone, as it was before: nothing is seen, and both directions are sampled
         monkeypatch.setattr(build, "groups_of", functools.partial(groups_of, most=1000))
-        assert build.Parts(measured_loads(), options).direction().direction is FREE
+        assert build.ExperimentModel(measured_loads(), options).direction.direction is FREE

@@ -21,7 +21,7 @@ from softness_bayes.parameters.laws import LogNormal
 from softness_bayes.plotting.figures import figures_of
 from softness_bayes.results.result import Result
 from softness_bayes.results.run_options import RunOptions
-from softness_bayes.runs.run import WIDE, sample, sample_skin
+from softness_bayes.runs.run import WIDE, sample
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation
@@ -120,7 +120,7 @@ def shipped():
 
 @pytest.fixture(scope="module")
 def result(shipped):
-    return sample_skin(shipped, max_steps=300, processes=1, seed=1)
+    return sample(shipped, max_steps=300, processes=1, seed=1)
 
 
 def test_the_shipped_forces_give_back_what_they_were_made_from(result):
@@ -196,7 +196,7 @@ def test_human_fingerpads(shared, displacement, b, m):
     data = Compression.read(shared / "data" / GULATI, columns=SUBJECTS)
     assert (len(data), data.n_zero, len(data.participants)) == (16, 4, 4)
     readings = MENDED.override({"skin_displacement": displacement})
-    found = sample_skin(data, WIDE, readings=readings, max_steps=300, processes=1)
+    found = sample(data, WIDE, readings=readings, max_steps=300, processes=1)
     table = found.summary()
     assert b[0] < table.loc["b", "mean"] < b[1]
     assert m[0] < table.loc["m", "mean"] < m[1]

@@ -8,7 +8,7 @@ import pytest
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.error_laws import NORMAL
 from softness_bayes.likelihood.scales import FREE
-from softness_bayes.results.fitted import experiment_of
+from softness_bayes.results.data_groups import experiment_of
 from softness_bayes.results.result import Result
 from softness_bayes.runs.comparison import compare
 from softness_bayes.runs.run import sample

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import json
 
 import numpy as np
 import pandas as pd
@@ -19,11 +20,10 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.results import predictions
-from softness_bayes.results.exact import FIRST_DRAWS
-from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
-from softness_bayes.results.result_file import SCHEMA
-from softness_bayes.results.run_options import RunOptions
+from softness_bayes.results.run_checks import FIRST_DRAWS
+from softness_bayes.results.run_options import Request, RunOptions
+from softness_bayes.results.stored import SCHEMA
 from softness_bayes.runs.run import sample
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch.contact import Force, Indentation
@@ -454,7 +454,7 @@ def test_under_noise_the_result_says_what_rates_it_was_compared_with(experiment,
     monkeypatch.setattr(fixed_channels, "averaged_curve", lambda *_: curve)
     monkeypatch.setattr(predictions, "spike_times", lambda *_: np.empty(0))
     noisy = sample(experiment, *options, noise=1.0, max_steps=4)
-    assert noisy.group("constant_data")["noise_curve_coefficients"].shape == (2, 2)
+    assert len(json.loads(noisy.attributes["noise_curves"])) == 2
     assert "compared with the same noise-averaged firing rates and a finer quadrature" in noisy.attributes["exactness"]
     assert "compared with exact firing rates and a finer quadrature" in result.attributes["exactness"]
 

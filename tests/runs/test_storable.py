@@ -20,10 +20,10 @@ from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression
 from softness_bayes.provenance import Provenance
 from softness_bayes.report.tables import repetition
-from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
+from softness_bayes.results.run_options import Request
 from softness_bayes.runs import run
-from softness_bayes.runs.run import requested, sample, sample_skin
+from softness_bayes.runs.run import requested, sample
 from softness_bayes.touch.readings import MENDED
 from support.paths import DATA
 from support.report_runs import OPTIONS, experiment, quickly
@@ -106,7 +106,7 @@ def test_nothing_is_computed_or_left_of_a_run_that_could_not_be_stored(tmp_path,
         with quickly(), pytest.raises(InputError, match=said):
             sample(asked, **options)
     with pytest.raises(InputError, match=r"finger 'A\\x00'"):
-        sample_skin(fingers)
+        sample(fingers)
     # negative control: what is well walks
     with quickly(), pytest.raises(AssertionError, match="walked"):
         sample(data, **OPTIONS)

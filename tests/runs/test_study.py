@@ -28,7 +28,7 @@ from softness_bayes.results.result import Result
 from softness_bayes.runs import table_fits
 from softness_bayes.runs.batch import ASKED, LOCK, write_asked
 from softness_bayes.runs.population import pool_results, population_of
-from softness_bayes.runs.run import sample_skin
+from softness_bayes.runs.run import sample
 from softness_bayes.runs.study import MADE, Study, study
 from softness_bayes.runs.table_fits import CONVERGED, REFUSED, UNCONVERGED, TableOutcome, seed_of
 from softness_bayes.touch.contact import STRAIN
@@ -66,7 +66,7 @@ def done(tmp_path_factory):
 
 def test_every_table_is_an_ordinary_run(done):
     assert done.named(CONVERGED) == [*TABLES]
-    again = sample_skin(TABLES["B"], OPTIONS, max_steps=2000, processes=1, seed=seed_of(4, "B"))
+    again = sample(TABLES["B"], OPTIONS, max_steps=2000, processes=1, seed=seed_of(4, "B"))
     kept = Result.load(done.directory / RUNS / "B")
     np.testing.assert_array_equal(kept.group("posterior")["b"].values, again.group("posterior")["b"].values)
 
@@ -163,7 +163,7 @@ def test_what_cannot_be_pooled(done, tmp_path):
         pool_results(results, ["b"], {"m": HalfNormal(1.0)})
     with pytest.raises(InputError, match="values below 0"):
         pool_results(results, ["b"], {"b": Uniform(-1.0, 1.0)})
-    other = sample_skin(TABLES["A"], OPTIONS, priors={"b": LogNormal(50, 1.0)}, max_steps=20, processes=1)
+    other = sample(TABLES["A"], OPTIONS, priors={"b": LogNormal(50, 1.0)}, max_steps=20, processes=1)
     with pytest.raises(InputError, match=r"lognormal\(30,1\) in A and lognormal\(50,1\) in D"):
         pool_results({**results, "D": other})
 

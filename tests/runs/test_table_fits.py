@@ -9,9 +9,8 @@ from softness_bayes.data import Compression
 from softness_bayes.files.lock import Lock
 from softness_bayes.files.run_files import CHECKPOINT, LOCK, RUNS
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
-from softness_bayes.results.run_options import RunOptions
+from softness_bayes.results.run_options import Request, RunOptions
 from softness_bayes.runs import table_fits
 from softness_bayes.runs.study import study
 from softness_bayes.runs.table_fits import REFUSED, Fit, fit_table, packed, unpack

@@ -15,7 +15,8 @@ from softness_bayes.model.fingers import finger_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.laws import HalfNormal, Normal, Uniform
 from softness_bayes.report.page import report_page
-from softness_bayes.results.fitted import experiment_of, options_of
+from softness_bayes.results.data_groups import experiment_of
+from softness_bayes.results.fitted import options_of
 from softness_bayes.results.result import Result
 from support.report_runs import COARSE, HELD, experiment, quickly
 from support.variants import VARIANTS, cells, pressed_too

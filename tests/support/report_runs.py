@@ -16,9 +16,9 @@ from softness_bayes.likelihood.scales import SLIDER, STANDARDISED
 from softness_bayes.model import scenes
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression, simulate_ratings
-from softness_bayes.results import assembly, draws, exact, predictions
+from softness_bayes.results import draws, predictions, run_checks
 from softness_bayes.results.result import Result
-from softness_bayes.runs.run import sample, sample_skin
+from softness_bayes.runs.run import sample
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.neuron import fixed_channels
@@ -62,11 +62,10 @@ def quickly() -> Iterator[None]:
         patch.setattr(predictions, "spike_times", lambda *_: np.array([12.0, 30.0, 48.0]))
         patch.setattr(predictions, "ILLUSTRATED", 8)
         patch.setattr(uncertain_loads, "FINE_KNOTS", (-2.0, -1.0, 0.0, 1.0, 2.0))  # exact fields take seconds
-        for module in (draws, assembly):
-            patch.setattr(module, "PRIOR_DRAWS", 200)
-            patch.setattr(module, "REPLICATES", 120)
-        patch.setattr(exact, "EXACT_DRAWS", 50)
-        patch.setattr(exact, "FIRST_DRAWS", 25)  # fewer have no tail for ArviZ
+        patch.setattr(draws, "PRIOR_DRAWS", 200)
+        patch.setattr(draws, "REPLICATES", 120)
+        patch.setattr(run_checks, "EXACT_DRAWS", 50)
+        patch.setattr(run_checks, "FIRST_DRAWS", 25)  # fewer have no tail for ArviZ
         scenes.curve_of_held.cache_clear()  # no curve of the membrane itself, nor this one for whoever comes after
         try:
             yield
@@ -101,7 +100,7 @@ def skin_run() -> Result:
     rng = np.random.default_rng(4)
     made = simulate_compression(rng, usual_values(MENDED, n_fingers=4), fingers=4)
     with quickly():
-        return sample_skin(made.compression, max_steps=20, processes=1, seed=3)
+        return sample(made.compression, max_steps=20, processes=1, seed=3)
 
 
 def slider_run() -> Result:

@@ -5,7 +5,7 @@ import pandas as pd
 
 from softness_bayes import arviz_bridge
 from softness_bayes.results.result import Result
-from softness_bayes.results.result_file import SCHEMA
+from softness_bayes.results.stored import SCHEMA
 
 
 def small_result():

@@ -1,14 +1,17 @@
 """Averaged rate curves stored with a run: they are used again, for the same membrane alone."""
 
 import numpy as np
+import pandas as pd
 import pytest
-import xarray as xr
 
-from softness_bayes.results.constants import restore_curves, stored_curves
+from softness_bayes import arviz_bridge
+from softness_bayes.results.data_groups import restore_curves, stored_curves
+from softness_bayes.results.result import Result
 from softness_bayes.touch.neuron import fixed_channels as module
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels
-from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, HODGKIN_HUXLEY, PAPER_CHANNELS
+from softness_bayes.touch.neuron.membrane import HODGKIN_HUXLEY, PAPER_CHANNELS
 from softness_bayes.touch.neuron.rate_curve import LARGEST_CURRENT, CurveError, RateCurve
+from softness_bayes.touch.readings import Readings
 
 
 class SimulatedError(Exception):
@@ -34,14 +37,16 @@ def refused(*_):
 def test_stored_curves_are_not_simulated_again(simulate):
     simulate(made)
     first = FixedChannels(noise=2.0)
-    values = {name: float(value) for name, value in PAPER_CHANNELS._asdict().items()}
-    stored = {name: (each.dims, each.values) for name, each in stored_curves(first).items()}
+    values = {name: np.float64(value) for name, value in PAPER_CHANNELS._asdict().items()}
+    readings = {f"reading_{place}": name for place, name in Readings().names.items()}
+    attributes = {**stored_curves(first), **readings, "noise": 2.0}
+    result = Result(arviz_bridge.to_tree({"constant_data": values}, attrs=attributes), pd.DataFrame())
     simulate(refused)
     assert FixedChannels(noise=2.0).curve is first.curve  # from memory
     module._KNOWN.clear()
     with pytest.raises(SimulatedError):
         FixedChannels(noise=2.0)
-    restore_curves(xr.Dataset(stored | values), 2.0, CONNOR_STEVENS)
+    restore_curves(result)
     again = FixedChannels(noise=2.0)
     for one, other in zip(again.averaged, first.averaged, strict=True):
         np.testing.assert_array_equal(one.coefficients, other.coefficients)
@@ -56,5 +61,3 @@ def test_stored_curves_are_not_simulated_again(simulate):
 def test_without_noise_nothing_is_stored(simulate):
     simulate(refused)
     assert stored_curves(FixedChannels()) == {}
-    restore_curves(xr.Dataset(), 0.0, CONNOR_STEVENS)
-    assert module._KNOWN == {}

@@ -1,0 +1,258 @@
+"""Plate forces and recorded afferents in the result of a run: replicates, predictions, and agreement of the sources.
+
+Each function draws in a fixed order, so that the seed determines the numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import combinations
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from softness_bayes.checking.checks import check_exponent
+from softness_bayes.data import Afferents, Compression, Experiment, Measurements
+from softness_bayes.data.columns import CURVATURE, DISTANCE, FORCE, INDENTATION
+from softness_bayes.data.ratings import loads_by_column
+from softness_bayes.files.run_files import RECORDED_RATES
+from softness_bayes.likelihood.contract import NO_RESPONSE, Likelihood, Parameters
+from softness_bayes.likelihood.plate import CompressionForces
+from softness_bayes.model.posterior import Density
+from softness_bayes.parameters.declared import EVERY_PARAMETER, RECORDED, SHAREABLE
+from softness_bayes.parameters.space import ParameterSpace
+from softness_bayes.provenance import PlateData, RecordedData, attributes_of
+from softness_bayes.recordings.findings import Agreement, RecordedFindings, log_additive_sd, shifts
+from softness_bayes.recordings.likelihood import RecordedRates
+from softness_bayes.results.draws import Groups, Part, Points, Variable, joined
+from softness_bayes.touch.contact import plate_force
+
+Array = NDArray[np.float64]
+
+POINTS = 60
+"""Number of indentations at which the force of the typical finger is stored."""
+
+PRESSED, RECORDED_ROW = ("force_row",), ("recorded_row",)
+"""Axes of variables with one value per plate force, and per recorded response."""
+
+
+def other_data(rng: np.random.Generator, data: Experiment | Measurements, density: Density, points: Points) -> Part:
+    """Return data, replicates and predictions of plate forces and recorded afferents, of those that a run has.
+
+    Parameters
+    ----------
+    rng
+        Random generator of effects and noise.
+    data, density
+        The data, and the density that was sampled.
+    points
+        Draws of the posterior and of the prior.
+    """
+    recorded, parts = density.term(RECORDED), []
+    if data.compression is not None and density.compression is not None:
+        parts.append(_plate(rng, data.compression, density, density.compression, points))
+    if data.afferents is not None and isinstance(recorded, RecordedRates):
+        parts.append(_recorded(rng, data.afferents, density, recorded, points))
+    return joined(*parts)
+
+
+def _plate(
+    rng: np.random.Generator, data: Compression, density: Density, term: CompressionForces, points: Points
+) -> Part:
+    every, few, prior, curves = (_parameters(density, term, theta) for theta in points)
+    fingers = term.draw_effects(rng, NO_RESPONSE, every)
+    again = term.replicate(rng, term.drive(NO_RESPONSE, few), few, term.draw_effects(rng, NO_RESPONSE, few))
+    strangers = term.new_effects(rng, prior, points.prior.shape[:1])
+    anew = term.replicate(rng, term.drive(NO_RESPONSE, prior), prior, strangers)
+    # from half the smallest to a tenth more than the largest of the data
+    depth = np.geomspace(0.5 * data.indentation.min(), 1.1 * data.indentation.max(), POINTS)
+    b, m = (np.asarray(value)[:, None] for value in (curves.b, curves.m))
+    line, check = plate_force(depth, b, m, displacement=term.model.displacement), check_exponent(term, again)
+    groups: Groups = {
+        "posterior": {
+            "log_b_effect": Variable(fingers.log_b, ("finger",)),
+            "m_effect": Variable(fingers.m, ("finger",)),
+        },
+        "posterior_predictive": {"plate_force_n": Variable(again[None], PRESSED, FORCE.unit)},
+        "prior_predictive": {"plate_force_n": Variable(anew[None], PRESSED, FORCE.unit)},
+        "predictions": {"typical_force_n": Variable(line[None], ("plate_indentation_mm",), FORCE.unit)},
+        "observed_data": {"plate_force_n": Variable(data.force, PRESSED, FORCE.unit)},
+        "constant_data": {
+            "finger_index": Variable(data.participant, PRESSED),
+            "force_indentation_mm": Variable(data.indentation / INDENTATION.factor, PRESSED, INDENTATION.unit),
+        },
+    }
+    coordinates = {
+        "finger": np.array(data.participants),
+        "force_row": data.rows,
+        "plate_indentation_mm": depth / INDENTATION.factor,
+    }
+    found = PlateData(data.digest, data.n_zero, check.points, check.observed, check.low, check.high, check.p_value)
+    return Part(groups, coordinates, attributes_of(found))
+
+
+def _recorded(rng: np.random.Generator, data: Afferents, density: Density, term: RecordedRates, points: Points) -> Part:
+    every, few, prior, curves = (_parameters(density, term, theta) for theta in points)
+    effects, rate = term.draw_effects(rng, NO_RESPONSE, few), term.rate(few)
+    window = np.where(data.counted, data.window, 1.0)
+    again = term.replicate(rng, rate, few, effects) / window
+    strangers = term.new_effects(rng, prior, points.prior.shape[:1])
+    anew = term.replicate(rng, term.rate(prior), prior, strangers) / window
+    expected = term.rate(curves) * term.factors(term.draw_effects(rng, NO_RESPONSE, curves))
+    alone = term.left_out(NO_RESPONSE, few).log_density
+    groups: Groups = {
+        "posterior_predictive": {"recorded_rate_hz": Variable(again[None], RECORDED_ROW, "Hz")},
+        "prior_predictive": {"recorded_rate_hz": Variable(anew[None], RECORDED_ROW, "Hz")},
+        "predictions": {"expected_rate_hz": Variable(expected[None], RECORDED_ROW, "Hz")},
+        "log_likelihood": {"recorded_rate_hz": Variable(alone[None], RECORDED_ROW)},
+        "observed_data": {"recorded_rate_hz": Variable(data.observed, RECORDED_ROW, "Hz")},
+        "constant_data": {
+            "probe_curvature_per_m": Variable(data.curvature, RECORDED_ROW, CURVATURE.unit),
+            "probe_distance_mm": Variable(data.distance / DISTANCE.factor, RECORDED_ROW, DISTANCE.unit),
+            **{
+                f"probe_{column.name}": Variable(values / column.factor, RECORDED_ROW, column.unit)
+                for column, values in loads_by_column(data.loads).items()
+            },
+            "afferent_index": Variable(data.afferent, RECORDED_ROW),
+            "averaged_responses": Variable(data.n, RECORDED_ROW),
+            "averaged_sd_hz": Variable(data.sd, RECORDED_ROW, "Hz"),
+            "count_window_s": Variable(data.window, RECORDED_ROW, "s"),
+        },
+    }
+    coordinates: dict[str, NDArray[Any]] = {"recorded_row": data.rows}
+    if data.names:
+        factors = term.draw_effects(rng, NO_RESPONSE, every).log_factor
+        groups["posterior"] = {"log_rate_effect": Variable(factors, ("afferent",))}
+        coordinates["afferent"] = np.array(data.names)
+    found = _findings(density, term, data, every, expected)
+    attributes = attributes_of(RecordedData(data.digest, found.record()))
+    return Part(groups, coordinates, attributes, {RECORDED_RATES: _table(data, expected, again)})
+
+
+def _parameters(density: Density, term: Likelihood, theta: Array) -> Parameters:
+    return density.parameters_of(term, theta).each(lambda value: np.broadcast_to(value, theta.shape[:-1]))
+
+
+def _findings(
+    density: Density, term: RecordedRates, data: Afferents, own: Parameters, expected: Array
+) -> RecordedFindings:
+    at = term.model.afferent(own)
+    rest, sigma_0 = term.touches.at_rest(at)
+    draws = at._replace(sigma_0=sigma_0)._asdict()
+    natural = {name: draws[name] / EVERY_PARAMETER[name].si for name in SHAREABLE}
+    low, middle, high = np.quantile(rest, [0.05, 0.5, 0.95]).tolist()
+    return RecordedFindings(
+        float(np.sqrt(np.mean((data.observed - expected.mean(axis=0)) ** 2))),
+        log_additive_sd(data),
+        shifts(natural, term.touches.readings.skin_displacement),
+        (low, middle, high),
+        float((rest > 1.0).mean()),
+        agreements(density),
+    )
+
+
+def _table(data: Afferents, expected: Array, again: Array) -> pd.DataFrame:
+    """Return each response with the median of its expectation and 90 % limits of its replicates."""
+    columns: dict[str, Any] = {"recording": data.recording} if data.recording else {}
+    columns["afferent"] = [data.names[k] if k >= 0 else "" for k in data.afferent]
+    loads = loads_by_column(data.loads).items()
+    columns |= {column.name: values / column.factor for column, values in loads if not np.isnan(values).all()}
+    columns |= {CURVATURE.name: data.curvature, DISTANCE.name: data.distance / DISTANCE.factor}
+    columns["rate_hz"] = data.observed
+    columns["expected_hz"] = np.median(expected, axis=0)
+    columns["low_hz"], columns["high_hz"] = np.quantile(again, [0.05, 0.95], axis=0)
+    return pd.DataFrame(columns, index=pd.Index(data.rows, name="row"))
+
+
+CHAIN = ("b", "m", "alpha", "beta", "rest", "sigma_0", "spread", "radius", "depth")
+"""Parameters of which sources may have a common value, without the suffix of recordings."""
+
+STEP = 1e-3
+"""Step of differences in the sampler's coordinates, where parameters have sds of about 0.1."""
+
+STARTS = 5
+"""Prior draws from which a mode is sought, beside the prior's median."""
+
+
+class _Mode(NamedTuple):
+    """The mode of one source's posterior in the sampler's coordinates, by parameter, and its covariance."""
+
+    source: str
+    names: tuple[str, ...]
+    place: Array
+    covariance: Array
+
+
+def agreements(density: Density) -> tuple[Agreement, ...]:
+    """Return how well each pair of sources agrees about their common parameters.
+
+    Every source is fitted alone under the run's priors, by its posterior mode and the curvature there; thus a joint run
+    cannot hide a contradiction behind wider spreads.
+    """
+    sources = list(_sources(density))
+    modes = [_mode(name, _alone(density.space, term)) for name, term in sources] if len(sources) > 1 else []
+    found = []
+    for one, other in combinations(modes, 2):
+        common = [name for name in CHAIN if name in one.names and name in other.names]
+        if common:
+            i, j = ([mode.names.index(name) for name in common] for mode in (one, other))
+            apart = one.place[i] - other.place[j]
+            spread = one.covariance[np.ix_(i, i)] + other.covariance[np.ix_(j, j)]
+            distance = float(apart @ np.linalg.solve(spread, apart))
+            found.append(Agreement(one.source, other.source, distance, len(common)))
+    return tuple(found)
+
+
+def _sources(density: Density) -> list[tuple[str, Likelihood]]:
+    found: list[tuple[str, Likelihood]] = [] if density.compression is None else [("plates", density.compression)]
+    term = density.term(RECORDED)
+    if isinstance(term, RecordedRates):
+        labels = np.array(term.data.recording or [RECORDED] * len(term.data))
+        for label in dict.fromkeys(labels.tolist()):
+            name = f"recording {label}" if term.data.recording else "recorded afferents"
+            found.append((name, term if (labels == label).all() else term.without(labels != label)))
+    return found
+
+
+def _alone(space: ParameterSpace, term: Likelihood) -> Density:
+    """Return the density of one source, with its own parameters."""
+    needs = {*term.model.needs}
+    held = {name: value for name, value in space.held.items() if name in needs}
+    return Density(ParameterSpace(tuple(p for p in space.sampled if p.name in needs), held), (term,))
+
+
+def _mode(source: str, density: Density) -> _Mode:
+    space = density.space
+    starts = np.vstack([space.median, space.draw_prior(np.random.default_rng(0), STARTS)])
+
+    def loss(z: Array) -> Array:
+        return -np.nan_to_num(density(z), nan=-1e12, neginf=-1e12)
+
+    n = space.dimension
+    ends = [minimize(_both(loss, n), start, jac=True, method="BFGS") for start in space.coordinates(starts)]
+    z = min(ends, key=lambda end: float(end.fun)).x
+    steps = STEP * np.eye(n)
+    pairs = steps[:, None] + steps, steps[:, None] - steps
+    points = np.stack([z + pairs[0], z - pairs[0], z + pairs[1], z - pairs[1]]).reshape(-1, n)
+    plus, minus, across, back = loss(points).reshape(4, n, n)
+    curvature = (plus + minus - across - back) / (4.0 * STEP**2)
+    return _Mode(
+        source,
+        tuple(name.removesuffix("_rec") for name in space.names),
+        z,
+        np.asarray(np.linalg.pinv(curvature), float),
+    )
+
+
+def _both(loss: Callable[[Array], Array], n: int) -> Callable[[Array], tuple[float, Array]]:
+    """Return a function that gives a loss at a point and its gradient by central differences, in one batch."""
+    steps = STEP * np.eye(n)
+
+    def both(z: Array) -> tuple[float, Array]:
+        values = loss(np.vstack([z, z + steps, z - steps]))
+        return float(values[0]), (values[1 : n + 1] - values[n + 1 :]) / (2.0 * STEP)
+
+    return both
