@@ -195,9 +195,9 @@ def check_values(
 def joint_p_values(observed: Array, replicated: Array) -> Array:
     """Return the probability that any column of a replicate deviates as much as each of the data, shape (columns,).
 
-    Deviations are in standard deviations of the replicates, about their mean. Beyond nine tenths of the replicates'
-    largest deviations, whose tail is exponential or lighter, the probability falls off by their mean excess. NaN for
-    columns without a value.
+    Deviations are in standard deviations of the replicates, about their mean. The tail beyond nine tenths of the
+    replicates' largest deviations is exponential or lighter: the probability there is that of a further exponential
+    excess, given the k observed ones, (1 + x / (k mean))^-k. NaN for columns without a value.
     """
     known = np.isfinite(observed) & np.isfinite(replicated).any(axis=0)
     found = np.full(observed.shape, np.nan)
@@ -212,10 +212,11 @@ def joint_p_values(observed: Array, replicated: Array) -> Array:
     largest = np.sort(np.nan_to_num(deviation(replicated[:, known])).max(axis=1))
     size = largest.size
     limit = largest[int(TAIL * size)]
-    excess = max(float((largest[int(TAIL * size) :] - limit).mean()), ROUNDING)
+    further = largest[int(TAIL * size) + 1 :] - limit
     own = deviation(observed[known])
     counted = (size - np.searchsorted(largest, own * (1.0 - 1e-9)) + 1.0) / (size + 1.0)
-    beyond = (1.0 - TAIL) * np.exp(-np.maximum(own - limit, 0.0) / excess)
+    ratio = np.maximum(own - limit, 0.0) / max(float(further.sum()), ROUNDING)
+    beyond = (1.0 - TAIL) * (1.0 + ratio) ** -further.size
     found[known] = np.where(own > limit, beyond, counted)
     return found
 

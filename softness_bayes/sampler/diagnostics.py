@@ -358,7 +358,9 @@ def look(
     if not verdict.agrees:
         return verdict
     # effective sample sizes take longest, and are computed only if all other criteria hold
-    bulk, tail = ess_bulk(walks, tau), ess_tail(walks, tau)
+    bulk, quantities = ess_bulk(walks, tau), values.shape[-1]
+    # a share is a mean of zeros and ones, which has no tails
+    tail = np.concatenate([ess_tail(walks[:, :quantities], tau[:quantities]), bulk[quantities:]])
     return replace(verdict, ess_bulk=bulk, ess_tail=tail, ess_between=ess_between(walks))
 
 

@@ -143,15 +143,19 @@ def test_p_values_are_adjusted_by_holm_s_method():
     assert adjusted(table.assign(law="prior")).isna().all()
 
 
-def test_a_correct_model_rarely_fails_any_check(rng):
-    """Of all quantities and loads together; unadjusted, about every second table would (the control)."""
+@pytest.mark.parametrize(("laboratories", "most"), [(20, 0.25), pytest.param(200, 0.14, marks=pytest.mark.slow)])
+def test_a_correct_model_rarely_fails_any_check(rng, laboratories, most):
+    """5 % for the turning points and 5 % for all others; unadjusted, about every second table would (the control).
+
+    The bars are two standard errors above 10 %.
+    """
     alarms = []
-    for _ in range(40):
+    for _ in range(laboratories):
         checks = check_table(tree(rng)).loc["posterior"]
         plain = 1.0 - (2.0 * checks["p_value"] - 1.0).abs()
         alarms.append([bool((checks["p_adjusted"] < 0.05).any()), bool((plain < 0.05).any())])
     share = np.mean(alarms, axis=0)
-    assert share[0] <= 0.2
+    assert share[0] <= most
     assert share[1] > 0.5
 
 

@@ -233,6 +233,13 @@ def test_complete_orders_have_no_spread_of_participants():
     assert np.isnan(BY_NAME["spread of participants"].of(table, fit)).all()
 
 
+@pytest.mark.parametrize("size", [99, 999])
+def test_small_joint_p_values_are_as_rare_with_few_replicates(rng, size):
+    """Of exponential deviations, whose tail is the heaviest that is assumed, one in a thousand is below 0.001."""
+    found = [joint_p_values(curves[0], curves[1:])[0] for curves in rng.exponential(size=(4000, size + 1, 1))]
+    assert np.mean(np.array(found) < 0.001) <= 0.002
+
+
 def test_joint_p_values_are_those_of_the_largest_deviation(rng):
     """Uniform for exchangeable curves, and in the tail within a factor of a few of the exact probability."""
     found = []

@@ -43,6 +43,20 @@ def test_a_run_of_fifteen_times_converges_and_one_of_ten_does_not():
     assert look(NAMES, values[:, :700], goal=cautious).converged
 
 
+def test_a_mode_that_few_walkers_visit_has_no_tails():
+    """Its share is judged by its mean alone: 5 and 95 % quantiles of zeros and ones say nothing."""
+    rng = np.random.default_rng(12)
+    values = autoregressive(rng, (4, 400, 80, 2), 10.0)
+    inside = np.zeros((4, 400, 80, 2), bool)
+    inside[..., 0] = True
+    visits = rng.integers(0, [3, 400, 80], size=(12, 3))  # never in the last ensemble
+    inside[tuple(visits.T)] = [False, True]
+    verdict = look(NAMES, values, inside=inside)
+    assert verdict.ess_tail.shape == (4,)
+    assert verdict.ess_tail.min() > 1600
+    assert verdict.more_steps >= 0
+
+
 def test_what_converged_is_as_exact_as_promised():
     """Means within 0.1 sd and 5 % quantiles within 0.2 sd in 99 % of runs, stopped at the first check that passes."""
     rng, q, wrong, runs = np.random.default_rng(21), -1.6448536, 0, 100
