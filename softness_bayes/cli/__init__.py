@@ -126,8 +126,7 @@ class VerbGroup(click.Group):
                 raise click.UsageError(f"{error.format_message()}\n{advice}", error.ctx) from None
             raise
         except (SoftnessError, MemoryError, OSError) as error:
-            # without the remedy, which stands in the advice
-            message = str(error.args[0]) if isinstance(error, InputError) and error.args else str(error)
+            message = str(error)
             code = getattr(error, "exit_code", InputError.exit_code)
             if isinstance(error, MemoryError):
                 message, code = f"memory ran out ({error or 'no more is available'}); {LESS_MEMORY}", 6

@@ -82,8 +82,6 @@ def of_input(
     reads
         Whether a command reads its tables.
     """
-    from softness_bayes.data.reading import words_of
-
     matches = [(match, advise) for pattern, advise in ADVICE if (match := re.search(pattern, message))]
     for hint in (*hints, {}):
         added = words_of(hint)
@@ -95,6 +93,12 @@ def of_input(
             return TRY + shlex.join(words)
     verb = next((word for word in typed if word in WORKS), None)
     return "" if verb is None else f"{TRY}{PROGRAM} {verb} --help"
+
+
+def words_of(hint: Mapping[str, str]) -> list[str]:
+    """Return the options that read a table with other columns, by name, or as a wide one."""
+    columns = [word for name, title in hint.items() if name != "wide" for word in ("--column", f"{name}={title}")]
+    return [*columns, *(["--wide"] if "wide" in hint else [])]
 
 
 def working(verb: str, typed: Sequence[str] = ()) -> list[str]:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import cache, partial
 from hashlib import sha256
 from importlib.resources import files
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,22 +23,21 @@ from softness_bayes.data.columns import (
     MODULUS_SOURCES,
     NUMBERS,
     RATINGS,
+    Kind,
 )
 from softness_bayes.data.decimals import Marks, is_missing
 from softness_bayes.data.fabrics import USUAL_POISSON_RATIO, Fabrics
-from softness_bayes.data.faults import TableError, identity, listing, together
+from softness_bayes.data.faults import identity, listing
 from softness_bayes.data.formats import TableSource
 from softness_bayes.data.measurements import Afferents, Compression
 from softness_bayes.data.ratings import FREE_TOUCH, LOAD_COLUMNS, Ratings, loads_of, with_drift, with_rounded_loads
-from softness_bayes.data.reading import check_renames, has_sheet, read_table, with_hints
+from softness_bayes.data.reading import check_renames, has_sheet, read_table
 from softness_bayes.data.shapes import Request
 from softness_bayes.data.tables import FloatArray, Table
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import write_outputs
 from softness_bayes.files.spreadsheet import csv_of
 from softness_bayes.ranges import require_kind, require_mapping
-
-Read = TypeVar("Read")
 
 __all__ = [
     "LOAD_COLUMNS",
@@ -171,55 +169,45 @@ def read_experiment(
     request = Request(LOADED if given else RATINGS, columns or {}, decimal, wide)
     source, place = _separate_fabrics(ratings_path, fabrics_path, request)
 
-    def read(request: Request) -> Experiment:
-        described = None
-        if source is not None:
-            described = cache(partial(read_table, source, request._replace(kind=FABRICS)))
-            request = request._replace(fabrics=lambda: described().labels("fabric"))
-        else:
-            request = request._replace(kind=request.kind.and_also(FABRICS))
-        table = read_table(ratings_path, request)
-        own = [column.name for column in MODULUS_SOURCES if column.name in table]
-        fabric_table, notes = table, list[str]()
-        if described is not None and not (own and fabrics_path is None):
-            fabric_table = described()
-            if own:
-                notes.append(
-                    f"{table.label}: {listing(own)} not used, because properties of fabrics are read from "
-                    f"{fabric_table.place}"
-                )
-            elif place:
-                notes.append(f"properties of fabrics are read from {fabric_table.place}, found {place}")
-        elif not own:
-            table.refuse(_NO_FABRICS)
-        measured = _measured(request, compression_path, afferents_path)
-        check_renames(request.renames, table, fabric_table, *measured.values())
-        faults: list[TableError] = []
-        compression, afferents = _measurements(measured, faults)
-        fabrics = None
-        if own or fabric_table is not table:
-            fabrics = _tried(faults, partial(Fabrics.from_table, fabric_table, repeated=fabric_table is table))
-        cloth = fabrics
-        if cloth is None and (names := tuple(filter(None, dict.fromkeys(fabric_table.texts("fabric"))))):
-            # so that the other faults of the ratings are found too
-            cloth = Fabrics(names, effective_modulus=np.ones(len(names)), source=fabric_table.place)
-        ratings = _tried(faults, partial(Ratings.from_table, table, cloth, given, drop_zeros))
-        if faults or fabrics is None or ratings is None:
-            raise together(faults)
-        if round_load is not None:
-            ratings = with_rounded_loads(ratings, round_load)
-        ratings = with_drift(ratings) if drift else ratings
-        if unrated := [name for name in fabrics.names if name not in ratings.fabrics]:
-            notes.append(f"fabrics without a rating, left out: {listing(unrated)}")
-        if isinstance(ratings_path, (str, Path)) and _is_simulated(Path(ratings_path), ratings.digest):
-            ratings = replace(ratings, simulated=True)
-        if compression is not None:
-            compression = _with_names_of(compression, ratings.participants)
-        notes += Measurements(compression, afferents).notes
-        every = tuple(dict.fromkeys((*ratings.notes, *fabrics.notes, *notes)))
-        return Experiment(ratings, fabrics.take(ratings.fabrics), every, compression, afferents)
-
-    return with_hints(read, request)
+    described = None
+    if source is not None:
+        described = read_table(source, request._replace(kind=FABRICS))
+        request = request._replace(fabrics=described.labels("fabric"))
+    else:
+        request = request._replace(kind=request.kind.and_also(FABRICS))
+    table = read_table(ratings_path, request)
+    own = [column.name for column in MODULUS_SOURCES if column.name in table]
+    fabric_table, notes = table, list[str]()
+    if described is not None and not (own and fabrics_path is None):
+        fabric_table = described
+        if own:
+            notes.append(
+                f"{table.label}: {listing(own)} not used, because properties of fabrics are read from "
+                f"{fabric_table.place}"
+            )
+        elif place:
+            notes.append(f"properties of fabrics are read from {fabric_table.place}, found {place}")
+    elif not own:
+        table.refuse(_NO_FABRICS)
+    measured = _measured(request, compression_path, afferents_path)
+    check_renames(request.renames, table, fabric_table, *measured.values())
+    compression, afferents = _measurements(measured)
+    known = own or fabric_table is not table
+    fabrics = Fabrics.from_table(fabric_table, repeated=fabric_table is table) if known else None
+    ratings = Ratings.from_table(table, fabrics, given, drop_zeros)
+    assert fabrics is not None  # the table was refused
+    if round_load is not None:
+        ratings = with_rounded_loads(ratings, round_load)
+    ratings = with_drift(ratings) if drift else ratings
+    if unrated := [name for name in fabrics.names if name not in ratings.fabrics]:
+        notes.append(f"fabrics without a rating, left out: {listing(unrated)}")
+    if isinstance(ratings_path, (str, Path)) and _is_simulated(Path(ratings_path), ratings.digest):
+        ratings = replace(ratings, simulated=True)
+    if compression is not None:
+        compression = _with_names_of(compression, ratings.participants)
+    notes += Measurements(compression, afferents).notes
+    every = tuple(dict.fromkeys((*ratings.notes, *fabrics.notes, *notes)))
+    return Experiment(ratings, fabrics.take(ratings.fabrics), every, compression, afferents)
 
 
 def read_measurements(
@@ -230,30 +218,23 @@ def read_measurements(
     decimal: Marks = None,
 ) -> Measurements:
     """Read plate forces, recorded afferents, or both; arguments and errors as for `read_experiment`."""
-
-    def read(request: Request) -> Measurements:
-        tables, faults = _measured(request, compression_path, afferents_path), list[TableError]()
-        check_renames(request.renames, *tables.values())
-        found = _measurements(tables, faults)
-        if faults:
-            raise together(faults)
-        return found
-
-    return with_hints(read, Request(AFFERENTS, columns or {}, decimal))
+    tables = _measured(Request(AFFERENTS, columns or {}, decimal), compression_path, afferents_path)
+    check_renames(columns or {}, *tables.values())
+    return _measurements(tables)
 
 
-def _measured(request: Request, compression: TableSource | None, afferents: TableSource | None) -> dict[str, Table]:
+def _measured(request: Request, compression: TableSource | None, afferents: TableSource | None) -> dict[Kind, Table]:
     """Return the tables of measurements that are given, by their kind."""
     given = ((FORCES_OF_A_PLATE, compression), (AFFERENTS, afferents))
-    return {kind.sheet: read_table(path, request._replace(kind=kind)) for kind, path in given if path is not None}
+    return {kind: read_table(path, request._replace(kind=kind)) for kind, path in given if path is not None}
 
 
-def _measurements(tables: Mapping[str, Table], faults: list[TableError]) -> Measurements:
-    """Return the measurements of some tables, and add the faults of these to the list."""
-    plate, recorded = tables.get(FORCES_OF_A_PLATE.sheet), tables.get(AFFERENTS.sheet)
+def _measurements(tables: Mapping[Kind, Table]) -> Measurements:
+    """Return the measurements of some tables."""
+    plate, recorded = tables.get(FORCES_OF_A_PLATE), tables.get(AFFERENTS)
     return Measurements(
-        None if plate is None else _tried(faults, partial(Compression.from_table, plate)),
-        None if recorded is None else _tried(faults, partial(Afferents.from_table, recorded)),
+        None if plate is None else Compression.from_table(plate),
+        None if recorded is None else Afferents.from_table(recorded),
     )
 
 
@@ -290,11 +271,16 @@ def read_answers(
     given = loads_of(indentation_mm, force_n, load)
     request = Request((LOADED if given else RATINGS).and_also(FABRICS), columns or {}, decimal, wide)
     source, _ = _separate_fabrics(ratings_path, fabrics_path, request)
+    described = None if source is None else read_table(source, request._replace(kind=FABRICS))
+    if described is not None:
+        request = request._replace(fabrics=described.texts("fabric"))
     table = read_table(ratings_path, request)
-    described = table if source is None else read_table(source, request._replace(kind=FABRICS))
+    described = described or table
     if not all(is_missing(text) for column in MODULUS_SOURCES for text in described.texts(column.name)):
         return None
     ratings = Ratings.from_table(table, None, given, drop_zeros, loads_needed=False)
+    if described is not table:  # a column of moduli may have been passed over
+        ratings = replace(ratings, notes=(*ratings.notes, *described.origin(described.notes)["notes"]))
     return with_drift(ratings) if drift else ratings
 
 
@@ -307,15 +293,6 @@ def _with_names_of(compression: Compression, raters: Sequence[str]) -> Compressi
         return compression
     note = f"{compression.source}: participants are named as in the ratings: {listing(changed)}"
     return replace(compression, participants=names, notes=(*compression.notes, note))
-
-
-def _tried(faults: list[TableError], read: Callable[[], Read]) -> Read | None:
-    """Return the result of reading, or None after adding the faults of the table to the list."""
-    try:
-        return read()
-    except TableError as error:
-        faults.append(error)
-        return None
 
 
 def _is_simulated(path: Path, digest: str) -> bool:

@@ -202,16 +202,6 @@ def _may_be_two(table: Table, joined: Table, name: str, groups: Sequence[Sequenc
     return ()
 
 
-def with_dates_named(table: Table) -> Table:
-    """Say that names are dates, which a spreadsheet program may have made of them."""
-    for name in ("participant", "fabric"):
-        days = [t for t in dict.fromkeys(table.texts(name)) if re.fullmatch("[12][0-9]{3}-[01][0-9]-[0-3][0-9]", t)]
-        if days:
-            note = f"{listing(days, 3)} are dates: did a spreadsheet program turn names into dates?"
-            table = table.noted(f"column {table.titles[name]!r}: {note}")
-    return table
-
-
 def with_people_known(table: Table) -> Table:
     """Refuse rows of one fabric and load that repeat, where an unused column tells them apart as people would."""
     people = {*table.texts("participant")}
@@ -288,18 +278,16 @@ def _chances_of_equal(table: Table, rows: Sequence[int], distinct: Sequence[int]
     It is that of an error of 30 % that rounding hides, or four times that of two equal ratings of different touches,
     if this is larger; and at most 0.6, as on a scale of a few categories.
     """
-    people, texts, values = table.texts("participant"), table.texts("rating"), np.abs(table.plainly("rating"))
-    alike = {}
-    for who in {*people}:
+    people, texts = table.texts("participant"), table.texts("rating")
+    step = np.array([10.0 ** -_decimals(text) for text in texts])
+    error = 0.75 * np.abs(np.nan_to_num(table.plainly("rating")))
+    chance = np.maximum(step / np.maximum(error, step), np.where(step < 1, 1e-3, 0.1))
+    for who in {people[i] for i in rows}:
         count = Counter(texts[k] for k in distinct if people[k] == who)
-        pairs = count.total() * (count.total() - 1)
-        alike[who] = sum(n * (n - 1) for n in count.values()) / pairs if pairs else 0.0
-    found = []
-    for i in rows:
-        decimals = _decimals(texts[i])
-        rounding = 10.0**-decimals / (0.75 * values[i]) if values[i] > 0 else 1.0
-        found.append(min(0.6, max(rounding, 1e-3 if decimals else 0.1, 4.0 * alike[people[i]])))
-    return found
+        alike = sum(n * (n - 1) for n in count.values()) / max(1, count.total() * (count.total() - 1))
+        own = np.array([name == who for name in people])
+        chance[own] = np.maximum(chance[own], 4.0 * alike)
+    return np.minimum(chance, 0.6)[[*rows]].tolist()
 
 
 def with_true_steps(table: Table) -> Table:
@@ -356,13 +344,11 @@ def without_unloading(table: Table) -> Table:
     for rows in presses.values():
         step = np.diff(depth[rows])
         usual = float(np.median(np.abs(step[step != 0]))) if (step != 0).any() else 0.0
-        down = 0
-        for k in range(len(step)):
-            small = step[k] < 0 and -step[k] <= 5.0 * usual
-            pressed = down or (k >= 3 and (step[k - 3 : k] >= 0).all())
-            down = down + 1 if small and pressed else 0
-            if down >= 3:
-                left += rows[k - 1 : k + 2] if down == 3 else [rows[k + 1]]
+        back = (step < 0) & (-step <= 5.0 * usual)  # larger ones begin another press
+        for run in np.split(np.arange(step.size), np.flatnonzero(np.diff(back)) + 1):
+            # that of pressing in before it has three steps, too
+            if run.size >= 3 and back[run[0]] and run[0] >= 3 and (step[run[0] - 3 : run[0]] >= 0).all():
+                left += [rows[k + 1] for k in run]
     if not left:
         return table
     return table.without(sorted(left), "the plate moves back there; only forces of pressing in are used")

@@ -105,16 +105,11 @@ class TableError(InputError):
     problems
         Descriptions of the problems, with row and column if applicable.
     hints
-        What may mend it.
-
-    Attributes
-    ----------
-    remedy
-        What mends it, as options of the command line, tried before.
+        Ways that may mend it.
     """
 
     def __init__(self, place: str, problems: Sequence[Fault], hints: Sequence[Hint] = ()) -> None:
-        self.place, self.problems, self.hints, self.remedy = place, tuple(problems), tuple(hints), ""
+        self.problems, self.hints = tuple(problems), tuple(hints)
         super().__init__(_message(place, self.problems))
 
     @property
@@ -122,24 +117,9 @@ class TableError(InputError):
         """Return the ways to mend it, all at once first, then each of the first few."""
         every: dict[str, str] = {}
         for hint in self.hints:
-            if not hint.keys() & every.keys() and not {*hint.values()} & {*every.values()}:
+            if "wide" not in hint and not hint.keys() & every.keys() and not {*hint.values()} & {*every.values()}:
                 every |= hint
         return [*([every] if len(every) > 1 else []), *self.hints[:4]]
-
-    def __str__(self) -> str:
-        return str(self.args[0]) + (f"\n  try: {self.remedy}" if self.remedy else "")
-
-
-def together(errors: Sequence[TableError]) -> TableError:
-    """Combine the errors of several tables into one, with each problem of a table listed once."""
-    by_place: dict[str, dict[Fault, None]] = {}
-    for error in errors:
-        # if a table was read twice, the later attempt found more problems, in order
-        by_place[error.place] = dict.fromkeys(error.problems) | by_place.get(error.place, {})
-    every = [problem for problems in by_place.values() for problem in problems]
-    combined = TableError(errors[0].place, every, [hint for error in errors for hint in error.hints])
-    combined.args = ("\n".join(_message(place, tuple(problems)) for place, problems in by_place.items()),)
-    return combined
 
 
 def _message(place: str, problems: Sequence[Fault]) -> str:
@@ -157,12 +137,8 @@ def _message(place: str, problems: Sequence[Fault]) -> str:
     texts = [text for _, text in sorted(lines, key=lambda line: line[0])]
     if len(problems) == 1:
         return f"{place}: {texts[0]}"
-    if len(texts) == 1:
-        return f"{place}: {len(problems)} equal problems in {texts[0]}"
-    shown = f", of which the first {SHOWN} are" if len(texts) > SHOWN else ""
-    if shown and len(texts) < len(problems):
-        shown = f" in {len(texts)} lines{shown}"
-    return "\n  ".join([f"{place}: {len(problems)} problems{shown}:", *texts[:SHOWN]])
+    more = [f"… and {len(texts) - SHOWN} more lines"] if len(texts) > SHOWN else []
+    return "\n  ".join([f"{place}: {len(problems)} problems:", *texts[:SHOWN], *more])
 
 
 def _line(faults: Sequence[Fault]) -> str:

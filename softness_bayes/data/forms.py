@@ -11,7 +11,6 @@ from softness_bayes.data.columns import GEOMETRIC_MEAN, GEOMETRIC_SD, NAMES, NUM
 from softness_bayes.data.decimals import SheetNumber, is_missing
 from softness_bayes.data.faults import listing
 from softness_bayes.data.tables import FloatArray, IntArray, Table, unused_note
-from softness_bayes.errors import quoted
 from softness_bayes.files.spreadsheet import unescaped
 from softness_bayes.readable import counted
 
@@ -26,11 +25,6 @@ def unpaired(table: Table) -> Table:
     from scipy.special import betaincinv
 
     first, second = (table.titles[name] for name in ("fabric", "fabric_2"))
-    if "list" in table:
-        table.refuse(
-            f"columns {second!r} and {table.titles['list']!r}: each row is already a pair, so a list has no meaning; "
-            "remove one of these columns"
-        )
     answers = ["" if is_missing(text) else text.replace(",", ".") for text in table.texts("rating")]
     for i in (i for i, text in enumerate(answers) if text not in _OTHER):
         expected = "expected 1 if the first fabric of the pair was softer, 0 if the second was, or 0.5 if neither"
@@ -56,6 +50,7 @@ def unpaired(table: Table) -> Table:
     rows = table.take(np.repeat(kept, 2))
     rows = rows.with_texts("fabric", [name for i in kept for name in pairs[i]])
     rows = rows.with_texts("rating", [text for i in kept for text in (answers[i], _OTHER[answers[i]])])
+    rows = rows.called({"list": ""}) if "list" in rows else rows
     return rows.with_texts("fabric_2", [str(1 + k) for k in range(len(kept)) for _ in (0, 1)], *notes).called(
         {"fabric_2": "list"}
     )
@@ -160,7 +155,7 @@ def covariates_in(table: Table, participants: Sequence[str]) -> tuple[dict[str, 
 
     A column is a covariate if no participant has two different texts in it (ignoring empty cells and codes for missing
     numbers) and some participant has several rows; with one row each, any column would be constant. Texts are as
-    written, and empty if all cells are. Notes list the columns that are covariates, and those that were renamed.
+    written, and empty if all cells are.
 
     Parameters
     ----------
@@ -172,16 +167,13 @@ def covariates_in(table: Table, participants: Sequence[str]) -> tuple[dict[str, 
     others, by = table.others, table.texts("participant")
     if not others or "participant" not in table or len(set(by)) == len(by):
         return {}, [*table.notes]
-    found, varying = {}, []
+    found: dict[str, tuple[str, ...]] = {}
     for title, texts in others.items():
         told: dict[str, dict[str, None]] = {name: {} for name in by}
         for name, text in zip(by, texts, strict=True):
             told[name].setdefault(text)
         known = {name: [text for text in own if not is_missing(text)] for name, own in told.items()}
-        several = [name for name, own in known.items() if len(own) > 1]
-        if several and 2 * len(several) < len(known):
-            varying.append(f"column {quoted(title)} is not a covariate: it varies within {quoted(several[0])}")
-        elif not several and any(known.values()):
+        if any(known.values()) and all(len(own) < 2 for own in known.values()):
             found[title] = tuple((known[name] or [*told[name]])[0] for name in participants)
     # what is a covariate is not unused
     unused = unused_note([title for title in others if title not in found])
@@ -189,13 +181,7 @@ def covariates_in(table: Table, participants: Sequence[str]) -> tuple[dict[str, 
     if found:
         notes.append(f"copied to the results as covariates of participants (no model uses them): {listing([*found])}")
     taken = {title.casefold() for title in others}
-    names = {title: _kept_name(title, taken) for title in found}
-    notes += [
-        f"covariate {quoted(title)} is renamed {quoted(name)}, because tables of the run have a column of that name"
-        for title, name in names.items()
-        if name != unescaped(title)
-    ]
-    return {names[title]: texts for title, texts in found.items()}, notes + varying
+    return {_kept_name(title, taken): texts for title, texts in found.items()}, notes
 
 
 def _kept_name(title: str, others: Collection[str]) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Mapping, Sequence
 
@@ -22,8 +21,8 @@ from softness_bayes.data.columns import (
     reversed_remark,
 )
 from softness_bayes.data.decimals import is_missing, looks_numeric, mostly_numeric
-from softness_bayes.data.faults import MOST_GUESSED, listing
-from softness_bayes.data.titles import LONGEST_TITLE, UNITS, Title, Unit, analysed, bag, is_unit, key, unit_named
+from softness_bayes.data.faults import listing
+from softness_bayes.data.titles import UNITS, Title, Unit, analysed, bag, is_unit, key, unit_named
 from softness_bayes.errors import InputError, quoted
 
 
@@ -74,7 +73,6 @@ class Header:
         if "rating" in kind.columns:
             self._take_means()
         sought = [name for name in kind.sought(self.at) if not (name == "rating" and holds_cells(self.at))]
-        less_clear = LESS_CLEAR.get(kind.sheet, {})
         meant: dict[str, list[str]] = {}
         for text in self.free:
             for name in {OWNERS[words] for words in self.titles[text].bags if words in OWNERS}:
@@ -82,11 +80,16 @@ class Header:
         for name in sought:
             self._take_meant(name, meant.get(name, ()), sure=True)
         for name in sought:
-            words = map(bag, less_clear.get(name, "").split(", ")) if name not in self.at else ()
-            self._take_meant(
-                name, [text for one in words for text in self.free if one in self.titles[text].bags], False
-            )
-        self._guess([name for name in sought if name in kind.needed(self.at)])
+            words, free = LESS_CLEAR.get(kind.sheet, {}).get(name, "").split(", "), self.free
+            near = [text for one in map(bag, words) for text in free if one in self.titles[text].bags]
+            if name not in self.at:
+                self._take_meant(name, near, sure=False)
+        if "rating" in kind.needed(self.at):
+            for text in self.free:
+                if is_reversed(text):
+                    self.perhaps[text] = ("rating", reversed_remark(text))
+                elif WORDS_FOR_RATINGS & {*key(text).split()}:
+                    self.perhaps.setdefault(text, ("rating", ""))
         self.notes += [
             f"column {quoted(text)} may contain loads but is not read: the given load is used for all ratings"
             for name in sorted(kind.given - self.at.keys())
@@ -112,50 +115,44 @@ class Header:
         means = holds_cells(at)
         for name in NAMES:
             if name in at and (means or name not in OF_CELLS):
-                self.at[name] = at[name]
-                self._take_unit(name, self.titles[at[name]])
+                self._take(name, self.titles[at[name]], f"column {quoted(at[name])}: ")
 
-    def _take_unit(self, name: str, title: Title) -> None:
-        """Record the unit in a title that the user named; raise an error for a unit of another quantity."""
-        quantity, unit = quantity_of(name), title.unit
-        self._require_no_power(name, title)
-        if not quantity or not unit or title.text.casefold() == name:
-            return
-        if unit_named(unit, quantity):
-            self._convert(name, title, f"column {quoted(title.text)}: ")
+    def _take(self, name: str, title: Title, lead: str) -> bool:
+        """Record that a column is the one of a name, and its unit; return whether there was something to say of it.
+
+        Raises
+        ------
+        InputError
+            If the unit is of another quantity, or there is a power of ten beside the words, which some multiply by and
+            others divide by.
+        """
+        self.at[name] = title.text
+        self.perhaps.pop(title.text, None)
+        quantity, said = quantity_of(name), f"{self.place}, column {quoted(title.text)}: "
+        if not quantity:
+            return False
+        column, unit = NUMBERS[name], title.unit
+        if title.power:
+            stem, power = title.stem.strip(" ,;([x×*·/"), re.sub(r"^[\W]*[xX]?\s*|\W+$", "", title.power)
+            unit = column.unit if unit is None else unit
+            raise InputError(
+                f"{said}are its numbers to be multiplied by {power}, or divided? Write the power of ten with the "
+                f"unit: under '{stem} (10^-2 {unit})', 3 means 0.03 {unit}".rstrip()
+            )
+        found, own = unit_named(unit or "", quantity), unit_named(column.unit or "1", quantity)
+        if title.text.casefold() == name or not unit or not own or (found and found.factor == own.factor):
+            return False
+        if found:
+            self.units[name] = found
+            ratio = float(found.factor / own.factor)
+            self.notes.append(f"{lead}converted, 1 {found.name} = {ratio:.9g} {column.unit}".rstrip())
         elif title.bracketed or len(unit) > 1:  # a one-letter word may not be a unit
             if is_unit(unit) or not unit.replace(" ", "").isalpha() or "[" in title.text:
                 raise InputError(
-                    f"{self.place}, column {quoted(title.text)}: {name} has the unit {quoted(unit)} in the header, "
-                    f"expected one of {', '.join(texts[0] for texts in UNITS[quantity].values())}"
+                    f"{said}{name} has the unit {quoted(unit)} in the header, expected one of "
+                    f"{', '.join(texts[0] for texts in UNITS[quantity].values())}"
                 )
-            self.notes.append(
-                f"column {quoted(title.text)}: {quoted(unit)} is not a unit, so the numbers are read in the unit of "
-                f"{name}"
-            )
-
-    def _require_no_power(self, name: str, title: Title) -> None:
-        """Raise an error for a power of ten in a title, which some multiply by and others divide by."""
-        if title.power and quantity_of(name):
-            unit = NUMBERS[name].unit if title.unit is None else title.unit
-            stem, power = title.stem.strip(" ,;([x×*·/"), re.sub(r"^[\W]*[xX]?\s*|\W+$", "", title.power)
-            raise InputError(
-                f"{self.place}, column {quoted(title.text)}: are its numbers to be multiplied by {power}, or "
-                f"divided? Write the power of ten with the unit: under '{stem} (10^-2 {unit})', 3 means 0.03 "
-                f"{unit}".rstrip()
-            )
-
-    def _convert(self, name: str, title: Title, lead: str) -> bool:
-        """Record the unit in a title if it is another one than that of the column; return whether it is."""
-        column = NUMBERS[name]
-        unit = unit_named(title.unit or "", column.quantity) if column.quantity else None
-        own = unit_named(column.unit or "1", column.quantity) if unit else None
-        if unit is None or own is None or unit.factor == own.factor:
-            return False
-        self.units[name] = unit
-        self.notes.append(
-            f"{lead}converted, 1 {unit.name} = {float(unit.factor / own.factor):.9g} {column.unit}".rstrip()
-        )
+            self.notes.append(f"{lead}{quoted(unit)} is not a unit, so the numbers are read in the unit of {name}")
         return True
 
     # columns with other names
@@ -172,22 +169,17 @@ class Header:
             own = exact or [text for text, words in stems.items() if words in KNOWN_BY[name]]
             if own and own[0] not in at.values():
                 at[name] = own[0]
-        seen = ", ".join(quoted(text) for text in stems if text in at.values())
-        if "rating" in self.at or any(words in KNOWN_BY["rating"] for words in stems.values()):
-            if "n" in at and at.keys() & {"sd", "se", "geometric_sd"}:
-                self.notes.append(
-                    f"columns {seen} belong to means of several raters, and are not used; if the ratings are "
-                    f"means, name them with --column mean=... and use --ratings aggregated"
-                )
-        elif holds_cells({**self.at, **at}):
+        single = "rating" in self.at or any(words in KNOWN_BY["rating"] for words in stems.values())
+        spread = at.keys() & {"sd", "se", "geometric_sd"} if "n" in at else set()
+        if not single and holds_cells({**self.at, **at}):
             self.at |= at
-            self.notes += [
-                f"column {quoted(text)} is read as {name}" for name, text in at.items() if text.casefold() != name
-            ]
-        elif "mean" in at or "geometric_mean" in at:
+            others = [(name, text) for name, text in at.items() if text.casefold() != name]
+            self.notes += [f"column {quoted(text)} is read as {name}" for name, text in others]
+        elif spread if single else at.keys() & {"mean", "geometric_mean"}:
             self.notes.append(
-                f"columns {seen} look like means of several raters, which are read from a column n (how many "
-                f"raters) and geometric_mean, or mean with sd or se, and --ratings aggregated"
+                f"columns {', '.join(quoted(text) for text in stems if text in at.values())} look like means of "
+                "several raters, which are read from a column n (how many raters) and geometric_mean, or mean with sd "
+                "or se, and --ratings aggregated"
             )
 
     def _take_meant(self, name: str, meant: Sequence[str], sure: bool) -> None:
@@ -217,12 +209,8 @@ class Header:
                 raise InputError(f"{self.place}: {note}")
             self.notes.append(note)  # the results do not depend on it
         elif fitting:
-            title = self.titles[fitting[0]]
-            self._require_no_power(name, title)
-            self.at[name] = title.text
-            self.perhaps.pop(title.text, None)
-            lead = f"column {quoted(title.text)} is read as {name}"
-            if name not in NUMBERS or not self._convert(name, title, f"{lead}, "):
+            lead = f"column {quoted(fitting[0])} is read as {name}"
+            if not self._take(name, self.titles[fitting[0]], f"{lead}, "):
                 self.notes.append(lead)
         elif sure or quantity_of(name):
             for text in near:
@@ -260,28 +248,6 @@ class Header:
         determined = any(len({*zip(own, texts, strict=True)}) == len({*own}) for own in others)
         counts_rows = "fabric" in self.at and len({*texts}) == len(texts)
         return len({*filled}) > 1 and not determined and not counts_rows
-
-    def _guess(self, needed: Sequence[str]) -> None:
-        """Find the titles that may be misspelt names of columns that are needed, or words for ratings."""
-        for text in self.free if "rating" in needed else ():
-            if is_reversed(text):
-                self.perhaps[text] = ("rating", reversed_remark(text))
-        for name in needed:
-            left = [text for text in self.free if text not in self.perhaps][:MOST_GUESSED]
-            stems = {bag(self.titles[text].stem): text for text in left if len(text) <= LONGEST_TITLE}
-            near = (
-                title
-                for words in sorted(KNOWN_BY[name])
-                if len(words) > 4  # short ones resemble many
-                for title in difflib.get_close_matches(words, stems, 1, 0.8)
-                # more words mean a logarithm of it, or its error
-                if not any({*words.split()} < {*title.split()} for words in KNOWN_BY[name])
-            )
-            if (close := next(near, None)) is not None:
-                self.perhaps[stems[close]] = (name, f"is column {quoted(stems[close])} a misspelt {name}?")
-        for text in self.free if "rating" in needed else ():
-            if WORDS_FOR_RATINGS & {*key(text).split()}:
-                self.perhaps.setdefault(text, ("rating", ""))
 
 
 def _fits(name: str, title: Title) -> bool:

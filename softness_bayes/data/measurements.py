@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,17 +125,9 @@ class Compression:
         if not kept:
             raise InputError(f"{table.place}: no row with a force above 0 on a flat plate")
         names = natural(by[i] for i in kept)
-        place = {name: k for k, name in enumerate(names)}
+        participant = np.array([names.index(by[i]) for i in kept])
         return cls(
-            tuple(names),
-            np.array([place[by[i]] for i in kept]),
-            depth[kept],
-            force[kept],
-            table.rows[kept],
-            n_zero=zero,
-            source=table.place,
-            digest=table.digest,
-            notes=tuple(f"{table.label}: {note}" for note in notes),
+            tuple(names), participant, depth[kept], force[kept], table.rows[kept], n_zero=zero, **table.origin(notes)
         )
 
 
@@ -242,43 +235,35 @@ class Afferents:
             if not {*pair} & table.titles.keys():
                 table.lack(f"no column {pair[0]!r} or {pair[1]!r}", *pair)
         table.check()
-        values = {name: table.numbers(name) for name in _NUMBERS} | {"n": table.numbers(_AVERAGED)}
-        kept = [i for i, texts in enumerate(table.keys("rate_hz", "count")) if "".join(texts).strip()]
+        values = {name: table.numbers(_AVERAGED if name == "n" else name) for name in _NUMBERS}
+        kept = np.flatnonzero(["".join(texts).strip() for texts in table.keys("rate_hz", "count")])
         loads = loads_in(table, None)
-        for i in kept:
+        for i in kept.tolist():
             _check_row(table, i, values)
         table.check()
-        if not kept:
+        if not kept.size:
             raise InputError(f"{table.place}: no row with a rate or a count")
         notes = list(table.notes)
-        if len(kept) < len(table):
-            notes.append(f"{counted(len(table) - len(kept), 'response is', 'responses are')} missing")
-        table = table.take(np.array(kept))
-        curvature, distance, rate, sd, count, window = (values[name][kept] for name in _NUMBERS)
+        if kept.size < len(table):
+            notes.append(f"{counted(len(table) - kept.size, 'response is', 'responses are')} missing")
+        values["n"] = np.nan_to_num(values["n"], nan=1.0)
+        arrays: dict[str, Any] = {own: values[name][kept] for own, name in zip(_ARRAYS, _NUMBERS, strict=True)}
+        table = table.take(kept)
         afferents = table.texts("afferent")
         names = natural(filter(None, afferents))
-        place = {name: k for k, name in enumerate(names)}
         return cls(
             tuple(names),
-            np.array([place.get(name, -1) for name in afferents]),
+            np.array([names.index(name) if name else -1 for name in afferents]),
             tuple(load for i in kept if (load := loads[i]) is not None),
-            curvature,
-            distance,
-            rate,
-            np.nan_to_num(values["n"][kept], nan=1.0),
-            sd,
-            count,
-            window,
-            table.rows,
+            **arrays,
+            rows=table.rows,
             recording=tuple(table.texts("recording")) if "recording" in table else (),
             species=tuple(sorted({text for text in table.texts("species") if text})),
-            source=table.place,
-            digest=table.digest,
-            notes=tuple(f"{table.label}: {note}" for note in notes),
+            **table.origin(notes),
         )
 
 
-_NUMBERS = ("probe_curvature_per_m", "distance_mm", "rate_hz", "sd_hz", "count", "window_s")
+_NUMBERS = ("probe_curvature_per_m", "distance_mm", "rate_hz", "n", "sd_hz", "count", "window_s")
 
 
 def _check_row(table: Table, i: int, values: Mapping[str, FloatArray]) -> None:

@@ -86,14 +86,12 @@ def _categories(ratings: Ratings) -> list[str]:
 
 
 def _ties(ratings: Ratings) -> list[str]:
-    key = ratings.participant * len(ratings.loads) + ratings.load
-    order = np.lexsort((ratings.rating, key))
-    key, rating = key[order], ratings.rating[order]
-    _, sizes = np.unique(key, return_counts=True)
-    pairs = float((sizes * (sizes - 1) / 2).sum())
-    runs = np.flatnonzero(np.r_[True, (np.diff(key) != 0) | (np.diff(rating) != 0), True])
-    equal = np.diff(runs).astype(float)
-    share = float((equal * (equal - 1) / 2).sum()) / pairs if pairs else 0.0
+    def pairs(*of: NDArray[np.generic]) -> float:
+        count = np.unique(np.stack(of), axis=1, return_counts=True)[1]
+        return float((count * (count - 1)).sum())
+
+    own = (ratings.participant, ratings.load)
+    share = pairs(*own, ratings.rating) / max(pairs(*own), 1.0)
     if share < TIED or np.ptp(ratings.rating) == 0:
         return []
     return [f"{percent(share)} of the pairs of ratings of one participant under one load are ties"]

@@ -106,11 +106,10 @@ def _given_load(table: Table, given: Sequence[Load]) -> Load | None:
             f"{' and '.join(repr(table.titles[name]) for name in filed)}"
         )
     elif len(filed) > 1 and not any(is_missing(text) for name in filed for text in table.texts(name)):
-        ways = " or ".join(f"--column {name}={quoted(table.titles[name])}" for name in filed)
-        remedy = f"{ways} takes only one of them"
-        if any(table.titles[name].casefold() == name for name in filed):
-            remedy = f"remove the column that was measured rather than controlled ({' or '.join(filed)})"
-        table.refuse(f"every row has an indentation and a force, expected one load; {remedy}")
+        table.refuse(
+            "every row has an indentation and a force, expected one load; remove the column that was measured rather "
+            f"than controlled ({' or '.join(repr(table.titles[name]) for name in filed)})"
+        )
         table.check()
     return given[0] if given else None
 
@@ -321,7 +320,7 @@ class Ratings:
             Naming file, row, column and value.
         """
         given = loads_of(indentation_mm, force_n, load)
-        names = (lambda: None) if fabrics is None else (lambda: fabrics.names)
+        names = None if fabrics is None else fabrics.names
         request = Request(LOADED if given else RATINGS, columns or {}, decimal, wide, names)
         return read_as(lambda table: cls.from_table(table, fabrics, given), path, request)
 
@@ -384,10 +383,8 @@ class Ratings:
             rating=filed[rated],
             rows=table.rows,
             n_missing=len(filed) - rated.size,
-            source=table.place,
             rating_column=table.title("rating"),
-            digest=table.digest,
-            notes=tuple(f"{table.label}: {note}" for note in (*noted, *notes)),
+            **table.origin((*noted, *notes)),
             not_positive=table.texts("rating")[wrong[0]] if wrong.size else "",
             load_cv=load_cv,
             resolution=resolution,
@@ -475,15 +472,15 @@ def _fabrics_in(table: Table, fabrics: Fabrics | None, notes: list[str]) -> Sequ
 
 def _order_in(table: Table, by: Sequence[str]) -> FloatArray | None:
     """Return the place of each row among those of its rater, 0 to 1, by the numbers of sessions and trials."""
-    import pandas as pd
-
-    told = [pd.Series(table.texts(name), dtype=str) for name in ("session", "trial") if name in table]
-    numbers = [pd.to_numeric(texts, errors="coerce") for texts in told]
-    if not told or any(values.isna().any() for values in numbers):
+    told = [table.plainly(name) for name in ("session", "trial") if name in table]
+    if not told or np.isnan(told).any():
         return None
-    every, rater = pd.concat(numbers, axis=1), pd.Series([*by])
-    place = every.apply(tuple, axis=1).rank(method="dense").groupby(rater).rank(method="dense") - 1.0
-    return (place / place.groupby(rater).transform("max").clip(lower=1.0)).to_numpy(float)
+    every = [*zip(*(values.tolist() for values in told), strict=True)]
+    own: dict[str, set[tuple[float, ...]]] = {}
+    for who, one in zip(by, every, strict=True):
+        own.setdefault(who, set()).add(one)
+    place = {who: {one: k / max(1, len(all_) - 1) for k, one in enumerate(sorted(all_))} for who, all_ in own.items()}
+    return np.array([place[who][one] for who, one in zip(by, every, strict=True)])
 
 
 def _repeats(table: Table, *keys: Sequence[object]) -> list[str]:
@@ -497,12 +494,14 @@ def _repeats(table: Table, *keys: Sequence[object]) -> list[str]:
         return []
     if "trial" not in table:
         return [f"{repeated} ratings repeat a participant, fabric and load: treated as further trials"]
-    what = f"{repeated} ratings repeat a participant, fabric, load and trial"
-    apart = [title for title, texts in table.others.items() if len({*zip(*told, texts, strict=True)}) == len(table)]
-    if apart:
-        columns = " and ".join(map(quoted, apart))
-        return [f"{what}, and differ in {columns}, which is not used: treated as further trials under the same load"]
-    return [f"{what}: treated as further trials under the same load; is the trial right?"]
+    apart = [
+        quoted(title) for title, texts in table.others.items() if len({*zip(*told, texts, strict=True)}) == len(table)
+    ]
+    differ = f", and differ in {' and '.join(apart)}, which is not used" if apart else ""
+    return [
+        f"{repeated} ratings repeat a participant, fabric, load and trial{differ}: treated as further trials under the "
+        f"same load{'' if apart else '; is the trial right?'}"
+    ]
 
 
 def with_few_loads(ratings: Ratings, most: int) -> Ratings:

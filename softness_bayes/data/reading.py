@@ -1,4 +1,4 @@
-"""Reading of tables in four steps, and what mends one that is refused.
+"""Reading of tables in four steps.
 
 Bytes become cells (`formats`); rows of cells become a table with one header and one row for each value (`shapes`);
 titles become known columns (`headers`); rows that are no data are left out (`contents`). At each step a list of rules
@@ -7,7 +7,6 @@ says in which ways a table can be odd.
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +17,7 @@ import numpy as np
 from softness_bayes.data import contents, shapes
 from softness_bayes.data.columns import NAMES, NUMBERS, Kind, summarises
 from softness_bayes.data.decimals import Cell, Reading, SheetNumber, is_missing, mark_of, plain_digits, reading_of
-from softness_bayes.data.faults import Hint, TableError, guess, listing
+from softness_bayes.data.faults import guess, listing
 from softness_bayes.data.formats import TableSource, is_workbook, sheets_of
 from softness_bayes.data.headers import Header
 from softness_bayes.data.shapes import Request
@@ -73,7 +72,6 @@ CONTENTS = (
     Rule("reversed scales", ("ratings",), contents.with_reversed_scales_named),
     Rule("rows of statistics", ALL, contents.without_statistics),
     Rule("names of one identity", ALL, contents.with_one_spelling),
-    Rule("dates as names", ALL, contents.with_dates_named),
     Rule("copied rows", ("ratings",), contents.without_copies),
     Rule("unknown people", ("ratings", "compression"), contents.with_people_known),
     Rule("steps of other numbers", ("ratings",), contents.with_true_steps),
@@ -251,56 +249,15 @@ def _found_reading(table: Table) -> Reading:
     return reading_of(table.place, [cells(name) for name in NUMBERS if name in table], table.between_commas)
 
 
-# what mends a table
-
-
 Read = TypeVar("Read")
-"""Data made of tables, with their notes."""
+"""Data made of a table."""
 
 
 def read_as(make: Callable[[Table], Read], source: TableSource, request: Request) -> Read:
-    """Return what is made of a table; if it is refused, name what mends it, after trying."""
-
-    def read(request: Request) -> Read:
-        table = read_table(source, request)
-        check_renames(request.renames, table)
-        return make(table)
-
-    return with_hints(read, request)
-
-
-def with_hints(read: Callable[[Request], Read], request: Request) -> Read:
-    """Return what is read; if it is refused, name what mends it, after trying."""
-    try:
-        return read(request)
-    except TableError as error:
-        mending = next((hint for hint in error.candidates if _mends(read, request, hint)), {})
-        error.remedy = shlex.join(words_of(mending))
-        raise
-
-
-MOST_FAULTS = 3
-"""Largest number of faulty cells of a column that may be another one by its title."""
-
-
-def words_of(hint: Hint) -> list[str]:
-    """Return the options of the command line that read a table in another way."""
-    columns = [word for name, title in hint.items() if name != "wide" for word in ("--column", f"{name}={title}")]
-    return [*columns, *(["--wide"] if "wide" in hint else [])]
-
-
-def _mends(read: Callable[[Request], Any], request: Request, hint: Hint) -> bool:
-    """Return whether a table is read in another way, and nothing looks wrong, or is refused for single cells only."""
-    columns = {name: title for name, title in hint.items() if name != "wide"}
-    request = request._replace(renames={**request.renames, **columns}, wide=request.wide or "wide" in hint)
-    try:
-        found = read(request)
-    except TableError as error:
-        in_hinted = sum(problem.title in columns.values() for problem in error.problems)
-        return in_hinted <= MOST_FAULTS and all(problem.row > 0 for problem in error.problems)
-    except InputError:
-        return False
-    return not any("looks wrong" in note for note in found.notes)
+    """Return what is made of a table."""
+    table = read_table(source, request)
+    check_renames(request.renames, table)
+    return make(table)
 
 
 def check_renames(renames: Mapping[str, str], *tables: Table) -> None:

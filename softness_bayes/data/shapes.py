@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from decimal import Decimal
 from typing import NamedTuple
@@ -41,8 +41,8 @@ class Request(NamedTuple):
     """Mark before decimals, or marks by table; None if the numbers tell."""
     wide: bool = False
     """True if the user called a table of ratings wide."""
-    fabrics: Callable[[], Collection[str] | None] = lambda: None
-    """Returns the names of the fabrics, None where they are not known."""
+    fabrics: Collection[str] | None = None
+    """Names of the fabrics, None where they are not known."""
 
 
 # rows, before it is known which of them is the header
@@ -425,23 +425,16 @@ def with_fabrics_in_rows(table: Table, header: Header, request: Request) -> Tabl
     Raises
     ------
     InputError
-        If a table that is called wide is none, or a title may be a misspelt fabric.
+        If two titles are one fabric under one load, or one may be a misspelt fabric.
     """
-    if long := [name for name in ("fabric", "rating") if name in header.at]:
+    if long := [quoted(header.at[name]) for name in ("fabric", "rating") if name in header.at]:
         if request.wide:
             raise InputError(
-                f"{table.header}: --wide expects a table with one column per fabric; this one has a column "
-                f"{quoted(header.at[long[0]])} for the {long[0]} of each row"
+                f"{table.header}: --wide expects a table with one column per fabric; this one has a column {long[0]}"
             )
         return table
     rated = _rated(table, header.free, request)
     loaded = [one.title for one in rated if one.load is not None]
-    for name in ("indentation_mm", "force_n"):
-        if loaded and name in header.at:
-            raise InputError(
-                f"{table.header}: loads are in headers ({quoted(loaded[0])}) and in {quoted(header.at[name])}, "
-                "expected only one of these"
-            )
     parts = [
         (one.title, {"fabric": one.fabric, **({one.load[0].name: SheetNumber(one.load[1])} if one.load else {})})
         for one in rated
@@ -452,7 +445,7 @@ def with_fabrics_in_rows(table: Table, header: Header, request: Request) -> Tabl
 
 def _rated(table: Table, free: Sequence[str], request: Request) -> list[_Rated]:
     """Return the columns of ratings, none if the table is not wide."""
-    known = request.fabrics()
+    known = request.fabrics
     spelt = {identity(name): name for name in known or ()}
     found: list[_Rated] = []
     strange: list[tuple[str, str]] = []
@@ -472,7 +465,7 @@ def _rated(table: Table, free: Sequence[str], request: Request) -> list[_Rated]:
             found.append(_Rated(title, title))
         elif known is not None:
             strange.append((title, name))
-    if not request.wide and len(found) < 2:
+    if len(found) < (1 if request.wide else 2):
         return []
     first: dict[tuple[str, object], str] = {}
     for one in found:
@@ -485,8 +478,6 @@ def _rated(table: Table, free: Sequence[str], request: Request) -> list[_Rated]:
         near = guess(name, absent) if k < MOST_ASKED else ""
         if near or name != title:
             raise InputError(f"{table.header}, column {quoted(title)}: {quoted(name)} is not a known fabric{near}")
-    if not found:
-        raise InputError(f"{table.header}: no column has the name of a fabric, such as {listing(absent, 3)}")
     return found
 
 

@@ -21,8 +21,6 @@ from softness_bayes.errors import InputError, quoted
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
-_DATE = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}|[0-9]{1,2}[./-](?:[0-9]{1,2}[./-][0-9]{2,4}|[A-Za-z]{3})")
-
 
 @dataclass(frozen=True)
 class Table:
@@ -186,6 +184,14 @@ class Table:
         spread, rows = columns * len(self), np.repeat(self.rows, len(parts))
         return self.noted(f"{note}: {listing(columns)}", cells=cells, rows=rows, spread=spread, made=(*made, value))
 
+    def origin(self, notes: Sequence[str]) -> dict[str, Any]:
+        """Return file, checksum and notes of what is made of the table."""
+        return {
+            "source": self.place,
+            "digest": self.digest,
+            "notes": tuple(f"{self.label}: {note}" for note in notes),
+        }
+
     # its problems
 
     def fault(self, i: int, name: str, expected: str, remedy: str = "") -> None:
@@ -292,10 +298,8 @@ class Table:
                 remedy = ""
                 if "," in text and not self.reading.grouped:
                     remedy = "; if commas are decimal marks, add --decimal , and if they group thousands, --decimal ."
-                elif _DATE.match(text):
-                    remedy = "; did a spreadsheet program turn a number into a date?"
-                elif text.startswith("#") and text.endswith(("!", "?")):
-                    remedy = "; its formula failed: mend it, or clear the cell of a missing value"
+                elif re.match(r"[0-9]+[./-](?:[0-9]+[./-][0-9]+|[A-Za-z]{3})|#.*[!?]$", text):
+                    remedy = "; did a spreadsheet program turn a number into a date, or its formula fail?"
                 self.fault(i, column.name, f"expected {column.expected(unit)}", remedy)
         return values
 

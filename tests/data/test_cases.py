@@ -20,7 +20,7 @@ REFUSED = {
     "10/ratings.feather": "not a Feather file that can be read",
     "10/ratings.pkl": "this is a pickle, which could run code",
     "10/ratings.sav": "SPSS",
-    "12/bluehill_nounits.csv": "try: --column indentation_mm=Extension --column force_n=Load",
+    "12/bluehill_nounits.csv": "column 'Extension' is not read: it has no unit known here; write one",
     "14/no_trial.csv": "rows are copies of other rows",
     "14/no_trial_no_rt.csv": "rows are copies of other rows",
     "16/resolution_0.5.csv": "is no multiple of 0.5",
@@ -28,7 +28,7 @@ REFUSED = {
     "16/resolution_50.csv": "is no multiple of 50",
     "16/resolution_60.csv": "is no multiple of 60",
     "16/resolution_num.csv": "is no multiple of 1080",
-    "18/custom_ids.xlsx": "got '#DIV/0!'; its formula failed",
+    "18/custom_ids.xlsx": "got '#DIV/0!'; did a spreadsheet program turn a number into a date, or its formula fail?",
 }
 """Case -> words of the reason for which it is refused."""
 

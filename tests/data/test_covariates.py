@@ -33,13 +33,6 @@ def test_what_is_constant_within_participants_is_kept_as_written(file):
     assert "\n01,felt,1,5,23,007,a,x\n" in (file(ratings_csv(ratings), "again.csv")).read_text()
 
 
-def test_a_column_that_varies_for_few_is_named_with_one_of_them(file):
-    ratings = Ratings.read(file(TABLE.replace("2,NA,felt", "2,44,felt").replace("2,NA,lawn", "2,45,lawn")))
-    assert "age" not in ratings.covariates
-    assert "ratings.csv: column 'age' is not a covariate: it varies within '2'" in ratings.notes
-    assert not [note for note in ratings.notes if "'mood' is no" in note]  # it varies within most
-
-
 def test_one_row_each_tells_nothing_of_what_is_constant(file):
     text = "participant,fabric,force_n,rating,age\n1,a,1,5,23\n2,a,1,6,24\n"
     assert Ratings.read(file(text)).covariates == {}
@@ -58,9 +51,6 @@ def test_names_that_tables_have_are_changed_and_said(file):
         "Effect (covariate) (covariate)": ("x", "y"),
         "effect (covariate)": ("u", "v"),
     }
-    note = "ratings.csv: covariate 'Effect' is renamed 'Effect (covariate) (covariate)', because tables of the "
-    note += "run have a column of that name"
-    assert note in ratings.notes
     assert Ratings.read(file(ratings_csv(ratings))).covariates == ratings.covariates
 
 

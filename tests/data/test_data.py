@@ -311,7 +311,6 @@ def test_a_fault_is_named_with_its_row(file, text, row, old, new, problem):
         ("fabric,rating,Rating\na,1,2\n", "row 1: 2 columns are called 'rating'"),
         ('fabric,force_n,rating\n"a,1,2\nb,1,2\n', "quotation mark"),
         ("participant,rating\np,1\n", "no column 'fabric'"),
-        ("fabric,force_n,feel\na,1,2\n", "--column rating=feel"),
         ("fabric,force_n,feel\na,1,2\n", "its columns are 'fabric', 'force_n', 'feel'"),
         ("fabric,force_n,rating\na,1,\nb,1,NA\n", "column 'rating': there is no rating in any row"),
         ("Study 1\na,1,2\n", "is 'Study 1' a title of the table? The header must be the first"),

@@ -14,6 +14,7 @@ from softness_bayes.data.faults import identity
 from softness_bayes.data.reading import COLUMNS, CONTENTS, ROWS
 from softness_bayes.errors import InputError
 from softness_bayes.touch.contact import Indentation
+from support.command_line import call
 from support.refusals import refusal
 
 HEAD = "participant,fabric,indentation_mm,trial,rating\n"
@@ -76,7 +77,6 @@ RATED = {
     ),
     "rows of statistics": (wide(f"Mittelwert,{MEANS}", "SD,1,1,1"), "rows 6 to 7: statistics of other rows"),
     "names of one identity": ((HEAD + PLAIN).replace("P1,c,1,2", "p-01,c,1,2"), "'P1' and 'p-01' are read as the same"),
-    "dates as names": ((HEAD + PLAIN).replace("P1", "2024-03-01"), "2024-03-01 are dates: did a spreadsheet program"),
     "copied rows": (f"{HEAD}{PLAIN}{PLAIN}", "rows 26 to 49: copies of other rows, with the same trial, left out"),
     "other columns of the same name": (
         HEAD.replace("\n", ",resolution\n") + PLAIN.replace("\n", ",1920x1080\n"),
@@ -266,11 +266,15 @@ def test_a_column_that_follows_the_fabric_or_counts_rows_names_nobody(file):
 
 
 def test_a_hint_is_tried_before_it_is_given(file):
-    text = (HEAD + PLAIN).replace("rating", "feel")
-    assert refusal(read, file, text).endswith("\n  try: --column rating=feel")
-    # in N m, 0.03 would be the rigidity of a board
-    assert "try:" not in refusal(Fabrics.read, file("fabric,B\na,0.03\nb,0.5\n"))
-    assert refusal(Fabrics.read, file("fabric,B\na,3e-6\nb,5e-6\n")).endswith("--column bending_rigidity_n_m=B")
+    """The command line prints options only with which the table is read; in N m, 0.03 is the rigidity of a board."""
+    ratings = file((HEAD + PLAIN).replace("rating", "feel"), "feel.csv")
+    file(CLOTH, "fabrics.csv")
+    assert call("check", "--data", ratings).stderr.endswith(f"check --data {ratings} --column rating=feel\n")
+    whole = file(HEAD + PLAIN)
+    for values, mends in (("a,0.03\nb,0.5\nc,2", False), ("a,3e-6\nb,5e-6\nc,9e-6", True)):
+        cloth = file(f"fabric,B\n{values}\n", "cloth.csv")
+        advice = call("sample", "--data", whole, "--fabrics", cloth, "--out", cloth.parent / "out").stderr
+        assert advice.rstrip().endswith("--column bending_rigidity_n_m=B") == mends
 
 
 @pytest.mark.parametrize(
