@@ -21,7 +21,7 @@ from softness_bayes.errors import InputError, NumericalError, ResourceError, Sof
 
 GROUPS: Mapping[str, Mapping[str, str]] = {
     "Start": {"demo": "start", "new": "start", "check": "check", "list": "start"},
-    "Fit": {"sample": "sample", "status": "status", "resume": "sample", "study": "study"},
+    "Fit": {"sample": "sample", "status": "sample", "resume": "sample", "study": "study"},
     "Answers": {
         **dict.fromkeys(("report", "plot"), "report"),
         "predict": "predict",

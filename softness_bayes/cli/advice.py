@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import re
 import shlex
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
@@ -43,26 +43,26 @@ WORKS: Mapping[str, Callable[[Sequence[str]], Sequence[str | None]]] = {
 """Command -> function of the runs in this directory, which returns arguments with which it works; None for a missing
 file."""
 
-LISTS: Mapping[str, str] = {
-    "--reading": "list readings",
-    "--readings": "list readings",
-    "--prior": "list priors",
-    "--priors": "list priors",
-}
-"""Option -> command that lists its possible values."""
+LISTS = {"--reading": "readings", "--readings": "readings", "--prior": "priors", "--priors": "priors"}
+"""Option -> what `list` lists of its possible values."""
 
 
 def of_usage(error: click.UsageError, typed: Sequence[str]) -> str:
     """Return the advice for a usage error of the command line; empty if there is none."""
     verb = "" if error.ctx is None else error.ctx.info_name or ""
-    if isinstance(error, click.BadParameter) and not isinstance(error, click.MissingParameter):
-        option = next(iter(error.param.opts), "") if error.param is not None else ""
-        listing = LISTS.get(option) or (f"{verb} --help" if verb in WORKS else "")
-        return f"{TRY}{PROGRAM} {listing}" if listing else ""
+    option = error.param.opts[0] if isinstance(error, click.BadParameter) and error.param is not None else ""
     extra = re.search(r"unexpected extra arguments? \(([^ ]+)\)", error.format_message())
-    if extra and verb in ("check", "sample") and os.path.isfile(extra[1]):
-        return f"{TRY}{shlex.join([PROGRAM, verb, '--data', extra[1]])}"
-    return f"{TRY}{shlex.join(working(verb, typed))}" if verb in WORKS else ""
+    if option in LISTS:
+        words = [PROGRAM, "list", LISTS[option]]
+    elif verb not in WORKS:
+        return ""
+    elif isinstance(error, click.BadParameter) and not isinstance(error, click.MissingParameter):
+        words = [PROGRAM, verb, "--help"]
+    elif extra and verb in ("check", "sample") and os.path.isfile(extra[1]):
+        words = [PROGRAM, verb, "--data", extra[1]]
+    else:
+        words = working(verb, typed)
+    return TRY + shlex.join(words)
 
 
 def of_input(
@@ -115,6 +115,7 @@ def working(verb: str, typed: Sequence[str] = ()) -> list[str]:
 
 
 def _new() -> list[str]:
+    """Return the command that writes tables to start from."""
     return [PROGRAM, "new", vacant("my-study")]
 
 
@@ -228,7 +229,7 @@ def readable_fabrics(rated: str = "", columns: Mapping[str, str] = MappingProxyT
 
 def finished_runs() -> list[str]:
     """Return the names of directories with a finished run, `results` first."""
-    return _entries("results", lambda entry: is_run(entry.path))
+    return _entries("results", is_run)
 
 
 def is_run(path: str) -> bool:
@@ -243,22 +244,19 @@ def vacant(name: str) -> str:
 
 def _tables(first: str) -> list[str]:
     """Return the names of the tables in this directory that are quick to read."""
-    endings, largest = (".csv", ".tsv", ".txt", ".xlsx", ".parquet"), 1_000_000
+    endings = (".csv", ".tsv", ".txt", ".xlsx", ".parquet")
     return _entries(
-        first,
-        lambda one: one.name.lower().endswith(endings) and one.is_file() and one.stat().st_size <= largest,
+        first, lambda one: one.lower().endswith(endings) and os.path.isfile(one) and os.path.getsize(one) <= 1_000_000
     )
 
 
-def _entries(first: str, wanted: Callable[[os.DirEntry[str]], bool]) -> list[str]:
+def _entries(first: str, wanted: Callable[[str], bool]) -> list[str]:
     """Return names in this directory, among the first thirty, of which one comes first if it is there."""
     try:
-        with os.scandir(".") as entries:
-            shown: Iterable[os.DirEntry[str]] = (one for one in entries if one.name[0] not in "-.")
-            names = [one.name for one in sorted(shown, key=lambda one: one.name)[:30] if wanted(one)]
+        shown = sorted(one for one in os.listdir(".") if one[0] not in "-.")[:30]
+        return sorted(filter(wanted, shown), key=lambda name: (name != first, name))
     except OSError:
         return []
-    return sorted(names, key=lambda name: (name != first, name))
 
 
 def _reads(read: Callable[..., Any], *arguments: Any, **options: Any) -> Any:

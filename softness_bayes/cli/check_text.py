@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from softness_bayes.model.options import ModelOptions
     from softness_bayes.people.free_means import FreeMeans
     from softness_bayes.touch.accuracy import Errors
-    from softness_bayes.touch.scene import Discretisation
 
 SPREADS = frozenset({"tau", "varsigma", "omega", "tau_b", "tau_m", "varsigma_f"})
 """Standard deviations of participants, fabrics and ratings, which are estimated better with more of each."""
@@ -37,12 +36,11 @@ def design_lines(expected: dict[str, Any]) -> list[str]:
     count, used = expected["loads"]
     if used < count:
         lines.append(f"Neighbouring loads among the {count} are merged into {used} for this prediction.")
-    for name, ratio in expected["sd_ratio"].items():
-        lines.append(f"  {name:14} {_limits(ratio)}")
+    for name, (low, middle, high) in expected["sd_ratio"].items():
+        lines.append(f"  {name:14} {middle:.2f} ({low:.2f} to {high:.2f})")
     if expected["not_foreseen"]:
         lines.append(f"  not covered: {', '.join(expected['not_foreseen'])}")
-    for place in expected["turning_points"]:
-        lines.append(f"  {_place(place, expected['truths'])}")
+    lines += [f"  {_place(place, expected['truths'])}" for place in expected["turning_points"]]
     lines.append("Which changes would help most? (information gained, and the sd ratio that falls most, now and then)")
     for other in expected["others"][:MOST_OTHERS]:
         lines.append(
@@ -72,11 +70,6 @@ def _most(now: dict[str, list[float]], other: dict[str, list[float]]) -> str:
     return f"{name} {now[name][1]:.2f} to {other[name][1]:.2f}"
 
 
-def _limits(ratio: list[float]) -> str:
-    low, middle, high = ratio
-    return f"{middle:.2f} ({low:.2f} to {high:.2f})"
-
-
 def cost_lines(model: ExperimentModel) -> list[str]:
     """Return how a run evaluates its model: stages, nodes, errors and cost, and the alternatives.
 
@@ -87,17 +80,21 @@ def cost_lines(model: ExperimentModel) -> list[str]:
 
     from softness_bayes.model.scenes import prior_draws
     from softness_bayes.model.understanding import BATCH, ladder, seconds
-    from softness_bayes.touch.accuracy import DRAWS
+    from softness_bayes.touch.accuracy import DRAWS, PRESETS
+    from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 
     scene, chosen, draws = model.scene, model.resolution, prior_draws(model.posterior.space)
     assert chosen is not None, "the command line sets an accuracy"
+    cost = seconds(scene, draws.parameters)
+    cost += 0.0 if model.posterior.other_loads is None else seconds(model.posterior.other_loads, draws.parameters)
     d = chosen.discretisation
-    cost, others = seconds(scene, draws.parameters), model.posterior.other_loads
-    cost += 0.0 if others is None else seconds(others, draws.parameters)
+    terms = {one: "all terms" if one.rate_terms is None else f"{one.rate_terms} terms" for one in (d, *PRESETS)}
+    fixed = isinstance(scene.firing, FixedChannels)
+    rates = f"{f'curve through {d.rate_nodes} rates' if fixed else 'surface'}, {terms[d]}"
     mechanics = f"{d.nodes} nodes to exp(-{d.saturation:g}), tolerance {d.field_tolerance:.0e}"
     stages = [
         {"stage": "mechanics", "resolution": mechanics, **_shown(chosen.mechanics)},
-        {"stage": "firing rates", "resolution": _rates(scene.firing, d), **_shown(chosen.firing)},
+        {"stage": "firing rates", "resolution": rates, **_shown(chosen.firing)},
         {"stage": "sum", "resolution": "", **_shown(chosen.errors)},
     ]
     presets = [
@@ -105,7 +102,7 @@ def cost_lines(model: ExperimentModel) -> list[str]:
             "nodes": one.discretisation.nodes,
             "to exp(-x)": one.discretisation.saturation,
             "tolerance": f"{one.discretisation.field_tolerance:.0e}",
-            "rates": _terms(one.discretisation),
+            "rates": terms[one.discretisation],
             **_shown(one.errors),
             "cost [µs]": f"{1e6 * taken:.1f}",
             "": "<- chosen" if one.discretisation == d else "",
@@ -118,18 +115,6 @@ def cost_lines(model: ExperimentModel) -> list[str]:
         f"\ncost: {1e6 * cost:.1f} µs for each parameter vector, {BATCH} at a time, on one core",
         f"\npresets:\n{pd.DataFrame(presets).to_string(index=False)}",
     ]
-
-
-def _rates(firing: object, d: Discretisation) -> str:
-    from softness_bayes.touch.neuron.fixed_channels import FixedChannels
-
-    if not isinstance(firing, FixedChannels):
-        return f"surface, {_terms(d)}"
-    return f"curve through {d.rate_nodes} rates, {_terms(d)}"
-
-
-def _terms(d: Discretisation) -> str:
-    return "all terms" if d.rate_terms is None else f"{d.rate_terms} terms"
 
 
 def _shown(errors: Errors) -> dict[str, str]:

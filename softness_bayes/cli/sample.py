@@ -1,7 +1,8 @@
-"""`softness-bayes sample` and `softness-bayes resume`: ratings in, posterior and credible bands out."""
+"""`softness-bayes sample`, `resume` and `status`: ratings in, posterior and credible bands out."""
 
 from __future__ import annotations
 
+import math
 import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -13,11 +14,12 @@ import click
 from softness_bayes.cli.interrupts import keeping
 from softness_bayes.cli.options import Force, Given, NoFigures, Out, OwnFigures, TrustCode, Verbose, command, typed
 from softness_bayes.cli.running import command_line
-from softness_bayes.cli.terminal import Bar, telling
+from softness_bayes.cli.terminal import Bar, in_numbers, needed, telling
 from softness_bayes.errors import InputError, NotConvergedError
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.options import Number
 from softness_bayes.ranges import STEPS
+from softness_bayes.readable import counted, some_of
 from softness_bayes.results.run_options import DataFiles, RunOptions, require_no_ratings_needed
 
 if TYPE_CHECKING:
@@ -222,7 +224,7 @@ def _run(
     NotConvergedError
         If a limit was reached before convergence; all results are written nevertheless.
     """
-    from softness_bayes.cli.summary import print_result
+    from softness_bayes.cli.running import print_result
     from softness_bayes.provenance import versions
     from softness_bayes.runs.run import model_of, sample_kept
 
@@ -300,3 +302,98 @@ def continued(options: RunOptions, status: Status, more_steps: int | None) -> Ru
     if status.written and status.steps >= status.max_steps:
         return replace(options, max_steps=status.steps + options.max_steps)
     return options
+
+
+@command
+def status(directory: Path) -> None:
+    """Show the progress of a run without disturbing it.
+
+    Prints the number of steps, the result of the last check of the chains, the verdict, and whether a process is
+    running it. For a study it prints one line for each run that has begun; for a calibration the numbers of finished
+    replicates and of those that are left.
+
+    Parameters
+    ----------
+    directory : DIR
+    """
+    from softness_bayes.files.run_files import CHECKPOINT, RUNS
+    from softness_bayes.runs.rank_table import is_calibration
+
+    if is_calibration(directory):
+        lines = _of_a_calibration(directory)
+    elif (directory / RUNS).is_dir() and not (directory / CHECKPOINT).exists():
+        lines = _of_a_study(directory)
+    else:
+        lines = _of_a_run(directory)
+    click.echo("\n".join(lines))
+
+
+def _of_a_run(directory: Path) -> list[str]:
+    """Return the steps, the state and the last check of a run, in lines."""
+    from softness_bayes.checkpoints.saved import read_status
+
+    status = read_status(directory)
+    verdict, togo = status.verdict, f", about {status.missing} to go" if status.missing else ""
+    lines = [f"{directory}: {_state(status)}", f"steps: {status.steps} in {status.seconds:.0f} s{togo}"]
+    if status.failures:
+        points = counted(status.failures, "point")
+        lines.append(f"the density could not be computed at {points}, listed in nonfinite.csv")
+    if verdict is None:
+        return [*lines, "convergence has not been checked yet"]
+    lines.append(f"at step {verdict.steps}: {in_numbers(verdict, status.seconds)}")
+    lines += [needed(verdict, status.seconds / status.steps)] if status.steps and not verdict.converged else []
+    return [*lines, verdict.sentence()]
+
+
+def _of_a_calibration(directory: Path) -> list[str]:
+    """Return the numbers of finished replicates and of those that are left, in lines."""
+    from softness_bayes.runs.rank_table import progress_of
+
+    now = progress_of(directory)
+    asked = max(now.asked, now.finished)
+    size, left = some_of(now.finished, asked, "replicate"), asked - now.finished
+    state = "no process is running it"
+    if now.running:
+        state = "a process is running it" + ("" if math.isnan(now.seconds) else f", about {now.seconds:.0f} s to go")
+    elif left:
+        state = f"interrupted, {state}; the same 'softness-bayes calibrate' runs the other {left}"
+    return [f"{directory}: {size} finished, {now.unconverged} did not converge", state]
+
+
+def _of_a_study(directory: Path) -> list[str]:
+    """Return the numbers of tables of a study by their state, and the progress of each run, in lines."""
+    from softness_bayes.checkpoints.saved import read_status, saved_states
+    from softness_bayes.files.run_files import POSTERIOR, RUNS
+    from softness_bayes.runs.batch import read_asked
+    from softness_bayes.runs.study import refused_tables
+
+    begun = sorted(path for path in (directory / RUNS).iterdir() if saved_states(path))
+    runs = {path.name: read_status(path) for path in begun}
+    done = [name for name, one in runs.items() if one.ended and one.written and not one.running]
+    good = sum((verdict := runs[name].verdict) is not None and verdict.converged for name in done)
+    under_way = sum(one.running for one in runs.values())
+    refused, asked = [name for name in refused_tables(directory) if name not in runs], read_asked(directory)
+    asked = asked._replace(fits=max(asked.fits - len(refused), len(runs)))
+    last = max(((directory / RUNS / name / POSTERIOR).stat().st_mtime for name in done), default=0.0)
+    left = asked.seconds_left(len(done), last)
+    whole = f"{directory}: {counted(len(done), 'run')} ended ({good} converged), {under_way} running, "
+    whole += f"{len(runs) - len(done) - under_way} interrupted, {asked.fits - len(runs)} not begun"
+    if refused:
+        whole += f"; {counted(len(refused), 'table was', 'tables were')} refused ({', '.join(refused)})"
+    lines = [whole if math.isnan(left) or not under_way else f"{whole}; about {left:.0f} s to go"]
+    for name, one in runs.items():
+        togo = f", about {one.missing * one.seconds / one.steps:.0f} s to go" if one.missing and one.steps else ""
+        lines.append(f"{name}: {_state(one)}; {counted(one.steps, 'step')} in {one.seconds:.0f} s{togo}")
+    return lines
+
+
+def _state(status: Status) -> str:
+    """Return the state of a run: under way, ended or interrupted."""
+    if status.running:
+        return "a process is running it" + (", in its pilot phase" if status.piloting else "")
+    if status.ended and status.written and status.quick:
+        return "a first look (--quick); 'softness-bayes resume' continues it to the full run"
+    if status.ended and status.written:
+        return "it has ended and its results are written"
+    pilot = " its pilot phase" * status.piloting
+    return f"interrupted, no process is running it; 'softness-bayes resume' continues{pilot}"

@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 from softness_bayes.checking.agreement import TYPICAL, HighestRated, fabric_rating_table, highest_rated
 from softness_bayes.checking.check_table import check_table
-from softness_bayes.cli.summary import print_result
+from softness_bayes.cli.running import print_result
 from softness_bayes.data.oddities import few_raters_sentence
 from softness_bayes.files.run_files import RULER
 from softness_bayes.likelihood.scales import FALLS, RISES

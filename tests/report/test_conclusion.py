@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from softness_bayes.checking.agreement import HighestRated
-from softness_bayes.cli.summary import print_result
+from softness_bayes.cli.running import print_result
 from softness_bayes.people.ruler import Following
 from softness_bayes.report.conclusion import Facts, Skin, Turn, conclude, facts_of
 from support.report_runs import converged
