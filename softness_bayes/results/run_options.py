@@ -358,8 +358,8 @@ def require_no_ratings_needed(*given: Options) -> None:
 class Request(NamedTuple):
     """All settings of a run, apart from its data."""
 
-    model: ModelOptions = ModelOptions()
-    run: RunOptions = RunOptions()
+    model: ModelOptions
+    run: RunOptions
 
     def record(self) -> dict[str, Any]:
         """Return the request as JSON data; `from_record` is the inverse."""

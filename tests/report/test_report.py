@@ -22,6 +22,7 @@ from softness_bayes.cli import main, sample
 from softness_bayes.errors import InputError
 from softness_bayes.files.spreadsheet import table_of
 from softness_bayes.likelihood.scales import FALLS
+from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.laws import LogNormal
 from softness_bayes.plotting.figures import figures_of
 from softness_bayes.readable import chance, number
@@ -30,7 +31,7 @@ from softness_bayes.report.cards import Standing, cards, exactness_of
 from softness_bayes.report.charts import chart_data
 from softness_bayes.report.page import alternative_text, anonymous, renamed, report_page, write_report
 from softness_bayes.report.tables import MOST_FABRICS, repetition
-from softness_bayes.results.run_options import DataFiles, Request
+from softness_bayes.results.run_options import DataFiles, Request, RunOptions
 from softness_bayes.touch.readings import CLASSICAL
 from support.report_runs import EVIL, OPTIONS, PERSON, RUNS, TYPED, converged
 
@@ -337,8 +338,8 @@ def repeated(command, monkeypatch, directory):
 
 
 ASKED = {
-    "held": Request().with_options(**OPTIONS),
-    "else": Request().with_options(
+    "held": Request(ModelOptions(), RunOptions()).with_options(**OPTIONS),
+    "else": Request(ModelOptions(), RunOptions()).with_options(
         fix={"b": 1 / 3},
         priors={"m": LogNormal(2.5, 0.2)},
         prior_set="in-vivo",
@@ -386,7 +387,7 @@ def test_every_option_of_the_files_is_repeated(made, monkeypatch, tmp_path):
     typed = shlex.join(["softness-bayes", "sample", *words, "--drop-zeros", "--wide", "--drift", "--out", "results"])
     result = made("ratings")
     tree = result.tree.copy()
-    asked = Request().with_options(**OPTIONS | {"command": typed})
+    asked = Request(ModelOptions(), RunOptions()).with_options(**OPTIONS | {"command": typed})
     tree.attrs = {**tree.attrs, "options": json.dumps(asked.record()), "command": typed}
     (command,) = repetition(replace(result, tree=tree)).commands
     files, _ = repeated(command, monkeypatch, tmp_path)
@@ -398,7 +399,9 @@ def test_every_option_of_the_files_is_repeated(made, monkeypatch, tmp_path):
 def test_a_run_of_python_or_of_limited_time_says_so(made):
     result = made("ratings")
     tree = result.tree.copy()
-    limited = Request().with_options(**OPTIONS | {"command": "", "max_seconds": 5.0, "max_steps": 10_000})
+    limited = Request(ModelOptions(), RunOptions()).with_options(
+        **OPTIONS | {"command": "", "max_seconds": 5.0, "max_steps": 10_000}
+    )
     tree.attrs = {**tree.attrs, "options": json.dumps(limited.record()), "command": ""}
     found = repetition(replace(result, tree=tree))
     assert f"--max-steps {OPTIONS['max_steps']} " in found.commands[0]

@@ -8,6 +8,7 @@ import pytest
 from softness_bayes.checking.quantities import EXCESS
 from softness_bayes.likelihood.scales import MAGNITUDE
 from softness_bayes.model.build import build
+from softness_bayes.model.options import ModelOptions
 from softness_bayes.results import draws as draws_module
 from softness_bayes.results.draws import (
     DRAWS_PER_WALKER,
@@ -19,7 +20,7 @@ from softness_bayes.results.draws import (
     draws_per_walker,
 )
 from softness_bayes.results.replicates import replicated_groups
-from softness_bayes.results.run_options import Request
+from softness_bayes.results.run_options import Request, RunOptions
 from softness_bayes.sampler.chains import Chains
 from support.report_runs import OPTIONS, experiment, quickly
 
@@ -29,7 +30,7 @@ def draws():
     """Draws of the prior in the place of a walk: 2 ensembles of 3 walkers, 2 steps."""
     rng, data = np.random.default_rng(5), experiment()
     with quickly():
-        posterior = build(data, Request().with_options(**OPTIONS).model).posterior
+        posterior = build(data, Request(ModelOptions(), RunOptions()).with_options(**OPTIONS).model).posterior
     theta = posterior.space.draw_prior(rng, 12).reshape(6, 2, -1)
     kept = Chains(np.zeros((2, 2, 3, theta.shape[-1])), np.zeros((2, 2, 3)), np.full((2, 3), 0.3), 2, 1)
     return RatedDraws.of(data, posterior, MAGNITUDE, kept, theta, rng)

@@ -69,7 +69,7 @@ class FakeCalibration(CalibrationScene):
 
 def run(directory, count, settings=BRIEF, scene=FakeCalibration(), earlier=None, executor=None, **options):
     """Return the saved calibration, and the number of replicates after each fit."""
-    fitted, request = [], Request().with_options(**{"processes": 1, **options})
+    fitted, request = [], Request(ModelOptions(), RunOptions()).with_options(**{"processes": 1, **options})
     show = lambda n, one: fitted.append(n)  # noqa: E731
     done = calibrate(scene, *request, count, directory, show, settings, executor, earlier)
     done.save(directory)

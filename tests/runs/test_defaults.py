@@ -151,7 +151,7 @@ def test_both_faces_draw_the_same(pairs):
 
 def test_an_unknown_option_is_refused():
     with pytest.raises(TypeError, match=r"no option 'max_step'; expected one of fix, priors, .*max_steps"):
-        Request().with_options(max_step=3)
+        Request(ModelOptions(), RunOptions()).with_options(max_step=3)
 
 
 def test_single_options_go_where_they_belong():

@@ -11,12 +11,13 @@ from softness_bayes.cli.running import print_result
 from softness_bayes.files.run_files import MODULUS_ERRORS
 from softness_bayes.likelihood.scales import FALLS, FREE
 from softness_bayes.model import build
+from softness_bayes.model.options import ModelOptions
 from softness_bayes.plotting.figures import FIGURES
 from softness_bayes.plotting.style import USUAL
 from softness_bayes.results import predictions
 from softness_bayes.results.data_groups import experiment_of
 from softness_bayes.results.fitted import options_of
-from softness_bayes.results.run_options import Request
+from softness_bayes.results.run_options import Request, RunOptions
 from softness_bayes.runs.run import sample
 from softness_bayes.touch.load_groups import groups_of
 from support.report_runs import OPTIONS, quickly
@@ -99,7 +100,7 @@ def test_a_figure_has_a_panel_for_each_group(run, name):
 def test_falling_ratings_of_single_measured_loads_are_taken_as_falling(monkeypatch):
     """No load alone shows an order of fabrics; groups of them do."""
     with quickly():
-        options = Request().with_options(**OPTIONS).model
+        options = Request(ModelOptions(), RunOptions()).with_options(**OPTIONS).model
         found = build.ExperimentModel(measured_loads(), options).direction
         assert found.direction is FALLS
         assert found.sentence.startswith("--direction falls-with-firing was chosen from the data")

@@ -16,12 +16,13 @@ from softness_bayes.errors import InputError
 from softness_bayes.files.command_line import storable
 from softness_bayes.files.json_text import as_json
 from softness_bayes.model.build import build
+from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression
 from softness_bayes.provenance import Provenance
 from softness_bayes.report.tables import repetition
 from softness_bayes.results.result import Result
-from softness_bayes.results.run_options import Request
+from softness_bayes.results.run_options import Request, RunOptions
 from softness_bayes.runs import run
 from softness_bayes.runs.run import requested, sample
 from softness_bayes.touch.readings import MENDED
@@ -76,7 +77,7 @@ def test_a_run_of_a_large_seed_is_stored_and_repeated(tmp_path):
 def test_a_seed_is_stored_as_a_number_while_a_float_holds_it():
     """As a float, which ArviZ can write as JSON; as text from the first integer that a float would round."""
     with quickly():
-        asked = Request().with_options(**OPTIONS)
+        asked = Request(ModelOptions(), RunOptions()).with_options(**OPTIONS)
         model = build(experiment(), asked.model)
     for seed, kind in ((3, float), (np.int64(3), float), (2**53, float), (2**53 + 1, str), (2**63, str)):
         stored = requested(model, asked.with_options(seed=seed).run)
