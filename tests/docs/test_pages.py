@@ -22,8 +22,9 @@ from softness_bayes.touch.finger_grid import REACH
 from softness_bayes.touch.neuron.fixed_channels import LARGEST_CURRENT
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS
 from softness_bayes.touch.stress import ATTENUATION
+from support.command_line import call
 from support.pages import DOCS, PAGES, blocks, text_of
-from support.paths import ROOT
+from support.paths import DATA, ROOT
 
 GROUP = click.Context(main, info_name="softness-bayes")
 COMMANDS = {verb: main.get_command(GROUP, verb) for verb in VERBS}
@@ -180,3 +181,13 @@ STATED = {
 def test_a_constant_of_the_model_is_that_of_the_code(section, stated, value):
     text = " ".join(text_of("model.md").partition(f"## {section}")[2].partition("\n## ")[0].split())
     assert stated.format(value) in text
+
+
+def test_the_tutorial_shows_what_check_prints():
+    """Each line to its ellipsis; the closing lines of a whole run are not made here."""
+    printed = call("check", "--data", DATA / "ratings.csv")
+    lines = (printed.stdout + printed.stderr).splitlines()
+    of_check = text_of("tutorial.md").partition("## 3.")[0]
+    shown = [line.partition("…")[0].strip() for code in blocks(of_check, "text") for line in code.splitlines()]
+    assert len(shown) > 4
+    assert not [line for line in shown if not any(other.startswith(line) for other in lines)]
