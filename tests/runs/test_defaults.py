@@ -43,6 +43,7 @@ OTHERS: dict[str, object] = {
     "resolution": 0.5,
     "slider_ends": (0.0, 100.0),
     "n_categories": 7,
+    "guess": 0.25,
     "accuracy": 2e-4,
     "scale": SLIDER,
     "noise": 0.25,
