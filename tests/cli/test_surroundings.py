@@ -35,8 +35,8 @@ def python(words, text=None, **environment):
     )
 
 
-@pytest.mark.parametrize("encoding", ["cp437", "ascii"])
-def test_a_terminal_that_lacks_letters_ends_nothing(encoding, tmp_path):
+def test_a_terminal_that_lacks_letters_ends_nothing(tmp_path):
+    encoding = "ascii"
     (tmp_path / "ratings.csv").write_text(
         (DATA / "ratings.csv").read_text(encoding="utf-8").replace("P08", "Zoë 触"), encoding="utf-8"
     )

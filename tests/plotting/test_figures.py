@@ -104,24 +104,6 @@ def test_loo_pit_shows_the_distribution_of_the_values_and_the_band(run):
         assert ((shown >= limits.low) & (shown <= limits.high)).all() == inside
 
 
-def test_p_values_are_shares_of_the_replicates(run):
-    """Counted without the code that makes the table; quantities of a load may tie."""
-    table, compared = run.tables["predictive_checks"].loc["posterior"], 0
-    for found in posterior_quantities(run.tree):
-        rows = table.loc[[found.quantity.name]]
-        observed = np.array([finding.observed for finding in found.findings])
-        assert_allclose(observed, rows["observed"])
-        assert_allclose([finding.high for finding in found.findings], rows["high"])
-        if found.quantity.columns is Columns.LOAD:
-            continue
-        for value, column, p_value in zip(observed, found.replicated.T, rows["p_value"], strict=True):
-            known = [again for again in column if again == again]
-            if known and value == value:
-                assert sum(again > value for again in known) / len(known) == pytest.approx(p_value)
-                compared += 1
-    assert compared > 10
-
-
 def test_ratings_against_the_ratio_stand_at_each_draws_own(run):
     figure, load = drawn(run.plot.rating_ratio()), run.loads[0]
     stored = run.group("predictions").isel(chain=0)
