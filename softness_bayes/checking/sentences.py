@@ -333,10 +333,13 @@ def surprise_sentence(summary: pd.DataFrame) -> str:
         "prior's median)"
         for name, mean, shift in zip(far.index, summary.loc[far.index, "mean"], far, strict=True)
     ]
-    return (
-        f"data and prior disagree about {', '.join(named)}: look for a wrong direction, unit, modulus or reading "
-        "before anything else is believed"
-    )
+    causes = "guesses and outliers" if only_noisy(summary) else "a wrong direction, unit, modulus or reading"
+    return f"data and prior disagree about {', '.join(named)}: look for {causes} before anything else is believed"
+
+
+def only_noisy(summary: pd.DataFrame) -> bool:
+    """Return whether the spread of ratings is all that is far from its prior: no error of the chain's input shows."""
+    return [*surprises(summary).index] == ["varsigma"]
 
 
 def _listed(values: pd.Series, form: str) -> str:

@@ -13,7 +13,7 @@ from softness_bayes.checking.identifiability import INFORMED
 from softness_bayes.checking.layout import layout_of, ratings_in
 from softness_bayes.checking.modulus_errors import LINEAR, MovedMost
 from softness_bayes.checking.quantities import DOUBTFUL, turns_reproduced
-from softness_bayes.checking.sentences import surprise_sentence, surprises
+from softness_bayes.checking.sentences import only_noisy, surprise_sentence, surprises
 from softness_bayes.data.oddities import few_raters_sentence
 from softness_bayes.defaults import in_words
 from softness_bayes.files.run_files import FABRIC_RATINGS, RULER
@@ -107,6 +107,8 @@ class Facts(NamedTuple):
     """Probability of either direction of the ratings, as a sentence, if both were sampled."""
     surprise: str = ""
     """Sentence on parameters whose posterior is far from their prior; empty if none is."""
+    noisy: bool = False
+    """True if these are the spread of ratings alone."""
     known: tuple[str, ...] = ()
     """Parameters that the data inform, with their 90 % intervals."""
     unknown: tuple[str, ...] = ()
@@ -178,6 +180,7 @@ def facts_of(result: Result) -> Facts:
         quick=bool(ending.quick),
         settled=bool(ending.quick and settled),
         surprise=surprise_sentence(summary) if surprises(summary).size else "",
+        noisy=only_noisy(summary),
     )
     if not result.has_ratings:
         failed = result.has_compression and result.provenance.plate.force_p_value < DOUBTFUL  # NaN is not
@@ -233,7 +236,7 @@ def _remedies(result: Result) -> tuple[str, ...]:
     tails = [name for name in doubted if name.endswith(" residual / sd")]
     normal = result.provenance.rating_model.rating_errors == "normal"
     if tails and normal and not any("--errors" in option for option in found):
-        told.append("--errors student, for outliers")
+        told.append("--errors lapses or student, for guesses and outliers")
     return tuple(told)
 
 
@@ -432,7 +435,7 @@ def _next(facts: Facts, directory: str | None) -> str:
     if facts.silent and (facts.converged or facts.failed):
         return "check the units of moduli and loads ('softness-bayes check'), then try --priors in-vivo."
     if facts.remedies and (facts.follows.rejected or facts.rejected) and (facts.converged or facts.settled):
-        units = "check the units of moduli and loads; then " * bool(facts.surprise)
+        units = "check the units of moduli and loads; then " * (bool(facts.surprise) and not facts.noisy)
         return f"{units}repeat the run with {'; or with '.join(facts.remedies)}, and use 'softness-bayes compare'."
     if facts.follows.rejected:
         return (
@@ -443,15 +446,17 @@ def _next(facts: Facts, directory: str | None) -> str:
         return f"'softness-bayes resume {directory or 'DIR'}' continues to the full run and repeats no step."
     if not facts.converged:
         return f"continue the run with 'softness-bayes resume {directory or 'DIR'}'."
-    if not facts.exact:
-        return "repeat the run with --exact-reweight."
     if (facts.contradicted or facts.unreproduced) and facts.skin:
         return "look in the figures of the data for fingers or probes that differ from the others, and check units."
+    if facts.noisy:
+        return "look for guesses and outliers: try --errors lapses, and rank the runs with 'softness-bayes compare'."
     if facts.surprise and not facts.skin:
         return (
             "check the units of moduli and loads; state an error common to all moduli (--shared-modulus-cv 0.3), or "
             "try another --reading, and rank the runs with 'softness-bayes compare'."
         )
+    if not facts.exact:
+        return "repeat the run with --exact-reweight."
     if facts.contradicted or facts.unreproduced or facts.follows.keeps is False:
         return "see predictive_checks.csv, try another --reading, and rank the runs with 'softness-bayes compare'."
     if facts.moved is not None:

@@ -138,6 +138,13 @@ def test_the_next_step_names_what_would_gain_most_and_people_who_answered_otherw
     assert conclude(doubted).next_step.startswith("repeat the run with --drift (estimated gain: 40); or with --indiv")
     far = conclude(doubted._replace(surprise="data and prior disagree about b (12)")).next_step
     assert far.startswith("check the units of moduli and loads; then repeat the run with --drift")
+    wide = doubted._replace(surprise="data and prior disagree about varsigma (1.5)", noisy=True)
+    assert conclude(wide).next_step.startswith("repeat the run with --drift")
+    assert conclude(wide._replace(unreproduced=(), remedies=())).next_step.startswith("look for guesses and outliers")
+    # a wrong unit is found before an approximation is improved
+    unit = GOOD._replace(surprise="data and prior disagree about b (12)", exact=False)
+    assert conclude(unit).next_step.startswith("check the units of moduli and loads")
+    assert "--exact-reweight" in conclude(unit._replace(surprise="")).next_step
     odd = conclude(doubted._replace(odd="the scale of P3 was reversed")).next_step
     assert odd.startswith("check whether the scale of P3 was reversed, and leave these rows out")
     # negative control: of a run that passes nothing of the kind is said
