@@ -62,29 +62,17 @@ def test_ratings_are_indexed_and_in_si(file):
     assert ratings.digest == hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def test_conditions_are_the_pairs_that_occur(file):
-    conditions = Ratings.read(file(RATINGS + "P3,voile,2.5,9\n")).conditions
-    assert list(zip(conditions.fabric.tolist(), conditions.load.tolist(), strict=True)) == [
-        (0, 0),
-        (1, 0),
-        (1, 1),
-    ]
-    assert conditions.of_rating.tolist() == [0, 2, 1, 2]
-
-
 SEMICOLONS = RATINGS.replace(",", ";").replace(".", ",")
 
 
 @pytest.mark.parametrize(
     "content",
     [
-        pytest.param(RATINGS.replace("\n", "\r\n"), id="CRLF"),
         pytest.param(RATINGS.replace("\n", "\r"), id="CR"),
         pytest.param(RATINGS.rstrip("\n"), id="no last newline"),
         pytest.param("\ufeff" + RATINGS, id="byte-order mark"),
         pytest.param(RATINGS.encode("utf-16"), id="UTF-16"),
         pytest.param(RATINGS.replace("participant,fabric", '"Participant", FABRIC '), id="titles"),
-        pytest.param(RATINGS.replace(",", " , "), id="spaces"),
         pytest.param(RATINGS.replace("denim", '"denim"').replace("P2", ' "P2"'), id="quoted cells"),
         pytest.param(RATINGS.replace("\n", ",,\n"), id="empty columns at the end"),
         pytest.param("\n".join(f"{i}," * (i >= 0) + line for i, line in enumerate(RATINGS.split("\n"))), id="index"),
@@ -144,15 +132,6 @@ def test_people_fabrics_and_loads_are_those_of_the_table(file, text, options, ex
     assert fabrics in (None, read.fabrics)
     assert read.loads == (*map(Indentation, depths), *map(Force, forces))
     assert ("one participant" in " ".join(read.notes)) == ("participant" not in text)
-
-
-def test_repeats_are_announced(file):
-    text = "fabric,trial,force_n,rating\na,1,1,2\na,2,1,3\na,2,1,3\n"
-    told = Ratings.read(file(text.replace("3\n", "4\n", 1)))
-    assert "1 ratings repeat a participant, fabric, load and trial" in told.notes[-1]
-    untold = Ratings.read(file(text.replace("trial", "series")))
-    assert any("2 ratings repeat a participant, fabric and load" in note for note in untold.notes)
-    assert "unused columns: series" in untold.notes[0]
 
 
 def test_the_order_of_trials_comes_from_sessions_and_trials(file):
@@ -225,11 +204,6 @@ def test_fabrics_from_arrays():
     assert "same name" in refusal(Fabrics, ("a", "a"), effective_modulus=np.array(1.0))
 
 
-@pytest.mark.parametrize(("nu", "accepted"), [(-1.0, False), (-0.999, True), (0.5, True), (0.501, False)])
-def test_poisson_ratio_is_that_of_a_stable_solid(nu, accepted):
-    assert POISSON_RATIO.holds(nu) is accepted
-
-
 # arrays cannot be changed from outside
 
 
@@ -261,20 +235,15 @@ MARKS = "got '1,5'; if commas are decimal marks, add --decimal , and if they gro
 MEAN = "give the mean of repeated measurements"
 FAULTS = [
     (RATINGS, 2, "5", "five", "column 'rating': expected a finite number, got 'five'"),
-    (RATINGS, 2, "5", "inf", "column 'rating': expected a finite number, got 'inf'"),
     (RATINGS, 2, "5", "1e999", "column 'rating': expected a finite number, got '1e999'"),
     (RATINGS, 2, "5", "1_0", "column 'rating': expected a finite number, got '1_0'"),
     (RATINGS, 4, "1e1", '"1,5"', MARKS),
     (RATINGS, 3, "2.5", "0", f"{DEPTH}'0'"),
-    (RATINGS, 3, "2.5", "-1", f"{DEPTH}'-1'"),
-    (RATINGS, 3, "2.5", "1e-330", f"{DEPTH}'1e-330'"),
     (RATINGS, 3, "2.5", "", "column 'indentation_mm': expected a load, got ''"),
     (RATINGS, 3, "voile", "", "column 'fabric': expected a name, got ''"),
     (RATINGS, 4, "P2", " ", "column 'participant': expected a name, got ''"),
     (RATINGS, 4, "1e1", "1e1,2", "'2' is beyond the 4 columns of the header"),
     (FABRICS, 2, "3.2", "0", "column 'tensile_modulus_mpa': expected a finite number above 0, got '0'"),
-    (FABRICS, 3, "0.68", "-0.68", "column 'thickness_mm': expected a finite number above 0, got '-0.68'"),
-    (FABRICS, 3, "0.68", "thick", "column 'thickness_mm': expected a finite number above 0, got 'thick'"),
     (FABRICS, 3, "33.0", "1e308", "column 'tensile_modulus_mpa': expected a finite number above 0, got '1e308'"),
     (FABRICS, 4, "0.2", "0.6", "'poisson_ratio': expected a finite number above -1 and at most 0.5, got '0.6'"),
     (
@@ -301,8 +270,6 @@ def test_a_fault_is_named_with_its_row(file, text, row, old, new, problem):
     ("content", "problem"),
     [
         ("", "the file is empty"),
-        (" \n\n", "the file is empty"),
-        ("\ufeff", "the file is empty"),
         (",,\n", "no row below the header"),
         ("participant,fabric,indentation_mm,rating\n", "no row below the header"),
         (b"\x00\x01\x02", "not a text file"),
@@ -340,14 +307,6 @@ def test_a_row_fills_one_load_column(file, cells):
     text = f"fabric,indentation_mm,force_n,rating\na,1,,2\nb,{cells},3\n"
     message = refusal(Ratings.read, file(text))
     assert "row 3, column 'force_n': expected one load: an indentation or a force, got '" in message
-
-
-def test_unknown_fabrics_are_named_with_a_guess(file):
-    fabrics = Fabrics.read(file(FABRICS, "fabrics.csv"))
-    path = file(edited(RATINGS, 3, "voile", "viole"))
-    message = refusal(Ratings.read, path, fabrics)
-    assert message.startswith(f"{path}: row 3, column 'fabric': 'viole' is not a fabric of {fabrics.source}")
-    assert message.endswith("(did you mean 'voile'?)")
 
 
 def test_renames_must_mean_something(file):
@@ -419,12 +378,6 @@ def test_a_rename_may_concern_either_file(file):
     message = refusal(read_experiment, ratings, cloth, columns=columns | {"trial": "block"})
     assert "there is no column 'block'" in message
     assert str(cloth) in message
-
-
-def test_names_are_ordered_as_numbers_are_counted(file):
-    names = ["P10", "P2", "٣", "p", "P2b", "10", "9", "P03"]
-    text = "fabric,force_n,rating\n" + "".join(f"{name},1,1\n" for name in names)
-    assert Ratings.read(file(text)).fabrics == ("9", "10", "P2", "P2b", "P03", "P10", "p", "٣")
 
 
 # loads and units
@@ -511,12 +464,3 @@ def test_laboratory_ratings():
     assert len(ratings.conditions.fabric) == 36
     assert notes == ()
     np.testing.assert_allclose(fabrics.modulus()[0], 3.2e6 * 0.22e-3**3 / (12 * 0.82) / 1e-9, rtol=1e-14)
-
-
-@needs_shared
-def test_618_real_fabrics():
-    columns = {"bending_rigidity_n_m": "bending_warp_N_m", "fabric": "fabric_id"}
-    fabrics = Fabrics.read(SHARED / "data" / "fabric_bending_618_drapetester.csv", columns=columns)
-    assert len(fabrics) == 618
-    assert 10e3 < np.median(fabrics.modulus()) < 20e3
-    np.testing.assert_allclose(fabrics.modulus(), fabrics.bending_rigidity / 1e-9, rtol=1e-14)

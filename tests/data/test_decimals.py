@@ -60,12 +60,6 @@ def test_other_numbers_decide_and_what_was_assumed_is_said(tmp_path, ratings, fo
     assert note in " ".join(said)
 
 
-def test_another_column_decides_for_the_whole_table(tmp_path):
-    read = Ratings.read(table(tmp_path, ["950", "1,234"], load="0,5"))
-    assert read.rating.tolist() == [950, 1.234]
-    assert "because 0,5 in row 2, column 'indentation_mm' has a decimal comma" in read.notes[0]
-
-
 def test_between_commas_a_quoted_comma_is_refused_with_the_remedy(tmp_path):
     path = table(tmp_path, ["950", "1,234"], ",")
     remedy = r"got '1,234'; if commas are decimal marks, add --decimal , and if they group thousands, --decimal \.$"
@@ -94,13 +88,6 @@ def test_between_commas_a_quoted_comma_is_refused_with_the_remedy(tmp_path):
 )
 def test_what_is_no_number_is_quoted_as_it_stands(tmp_path, ratings, options, problem):
     assert problem in refusal(Ratings.read, table(tmp_path, ratings), **options)
-
-
-def test_names_that_are_the_same_without_spaces_at_the_end_are_one(tmp_path):
-    path = tmp_path / "ratings.csv"
-    rows = "P1,a,1,5\nP1 ,b ,1,6\nP1\u00a0,a,2,5\nP2 ,b ,2,6\n"
-    path.write_text(f"participant,fabric,indentation_mm,rating\n{rows}", encoding="utf-8")
-    assert Ratings.read(path).participants == ("P1", "P2")
 
 
 # what reaches the terminal

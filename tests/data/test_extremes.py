@@ -6,7 +6,7 @@ import pytest
 
 from support.command_line import call
 
-VALUES = ("1e300", "-1e300", "1e400", "5e-324", "-0", "inf")
+VALUES = ("1e300", "5e-324", "inf")
 TABLES = {
     "indentation_mm,rating,tensile_modulus_mpa,thickness_mm,poisson_ratio": ("2,5,3,0.2,0.3", "2,6,4,0.2,0.3"),
     "force_n,rating,effective_modulus_kpa,effective_modulus_cv,load_cv": ("2,5,30,0.1,0.1", "2,6,40,0.1,0.1"),

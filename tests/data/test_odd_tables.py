@@ -5,9 +5,6 @@ import datetime
 import pytest
 
 from softness_bayes.data import Ratings, read_experiment
-from softness_bayes.data.shapes import with_one_row_of_titles
-from softness_bayes.data.sheets import Sheet
-from softness_bayes.errors import InputError
 from softness_bayes.touch.contact import Force, Indentation
 
 ROWS = "A,cotton,100,10\nA,silk,100,25\nB,cotton,50,12\nB,silk,50,30\n"
@@ -34,20 +31,6 @@ def test_units_below_the_titles_are_read(file, title, unit, loads):
     assert any("the second row contains units" in note for note in found.notes)
 
 
-def test_a_word_for_a_load_is_named_where_there_is_no_rating(file):
-    path = file(f"participant,fabric,force,rating\n,,gramweight,\n{ROWS}")
-    with pytest.raises(InputError, match=r"row 2, column 'force': expected a number from .*, got 'gramweight'"):
-        Ratings.read(path, columns={"force_n": "force"})
-
-
-@pytest.mark.parametrize(
-    "row", [("m", "N", "1", "1"), ("A", "cotton", "1", "-"), ("", "", "1", "-"), ("", "", "", "-"), ("m", "", "N", "")]
-)
-def test_data_are_no_units(row):
-    grid = Sheet("", "", "", [["participant", "fabric", "force_n", "rating"], row, ["A", "b", "1", "2"]], [1, 2, 3])
-    assert with_one_row_of_titles(grid) is grid
-
-
 # loads below the fabrics
 
 
@@ -68,12 +51,6 @@ def test_loads_below_fabrics_are_read(file, head):
     depths = {(0, 0, 0): 12, (0, 1, 0): 27, (1, 0, 0): 13, (1, 1, 0): 33}
     assert told == {**depths, (0, 0, 1): 10, (0, 1, 1): 25, (1, 1, 1): 30}
     assert found.n_missing == 1
-
-
-def test_loads_in_rows_are_no_titles():
-    for titles, row in ((["participant", "cotton", "silk"], ["A", "1 N", "2 N"]), (["", "", ""], ["", "1 N", "2 N"])):
-        grid = Sheet("", "", "", [titles, row, ["B", "1", "2"]], [1, 2, 3])
-        assert with_one_row_of_titles(grid) is grid
 
 
 # workbooks
@@ -106,9 +83,3 @@ def test_the_separator_that_excel_writes_is_read(file, told):
     found = Ratings.read(file(f"{told}\nparticipant;fabric;force_n;rating\n{text}"))
     assert found.rating.tolist() == [10, 25, 12, 30]
     assert found.rows.tolist() == [3, 4, 5, 6]
-
-
-def test_trials_side_by_side_are_named(file):
-    with pytest.raises(InputError, match="columns 'trial 1', 'trial 2' look like repeated ratings") as error:
-        Ratings.read(file("participant,fabric,force_n,trial 1,trial 2\nA,silk,1,5,6\nB,silk,1,7,8\n"))
-    assert "misspelt" not in str(error.value)

@@ -125,19 +125,6 @@ def test_a_workbook_of_one_sheet_keeps_its_ids_and_rows(tmp_path):
     assert read.source == str(path)
 
 
-def test_ids_that_are_shown_with_zeros_keep_them(tmp_path):
-    openpyxl = pytest.importorskip("openpyxl")
-    work = openpyxl.Workbook()
-    sheet = work.active
-    for row in ([], ["participant", "fabric", "force_n", "rating"], [7, "a", 1, 2], [], [8, "a", 1, "=1+1"]):
-        sheet.append(row)
-    sheet["A3"].number_format = "000"
-    work.save(tmp_path / "ratings.xlsx")
-    read = Ratings.read(tmp_path / "ratings.xlsx")
-    assert (read.participants, read.rows.tolist()) == (("007",), [3])
-    assert read.n_missing == 1  # no program has computed the formula
-
-
 @pytest.mark.parametrize("title", ["effective_modulus_cv", "effective modulus cv (%)"])
 def test_cells_that_are_shown_as_percentages_are_read_as_such(tmp_path, title):
     openpyxl = pytest.importorskip("openpyxl")
