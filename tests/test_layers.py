@@ -47,7 +47,7 @@ HOMES = {
     "distributed": {"runs.cluster"},
     "emcee": {"bench.tables", "sampler.moves"},
     "jinja2": {"report.page"},
-    "openpyxl": {"data.workbooks"},
+    "openpyxl": {"data.sheets"},
     "tornado": {"explore.server"},
 }
 """Modules outside of which a library may not be imported."""

@@ -429,11 +429,6 @@ class Kind(NamedTuple):
         done = frozenset().union(*enough)
         return [name for name in NAMES if name in self.columns and name not in present and name not in done]
 
-    def needed(self, present: Container[str]) -> set[str]:
-        """Return the columns without which the table cannot be read, or says little, that are not there."""
-        basic = {"participant", "fabric", "rating", *(name for _, others in self.enough for name in others)}
-        return basic & {*self.sought(present)}
-
     def and_also(self, other: Kind) -> Kind:
         """Return this kind of table with the columns of another kind beside its own."""
         return self._replace(columns=self.columns | other.columns, enough=self.enough + other.enough)

@@ -167,7 +167,9 @@ def with_one_spelling(table: Table) -> Table:
         several = [group for group in groups.values() if len(group) > 1]
         if not several:
             continue
-        kept = {text: _most_usual(group, count) for group in several for text in group}
+        # the most frequent spelling is kept, the shortest of several
+        usual = [min(own, key=lambda t: (0 if looks_numeric(t) else -count[t], len(t))) for own in several]
+        kept = {text: one for one, group in zip(usual, several, strict=True) for text in group}
         joined = table
         for name in present:
             joined = joined.with_texts(name, [kept.get(text, text) for text in table.texts(name)])
@@ -181,11 +183,6 @@ def with_one_spelling(table: Table) -> Table:
             told = listing([shown_names(group) for group in several])
             table = joined.noted(f"column {title}: {told} are read as the same")
     return table
-
-
-def _most_usual(group: Sequence[str], count: Mapping[str, int]) -> str:
-    """Return the spelling of a name that is kept: the most frequent one, the shortest of several."""
-    return min(group, key=lambda text: (-count[text], len(text)) if not looks_numeric(text) else (0, len(text)))
 
 
 def _may_be_two(table: Table, joined: Table, name: str, groups: Sequence[Sequence[str]]) -> Sequence[str]:

@@ -16,8 +16,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from softness_bayes.data.decimals import SheetNumber
-from softness_bayes.data.sheets import MOST_CELLS, Sheet, cell_text, frame_sheet, text_sheet
-from softness_bayes.data.workbooks import INSTALL, workbook_sheets
+from softness_bayes.data.sheets import (
+    INSTALL,
+    MOST_CELLS,
+    Sheet,
+    cell_text,
+    frame_sheet,
+    text_sheet,
+    workbook_sheets,
+)
 from softness_bayes.errors import InputError, quoted
 from softness_bayes.files.json_text import parse_json
 
@@ -148,19 +155,23 @@ def _zip(file: _File) -> dict[str, Sheet] | bytes:
 
 
 def _parquet(file: _File) -> pd.DataFrame:
-    import pandas as pd
     import pyarrow.parquet
 
     about = pyarrow.parquet.ParquetFile(io.BytesIO(file.content)).metadata
     size = sum(about.row_group(k).total_byte_size for k in range(about.num_row_groups))
     file.require_size(about.num_rows, about.num_columns, size)
-    return pd.read_parquet(io.BytesIO(file.content), engine="pyarrow")
+    return _frame("read_parquet", engine="pyarrow")(file)
 
 
-def _feather(file: _File) -> pd.DataFrame:
-    import pyarrow.feather
+def _frame(name: str, **options: Any) -> Callable[[_File], pd.DataFrame]:
+    """Return a reader of pandas for a file in memory."""
 
-    return pyarrow.feather.read_feather(io.BytesIO(file.content))
+    def read(file: _File) -> pd.DataFrame:
+        import pandas as pd
+
+        return getattr(pd, name)(io.BytesIO(file.content), **options)
+
+    return read
 
 
 def _spss(file: _File) -> pd.DataFrame:
@@ -175,12 +186,6 @@ def _spss(file: _File) -> pd.DataFrame:
         return _labelled(lambda labels: pd.read_spss(copy.name, convert_categoricals=labels))
     finally:
         os.unlink(copy.name)
-
-
-def _stata(file: _File) -> pd.DataFrame:
-    import pandas as pd
-
-    return _labelled(lambda labels: pd.read_stata(io.BytesIO(file.content), convert_categoricals=labels))
 
 
 def _labelled(read: Callable[[bool], pd.DataFrame]) -> pd.DataFrame:
@@ -206,9 +211,9 @@ _FORMATS: tuple[tuple[bytes | tuple[bytes, ...], str, Callable[[_File], Any] | N
     (b"BZh", "compressed", _unpacked(bz2.open)),
     (b"\xfd7zXZ", "compressed", _unpacked(lzma.open)),
     (b"PAR1", "Parquet", _parquet),
-    ((b"ARROW1", b"FEA1"), "Feather", _feather),
+    ((b"ARROW1", b"FEA1"), "Feather", _frame("read_feather")),
     ((b"$FL2", b"$FL3"), "SPSS", _spss),
-    (_STATA, "Stata", _stata),
+    (_STATA, "Stata", lambda file: _labelled(lambda named: _frame("read_stata", convert_categoricals=named)(file))),
     (b"\xd0\xcf\x11\xe0", "an old workbook: save it as .xlsx", None),
     (
         tuple(bytes([0x80, k]) for k in range(2, 6)),
