@@ -29,7 +29,7 @@ napoleon_google_docstring = False
 
 html_theme = "furo"
 html_title = f"softness-bayes {version}"
-html_show_sphinx = False
+html_show_sphinx = html_show_copyright = False
 html_copy_source = False
 html_show_sourcelink = False
 

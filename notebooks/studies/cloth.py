@@ -26,7 +26,12 @@ NAME, RIGIDITY = "fabric_id", "bending_warp_N_m"
 
 LOADS: tuple[Load, ...] = (*map(Force, (0.1, 0.5, 1.0, 2.0)), *map(Indentation, (1e-3, 2e-3, 3e-3)))
 
-HEAD = ("skin", "load", "silent", "questionable", "meaningless", "within reach", "median indentation [mm]")
+HEAD = (
+    *("skin", "load", "fires from E_fab [kPa]", "silent", "questionable", "meaningless", "within reach"),
+    "median indentation [mm]",
+)
+MODULI = np.geomspace(1e3, 1e9, 1200)
+"""Effective moduli [Pa] among which the softest is sought for which receptors fire."""
 
 
 def read_cloth(path: Path) -> Fabrics:
@@ -47,10 +52,14 @@ def table_of(fabrics: Fabrics) -> list[tuple[str, ...]]:
         named = {name: x for name, x in values.items() if name not in Channels._fields}
         scene = scene_of(fabrics, LOADS, named, MENDED, discretisation=COARSE)
         shares, depth = reach(scene, parameters), scene.contact(parameters).indentation.ravel() * 1e3
+        grid = Fabrics(tuple(map(str, range(MODULI.size))), effective_modulus=MODULI)
+        firing = scene_of(grid, LOADS, named, MENDED, discretisation=COARSE).total_rate(parameters).ravel() > 0
         for k, load in enumerate(LOADS):
+            fires = MODULI[firing[np.repeat(np.arange(len(LOADS)), MODULI.size) == k]]
+            onset = f"{float(f'{1e-3 * fires[0]:.2g}'):g}" if fires.size else "never"
             here = scene.load == k
             percents = (percent(each[here].mean()) for each in shares)
-            found.append((skin, str(load), *percents, f"{np.median(depth[here]):.2g}"))
+            found.append((skin, str(load), onset, *percents, f"{np.median(depth[here]):.2g}"))
     return found
 
 
@@ -66,7 +75,7 @@ def draw(rows: Sequence[Sequence[str]], path: Path) -> None:
     figure, panels = plt.subplots(1, len(SKINS), figsize=(7.5, 2.6), sharey=True, layout="constrained")
     for axes, skin in zip(panels, SKINS, strict=True):
         mine = [row for row in rows if row[0] == skin]
-        silent, within = (np.array([float(row[k].strip("<> %")) for row in mine]) for k in (2, 5))
+        silent, within = (np.array([float(row[k].strip("<> %")) for row in mine]) for k in (3, 6))
         bottom = np.zeros(len(mine))
         for share, colour, label in (
             (within, "#0072b2", "within reach"),

@@ -12,16 +12,16 @@ import sys
 
 import numpy as np
 
+from softness_bayes import sample
 from softness_bayes.data import Afferents
 from softness_bayes.parameters.joint import JointLaw, coordinates
-from softness_bayes.runs.run import sample_skin
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
 
 
 def main(path: str) -> None:
     """Print the law of the posterior of a table."""
-    run = sample_skin(Afferents.read(path), max_steps=20_000, seed=1)
+    run = sample(Afferents.read(path), max_steps=20_000, seed=1)
     drawn = {name: run.group("posterior")[f"{name}_rec"].values.ravel() for name in ("b", "m", "alpha", "beta", "rest")}
     rheobase = float(FixedChannels(PAPER_CHANNELS).curves(PAPER_CHANNELS, 40.0).rheobase)
     with np.errstate(invalid="ignore"):

@@ -1,6 +1,9 @@
-"""The pages of the site that are made from declarations; the gate builds the site, and stops at its first warning."""
+"""The site: its pages that are made from declarations, and how it works from disk in a browser."""
 
 from __future__ import annotations
+
+import subprocess
+import sys
 
 import pytest
 
@@ -8,6 +11,9 @@ import softness_bayes
 from reference_pages import write_pages
 from softness_bayes.cli import VERBS, main
 from softness_bayes.parameters.declared import EVERY_PARAMETER
+from support.browser import browser, find_browser
+from support.pages import DOCS, PAGES
+from support.paths import ROOT
 
 
 @pytest.fixture(scope="module")
@@ -37,3 +43,44 @@ def test_an_unchanged_page_is_left_alone(tmp_path):
     times = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     write_pages(tmp_path)
     assert {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == times
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    """The site, built without a warning."""
+    out = tmp_path_factory.mktemp("built")
+    options = ["--quiet", "--fail-on-warning", "-c", ROOT / ".docs", "-d", out / "read"]
+    subprocess.run([sys.executable, "-m", "sphinx", *map(str, options), DOCS, out / "site"], cwd=ROOT, check=True)
+    return out / "site"
+
+
+@pytest.mark.slow
+@pytest.mark.browser
+@pytest.mark.skipif(find_browser() is None, reason="no chromium")
+def test_the_site_works_from_disk(built, tmp_path):
+    """Pages fit a phone, figures have a text, the search finds, and nothing is asked of another host."""
+    searched = {
+        "left-handed": "Raters differ",
+        "staircase": "staircase",
+        "Kawabata": "Your data",
+        "Versuchsperson": "Tables and",
+    }
+    with browser(find_browser(), tmp_path) as page:
+
+        def opened(path, query="", ready="true"):
+            page("Page.navigate", url="about:blank")
+            page.wait("location.protocol === 'about:'")
+            page.events.clear()
+            page("Page.navigate", url=path.as_uri() + query)
+            page.wait(f"location.protocol === 'file:' && document.readyState === 'complete' && {ready}")
+            assert all(url.startswith(("file:", "data:")) for url in page.requested())
+
+        page.resize(400)
+        for name in PAGES.keys() - {"README.md"}:
+            opened(built / name.replace(".md", ".html"))
+            assert page.complaints() == []
+            assert page.script("document.documentElement.scrollWidth <= innerWidth"), name
+            assert page.script("[...document.images].every(image => image.alt)"), name
+        for word, title in searched.items():
+            opened(built / "search.html", f"?q={word}", "!!document.querySelector('#search-results li')")
+            page.wait(f"document.querySelector('#search-results').innerText.includes({title!r})")
