@@ -14,16 +14,8 @@ from typing import Any, Self
 
 import numpy as np
 
+from softness_bayes.checkpoints import saved
 from softness_bayes.checkpoints.identity import differences
-from softness_bayes.checkpoints.saved import (
-    Record,
-    Status,
-    content_of,
-    number_of,
-    read_last,
-    saved_states,
-    state_path,
-)
 from softness_bayes.errors import InputError
 from softness_bayes.files.json_text import as_json
 from softness_bayes.files.lock import Lock, require_free
@@ -74,7 +66,7 @@ class Checkpoint:
     ) -> None:
         self.directory, self.request, self._replace, self._inputs = directory, request, replace, tuple(inputs)
         self._home, self._held = directory / CHECKPOINT, ExitStack()
-        self._record: Record | None = None
+        self._record: saved.Record | None = None
         self._state: RunState | None = None
         self._salvage, self.damage = salvage, ""  # damaged files and the resulting loss, as a sentence
         self._description: dict[str, str] = {}
@@ -248,12 +240,12 @@ class Checkpoint:
         return {} if self._record is None else self._record.description
 
     @property
-    def status(self) -> Status | None:
+    def status(self) -> saved.Status | None:
         """Status of the saved run; None before the first state."""
         return None if self._record is None else self._record.status
 
-    def _read(self) -> Record:
-        self._record, self._state, self.damage = read_last(self.directory, self._salvage)
+    def _read(self) -> saved.Record:
+        self._record, self._state, self.damage = saved.read_last(self.directory, self._salvage)
         return self._record
 
     def _write(self, state: RunState, schedule: Schedule, target: TargetDensity) -> None:
@@ -261,23 +253,23 @@ class Checkpoint:
         if before is None:
             self._require_vacant()
             remove(_earlier_run(self.directory, self._inputs))
-        self._store(state, Status.of(state, schedule, self.request))
+        self._store(state, saved.Status.of(state, schedule, self.request))
         if state.nonfinite.count > (0 if before is None else before.nonfinite.count):
             write_outputs(self.directory, {NONFINITE: _failure_table(state, target)}, RUN)
 
-    def _store(self, state: RunState, status: Status) -> None:
+    def _store(self, state: RunState, status: saved.Status) -> None:
         """Write the file of a state, with its steps since the file before."""
-        last, before, number = self._record, self._state, max(saved_states(self.directory), default=0) + 1
+        last, before, number = self._record, self._state, max(saved.saved_states(self.directory), default=0) + 1
         pieces: list[int] = [] if last is None else last.pieces
         earlier: list[int] = [] if last is None else last.earlier
         stored = 0 if before is None else before.steps // before.stride
         same_stage = before is not None and (state.phase, state.stride) == (before.phase, before.stride)
         if not same_stage or len(pieces) >= MOST_FILES:
             pieces, earlier, stored = [], pieces, 0
-        record = Record([*pieces, number], earlier, status, self._description, self.request)
-        path = state_path(self.directory, number)
+        record = saved.Record([*pieces, number], earlier, status, self._description, self.request)
+        path = saved.state_path(self.directory, number)
         try:
-            write_whole(path, content_of(state, stored, record))
+            write_whole(path, saved.content_of(state, stored, record))
         finally:  # an interrupt may come after the file is there, when this state is saved
             if path.is_file():
                 self._record, self._state = record, state
@@ -285,9 +277,9 @@ class Checkpoint:
 
     def _tidy(self) -> None:
         """Remove leftovers of interrupted writes, and files of stages before the last two."""
-        every = [] if self._record is None else saved_states(self.directory)
+        every = [] if self._record is None else saved.saved_states(self.directory)
         needed = set() if self._record is None else {*self._record.pieces, *self._record.earlier}
-        unused = [state_path(self.directory, number) for number in every if number not in needed]
+        unused = [saved.state_path(self.directory, number) for number in every if number not in needed]
         for path in (*filter(is_part, self._home.glob("*")), *unused):
             with suppress(OSError):
                 path.unlink()
@@ -304,7 +296,7 @@ class Checkpoint:
         for place in (self.directory, *self.directory.parents):
             if place.exists() and not place.is_dir():
                 raise InputError(f"{place}: is a file, expected a directory for the results")
-        there, begun = _earlier_run(self.directory, self._inputs), bool(saved_states(self.directory))
+        there, begun = _earlier_run(self.directory, self._inputs), bool(saved.saved_states(self.directory))
         if self._replace and there.others:
             raise InputError(
                 f"{self.directory}: --force replaces only an earlier run, but {told(there.others)}; move it away, or "
@@ -322,7 +314,7 @@ class Checkpoint:
                 place.rmdir()
 
     def _vanish_unused(self, lock: Lock) -> None:
-        if self._record is None and not saved_states(self.directory):
+        if self._record is None and not saved.saved_states(self.directory):
             self._tidy()
             lock.vanish()
 
@@ -337,7 +329,7 @@ def _earlier_run(directory: Path, inputs: Iterable[Path]) -> Survey:
         other = {home: "is not the directory of a checkpoint"} if os.path.lexists(home) else {}
         return Survey(beside.ours, {**other, **beside.others})
     paths = sorted(home.iterdir(), reverse=True)
-    states = [path for path in paths if is_part(path) or number_of(path) is not None]
+    states = [path for path in paths if is_part(path) or saved.number_of(path) is not None]
     held = [path for path in paths if path.name == LOCK and path.is_file() and not path.is_symlink()]
     others = {path: "was not written by this command" for path in paths if path not in (*states, *held)}
     return Survey((*states, *beside.ours), {**others, **beside.others})

@@ -27,39 +27,14 @@ from softness_bayes.likelihood.models import (
 from softness_bayes.likelihood.plate import CompressionForces, PressedRaters
 from softness_bayes.likelihood.ratings import SKIN, RatingsLikelihood, RatingsModel
 from softness_bayes.likelihood.scales import FREE, MAGNITUDE, RISES, STANDARDISED, RatingDirection
+from softness_bayes.model import fingers, scenes
 from softness_bayes.model.direction import DRAWS, DirectionChoice, evidence_of
-from softness_bayes.model.fingers import (
-    answers_of,
-    box_of_priors,
-    differing,
-    family_of,
-    fingers_of,
-    grid_of,
-    require_one_source,
-)
 from softness_bayes.model.interpretation import Interpretation, interpret
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Density, Posterior
-from softness_bayes.model.scenes import (
-    at_other_loads,
-    fabric_moduli,
-    prior_draws,
-    require_readings,
-    scene_of,
-    skin_of_priors,
-)
+from softness_bayes.parameters import declared
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.coordinates import Bent, Coordinate, Scaled
-from softness_bayes.parameters.declared import (
-    ERROR_PARAMETERS,
-    EVERY_PARAMETER,
-    MODULUS_SCALE,
-    OPTIONAL_RECORDING,
-    PARAMETERS,
-    RATER_SPREADS,
-    SHAPE_PARAMETERS,
-    TOUCH_FORCE,
-)
 from softness_bayes.parameters.laws import LogNormal
 from softness_bayes.parameters.space import FabricModuli, ParameterSpace
 from softness_bayes.ranges import require_kind
@@ -117,10 +92,12 @@ class ExperimentModel:
             raise InputError(f"direction: {FREE.name} needs magnitude estimates, not {options.scale.name} ratings")
         if options.individual and len(self.data.ratings.participants) < 2:
             raise InputError(
-                f"individual: there is one participant only, whose {differing(options.individual)[4:]} cannot be "
-                "distinguished from the typical one's; omit it"
+                "individual: there is one participant only, whose "
+                f"{fingers.differing(options.individual)[4:]} cannot be distinguished from the typical one's; omit it"
             )
-        if fingers_of(options.individual) and (freed := sorted(SHAPE_PARAMETERS.keys() & options.priors.keys())):
+        if fingers.fingers_of(options.individual) and (
+            freed := sorted(declared.SHAPE_PARAMETERS.keys() & options.priors.keys())
+        ):
             raise InputError(f"individual: raters' own fingers and a prior of {freed[0]} cannot be combined")
 
     @cached_property
@@ -152,17 +129,17 @@ class ExperimentModel:
         """Effective moduli of the fabrics, and the laws of those that are uncertain."""
         options = self.requested
         reading = options.readings.fabric_modulus
-        found = fabric_moduli(self.data.fabrics, reading, options.modulus_cv, options.unknown_modulus)
-        return replace(found, common=self._priors.get(MODULUS_SCALE))
+        found = scenes.fabric_moduli(self.data.fabrics, reading, options.modulus_cv, options.unknown_modulus)
+        return replace(found, common=self._priors.get(declared.MODULUS_SCALE))
 
     @property
     def _priors(self) -> dict[str, Any]:
         """The priors given, and those of an error common to all moduli and of the force of a free touch, if any."""
         options, own = self.requested, dict[str, Any]()
         if options.shared_modulus_cv:
-            own[MODULUS_SCALE] = LogNormal(1.0, float(np.sqrt(np.log1p(options.shared_modulus_cv**2))))
-        if FREE_TOUCH in self.data.ratings.loads and TOUCH_FORCE not in options.fix:
-            own[TOUCH_FORCE] = EVERY_PARAMETER[TOUCH_FORCE].prior
+            own[declared.MODULUS_SCALE] = LogNormal(1.0, float(np.sqrt(np.log1p(options.shared_modulus_cv**2))))
+        if FREE_TOUCH in self.data.ratings.loads and declared.TOUCH_FORCE not in options.fix:
+            own[declared.TOUCH_FORCE] = declared.EVERY_PARAMETER[declared.TOUCH_FORCE].prior
         return {**own, **options.priors}
 
     def space(self, direction: RatingDirection | None) -> ParameterSpace:
@@ -174,15 +151,15 @@ class ExperimentModel:
             If the options contain an unknown name, or parameters of the finger that cannot vary in this model.
         """
         data, options = self.data, self.requested
-        require_one_source(options.priors, options.finger)
-        require_readings(options.prior_set, options.readings)
+        fingers.require_one_source(options.priors, options.finger)
+        scenes.require_readings(options.prior_set, options.readings)
         if data.compression is not None and "radius" in options.priors:
             raise InputError(
                 "radius is given a prior, but the model of compression data needs a known radius: omit the prior "
                 "or the compression data"
             )
         needs, free = self.rating_model(RISES).needs, FREE_TOUCH in data.ratings.loads
-        if free and options.individual and fingers_of(options.individual):
+        if free and options.individual and fingers.fingers_of(options.individual):
             raise InputError("individual: raters' own fingers and a free touch of unknown force cannot be combined")
         return parameter_space(
             fix=options.fixed,
@@ -190,19 +167,19 @@ class ExperimentModel:
             prior_set=options.prior_set,
             skin_displacement=options.readings.skin_displacement,
             n_participants=raters_told(data.ratings),
-            absent={*RatingModel.needs} - {*needs} | (set() if free else {TOUCH_FORCE}),
+            absent={*RatingModel.needs} - {*needs} | (set() if free else {declared.TOUCH_FORCE}),
             n_fingers=None if data.compression is None else len(data.compression.participants),
             membrane=options.readings.membrane,
-            spreads=[{**SPREAD_OF, **RATER_SPREADS}[name] for name in options.individual],
+            spreads=[{**SPREAD_OF, **declared.RATER_SPREADS}[name] for name in options.individual],
             signed=("gamma",) if direction is FREE else (),
-            of_errors=ERROR_PARAMETERS.keys() & {*needs},
+            of_errors=declared.ERROR_PARAMETERS.keys() & {*needs},
             recorded=[name for term in _recorded(data, options) for name in term.model.needs],
         )
 
     def scene_at(self, space: ParameterSpace, discretisation: Discretisation, noise: float | None = None) -> Scene:
         """Return the scene at a resolution, with the noise of the options unless another is given."""
         conditions, options = self.data.ratings.conditions, self.requested
-        return scene_of(
+        return scenes.scene_of(
             self.data.fabrics,
             self.data.ratings.loads,
             space.held,
@@ -213,8 +190,8 @@ class ExperimentModel:
             options.noise if noise is None else noise,
             options.finger,
             self.moduli,
-            box_of_priors(space.sampled, options.finger),
-            skin_of_priors(space),
+            fingers.box_of_priors(space.sampled, options.finger),
+            scenes.skin_of_priors(space),
         )
 
     def rating_model(self, direction: RatingDirection) -> RatingsModel:
@@ -226,15 +203,15 @@ class ExperimentModel:
             If this scale has no model of individual fingers or answers.
         """
         options, meaning = self.requested, self.interpretation
-        if answers := answers_of(options.individual):
+        if answers := fingers.answers_of(options.individual):
             return model_of_different_raters(options.scale, answers, direction, meaning.law)
         if options.individual:
             if options.scale is not MAGNITUDE:
-                what = differing(options.individual)
+                what = fingers.differing(options.individual)
                 raise InputError(
                     f"individual: raters' {what} need magnitude estimates, not {options.scale.name} ratings"
                 )
-            return IndividualModel(direction, grid=grid_of(options.individual))
+            return IndividualModel(direction, grid=fingers.grid_of(options.individual))
         model: Any = rating_model(options.scale, direction, meaning.law, meaning.intervals.exact)
         model = replace(model, categories=meaning.categories) if meaning.categories else model
         model = replace(model, guesses_given=True) if options.guess is not None else model
@@ -273,7 +250,7 @@ class ExperimentModel:
         """Reason for the discretisation; None if it was given."""
         if self.requested.discretisation is not None:
             return None
-        return choose(partial(self.scene_at, self._space), prior_draws(self._space), self.requested.accuracy)
+        return choose(partial(self.scene_at, self._space), scenes.prior_draws(self._space), self.requested.accuracy)
 
     @cached_property
     def scene(self) -> Scene:
@@ -311,8 +288,10 @@ class ExperimentModel:
             _bent(self._space, self.scene, self.direction.direction).with_moduli(self.moduli),
             (observation, *spreads_between(data.ratings), *plates, *_recorded(data, options)),
             self.scene,
-            None if errors is None else at_other_loads(self.scene, errors),
-            family_of(self.scene, grid_of(options.individual)) if fingers_of(options.individual) else None,
+            None if errors is None else scenes.at_other_loads(self.scene, errors),
+            fingers.family_of(self.scene, fingers.grid_of(options.individual))
+            if fingers.fingers_of(options.individual)
+            else None,
         )
         if options.scale.model is not None:
             # all members of a custom observation model are tested before a run depends on them
@@ -360,7 +339,7 @@ def _with_load_errors(observed: RatingsLikelihood, experiment: Experiment, optio
     if FREE_TOUCH in experiment.ratings.loads and (log_sd.any() or shared):
         raise InputError("load_cv: the force of a free touch is unknown, and has no error beside that; omit it")
     if options.individual and (log_sd.any() or shared):
-        what = differing(options.individual)
+        what = fingers.differing(options.individual)
         raise InputError(f"individual: raters' {what} and errors of loads (load_cv) cannot be combined")
     if log_sd.any() and shared:
         raise InputError(
@@ -400,7 +379,7 @@ def build_skin(data: Compression | Afferents | Measurements, options: ModelOptio
         priors=options.priors,
         prior_set=options.prior_set,
         skin_displacement=options.readings.skin_displacement,
-        absent={*PARAMETERS, *SHAPE_PARAMETERS, MODULUS_SCALE} - used,
+        absent={*declared.PARAMETERS, *declared.SHAPE_PARAMETERS, declared.MODULUS_SCALE} - used,
         n_fingers=None if data.compression is None else len(data.compression.participants),
         recorded=used,
     )
@@ -425,7 +404,7 @@ def _recorded(data: Experiment | Measurements, options: ModelOptions) -> list[Re
 
 def recorded_rates(data: Afferents, options: ModelOptions) -> RecordedRates:
     """Return the likelihood of recorded afferents for the given finger and readings."""
-    freed = tuple(name for name in OPTIONAL_RECORDING if name in {*options.fix, *options.priors})
+    freed = tuple(name for name in declared.OPTIONAL_RECORDING if name in {*options.fix, *options.priors})
     touches = ProbedTouches(data.loads, data.curvature, data.distance, options.finger, options.readings)
     return RecordedRates(data, touches, recording_model(data, options.shared, freed))
 
@@ -474,7 +453,7 @@ def _bent(space: ParameterSpace, scene: Scene, directed: RatingDirection) -> Par
     bent: dict[str, Coordinate] = {"gamma": Bent(0.0, SIGN_WIDTH)} if directed == FREE else {}
     if not np.isfinite(rheobase):
         return replace(space, bent=bent)
-    unit = PARAMETERS["sigma_0"].prior.median
+    unit = declared.PARAMETERS["sigma_0"].prior.median
     # rounded: a run goes on where the last digits of a computed rheobase are others
     bent |= {"alpha": Bent(round(rheobase, 4), ALPHA_WIDTH), "sigma_0": Scaled(unit)}
     return replace(space, bent=bent, rheobase=rheobase)

@@ -11,21 +11,11 @@ from numpy.typing import NDArray
 from softness_bayes.data import Ratings
 from softness_bayes.data.oddities import steps_of_raters
 from softness_bayes.errors import InputError
+from softness_bayes.likelihood import scales
 from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.error_laws import GUMBEL, LAPSES, NORMAL, STUDENT, ErrorLaw
 from softness_bayes.likelihood.layout import Layout, merge
 from softness_bayes.likelihood.lists import MOST_TIED, references, shares
-from softness_bayes.likelihood.scales import (
-    AGGREGATED,
-    CATEGORIES,
-    MAGNITUDE,
-    PAIRS,
-    RANKS,
-    RISES,
-    SLIDER,
-    STANDARDISED,
-    Scale,
-)
 from softness_bayes.model.fingers import differing, fingers_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.ranges import CATEGORIES_RANGE
@@ -62,16 +52,16 @@ def interpret(ratings: Ratings, options: ModelOptions) -> Interpretation:
         If a rating is not on the scale, or the options request something that the scale or the model does not support.
     """
     options.scale.require(ratings)
-    if options.guess is not None and options.scale is not PAIRS:
-        raise InputError(f"--guess: a guess rate is one of pairs (--ratings {PAIRS.name}); omit it")
-    if options.scale in (RANKS, PAIRS):
+    if options.guess is not None and options.scale is not scales.PAIRS:
+        raise InputError(f"--guess: a guess rate is one of pairs (--ratings {scales.PAIRS.name}); omit it")
+    if options.scale in (scales.RANKS, scales.PAIRS):
         return _of_lists(ratings, options)
     if ratings.paired:
         raise InputError(
-            f"{ratings.source}: the rows are pairs of fabrics (column fabric_2), which are {PAIRS.name}, not "
-            f"{options.scale.name} ratings; add --ratings {PAIRS.name}"
+            f"{ratings.source}: the rows are pairs of fabrics (column fabric_2), which are {scales.PAIRS.name}, not "
+            f"{options.scale.name} ratings; add --ratings {scales.PAIRS.name}"
         )
-    if (ratings.cells is not None) != (options.scale is AGGREGATED):
+    if (ratings.cells is not None) != (options.scale is scales.AGGREGATED):
         raise InputError(_wrong_cells(ratings, options))
     if options.scale.model is not None:
         return _with_custom_model(ratings, options)
@@ -83,7 +73,7 @@ def interpret(ratings: Ratings, options: ModelOptions) -> Interpretation:
             f"ratings: {alone} need exact numbers with normal errors; omit --resolution and --errors, and "
             "remove a column resolution"
         )
-    if alone and (ratings.rating <= 0).any() and options.scale is MAGNITUDE:
+    if alone and (ratings.rating <= 0).any() and options.scale is scales.MAGNITUDE:
         raise InputError(
             f"{ratings.source}: {(ratings.rating <= 0).sum()} ratings are 0, and {alone} need ratings above 0; "
             "leave these out with --drop-zeros, or omit that option"
@@ -123,12 +113,12 @@ def _wrong_cells(ratings: Ratings, options: ModelOptions) -> str:
     """Return the reason for which cell means, or single ratings, do not fit the requested scale."""
     if ratings.cells is None:
         return (
-            f"{ratings.source}: {AGGREGATED.name} ratings are geometric means of n raters: expected the columns "
+            f"{ratings.source}: {scales.AGGREGATED.name} ratings are geometric means of n raters: expected the columns "
             "geometric_mean (or mean and sd) and n, and geometric_sd where it is known"
         )
     return (
-        f"{ratings.source}: the rows are means of {ratings.cells.raters} raters, which are {AGGREGATED.name}, not "
-        f"{options.scale.name} ratings; add --ratings {AGGREGATED.name}"
+        f"{ratings.source}: the rows are means of {ratings.cells.raters} raters, which are "
+        f"{scales.AGGREGATED.name}, not {options.scale.name} ratings; add --ratings {scales.AGGREGATED.name}"
     )
 
 
@@ -136,7 +126,7 @@ def _with_custom_model(ratings: Ratings, options: ModelOptions) -> Interpretatio
     """Return exact numbers with the error law of a custom observation model."""
     assert options.scale.model is not None
     # a model without one is refused by name when the model of the run is built
-    name, law = options.scale.name, getattr(options.scale.model(RISES), "error", NORMAL)
+    name, law = options.scale.name, getattr(options.scale.model(scales.RISES), "error", NORMAL)
     if options.resolution is not None or ratings.resolution is not None or options.errors not in (None, law):
         raise InputError(
             f"ratings: the custom model of {name} defines its own numbers and errors; omit --resolution and "
@@ -199,7 +189,7 @@ def _of_lists(ratings: Ratings, options: ModelOptions) -> Interpretation:
         If no list has two touches, too many touches share a place, or the options request something that orders do not
         support.
     """
-    laws = (NORMAL, LAPSES) if options.scale is PAIRS else (GUMBEL,)
+    laws = (NORMAL, LAPSES) if options.scale is scales.PAIRS else (GUMBEL,)
     refused = {
         "--resolution (or a column resolution)": options.resolution is not None or ratings.resolution is not None,
         "--errors": options.errors not in (None, *laws),
@@ -236,12 +226,12 @@ def _of_lists(ratings: Ratings, options: ModelOptions) -> Interpretation:
     tied = int((count[of_row.ravel()] > 1).sum())
     zero = np.zeros(own.size)
     intervals = Stated(shares(own, lists), zero, zero, zero + np.inf, lists=lists)
-    if options.scale is PAIRS:
+    if options.scale is scales.PAIRS:
         if sizes.max() > 2:
             raise InputError(
                 f"{ratings.source}: a list holds {sizes.max()} touches, expected pairs; put both fabrics in one "
                 "row (column fabric_2), mark the two rows of a pair in a column 'list', or use --ratings "
-                f"{RANKS.name} for longer lists"
+                f"{scales.RANKS.name} for longer lists"
             )
         law = options.errors or NORMAL
         if options.guess is not None:
@@ -313,7 +303,7 @@ def _count_of(ratings: Ratings, options: ModelOptions) -> int:
         If a rating is not the number of a category, there are too many categories, or their number is given for another
         scale.
     """
-    if options.scale is not CATEGORIES:
+    if options.scale is not scales.CATEGORIES:
         if options.n_categories is not None:
             raise InputError(f"categories: {options.n_categories} are given for {options.scale.name} ratings")
         return 0
@@ -326,9 +316,9 @@ def _count_of(ratings: Ratings, options: ModelOptions) -> int:
 
 
 def _intervals_of(ratings: Ratings, options: ModelOptions, resolution: float | None) -> Stated:
-    if options.scale is CATEGORIES:
+    if options.scale is scales.CATEGORIES:
         return stated(replace(ratings, resolution=None), 0.0)
-    if options.scale is SLIDER:
+    if options.scale is scales.SLIDER:
         return stated(ratings, resolution, options.slider_ends)
     if options.slider_ends != (0.0, 1.0):
         raise InputError(f"slider: ends are given for {options.scale.name} ratings; add --ratings slider, or omit them")
@@ -337,9 +327,9 @@ def _intervals_of(ratings: Ratings, options: ModelOptions, resolution: float | N
 
 def _needs_closed_form(ratings: Ratings, options: ModelOptions) -> str:
     """Return the requested features that need exact ratings with normal errors, in words; empty if none."""
-    if options.scale is STANDARDISED:
+    if options.scale is scales.STANDARDISED:
         return f"{options.scale.name} ratings"
-    if options.scale is AGGREGATED:
+    if options.scale is scales.AGGREGATED:
         return "means of several raters"
     if fingers_of(options.individual):
         return f"raters' {differing(options.individual)} (--individual)"
@@ -387,7 +377,7 @@ LEAST_FREE = 1e-3
 law."""
 
 
-def law_of(ratings: Ratings, intervals: Stated, scale: Scale) -> tuple[ErrorLaw, str]:
+def law_of(ratings: Ratings, intervals: Stated, scale: scales.Scale) -> tuple[ErrorLaw, str]:
     """Return Student's t if the residuals of participants and conditions have heavy tails, else normal; and why.
 
     Censored ratings have no residual: a 0 is some number below a limit, and any number in its place may lie far out.

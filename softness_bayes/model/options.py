@@ -10,19 +10,11 @@ from functools import partial
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Self
 
+from softness_bayes import ranges
 from softness_bayes.defaults import ACCURACY, ERRORS, NOISE, PRIOR_SET
 from softness_bayes.errors import InputError
 from softness_bayes.files.json_text import parse_json
-from softness_bayes.likelihood.scales import (
-    FREE,
-    MAGNITUDE,
-    OWN_SCALES,
-    RATING_DIRECTIONS,
-    RATING_SCALES,
-    RatingDirection,
-    Scale,
-    name_of_scale,
-)
+from softness_bayes.likelihood import scales
 from softness_bayes.likelihood.scales import require_name as require_scale
 from softness_bayes.options import (
     AUTO,
@@ -36,17 +28,6 @@ from softness_bayes.options import (
     described,
     later,
     option,
-)
-from softness_bayes.ranges import (
-    ACCURACIES,
-    CATEGORIES_RANGE,
-    GUESSES,
-    LOAD_ERRORS,
-    NOISES,
-    RELATIVE_ERRORS,
-    RESOLUTIONS,
-    SHARED_LOAD_ERRORS,
-    SHARED_MODULUS_ERRORS,
 )
 from softness_bayes.supplied import installed
 
@@ -263,17 +244,19 @@ class GuessRate(Kind):
 
     def accept(self, name: str, value: Any) -> Any:
         """Return the rate, or the word."""
-        if value == FREE.name:
+        if value == scales.FREE.name:
             return value
-        GUESSES.require(name, value)
+        ranges.GUESSES.require(name, value)
         return float(value)
 
     def parse(self, text: str) -> Any:
         """Return the rate of a text such as 1/3."""
         try:
-            return text if text == FREE.name else self.accept("guess", float(Fraction(text)))
+            return text if text == scales.FREE.name else self.accept("guess", float(Fraction(text)))
         except (ValueError, ZeroDivisionError):
-            raise InputError(f"expected a rate from 0 to 0.9, such as 1/3, or {FREE.name}, got {text!r}") from None
+            raise InputError(
+                f"expected a rate from 0 to 0.9, such as 1/3, or {scales.FREE.name}, got {text!r}"
+            ) from None
 
 
 class Chosen(Kind):
@@ -367,9 +350,9 @@ class ModelOptions(Options):
         set_flag="--readings",
         spelled=True,
     )
-    direction: RatingDirection | None = option(
+    direction: scales.RatingDirection | None = option(
         Chosen(
-            (AUTO, FREE.name, *RATING_DIRECTIONS),
+            (AUTO, scales.FREE.name, *scales.RATING_DIRECTIONS),
             "RISES, FALLS, FREE or None",
             "softness_bayes.likelihood.scales:RatingDirection",
             "softness_bayes.likelihood.scales:direction_named",
@@ -377,7 +360,7 @@ class ModelOptions(Options):
         None,
         "--direction",
         "Whether ratings rise or fall with the response. auto chooses from the data, or free if they do not decide it; "
-        f"{FREE.name} samples both, each with prior probability 1/2.",
+        f"{scales.FREE.name} samples both, each with prior probability 1/2.",
         shown=True,
         spelled=True,
         affects_draws=True,
@@ -393,14 +376,14 @@ class ModelOptions(Options):
         affects_draws=True,
     )
     modulus_cv: float | None = option(
-        Number(RELATIVE_ERRORS),
+        Number(ranges.RELATIVE_ERRORS),
         None,
         "--modulus-cv",
         "Relative standard error of moduli for which the fabric table gives none, such as 0.15; 0 means that "
         "they are exact.",
     )
     shared_modulus_cv: float | None = option(
-        Number(SHARED_MODULUS_ERRORS),
+        Number(ranges.SHARED_MODULUS_ERRORS),
         None,
         "--shared-modulus-cv",
         "Relative standard error that all moduli share, such as 0.15 for one tester that may read too high or too low: "
@@ -413,7 +396,7 @@ class ModelOptions(Options):
         "Prior of the moduli [kPa] of fabrics without a modulus in their table; lognormal(100,2) by default.",
     )
     load_cv: float | None = option(
-        Number(LOAD_ERRORS),
+        Number(ranges.LOAD_ERRORS),
         None,
         "--load-cv",
         "Relative standard error of loads for which the table gives none, such as 0.05, independent for each "
@@ -421,7 +404,7 @@ class ModelOptions(Options):
         affects_draws=True,
     )
     shared_load_cv: float | None = option(
-        Number(SHARED_LOAD_ERRORS),
+        Number(ranges.SHARED_LOAD_ERRORS),
         None,
         "--shared-load-cv",
         "Relative standard error that all ratings at a load share, such as 0.03 for a press that is set "
@@ -462,7 +445,7 @@ class ModelOptions(Options):
         needs_ratings=True,
     )
     resolution: float | None = option(
-        Number(RESOLUTIONS, "STEP"),
+        Number(ranges.RESOLUTIONS, "STEP"),
         None,
         "--resolution",
         "Rounding of ratings: 1 for whole numbers; 0 treats ratings as exact numbers. By default the "
@@ -490,7 +473,7 @@ class ModelOptions(Options):
         needs_ratings=True,
     )
     n_categories: int | None = option(
-        Number(CATEGORIES_RANGE, "K"),
+        Number(ranges.CATEGORIES_RANGE, "K"),
         None,
         "--categories",
         "Number of ordered categories (--ratings categories); by default the largest number in the table.",
@@ -498,7 +481,7 @@ class ModelOptions(Options):
         needs_ratings=True,
     )
     accuracy: float = option(
-        Number(ACCURACIES),
+        Number(ranges.ACCURACIES),
         ACCURACY,
         "--accuracy",
         "Largest numerical error of the response, relative to its peak and in log(N/N_ref + eps). The "
@@ -508,18 +491,18 @@ class ModelOptions(Options):
         spelled=True,
         needs_ratings=True,
     )
-    scale: Scale = option(
+    scale: scales.Scale = option(
         Chosen(
-            tuple(RATING_SCALES),
+            tuple(scales.RATING_SCALES),
             "a Scale, such as SLIDER or CATEGORIES",
             "softness_bayes.likelihood.scales:Scale",
             "softness_bayes.likelihood.scales:scale_named",
-            name_of_scale,
-            OWN_SCALES,
+            scales.name_of_scale,
+            scales.OWN_SCALES,
         ),
-        MAGNITUDE,
+        scales.MAGNITUDE,
         "--ratings",
-        f"Whether ratings are {', or '.join(scale.meaning for scale in RATING_SCALES.values())}; or a custom "
+        f"Whether ratings are {', or '.join(scale.meaning for scale in scales.RATING_SCALES.values())}; or a custom "
         "scale, such as mymodule:SCALE.",
         shown=True,
         spelled=True,
@@ -527,7 +510,7 @@ class ModelOptions(Options):
         needs_ratings=True,
     )
     noise: float = option(
-        Number(NOISES, "STRENGTH"),
+        Number(ranges.NOISES, "STRENGTH"),
         NOISE,
         "--noise",
         "White-noise current on every membrane [µA/cm² √ms]. Its mean effect is found by simulation, which "
@@ -569,7 +552,7 @@ class ModelOptions(Options):
     @property
     def fixed(self) -> Mapping[str, float]:
         """The fixed values, a guess rate that is known among them."""
-        return self.fix if self.guess in (None, FREE.name) else {**self.fix, "guess": float(self.guess or 0.0)}
+        return self.fix if self.guess in (None, scales.FREE.name) else {**self.fix, "guess": float(self.guess or 0.0)}
 
     @property
     def slider_width(self) -> float:

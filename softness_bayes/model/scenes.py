@@ -15,15 +15,8 @@ from softness_bayes.data.ratings import load_column
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import LoadErrors
 from softness_bayes.model.fingers import box_of_values
+from softness_bayes.parameters import declared
 from softness_bayes.parameters.choice import parameter_space
-from softness_bayes.parameters.declared import (
-    ANSWER_PARAMETERS,
-    ERROR_PARAMETERS,
-    EVERY_PARAMETER,
-    KPA,
-    PARAMETERS,
-    UNKNOWN_MODULUS,
-)
 from softness_bayes.parameters.joint import JOINT_LAWS
 from softness_bayes.parameters.laws import LEAST_WIDTH, LogNormal, LogUniform, Prior
 from softness_bayes.parameters.space import FabricModuli, ParameterSpace
@@ -55,7 +48,7 @@ def touch_parameters(values: Mapping[str, ArrayLike]) -> TouchParameters:
     names = [name for name in TouchParameters._fields if name in values or name not in TouchParameters._field_defaults]
     if missing := [name for name in names if name not in values]:
         raise InputError(f"values: no {missing[0]}, expected all that usual_values(readings) returns")
-    return TouchParameters(**{n: np.asarray(values[n], float) * EVERY_PARAMETER[n].si for n in names})
+    return TouchParameters(**{n: np.asarray(values[n], float) * declared.EVERY_PARAMETER[n].si for n in names})
 
 
 def require_readings(prior_set: str, readings: Readings) -> None:
@@ -106,8 +99,8 @@ def usual_values(
         skin_displacement=readings.skin_displacement,
         n_fingers=n_fingers,
         membrane=readings.membrane,
-        of_errors=ERROR_PARAMETERS.keys() & (given or {}).keys(),
-        spreads=ANSWER_PARAMETERS.keys() & (given or {}).keys(),
+        of_errors=declared.ERROR_PARAMETERS.keys() & (given or {}).keys(),
+        spreads=declared.ANSWER_PARAMETERS.keys() & (given or {}).keys(),
     )
     return {name: float(value) for name, value in space.values(space.median).items()} | many
 
@@ -221,7 +214,7 @@ def skin_of_priors(space: ParameterSpace) -> SkinBox | None:
     def ends(name: str) -> tuple[float, float]:
         low, high = 2 * [space.held[name]] if name in space.held else priors[name].quantile(_TAILS)
         # laws that reach down to 0 have no logarithm there
-        low, si = max(float(low), _LEAST_SHARE * float(high)), EVERY_PARAMETER[name].si
+        low, si = max(float(low), _LEAST_SHARE * float(high)), declared.EVERY_PARAMETER[name].si
         return si * low, si * float(high)
 
     box = SkinBox(ends("b"), ends("m"))
@@ -233,13 +226,13 @@ def prior_draws(space: ParameterSpace, size: int = DRAWS, seed: int = 0) -> Draw
     parameters = space.touch(space.draw_prior(np.random.default_rng(seed), size))
     values = space.values(space.median)
     priors = {p.name: p.prior for p in space.sampled}
-    usual = all(priors.get(name) == PARAMETERS[name].prior for name in Channels._fields)
+    usual = all(priors.get(name) == declared.PARAMETERS[name].prior for name in Channels._fields)
     eps = values.get("eps")
     return Draws(parameters.broadcast(size), None if eps is None else float(eps), usual)
 
 
 def fabric_moduli(
-    fabrics: Fabrics, reading: FabricModulus, cv: float | None = None, unknown: Prior = UNKNOWN_MODULUS
+    fabrics: Fabrics, reading: FabricModulus, cv: float | None = None, unknown: Prior = declared.UNKNOWN_MODULUS
 ) -> FabricModuli:
     """Return the moduli of some fabrics.
 
@@ -264,10 +257,10 @@ def fabric_moduli(
     """
     if cv is not None:
         RELATIVE_ERRORS.require("modulus_cv", cv)
-    middle = fabrics.modulus(reading, unknown=unknown.median * KPA)
+    middle = fabrics.modulus(reading, unknown=unknown.median * declared.KPA)
     own = fabrics.modulus_cv()
     errors = log_sd(np.where(np.isnan(own), cv or 0.0, own))
-    low, high = (side / KPA for side in (fabrics.effective_modulus_low, fabrics.effective_modulus_high))
+    low, high = (side / declared.KPA for side in (fabrics.effective_modulus_low, fabrics.effective_modulus_high))
     laws: list[Prior | None] = []
     for k, basis in enumerate(fabrics.basis):
         if not basis:
@@ -275,7 +268,7 @@ def fabric_moduli(
         elif np.isfinite(low[k]) and np.isnan(fabrics.effective_modulus[k]):
             laws.append(LogUniform(float(low[k]), float(high[k])))
         elif errors[k] > LEAST_WIDTH:
-            laws.append(LogNormal(float(middle[k] / KPA), float(errors[k])))
+            laws.append(LogNormal(float(middle[k] / declared.KPA), float(errors[k])))
         else:
             laws.append(None)
     return FabricModuli(fabrics.names, tuple(middle.tolist()), tuple(laws))

@@ -9,41 +9,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from softness_bayes import ranges
 from softness_bayes.data import Afferents, Compression, Fabrics, Ratings
 from softness_bayes.data.fabrics import log_sd
 from softness_bayes.data.forms import PANEL, AggregatedCells
 from softness_bayes.errors import InputError
+from softness_bayes.likelihood import scales
 from softness_bayes.likelihood.contract import NO_RESPONSE, Model, Parameters
 from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.error_laws import GUMBEL, NORMAL, ErrorLaw
 from softness_bayes.likelihood.models import model_of_different_raters, rating_model
 from softness_bayes.likelihood.plate import PLATE_PARAMETERS, CompressionForces
 from softness_bayes.likelihood.ratings import OF_FORCES
-from softness_bayes.likelihood.scales import (
-    AGGREGATED,
-    CATEGORIES,
-    LARGEST_LOG_RATING,
-    MAGNITUDE,
-    PAIRS,
-    RANKS,
-    RISES,
-    STANDARDISED,
-    RatingDirection,
-    Scale,
-)
 from softness_bayes.model.scenes import scaled, scene_of, touch_parameters
 from softness_bayes.parameters.declared import EVERY_PARAMETER, RATER_SPREADS
-from softness_bayes.ranges import (
-    CATEGORIES_RANGE,
-    FINGERS,
-    LOAD_ERRORS,
-    PARTICIPANTS,
-    RESOLUTIONS,
-    SIMULATED_RATINGS,
-    SLOPES,
-    require_kind,
-    require_mapping,
-)
 from softness_bayes.recordings.likelihood import RecordedRates, recording_model
 from softness_bayes.recordings.response import ProbedTouches
 from softness_bayes.touch.contact import Finger, Load, require_loads
@@ -78,8 +57,8 @@ def simulate_ratings(
     participants: int = 30,
     missing: float = 0.0,
     mu: float | None = None,
-    direction: RatingDirection = RISES,
-    scale: Scale = MAGNITUDE,
+    direction: scales.RatingDirection = scales.RISES,
+    scale: scales.Scale = scales.MAGNITUDE,
     slope: float | None = None,
     discretisation: Discretisation = Discretisation(),
     finger: Finger = Finger(),
@@ -135,9 +114,9 @@ def simulate_ratings(
         resolution is out of range, mu or slope is given for the wrong scale, or an error of loads, a resolution or an
         error law for a scale that does not support it.
     """
-    require_kind("rng", rng, np.random.Generator, _RNG)
-    require_kind("fabrics", fabrics, Fabrics, "Fabrics, such as Fabrics(('felt',), effective_modulus=[3e4])")
-    require_mapping("values", values, _VALUES)
+    ranges.require_kind("rng", rng, np.random.Generator, _RNG)
+    ranges.require_kind("fabrics", fabrics, Fabrics, "Fabrics, such as Fabrics(('felt',), effective_modulus=[3e4])")
+    ranges.require_mapping("values", values, _VALUES)
     loads = require_loads("loads", loads)
     _require_ranges(scale, participants, len(fabrics) * len(loads), missing, mu, resolution, load_cv)
     model = _model_of(scale, direction, errors, categories, values)
@@ -157,7 +136,7 @@ def simulate_ratings(
     truth = {name: value for name, value in values.items() if name not in absent}
     truth |= {name: float(value) for name, (value, axes) in drawn.items() if not axes}
     responses = rate.reshape(len(loads), len(fabrics)).T
-    if scale is PAIRS:
+    if scale is scales.PAIRS:
         ratings = paired(rng, model, scene, participants, missing, drive, parameters, fabrics.names, loads)
         return Simulation(ratings, truth, effect, responses)
     touched = design
@@ -167,7 +146,7 @@ def simulate_ratings(
         # each row is a separate condition
         touched = Design(np.arange(design.n_rows), people, design.fabric[design.condition], participants)
     filed = rounded(model.draw_ratings(rng, touched, drive, parameters, effects))
-    if scale is AGGREGATED:
+    if scale is scales.AGGREGATED:
         means = averaged(filed.reshape(participants, -1), scene, fabrics.names, loads)
         return Simulation(means, truth, effect.mean(keepdims=True), responses)
     if resolution:
@@ -175,7 +154,7 @@ def simulate_ratings(
     filed[rng.random(filed.size) < missing] = np.nan
     # conditions are ordered by load
     table = filed.reshape(participants, len(loads), len(fabrics)).transpose(0, 2, 1)
-    if scale is RANKS:  # each fabric's place, from 1
+    if scale is scales.RANKS:  # each fabric's place, from 1
         place = 1.0 + table.argsort(axis=1, kind="stable").argsort(axis=1, kind="stable")
         table = np.where(np.isnan(table), np.nan, place)
     ratings = Ratings.crossed(numbered("P", participants), fabrics.names, loads, table)
@@ -185,7 +164,11 @@ def simulate_ratings(
 
 
 def _model_of(
-    scale: Scale, direction: RatingDirection, errors: ErrorLaw, categories: int | None, values: Mapping[str, float]
+    scale: scales.Scale,
+    direction: scales.RatingDirection,
+    errors: ErrorLaw,
+    categories: int | None,
+    values: Mapping[str, float],
 ) -> Any:
     """Return the rating model; for means, that of single raters.
 
@@ -199,14 +182,14 @@ def _model_of(
     """
     if differ := tuple(name for name, spread in RATER_SPREADS.items() if values.get(spread, 0.0) > 0):
         return model_of_different_raters(scale, differ, direction, errors)
-    model: Any = rating_model(scale, direction, GUMBEL if scale is RANKS and errors == NORMAL else errors)
-    if scale is AGGREGATED:
+    model: Any = rating_model(scale, direction, GUMBEL if scale is scales.RANKS and errors == NORMAL else errors)
+    if scale is scales.AGGREGATED:
         model = model.of_one_rater
     if categories is None:
         return model
-    if scale is not CATEGORIES:
+    if scale is not scales.CATEGORIES:
         raise InputError(f"simulate: {categories} categories, expected none for {scale.name} ratings")
-    CATEGORIES_RANGE.require("simulate: number of categories", categories)
+    ranges.CATEGORIES_RANGE.require("simulate: number of categories", categories)
     return replace(model, categories=categories)
 
 
@@ -232,7 +215,7 @@ def _held_rates(
 
 
 def _require_ranges(
-    scale: Scale,
+    scale: scales.Scale,
     participants: int,
     conditions: int,
     missing: float,
@@ -241,25 +224,26 @@ def _require_ranges(
     load_cv: float,
 ) -> None:
     """Raise an error for numbers that are out of range, or that the scale does not support."""
-    RESOLUTIONS.require("simulate: resolution", resolution)
-    LOAD_ERRORS.require("simulate: load_cv", load_cv)
-    if resolution and scale in (AGGREGATED, STANDARDISED, CATEGORIES, RANKS, PAIRS):
+    ranges.RESOLUTIONS.require("simulate: resolution", resolution)
+    ranges.LOAD_ERRORS.require("simulate: load_cv", load_cv)
+    if resolution and scale in (scales.AGGREGATED, scales.STANDARDISED, scales.CATEGORIES, scales.RANKS, scales.PAIRS):
         raise InputError(f"simulate: resolution is {resolution}, expected none for {scale.name} ratings")
-    if load_cv and scale is not MAGNITUDE:
+    if load_cv and scale is not scales.MAGNITUDE:
         raise InputError(f"simulate: load_cv is {load_cv}, expected none for {scale.name} ratings")
-    PARTICIPANTS.require("simulate: number of participants", participants)
-    SIMULATED_RATINGS.require("simulate: number of ratings", participants * conditions)
+    ranges.PARTICIPANTS.require("simulate: number of participants", participants)
+    ranges.SIMULATED_RATINGS.require("simulate: number of ratings", participants * conditions)
     if not 0 <= missing < 1:
         raise InputError(f"simulate: share of missing ratings is {missing}, expected one in [0, 1)")
-    if mu is not None and not abs(mu) <= LARGEST_LOG_RATING:
+    if mu is not None and not abs(mu) <= scales.LARGEST_LOG_RATING:
         raise InputError(
-            f"simulate: mu is {mu}, expected a number from -{LARGEST_LOG_RATING:g} to {LARGEST_LOG_RATING:g}"
+            f"simulate: mu is {mu}, expected a number from -{scales.LARGEST_LOG_RATING:g} to "
+            f"{scales.LARGEST_LOG_RATING:g}"
         )
-    if scale is AGGREGATED and (missing or participants < 2):
+    if scale is scales.AGGREGATED and (missing or participants < 2):
         raise InputError("simulate: means of raters need at least two raters and no missing ratings (missing 0)")
 
 
-def _levels(model: Model, scale: Scale, mu: float | None, slope: float | None) -> dict[str, ArrayLike]:
+def _levels(model: Model, scale: scales.Scale, mu: float | None, slope: float | None) -> dict[str, ArrayLike]:
     """Return the levels of a rating model: the given ones, and prior medians for the others.
 
     Raises
@@ -273,7 +257,7 @@ def _levels(model: Model, scale: Scale, mu: float | None, slope: float | None) -
             raise InputError(f"simulate: {option} is {value}, expected none for {scale.name} ratings")
         levels |= {} if value is None else {name: value}
     if slope is not None:
-        SLOPES.require("simulate: slope", slope)
+        ranges.SLOPES.require("simulate: slope", slope)
     return levels
 
 
@@ -406,11 +390,11 @@ def simulate_compression(
     InputError
         If there is no finger.
     """
-    require_kind("rng", rng, np.random.Generator, _RNG)
-    require_mapping("values", values, _VALUES)
+    ranges.require_kind("rng", rng, np.random.Generator, _RNG)
+    ranges.require_mapping("values", values, _VALUES)
     if missing := [name for name in PLATE_PARAMETERS if name not in values]:
         raise InputError(f"values: no {missing[0]}, expected all that usual_values(readings, n_fingers=8) returns")
-    replace(FINGERS, low=1).require("simulate: number of fingers", fingers)
+    replace(ranges.FINGERS, low=1).require("simulate: number of fingers", fingers)
     skin = Parameters(**{name: np.float64(values[name]) * EVERY_PARAMETER[name].si for name in PLATE_PARAMETERS})
     finger, depth = np.repeat(np.arange(fingers), len(depths)), np.tile(depths, fingers)
     plate = CompressionForces(

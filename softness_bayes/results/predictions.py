@@ -14,17 +14,7 @@ from softness_bayes.checking.inflection import find_inflection, response_curves,
 from softness_bayes.checking.modulus_errors import directions, posterior_shift, scores, shift_table
 from softness_bayes.defaults import LIMITS
 from softness_bayes.model.prediction import rates_of_other_moduli
-from softness_bayes.results.draws import (
-    REWEIGHT_DRAWS,
-    Groups,
-    Part,
-    RatedDraws,
-    Variable,
-    evenly,
-    joined,
-    named,
-    turning_variables,
-)
+from softness_bayes.results import draws as of_run
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.neuron.spikes import spike_times
 from softness_bayes.touch.parameters import TouchParameters
@@ -75,7 +65,7 @@ TRAIN_TOLERANCE = 1e-5
 """Tolerance of their integration: spikes are within 0.02 ms, which no figure shows."""
 
 
-def prediction_group(draws: RatedDraws, grid: Scene, error: float) -> dict[str, Variable]:
+def prediction_group(draws: of_run.RatedDraws, grid: Scene, error: float) -> dict[str, of_run.Variable]:
     """Return response and rating as functions of E_fab under each shown load, with their turning points.
 
     Parameters
@@ -108,32 +98,32 @@ def prediction_group(draws: RatedDraws, grid: Scene, error: float) -> dict[str, 
     along = (draws.load_axis, "e_fab_kpa")
     rated = draws.scale.filed(ratings.expected(few.mean_rate, few.parameters, few.effects))
     return {
-        TYPICAL: Variable(rated[None], ("condition",)),
-        **{n: Variable(v[None].astype(np.float32), along, unit) for n, (v, unit) in lines.items()},
-        **turning_variables(turn, (1, -1), draws.load_axis),
-        **{f"at_{n}": v for n, v in named(draws.posterior.space, few.theta[None]).items()},
+        TYPICAL: of_run.Variable(rated[None], ("condition",)),
+        **{n: of_run.Variable(v[None].astype(np.float32), along, unit) for n, (v, unit) in lines.items()},
+        **of_run.turning_variables(turn, (1, -1), draws.load_axis),
+        **{f"at_{n}": v for n, v in of_run.named(draws.posterior.space, few.theta[None]).items()},
     }
 
 
-def turning_draws(draws: RatedDraws) -> Array:
+def turning_draws(draws: of_run.RatedDraws) -> Array:
     """Return the points theta of the group `inflection`, shape (chains, draws, dimension)."""
     if draws.log_weight is not None:
-        return draws.subset(REWEIGHT_DRAWS).theta[None]
+        return draws.subset(of_run.REWEIGHT_DRAWS).theta[None]
     every = -(-draws.theta.shape[0] * draws.theta.shape[1] // int(draws.share * TURNING))
     return draws.theta[:, ::-1][:, ::every][:, ::-1]
 
 
-def turning_groups(draws: RatedDraws, error: float) -> Groups:
+def turning_groups(draws: of_run.RatedDraws, error: float) -> of_run.Groups:
     """Return turning points for many posterior and prior draws; arguments as for `prediction_group`."""
-    found: Groups = {}
+    found: of_run.Groups = {}
     for group, points in {"inflection": turning_draws(draws), "prior_inflection": draws.prior[None]}.items():
         touch = draws.touch(points.reshape(-1, points.shape[-1]))
         turn = turning_points(draws.scene, touch, error, loads=draws.shown_loads)
-        found[group] = turning_variables(turn, points.shape[:2], draws.load_axis)
+        found[group] = of_run.turning_variables(turn, points.shape[:2], draws.load_axis)
     return found
 
 
-def illustrations(rng: np.random.Generator, draws: RatedDraws, turn: Array, trains: Trains) -> Part:
+def illustrations(rng: np.random.Generator, draws: of_run.RatedDraws, turn: Array, trains: Trains) -> of_run.Part:
     """Return the data for the figures of touch and membrane.
 
     Parameters
@@ -148,12 +138,12 @@ def illustrations(rng: np.random.Generator, draws: RatedDraws, turn: Array, trai
         Example trains at these draws.
     """
     touched, fired = (draws.touch(draws.subset(size).theta) for size in (ILLUSTRATED, draws.curves))
-    return joined(
+    return of_run.joined(
         touch_illustration(rng, draws.scene, touched, turn), membrane_illustration(draws.scene, fired, trains)
     )
 
 
-def modulus_shifts(draws: RatedDraws, inflection: Mapping[str, Variable]) -> pd.DataFrame | None:
+def modulus_shifts(draws: of_run.RatedDraws, inflection: Mapping[str, of_run.Variable]) -> pd.DataFrame | None:
     """Return the table of `shift_table` for the skin, the receptors' threshold, gamma and the turning points.
 
     Parameters
@@ -173,7 +163,7 @@ def modulus_shifts(draws: RatedDraws, inflection: Mapping[str, Variable]) -> pd.
     if not exact.size:
         return None
     points = turning_draws(draws)
-    index = evenly(points.shape, int(draws.share * SHIFT_DRAWS))
+    index = of_run.evenly(points.shape, int(draws.share * SHIFT_DRAWS))
     theta = points[index]
     signs, share = directions(exact.astype(np.intp), design.n_fabrics)
     rates = rates_of_other_moduli(draws.posterior, theta, MODULUS_STEP)
@@ -185,7 +175,9 @@ def modulus_shifts(draws: RatedDraws, inflection: Mapping[str, Variable]) -> pd.
     return shift_table({name: posterior_shift(values, score, share) for name, values in quantities.items()})
 
 
-def touch_illustration(rng: np.random.Generator, scene: Scene, parameters: TouchParameters, inflection: Array) -> Part:
+def touch_illustration(
+    rng: np.random.Generator, scene: Scene, parameters: TouchParameters, inflection: Array
+) -> of_run.Part:
     """Return pressure, stress and rate along the pad for three fabrics and some loads, and the pad's receptors.
 
     The fabrics are the lowest modulus, the highest, and the typical turning point of the response under the load with
@@ -240,15 +232,15 @@ def touch_illustration(rng: np.random.Generator, scene: Scene, parameters: Touch
     at = ("quantile", "touch_load", "touch_fabric")
     along = (*at, "distance_mm")
     variables = {
-        "touch_pressure_kpa": Variable(limits(profiles.pressure * 1e-3), along, "kPa"),
-        "touch_stress_kpa": Variable(limits(profiles.stress * 1e-3), along, "kPa"),
-        "touch_rate_hz": Variable(limits(profiles.rate), along, "Hz"),
-        "touch_radius_mm": Variable(limits(contact.radius * 1e3), at, "mm"),
-        "touch_e_fab_kpa": Variable(moduli * 1e-3, ("touch_fabric",), "kPa"),
-        "receptor_x_mm": Variable(receptors[:, 0] * 1e3, ("receptor",), "mm"),
-        "receptor_y_mm": Variable(receptors[:, 1] * 1e3, ("receptor",), "mm"),
-        "pad_mm": Variable(1e3 * np.array([finger.pad_length, finger.pad_width]), ("side",), "mm"),
-        "contact_centre_mm": Variable(1e3 * np.array(finger.contact_centre), ("side",), "mm"),
+        "touch_pressure_kpa": of_run.Variable(limits(profiles.pressure * 1e-3), along, "kPa"),
+        "touch_stress_kpa": of_run.Variable(limits(profiles.stress * 1e-3), along, "kPa"),
+        "touch_rate_hz": of_run.Variable(limits(profiles.rate), along, "Hz"),
+        "touch_radius_mm": of_run.Variable(limits(contact.radius * 1e3), at, "mm"),
+        "touch_e_fab_kpa": of_run.Variable(moduli * 1e-3, ("touch_fabric",), "kPa"),
+        "receptor_x_mm": of_run.Variable(receptors[:, 0] * 1e3, ("receptor",), "mm"),
+        "receptor_y_mm": of_run.Variable(receptors[:, 1] * 1e3, ("receptor",), "mm"),
+        "pad_mm": of_run.Variable(1e3 * np.array([finger.pad_length, finger.pad_width]), ("side",), "mm"),
+        "contact_centre_mm": of_run.Variable(1e3 * np.array(finger.contact_centre), ("side",), "mm"),
     }
     coordinates = {
         "quantile": np.array(LIMITS),
@@ -256,7 +248,7 @@ def touch_illustration(rng: np.random.Generator, scene: Scene, parameters: Touch
         "touch_fabric": np.array([name for name, _ in chosen]),
         "distance_mm": distance * 1e3,
     }
-    return Part({ILLUSTRATIONS: variables}, coordinates)
+    return of_run.Part({ILLUSTRATIONS: variables}, coordinates)
 
 
 class Trains(NamedTuple):
@@ -294,7 +286,7 @@ def example_trains(rng: np.random.Generator, scene: Scene, parameters: TouchPara
     return Trains(given, spikes)
 
 
-def membrane_illustration(scene: Scene, parameters: TouchParameters, trains: Trains) -> Part:
+def membrane_illustration(scene: Scene, parameters: TouchParameters, trains: Trains) -> of_run.Part:
     """Return firing rate as a function of current for every draw, and example trains.
 
     The currents go from below the lowest rheobase to the largest alpha of the draws' central 95 %.
@@ -316,13 +308,13 @@ def membrane_illustration(scene: Scene, parameters: TouchParameters, trains: Tra
     shape = rheobase.size, CURRENTS
     rate = np.broadcast_to(curve.rate(np.broadcast_to(current, shape)), shape)
     examples = {
-        "spike_time_ms": Variable(trains.spikes, ("train", "spike"), "ms"),
-        "train_current_ua_cm2": Variable(trains.current, ("train",), "µA/cm²"),
-        "train_duration_ms": Variable(np.array(DURATION), (), "ms"),
+        "spike_time_ms": of_run.Variable(trains.spikes, ("train", "spike"), "ms"),
+        "train_current_ua_cm2": of_run.Variable(trains.current, ("train",), "µA/cm²"),
+        "train_duration_ms": of_run.Variable(np.array(DURATION), (), "ms"),
     }
     curves = {
-        "firing_rate_hz": Variable(rate[None].astype(np.float32), ("current_ua_cm2",), "Hz"),
-        "rheobase_ua_cm2": Variable(rheobase[None], (), "µA/cm²"),
-        "largest_current_ua_cm2": Variable(np.array(parameters.alpha)[None], (), "µA/cm²"),
+        "firing_rate_hz": of_run.Variable(rate[None].astype(np.float32), ("current_ua_cm2",), "Hz"),
+        "rheobase_ua_cm2": of_run.Variable(rheobase[None], (), "µA/cm²"),
+        "largest_current_ua_cm2": of_run.Variable(np.array(parameters.alpha)[None], (), "µA/cm²"),
     }
-    return Part({ILLUSTRATIONS: examples, "predictions": curves}, {"current_ua_cm2": current})
+    return of_run.Part({ILLUSTRATIONS: examples, "predictions": curves}, {"current_ua_cm2": current})

@@ -28,20 +28,8 @@ from softness_bayes.results.data_groups import experiment_of
 from softness_bayes.results.fitted import options_of
 from softness_bayes.results.result import Result
 from softness_bayes.results.run_options import Request, RunOptions
+from softness_bayes.runs import rank_table
 from softness_bayes.runs.batch import batch, write_asked
-from softness_bayes.runs.rank_table import (
-    CALIBRATE,
-    COVERAGE,
-    FIGURE,
-    RANKS,
-    VERDICT,
-    Calibrated,
-    earlier_replicates,
-    read_replicates,
-    require_alike,
-    write_manifest,
-    write_replicates,
-)
 from softness_bayes.runs.replicate import replicate, true_values
 from softness_bayes.sampler.diagnostics import Goal
 from softness_bayes.sampler.sampling import Settings
@@ -152,7 +140,7 @@ def calibrate(
     settings: Settings | None = None,
     executor: Executor | None = None,
     earlier: Path | None = None,
-) -> Calibrated:
+) -> rank_table.Calibrated:
     """Calibrate the model of a scene; replicates that are already in a directory are not repeated.
 
     A replicate is fast if its posterior is smooth. If a prior draw has very little noise (varsigma of a few hundredths
@@ -202,7 +190,7 @@ def calibrate_like(
     settings: Settings | None = None,
     executor: Executor | None = None,
     earlier: Path | None = None,
-) -> Calibrated:
+) -> rank_table.Calibrated:
     """Calibrate the inference in the region of the posterior of a finished run (posterior SBC).
 
     Each replicate draws parameters from the run's posterior, and simulates ratings of new raters in its design: with
@@ -279,20 +267,24 @@ def replicated(
     progress: Report | None = None,
     executor: Executor | None = None,
     earlier: Path | None = None,
-) -> Calibrated:
+) -> rank_table.Calibrated:
     """Run the replicates of a problem that are missing in a directory; arguments and errors as for `calibrate`."""
     ranges.REPLICATES.require("calibration: number of replicates", count)
-    require_alike(directory, problem.manifest)
-    require_outputs(directory, (RANKS, COVERAGE, VERDICT, f"{FIGURE}.png"), CALIBRATE)
+    rank_table.require_alike(directory, problem.manifest)
+    require_outputs(
+        directory,
+        (rank_table.RANKS, rank_table.COVERAGE, rank_table.VERDICT, f"{rank_table.FIGURE}.png"),
+        rank_table.CALIBRATE,
+    )
     directory.mkdir(parents=True, exist_ok=True)
     with batch(directory):
-        write_manifest(directory, problem.manifest)
-        done = read_replicates(directory)
+        rank_table.write_manifest(directory, problem.manifest)
+        done = rank_table.read_replicates(directory)
         if earlier is not None:
             draw = problem.posterior, run.seed
             redraw = lambda index: true_values(*draw, index, problem.truths)  # noqa: E731
-            done |= earlier_replicates(earlier, problem.manifest, redraw, done)
-            write_replicates(directory, done)
+            done |= rank_table.earlier_replicates(earlier, problem.manifest, redraw, done)
+            rank_table.write_replicates(directory, done)
         missing = [index for index in range(count) if index not in done]
         before = count - len(missing)
         write_asked(directory, count, before)
@@ -301,17 +293,17 @@ def replicated(
             tasks = [(run.seed, index) for index in missing]
             for finished, (index, one) in enumerate(workers.as_finished(_run, tasks), before + 1):
                 done[index] = one
-                write_replicates(directory, done)
+                rank_table.write_replicates(directory, done)
                 if progress is not None:
                     progress(finished, one)
-    return Calibrated({index: done[index] for index in range(count)})
+    return rank_table.Calibrated({index: done[index] for index in range(count)})
 
 
 def _run(problem: Problem, seed: int, index: int) -> tuple[int, Replicate]:
     return index, replicate(problem.posterior, problem.settings, seed, index, truths=problem.truths)
 
 
-def finished(problem: Problem, count: int, directory: Path) -> Calibrated:
+def finished(problem: Problem, count: int, directory: Path) -> rank_table.Calibrated:
     """Return the finished replicates of a calibration without running any; it may still be in progress.
 
     Raises
@@ -319,8 +311,8 @@ def finished(problem: Problem, count: int, directory: Path) -> Calibrated:
     InputError
         If none is finished, or the directory contains anything but a calibration with the same settings.
     """
-    require_alike(directory, problem.manifest)
-    done = {index: one for index, one in read_replicates(directory).items() if index < count}
+    rank_table.require_alike(directory, problem.manifest)
+    done = {index: one for index, one in rank_table.read_replicates(directory).items() if index < count}
     if not done:
         raise InputError(f"{directory}: no finished replicate of a calibration in this directory")
-    return Calibrated(done, tuple(index for index in range(count) if index not in done))
+    return rank_table.Calibrated(done, tuple(index for index in range(count) if index not in done))

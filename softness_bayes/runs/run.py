@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from softness_bayes import arviz_bridge
+from softness_bayes import arviz_bridge, provenance
 from softness_bayes.checking.exactness import HARMLESS, LARGEST_K, Exactness
 from softness_bayes.checking.identifiability import information_table
 from softness_bayes.checkpoints.checkpoint import Checkpoint
@@ -24,18 +24,6 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.people.free_means import FreeMeans, free_means
 from softness_bayes.people.of_run import people_tables, threshold_table
-from softness_bayes.provenance import (
-    PRIOR,
-    READING,
-    Asked,
-    DirectionTaken,
-    Ending,
-    RatingData,
-    RatingSettings,
-    attributes_of,
-    family_of,
-    versions,
-)
 from softness_bayes.ranges import require_kind
 from softness_bayes.results.assembly import Stage, assembled, assembled_skin
 from softness_bayes.results.draws import FIRST_SHARE
@@ -257,23 +245,25 @@ def requested(model: ExperimentModel | SkinModel, run: RunOptions) -> dict[str, 
     options, request = model.options, Request(model.options, run)
     options.require_storable()
     found = {
-        **attributes_of(Asked(SCHEMA, storable(run.command), request.record(), run.seed, options.prior_set)),
-        **family_of(PRIOR, {one.name: one.prior for one in model.posterior.space.chain}),
-        **family_of(READING, options.readings.names),
-        **versions(),
+        **provenance.attributes_of(
+            provenance.Asked(SCHEMA, storable(run.command), request.record(), run.seed, options.prior_set)
+        ),
+        **provenance.family_of(provenance.PRIOR, {one.name: one.prior for one in model.posterior.space.chain}),
+        **provenance.family_of(provenance.READING, options.readings.names),
+        **provenance.versions(),
     }
     if isinstance(model, SkinModel):
         return found
     chosen, ratings = model.direction, model.data.ratings
-    return found | attributes_of(
-        DirectionTaken(
+    return found | provenance.attributes_of(
+        provenance.DirectionTaken(
             chosen.direction,
             chosen.asked,
             chosen.sentence,
             chosen.evidence.firing,
             direction_of_data="" if chosen.evidence.direction is None else chosen.evidence.direction.name,
         ),
-        RatingSettings(
+        provenance.RatingSettings(
             options.noise,
             options.scale,
             options.kept_accuracy,
@@ -282,7 +272,7 @@ def requested(model: ExperimentModel | SkinModel, run: RunOptions) -> dict[str, 
             model.interpretation.errors_note,
             model.interpretation.note,
         ),
-        RatingData(
+        provenance.RatingData(
             ratings.digest,
             model.data.fabrics.digest,
             ratings.n_missing,
@@ -296,8 +286,8 @@ def outcome(state: RunState, run: RunOptions) -> dict[str, Any]:
     """Return the part of the provenance about the end of the run."""
     verdict = sampled_of(state).verdict
     said = verdict.sentence()
-    return attributes_of(
-        Ending(
+    return provenance.attributes_of(
+        provenance.Ending(
             verdict=f"A first look (quick), no result. {said}" if run.quick else said,
             converged=verdict.converged,
             steps=verdict.steps,

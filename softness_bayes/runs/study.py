@@ -25,15 +25,8 @@ from softness_bayes.plotting.style import Style, files_of
 from softness_bayes.readable import some_of
 from softness_bayes.results.result import Result
 from softness_bayes.results.run_options import Request, RunOptions
+from softness_bayes.runs import population
 from softness_bayes.runs.batch import batch, write_asked
-from softness_bayes.runs.population import (
-    PooledParameter,
-    draws_of,
-    individual_table,
-    pool_draws,
-    population_table,
-    require_parameters,
-)
 from softness_bayes.runs.table_fits import CONVERGED, REFUSED, Kept, TableOutcome, fit_tables
 from softness_bayes.sampler.workers import Workers, available_processors
 
@@ -67,7 +60,7 @@ class Study:
     """
 
     outcomes: tuple[TableOutcome, ...]
-    populations: Mapping[str, PooledParameter]
+    populations: Mapping[str, population.PooledParameter]
     directory: Path
 
     @property
@@ -93,12 +86,12 @@ class Study:
     @property
     def individual(self) -> pd.DataFrame:
         """A row per parameter and table (see `individual_table`)."""
-        return individual_table(self.populations)
+        return population.individual_table(self.populations)
 
     @property
     def population(self) -> pd.DataFrame:
         """A row per parameter (see `population_table`)."""
-        return population_table(self.populations)
+        return population.population_table(self.populations)
 
     @property
     def failed(self) -> list[str]:
@@ -205,7 +198,7 @@ def study(
         If memory ran out, or worker processes died repeatedly.
     """
     request, refused, directory = Request(model, run).with_options(**options), refused or {}, Path(directory)
-    require_parameters((*pool, *(spreads or {})))
+    population.require_parameters((*pool, *(spreads or {})))
     if not tables and not refused:
         raise InputError("study: there is no table")
     require_outputs(directory, MADE, STUDY)
@@ -223,8 +216,8 @@ def study(
     good, populations = [name for name in sorted(found) if found[name].outcome == CONVERGED], {}
     if len(good) >= LEAST_TABLES:
         # one result at a time: thousands would not fit into memory
-        drawn = {name: draws_of(Result.load(runs / name), pool) for name in good}
-        populations = pool_draws(drawn, pool, spreads)
+        drawn = {name: population.draws_of(Result.load(runs / name), pool) for name in good}
+        populations = population.pool_draws(drawn, pool, spreads)
     return Study(tuple(found[name] for name in sorted(found)), populations, directory)
 
 
@@ -237,7 +230,7 @@ def refused_tables(directory: Path) -> list[str]:
         return [row["table"] for row in csv.DictReader(file) if row.get("outcome") == REFUSED]
 
 
-def _forest(name: str, one: PooledParameter) -> Forest:
+def _forest(name: str, one: population.PooledParameter) -> Forest:
     """Return the data of the figure for one parameter."""
     found = one.pooled
     separate, shrunken = (
