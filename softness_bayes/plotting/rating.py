@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.layout import Layout
 from softness_bayes.likelihood.scales import MAGNITUDE, Scale
 from softness_bayes.plotting import stored
 from softness_bayes.plotting.data import name_rows
@@ -125,10 +127,10 @@ def observed_ratings(
 ) -> Observed:
     """Summarise ratings by condition, with each participant's rating scale removed.
 
-    log y = c_condition + s_participant + e is solved by least squares with the s summing to zero, so
-    that neither a participant's rating scale nor a missing rating shifts a condition. exp(c) is then
-    the geometric mean, and the spread is that of exp(log y - s): the disagreement between participants
-    after their scales are removed. A participant's repeated ratings count as their geometric mean.
+    log y = c_condition + s_participant + e is solved by least squares with the s summing to zero
+    (`likelihood.layout.Layout.fit`), so that neither a participant's rating scale nor a missing rating shifts a
+    condition. The mean and the spread of a condition are those of log y - s between its participants, each of whom
+    counts once.
 
     Parameters
     ----------
@@ -139,59 +141,32 @@ def observed_ratings(
     modulus, load
         E_fab [Pa] and index of the load of each condition, shape (conditions,).
     scale
-        Scale of the ratings. z-scores are already standardised. They are averaged without a transformation: means are
-        arithmetic, and differences between participants remain.
+        Scale of the ratings. z-scores are already standardised: differences between participants remain.
 
     Raises
     ------
     InputError
         If a rating is not on the scale.
     """
-    rating, condition = np.asarray(rating, float), np.asarray(condition, np.intp)
     modulus, load = np.asarray(modulus, float), np.asarray(load, np.intp)
-    known = ~np.isnan(rating)
+    known = ~np.isnan(rating := np.asarray(rating, float))
     with np.errstate(divide="ignore", invalid="ignore"):
-        additive = scale.additive(rating)
-    if not np.isfinite(additive[known]).all():
+        additive = scale.additive(rating[known])
+    if not np.isfinite(additive).all():
         raise InputError(f"observed ratings: expected {scale.suitable} ratings; a {scale.mean} needs them")
-    _, participant = np.unique(np.asarray(participant), return_inverse=True)
-    shape = (modulus.size, int(participant.max(initial=-1)) + 1)
-    total, trials = np.zeros(shape), np.zeros(shape)
-    np.add.at(total, (condition[known], participant[known]), additive[known])
-    np.add.at(trials, (condition[known], participant[known]), 1.0)
-    rows, columns = np.nonzero(trials)
-    value = total[rows, columns] / trials[rows, columns]
-    aligned = value - _effects(value, rows, columns, shape)[columns] if scale.own_units else value
-    count = np.bincount(rows, minlength=shape[0])
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean = np.bincount(rows, aligned, shape[0]) / count
-        variance = np.bincount(rows, (aligned - mean[rows]) ** 2, shape[0]) / (count - 1)
-    spread = np.sqrt(np.where(count > 1, variance, np.nan))
-    middle, low, high = scale.natural(np.stack([mean, mean - spread, mean + spread]))
-    return Observed(modulus, load, middle, low, high, count)
-
-
-def _effects(value: Array, rows: NDArray[np.intp], columns: NDArray[np.intp], shape: tuple[int, int]) -> Array:
-    """Return the least-squares estimate of each participant's s; the mean over participants with ratings is 0.
-
-    Parameters
-    ----------
-    value
-        c_condition + s_participant + e, shape (values,).
-    rows, columns
-        Indices of each value's condition and participant, shape (values,).
-    shape
-        Numbers of conditions and participants.
-    """
-    from scipy.sparse import csr_array
-    from scipy.sparse.linalg import lsqr
-
-    each = np.arange(rows.size)
-    places = np.concatenate([each, each]), np.concatenate([rows, shape[0] + columns])
-    design = csr_array((np.ones(2 * rows.size), places), shape=(rows.size, sum(shape)))
-    effect: Array = lsqr(design, value, atol=1e-15, btol=1e-15, conlim=0.0)[0][shape[0] :]
-    present = np.unique(columns)
-    return effect - effect[present].mean() if present.size else effect
+    rated, place = np.unique(np.asarray(condition)[known], return_inverse=True)
+    people, person = np.unique(np.asarray(participant)[known], return_inverse=True)
+    layout = Layout(Design(place, person, rated, people.size), modulus[rated], load[rated], scale=scale)
+    aligned = additive - layout.fit(rating[known]).participant[person] if scale.own_units else additive
+    cells, total = layout.design.cells, np.zeros((people.size, rated.size))
+    np.add.at(total, (person, place), aligned)
+    each = np.divide(total, cells, out=np.full(total.shape, np.nan), where=cells > 0)
+    count, found = (cells > 0).sum(axis=0), np.full((3, modulus.size), np.nan)
+    mean = np.nanmean(each, axis=0)
+    spread = np.sqrt(np.nansum((each - mean) ** 2, axis=0) / np.where(count > 1, count - 1, np.nan))
+    found[:, rated] = scale.natural(np.stack([mean, mean - spread, mean + spread]))
+    middle, low, high = found
+    return Observed(modulus, load, middle, low, high, np.bincount(rated, count, modulus.size).astype(np.intp))
 
 
 def _draw_observed(
