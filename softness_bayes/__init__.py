@@ -61,7 +61,6 @@ if TYPE_CHECKING:
     from softness_bayes.results.run_options import RunOptions as RunOptions
     from softness_bayes.runs.calibrate import CalibrationScene as CalibrationScene
     from softness_bayes.runs.calibrate import calibrate as calibrate
-    from softness_bayes.runs.calibrate import calibrate_like as calibrate_like
     from softness_bayes.runs.comparison import compare as compare
     from softness_bayes.runs.population import pool_results as pool_results
     from softness_bayes.runs.run import sample as sample

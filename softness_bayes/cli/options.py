@@ -13,7 +13,7 @@ import click
 from click.core import ParameterSource
 
 from softness_bayes.errors import InputError
-from softness_bayes.model.options import FixedValues
+from softness_bayes.model.options import FIXED_VALUES
 from softness_bayes.options import FilePath, Flag, Kind, Number, Option, Options, described, option
 from softness_bayes.results.run_options import DataFiles, RunOptions
 
@@ -239,7 +239,7 @@ NoFigures = Annotated[bool, _own("--no-figures", Flag(), "Draw no figures.")]
 Verbose = Annotated[bool, _own("--verbose", Flag(), "Print all numbers and checks, not only the closing lines.")]
 SetValues = Annotated[
     dict[str, float],
-    _own("--set", FixedValues(), "Value of a parameter, such as b=80; the others are at their medians."),
+    _own("--set", FIXED_VALUES, "Value of a parameter, such as b=80; the others are at their medians."),
 ]
 Dask = Annotated[
     str | None,

@@ -355,7 +355,8 @@ class _Foresight:
         return np.stack(found)
 
     def _of_forces(self, plate: CompressionForces, theta: Array, back: Array) -> Array:
-        skin, n = self.posterior.skin_parameters(theta), plate.n_fingers
+        skin, n = self.posterior.parameters_of(plate, theta), plate.n_fingers
+        skin = skin.each(lambda value: np.broadcast_to(value, theta.shape[:-1]))
         drive = plate.drive(np.empty((*theta.shape[:2], 0)), skin)
         slopes = np.einsum("tkc,tkd->tcd", _secants(drive), back)
         along = plate_line(plate.indentation, plate.model.shape, plate.model.displacement).slope

@@ -161,8 +161,8 @@ FINER_RESPONSE_NODES, FINER_SKIN_NODES = 40, 24
 """The same for the reference of the exactness check."""
 
 
-def require_individual(names: Sequence[str]) -> None:
-    """Raise an error for unknown or repeated quantities, and for fingers combined with answers.
+def require_individual(names: Sequence[str]) -> tuple[str, ...]:
+    """Return quantities that differ between raters, of their fingers or of their answers.
 
     Raises
     ------
@@ -178,6 +178,7 @@ def require_individual(names: Sequence[str]) -> None:
             f"answers ({', '.join(RATER_SPREADS)}) cannot be combined; use one kind at a time, and compare the "
             "two runs"
         )
+    return tuple(names)
 
 
 def fingers_of(names: Sequence[str]) -> tuple[str, ...]:

@@ -10,25 +10,14 @@ from functools import partial
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Self
 
+from softness_bayes import options as kinds
 from softness_bayes import ranges
 from softness_bayes.defaults import ACCURACY, ERRORS, NOISE, PRIOR_SET
 from softness_bayes.errors import InputError
 from softness_bayes.files.json_text import parse_json
 from softness_bayes.likelihood import scales
 from softness_bayes.likelihood.scales import require_name as require_scale
-from softness_bayes.options import (
-    AUTO,
-    ByName,
-    Kind,
-    Names,
-    Number,
-    Numbers,
-    NumbersByName,
-    Options,
-    described,
-    later,
-    option,
-)
+from softness_bayes.options import AUTO, Options, described, later, option
 from softness_bayes.supplied import installed
 
 if TYPE_CHECKING:
@@ -42,23 +31,36 @@ if TYPE_CHECKING:
 _MENDED = "softness_bayes.touch.readings:MENDED"
 
 
-class FixedValues(NumbersByName):
-    """Values of parameters by name [natural units]."""
+class ValuesOf(kinds.NumbersByName):
+    """Numbers by the names of what has them.
+
+    Parameters
+    ----------
+    check
+        MODULE:NAME of a function that raises an error for an unknown name, or a number outside its range.
+    names
+        MODULE:NAME of all names.
+    """
+
+    def __init__(self, check: str, names: str) -> None:
+        self._check, self._names = check, names
 
     def check(self, values: dict[str, float]) -> None:
-        """Raise an error for an unknown parameter, or a value outside its range."""
-        from softness_bayes.parameters.choice import require_values
-
-        require_values(values)
+        """Raise an error for an unknown name, or a value outside its range."""
+        later(self._check)(values)
 
     def complete(self, incomplete: str) -> Iterable[str]:
-        """Return the names of all parameters."""
-        from softness_bayes.parameters.declared import EVERY_PARAMETER
-
-        return [f"{name}=" for name in EVERY_PARAMETER]
+        """Return all names."""
+        return [f"{name}=" for name in later(self._names)]
 
 
-class Laws(ByName):
+FIXED_VALUES = ValuesOf(
+    "softness_bayes.parameters.choice:require_values", "softness_bayes.parameters.declared:EVERY_PARAMETER"
+)
+"""Values of parameters by name [natural units]."""
+
+
+class Laws(kinds.ByName):
     """Prior distributions by name, in written form or as laws."""
 
     metavar = "NAME=PRIOR"
@@ -95,7 +97,7 @@ class Priors(Laws):
         return laws if given else [f"{parameter}=" for parameter in EVERY_PARAMETER]
 
 
-class ModulusLaw(Kind):
+class ModulusLaw(kinds.Kind):
     """Prior distributions of moduli [kPa], in written form or as laws."""
 
     metavar = "PRIOR"
@@ -114,7 +116,7 @@ class ModulusLaw(Kind):
         return self.accept("distribution of unknown moduli", text)
 
 
-class PriorSet(Kind):
+class PriorSet(kinds.Kind):
     """Names of sets of priors."""
 
     metavar = "SET"
@@ -126,7 +128,7 @@ class PriorSet(Kind):
         return PRIOR_SETS
 
 
-class ReadingsByPlace(ByName):
+class ReadingsByPlace(kinds.ByName):
     """Readings of the model's equations: a named set of them, and others by their place."""
 
     metavar = "SET|PLACE=NAME"
@@ -135,7 +137,7 @@ class ReadingsByPlace(ByName):
         "softness_bayes.touch.readings:Readings",
         "Readings, such as NAMED_READINGS['printed'] or Readings(pressure=...)",
     )
-    accept = Kind.accept
+    accept = kinds.Kind.accept
 
     def parse(self, texts: Sequence[str]) -> Readings:
         """Return the readings of texts such as pressure=hertz; one without = names the set that they change."""
@@ -169,75 +171,49 @@ class ReadingsByPlace(ByName):
         return [*NAMED_READINGS, *(f"{name}=" for name in ALTERNATIVES)]
 
 
-class FingerValues(NumbersByName):
+class FingerValues(ValuesOf):
     """Values of a finger by name, which differ from those of the default finger."""
 
     of, such_as = "softness_bayes.touch.contact:Finger", "a Finger, such as Finger(receptor_depth=0.6e-3)"
-    accept = Kind.accept
+    accept = kinds.Kind.accept
 
     def parse(self, texts: Sequence[str]) -> Finger:
         """Return the finger of texts such as receptor_depth_mm=0.6."""
         return self.restore(super().parse(texts))
 
-    def check(self, values: dict[str, float]) -> None:
-        """Raise an error for an unknown name, or a value outside its range."""
-        from softness_bayes.model.fingers import require_finger
-
-        require_finger(values)
-
     def store(self, value: Finger) -> dict[str, float]:
         """Return the values that are not the default ones."""
-        from softness_bayes.model.fingers import values_of
-
-        return values_of(value)
+        values: dict[str, float] = later("softness_bayes.model.fingers:values_of")(value)
+        return values
 
     def restore(self, stored: Mapping[str, float]) -> Finger:
         """Return the finger of values by name."""
-        from softness_bayes.model.fingers import finger_of
-
-        return finger_of(stored)
-
-    def complete(self, incomplete: str) -> Iterable[str]:
-        """Return the names of the values."""
-        from softness_bayes.model.fingers import FINGER_VALUES
-
-        return [f"{name}=" for name in FINGER_VALUES]
+        finger: Finger = later("softness_bayes.model.fingers:finger_of")(stored)
+        return finger
 
 
-class Differing(Names):
-    """Quantities that differ between raters."""
+class SomeOf(kinds.Names):
+    """Names out of a list.
 
-    def accept(self, name: str, value: Any) -> Any:
-        """Return known quantities of one kind."""
-        from softness_bayes.model.fingers import require_individual
+    Parameters
+    ----------
+    known
+        MODULE:NAME of a function that returns the names in their order, or raises an error for an unknown one.
+    """
 
-        names = super().accept(name, value)
-        require_individual(names)
-        return names
-
-    def parse(self, text: str) -> tuple[str, ...]:
-        """Return the quantities of a text such as b,sigma_0."""
-        return tuple(self.accept("individual", super().parse(text)))
-
-
-class Shared(Names):
-    """Parameters that recorded afferents share."""
+    def __init__(self, known: str) -> None:
+        self._known = known
 
     def accept(self, name: str, value: Any) -> Any:
-        """Return parameters that can be shared, each once."""
-        from softness_bayes.parameters.declared import SHAREABLE
+        """Return known names, each once."""
+        return later(self._known)(super().accept(name, value))
 
-        names = super().accept(name, value)
-        if unknown := [one for one in names if one not in SHAREABLE]:
-            raise InputError(f"{name}: no {unknown[0]!r} can be shared, expected some of {', '.join(SHAREABLE)}")
-        return tuple(one for one in SHAREABLE if one in names)
-
-    def parse(self, text: str) -> tuple[str, ...]:
-        """Return the parameters of a text such as b,m."""
-        return tuple(self.accept("shared", super().parse(text)))
+    def parse(self, text: str) -> Any:
+        """Return the names of a text such as b,m."""
+        return later(self._known)(super().parse(text))
 
 
-class GuessRate(Kind):
+class GuessRate(kinds.Kind):
     """Guess rates: a number from 0 to 0.9, a fraction, or FREE for one that is sampled."""
 
     metavar = "RATE"
@@ -259,7 +235,7 @@ class GuessRate(Kind):
             ) from None
 
 
-class Chosen(Kind):
+class Chosen(kinds.Kind):
     """Objects that have a name, out of a few; the word AUTO stands for None.
 
     Parameters
@@ -297,7 +273,7 @@ class Chosen(Kind):
         return self._name_of(value)
 
 
-class Resolution(Kind):
+class Resolution(kinds.Kind):
     """Resolutions of the scene, for Python alone."""
 
     of, such_as = "softness_bayes.touch.scene:Discretisation", "a Discretisation or None"
@@ -322,7 +298,7 @@ class ModelOptions(Options):
     """
 
     fix: Mapping[str, float] = option(
-        FixedValues(), flag="--fix", default_factory=dict, help="Fix a parameter at a value, such as m=2."
+        FIXED_VALUES, flag="--fix", default_factory=dict, help="Fix a parameter at a value, such as m=2."
     )
     priors: Mapping[str, Any] = option(
         Priors(),
@@ -367,7 +343,7 @@ class ModelOptions(Options):
         needs_ratings=True,
     )
     finger: Finger = option(
-        FingerValues(),
+        FingerValues("softness_bayes.model.fingers:require_finger", "softness_bayes.model.fingers:FINGER_VALUES"),
         flag="--finger",
         default_factory=lambda: later(FingerValues.of)(),
         help="One value of the finger, such as receptor_depth_mm=0.6. Names: radius_mm, receptor_depth_mm, "
@@ -376,14 +352,14 @@ class ModelOptions(Options):
         affects_draws=True,
     )
     modulus_cv: float | None = option(
-        Number(ranges.RELATIVE_ERRORS),
+        kinds.Number(ranges.RELATIVE_ERRORS),
         None,
         "--modulus-cv",
         "Relative standard error of moduli for which the fabric table gives none, such as 0.15; 0 means that "
         "they are exact.",
     )
     shared_modulus_cv: float | None = option(
-        Number(ranges.SHARED_MODULUS_ERRORS),
+        kinds.Number(ranges.SHARED_MODULUS_ERRORS),
         None,
         "--shared-modulus-cv",
         "Relative standard error that all moduli share, such as 0.15 for one tester that may read too high or too low: "
@@ -396,7 +372,7 @@ class ModelOptions(Options):
         "Prior of the moduli [kPa] of fabrics without a modulus in their table; lognormal(100,2) by default.",
     )
     load_cv: float | None = option(
-        Number(ranges.LOAD_ERRORS),
+        kinds.Number(ranges.LOAD_ERRORS),
         None,
         "--load-cv",
         "Relative standard error of loads for which the table gives none, such as 0.05, independent for each "
@@ -404,7 +380,7 @@ class ModelOptions(Options):
         affects_draws=True,
     )
     shared_load_cv: float | None = option(
-        Number(ranges.SHARED_LOAD_ERRORS),
+        kinds.Number(ranges.SHARED_LOAD_ERRORS),
         None,
         "--shared-load-cv",
         "Relative standard error that all ratings at a load share, such as 0.03 for a press that is set "
@@ -412,7 +388,7 @@ class ModelOptions(Options):
         affects_draws=True,
     )
     shared: tuple[str, ...] = option(
-        Shared(),
+        SomeOf("softness_bayes.parameters.declared:shareable"),
         (),
         "--shared",
         "Parameters that recorded afferents share with ratings and plates, such as b,m. By default they have their "
@@ -420,7 +396,7 @@ class ModelOptions(Options):
         affects_draws=True,
     )
     individual: tuple[str, ...] = option(
-        Differing(),
+        SomeOf("softness_bayes.model.fingers:require_individual"),
         (),
         "--individual",
         "Parameters that differ between raters, each with a sampled spread: for their fingers some of b, m "
@@ -445,7 +421,7 @@ class ModelOptions(Options):
         needs_ratings=True,
     )
     resolution: float | None = option(
-        Number(ranges.RESOLUTIONS, "STEP"),
+        kinds.Number(ranges.RESOLUTIONS, "STEP"),
         None,
         "--resolution",
         "Rounding of ratings: 1 for whole numbers; 0 treats ratings as exact numbers. By default the "
@@ -454,7 +430,7 @@ class ModelOptions(Options):
         needs_ratings=True,
     )
     slider_ends: tuple[float, float] = option(
-        Numbers(),
+        kinds.Numbers(),
         (0.0, 1.0),
         "--slider",
         "Numbers of the two ends of a slider (--ratings slider).",
@@ -473,7 +449,7 @@ class ModelOptions(Options):
         needs_ratings=True,
     )
     n_categories: int | None = option(
-        Number(ranges.CATEGORIES_RANGE, "K"),
+        kinds.Number(ranges.CATEGORIES_RANGE, "K"),
         None,
         "--categories",
         "Number of ordered categories (--ratings categories); by default the largest number in the table.",
@@ -481,7 +457,7 @@ class ModelOptions(Options):
         needs_ratings=True,
     )
     accuracy: float = option(
-        Number(ranges.ACCURACIES),
+        kinds.Number(ranges.ACCURACIES),
         ACCURACY,
         "--accuracy",
         "Largest numerical error of the response, relative to its peak and in log(N/N_ref + eps). The "
@@ -510,7 +486,7 @@ class ModelOptions(Options):
         needs_ratings=True,
     )
     noise: float = option(
-        Number(ranges.NOISES, "STRENGTH"),
+        kinds.Number(ranges.NOISES, "STRENGTH"),
         NOISE,
         "--noise",
         "White-noise current on every membrane [µA/cm² √ms]. Its mean effect is found by simulation, which "
@@ -525,7 +501,7 @@ class ModelOptions(Options):
         affects_draws=True,
     )
     decided: tuple[str, ...] = option(
-        Names(),
+        kinds.Names(),
         (),
         help="Names of the options (direction, errors, discretisation) that were chosen automatically, for the record.",
     )

@@ -155,11 +155,6 @@ class Density:
         """The likelihood of plate forces; None if there are none."""
         return cast("CompressionForces | None", self.term(FORCES))
 
-    def skin_parameters(self, theta: FloatArray) -> Parameters:
-        """Return skin and spreads between fingers, in SI, at points theta, each of shape (...)."""
-        assert self.compression is not None
-        return self.parameters_of(self.compression, theta).each(lambda value: np.broadcast_to(value, theta.shape[:-1]))
-
 
 @dataclass(frozen=True)
 class Posterior(Density):

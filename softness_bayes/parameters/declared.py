@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -301,3 +301,16 @@ KPA = 1e3
 
 FABRIC_MODULUS = "fabric_modulus"
 """Name of the sampled moduli in files; one of them is `FABRIC_MODULUS`[fabric]."""
+
+
+def shareable(names: Sequence[str]) -> tuple[str, ...]:
+    """Return parameters that recorded afferents share, in the order of `SHAREABLE`, each once.
+
+    Raises
+    ------
+    InputError
+        For a name that is not among them.
+    """
+    if unknown := [one for one in names if one not in SHAREABLE]:
+        raise InputError(f"shared: no {unknown[0]!r} can be shared, expected some of {', '.join(SHAREABLE)}")
+    return tuple(one for one in SHAREABLE if one in names)

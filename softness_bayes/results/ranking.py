@@ -17,18 +17,8 @@ from softness_bayes.people.free_means import word_of
 from softness_bayes.people.verdicts import Verdicts, decided_sentence, verdicts
 from softness_bayes.plotting.style import USUAL, Style
 from softness_bayes.ranges import RANKED
+from softness_bayes.results import rating_table
 from softness_bayes.results.fitted import Fitted
-from softness_bayes.results.rating_table import (
-    NOTICED,
-    beside,
-    cautions,
-    conditions_of,
-    limits,
-    p_higher_among,
-    people_of,
-    reasons,
-    rejected,
-)
 from softness_bayes.results.stored import Stored
 from softness_bayes.touch.contact import Load
 
@@ -121,7 +111,7 @@ class Ranking:
         return pd.concat(each, ignore_index=True)
 
     def _rows(self, one: Ranked) -> dict[str, Any]:
-        rating, place, k = limits(one.typical), limits(one.places.place), one.order
+        rating, place, k = rating_table.limits(one.typical), rating_table.limits(one.places.place), one.order
         return {
             "order": np.arange(1, k.size + 1),
             "fabric": [self.fabrics[i] for i in k],
@@ -164,7 +154,7 @@ class Ranking:
 
         shown = []
         for one in self.loads:
-            k, rating = one.order, limits(one.typical)
+            k, rating = one.order, rating_table.limits(one.typical)
             ends = np.stack([rating[end][k] for end in ("_low", "", "_high")])
             names, silent = [self.fabrics[i] for i in k], one.p_silent[k] >= SILENT
             shown.append(Order(one.load, names, one.places.probability[k], ends, silent, one.tie[k]))
@@ -216,19 +206,23 @@ def rank(
     fitted, rng = Fitted(result, draws), np.random.default_rng(seed)
     scene, modulus = fitted.scene(fabrics, loads), fitted.modulus(rng, fabrics)
     found = fitted.touches(fabrics, scene).ratings(rng, fitted.theta, 0, modulus)
-    why = reasons(fitted, scene, found.rate, modulus)
-    unreached = [why[name].to_numpy() >= NOTICED for name in ("p_silent", "p_beyond_radius")]
+    why = rating_table.reasons(fitted, scene, found.rate, modulus)
+    unreached = [why[name].to_numpy() >= rating_table.NOTICED for name in ("p_silent", "p_beyond_radius")]
     unreached += [why[name].to_numpy() != "" for name in ("beyond_moduli", "beyond_loads")]
-    people, against, ranked = people_of(result), rejected(result), []
+    people, against, ranked = rating_table.people_of(result), rating_table.rejected(result), []
     for k, load in enumerate(loads):
         here = np.flatnonzero(scene.load == k)
         rating = found.typical[:, here]
         put, two = places(rating), pairs(rating)
         order = np.argsort(put.place.mean(axis=0), kind="stable")
-        at = np.full(len(fabrics), -1) if people is None else conditions_of(result, people, fabrics, load)
-        decided = verdicts(p_higher_among(people, at), two.softer, [one[here] for one in unreached], against)
-        means = beside(result, fabrics, load)
+        at = np.full(len(fabrics), -1) if people is None else rating_table.conditions_of(result, people, fabrics, load)
+        decided = verdicts(
+            rating_table.p_higher_among(people, at), two.softer, [one[here] for one in unreached], against
+        )
+        means = rating_table.beside(result, fabrics, load)
         ranked.append(Ranked(load, order, put, two, ties(two.tie, order), rating, why.iloc[here], means, decided))
     middle = scene.fabric_modulus if modulus is None else np.median(modulus, axis=0)
     word = word_of(result.provenance.rating_data.rating_column, result.scale)
-    return Ranking(fabrics.names, middle, result.scale, tuple(ranked), word, tuple(cautions(result, fabrics)))
+    return Ranking(
+        fabrics.names, middle, result.scale, tuple(ranked), word, tuple(rating_table.cautions(result, fabrics))
+    )

@@ -11,20 +11,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from softness_bayes import defaults
+from softness_bayes import options as kinds
 from softness_bayes.defaults import MAX_STEPS, SEED
 from softness_bayes.errors import InputError, quoted
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.options import (
-    ByName,
-    Duration,
-    FilePath,
-    Flag,
-    Kind,
-    Number,
-    Options,
-    described,
-    option,
-)
+from softness_bayes.options import Options, described, option
 from softness_bayes.ranges import LOAD_STEPS, PROCESSES, SEEDS, STEPS, STEPS_PER_TAU, Count, require_kind
 
 if TYPE_CHECKING:
@@ -40,14 +31,14 @@ class RunOptions(Options):
     """Limits of the sampler, and its seed."""
 
     exact_reweight: bool = option(
-        Flag(),
+        kinds.Flag(),
         False,
         "--exact-reweight",
         "Weight the draws by the exact likelihood (Pareto-smoothed); summary and predictions use the weighted draws.",
         needs_ratings=True,
     )
     max_steps: int = option(
-        Number(STEPS, "N"),
+        kinds.Number(STEPS, "N"),
         MAX_STEPS,
         "--max-steps",
         "Largest number of steps of each ensemble; the run then ends even if it has not converged.",
@@ -55,7 +46,7 @@ class RunOptions(Options):
         spelled=True,
     )
     steps_per_tau: float = option(
-        Number(STEPS_PER_TAU, "N"),
+        kinds.Number(STEPS_PER_TAU, "N"),
         defaults.STEPS_PER_TAU,
         "--steps-per-tau",
         "Least number of kept steps of each ensemble, in autocorrelation times; 50 is a usual caution for a single "
@@ -63,27 +54,27 @@ class RunOptions(Options):
         shown=True,
     )
     quick: bool = option(
-        Flag(),
+        kinds.Flag(),
         False,
         "--quick",
         "A first look: the run ends at the first check of the chains, converged or not, with few "
         "figures and without the comparison with the exact model. 'resume' continues it to the full run.",
     )
     max_seconds: float = option(
-        Duration(),
+        kinds.Duration(),
         math.inf,
         "--max-time",
         "Longest time of the run, such as 90 (seconds), 10m or 2h; it then ends even if it has not "
         "converged. By default no limit.",
     )
     processes: int | None = option(
-        Number(PROCESSES, "N"),
+        kinds.Number(PROCESSES, "N"),
         None,
         "--processes",
         "Processes that share the ensembles; by default one for each core. Draws do not depend on it.",
     )
     seed: int = option(
-        Number(SEEDS, "N"),
+        kinds.Number(SEEDS, "N"),
         SEED,
         "--seed",
         "Seed of the random numbers: the same seed gives the same results.",
@@ -91,11 +82,11 @@ class RunOptions(Options):
         spelled=True,
     )
     min_steps: int = option(
-        Number(Count(0, STEPS.high)),
+        kinds.Number(Count(0, STEPS.high)),
         0,
         help="Smallest number of steps of each ensemble, even if the run has converged earlier.",
     )
-    command: str = option(Kind(), "", help="The command line, for the record.")
+    command: str = option(kinds.Kind(), "", help="The command line, for the record.")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -117,7 +108,7 @@ class RunOptions(Options):
         )
 
 
-class Load(Kind):
+class Load(kinds.Kind):
     """A load of all ratings, in the unit of the column that tables may have for it."""
 
     def __init__(self, column: str, unit: str) -> None:
@@ -140,13 +131,13 @@ class Load(Kind):
             raise InputError(f"{text!r} is not a valid float." if invalid else str(error)) from None
 
 
-class Free(Kind):
+class Free(kinds.Kind):
     """The word for touches of unknown force."""
 
     choices = ("free",)
 
 
-class DecimalMarks(Kind):
+class DecimalMarks(kinds.Kind):
     """The decimal mark of all tables, or marks by table."""
 
     metavar = "[TABLE=]MARK"
@@ -181,22 +172,22 @@ class DecimalMarks(Kind):
 class DataFiles(Options):
     """The files of an experiment, and how to read them."""
 
-    data: Path | None = option(FilePath(), None, "--data", "Table of ratings (CSV, Excel or Parquet).")
+    data: Path | None = option(kinds.FilePath(), None, "--data", "Table of ratings (CSV, Excel or Parquet).")
     compression: Path | None = option(
-        FilePath(),
+        kinds.FilePath(),
         None,
         "--compression",
         "Forces of a rigid flat plate on fingerpads (participant, indentation_mm, force_n), with or without ratings.",
     )
     afferents: Path | None = option(
-        FilePath(),
+        kinds.FilePath(),
         None,
         "--afferents",
         "Firing recorded from afferents under rigid probes (force_n or indentation_mm, probe_curvature_per_m, "
         "distance_mm, and rate_hz or count and window_s), with or without other data.",
     )
     fabrics: Path | None = option(
-        FilePath(),
+        kinds.FilePath(),
         None,
         "--fabrics",
         "Fabric table; by default columns of the ratings, a sheet of their workbook, or a fabrics.csv in the "
@@ -204,7 +195,7 @@ class DataFiles(Options):
         needs_ratings=True,
     )
     columns: Mapping[str, str] = option(
-        ByName("NAME=ACTUAL"),
+        kinds.ByName("NAME=ACTUAL"),
         flag="--column",
         default_factory=dict,
         help="Name of a column in your files, such as rating=softness.",
@@ -239,7 +230,7 @@ class DataFiles(Options):
         needs_ratings=True,
     )
     round_load: float | None = option(
-        Number(LOAD_STEPS, "STEP"),
+        kinds.Number(LOAD_STEPS, "STEP"),
         None,
         "--round-load",
         "Round loads to multiples of STEP (in N and mm) and report which were merged; by default loads "
@@ -247,14 +238,14 @@ class DataFiles(Options):
         needs_ratings=True,
     )
     drop_zeros: bool = option(
-        Flag(),
+        kinds.Flag(),
         False,
         "--drop-zeros",
         "Leave out ratings of 0 instead of treating them as censored.",
         needs_ratings=True,
     )
     drift: bool = option(
-        Flag(),
+        kinds.Flag(),
         False,
         "--drift",
         "Let the scale of a rater drift: one for each session (column session) or, without these, for each quarter of "
@@ -262,7 +253,7 @@ class DataFiles(Options):
         needs_ratings=True,
     )
     wide: bool = option(
-        Flag(),
+        kinds.Flag(),
         False,
         "--wide",
         "The table has one column per fabric, or per fabric and load (cotton_2mm). Needed only if the "

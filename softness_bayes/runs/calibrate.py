@@ -131,8 +131,8 @@ class Problem(NamedTuple):
 
 
 def calibrate(
-    scene: CalibrationScene,
-    options: ModelOptions,
+    of: CalibrationScene | Result,
+    options: ModelOptions | None,
     run: RunOptions,
     count: int,
     directory: Path,
@@ -141,7 +141,7 @@ def calibrate(
     executor: Executor | None = None,
     earlier: Path | None = None,
 ) -> rank_table.Calibrated:
-    """Calibrate the model of a scene; replicates that are already in a directory are not repeated.
+    """Calibrate the model of a scene, or of a run; replicates that are already in a directory are not repeated.
 
     A replicate is fast if its posterior is smooth. If a prior draw has very little noise (varsigma of a few hundredths
     or thousandths), the posterior is a thin curved sheet, which takes many times the typical number of steps. A
@@ -150,10 +150,13 @@ def calibrate(
 
     Parameters
     ----------
-    scene
-        Design of the ratings.
+    of
+        Design of the ratings, with parameters drawn from the prior. Or a run on ratings that has converged, to
+        calibrate the inference in the region of its posterior (posterior SBC): each replicate draws parameters from the
+        run's posterior, and simulates ratings of new raters in its design: with its missing cells, loads and
+        observation model. The model is fitted to the run's ratings and the simulated ones together.
     options
-        Choices of the model.
+        Choices of the model; None for those of a run, or the usual ones.
     run
         Seed, processes, and the largest number of steps.
     count
@@ -174,44 +177,15 @@ def calibrate(
     ------
     InputError
         If the directory contains anything but a calibration with the same settings, apart from the numbers of
-        replicates and processes, or the earlier calibration is of another problem.
+        replicates and processes, the earlier calibration is of another problem, or the run has not converged.
     LockedError
         If another process is calibrating there.
     """
-    return replicated(prior_problem(scene, options, run, settings), run, count, directory, progress, executor, earlier)
-
-
-def calibrate_like(
-    result: Result,
-    run: RunOptions,
-    count: int,
-    directory: Path,
-    progress: Report | None = None,
-    settings: Settings | None = None,
-    executor: Executor | None = None,
-    earlier: Path | None = None,
-) -> rank_table.Calibrated:
-    """Calibrate the inference in the region of the posterior of a finished run (posterior SBC).
-
-    Each replicate draws parameters from the run's posterior, and simulates ratings of new raters in its design: with
-    its missing cells, loads and observation model. The model is fitted to the run's ratings and the simulated ones
-    together.
-
-    Parameters
-    ----------
-    result
-        A run on ratings that has converged.
-    run, count, directory, progress, settings, executor, earlier
-        As for `calibrate`.
-
-    Raises
-    ------
-    InputError
-        If the run has not converged, or as for `calibrate`.
-    LockedError
-        If another process is calibrating there.
-    """
-    return replicated(posterior_problem(result, run, settings), run, count, directory, progress, executor, earlier)
+    if isinstance(of, Result):
+        problem = posterior_problem(of, run, settings)
+    else:
+        problem = prior_problem(of, options or ModelOptions(), run, settings)
+    return replicated(problem, run, count, directory, progress, executor, earlier)
 
 
 def prior_problem(
@@ -232,7 +206,7 @@ def prior_problem(
 
 
 def posterior_problem(result: Result, run: RunOptions, settings: Settings | None = None) -> Problem:
-    """Return the problem whose true values are draws of the posterior of a run; arguments as for `calibrate_like`."""
+    """Return the problem whose true values are draws of the posterior of a run; arguments as for `calibrate`."""
     if not result.provenance.ending.converged:
         raise InputError(f"{result.source}: the run has not converged, so its draws do not represent the posterior")
     posterior = build(experiment_of(result), options_of(result)).posterior

@@ -25,7 +25,6 @@ from softness_bayes.runs.calibrate import (
     RANKED,
     CalibrationScene,
     calibrate,
-    calibrate_like,
     finished,
     posterior_problem,
     prior_problem,
@@ -328,7 +327,7 @@ def test_replicates_like_a_run(report_run, tmp_path):
     result, run = converged(report_run("ratings")), RunOptions(seed=1, processes=1)
     with quickly():
         problem = posterior_problem(result, run, brief)
-        found = calibrate_like(result, run, 2, tmp_path / "out", settings=brief)
+        found = calibrate(result, None, run, 2, tmp_path / "out", settings=brief)
         again = finished(problem, 3, tmp_path / "out")
     assert problem.posterior.observation.values.size == result.group("observed_data")["rating"].size
     assert {LOG_LIKELIHOOD, *map(turning_point, result.loads)} <= {*found.calibration.names}
@@ -340,7 +339,7 @@ def test_replicates_like_a_run(report_run, tmp_path):
 
 def test_what_is_refused_on_the_command_line(report_run, tmp_path):
     with pytest.raises(InputError, match="has not converged"):
-        calibrate_like(report_run("ratings"), RunOptions(), 2, tmp_path / "out")
+        calibrate(report_run("ratings"), None, RunOptions(), 2, tmp_path / "out")
     report_run("ratings").save(tmp_path / "run")
     for arguments, said in (
         (("--like", tmp_path / "run", "--participants", 3), "--participants: cannot be combined with --like"),

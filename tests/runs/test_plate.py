@@ -228,7 +228,7 @@ def test_the_joint_likelihood_is_the_sum_of_both(joint):
     )
     assert both.names == (*alone.names, "tau_b", "tau_m", "varsigma_f")
     theta = both.space.draw_prior(np.random.default_rng(1), 10)
-    forces = both.compression.log_likelihood(NO_RESPONSE, both.skin_parameters(theta))
+    forces = both.compression.log_likelihood(NO_RESPONSE, both.parameters_of(both.compression, theta))
     assert_allclose(both.log_likelihood(theta), alone.log_likelihood(theta[:, :-3]) + forces, rtol=1e-12)
     assert forces.std() > 1
 
