@@ -74,19 +74,23 @@ def cost_lines(model: ExperimentModel) -> list[str]:
     """Return how a run evaluates its model: stages, nodes, errors and cost, and the alternatives.
 
     Errors are the largest over draws of the prior and conditions: of the response, relative to the peak of each draw,
-    and of log(N/N_ref + eps). Costs are the time per parameter vector in batches of 64, measured on this machine.
+    and of log(N/N_ref + eps). Costs are the time per parameter vector in batches of 64, measured on this machine; those
+    of presets are without the likelihood.
     """
     import pandas as pd
 
     from softness_bayes.model.scenes import prior_draws
-    from softness_bayes.model.understanding import BATCH, ladder, seconds
+    from softness_bayes.model.understanding import BATCH, ladder, likelihood_seconds
+    from softness_bayes.sampler.sampling import Settings
+    from softness_bayes.sampler.workers import available_processors
     from softness_bayes.touch.accuracy import DRAWS, PRESETS
     from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 
     scene, chosen, draws = model.scene, model.resolution, prior_draws(model.posterior.space)
     assert chosen is not None, "the command line sets an accuracy"
-    cost = seconds(scene, draws.parameters)
-    cost += 0.0 if model.posterior.other_loads is None else seconds(model.posterior.other_loads, draws.parameters)
+    cost, settings = likelihood_seconds(model.posterior), Settings()
+    usual = settings.usual_evaluations(len(model.posterior.names))
+    cores = min(settings.ensembles, available_processors())
     d = chosen.discretisation
     terms = {one: "all terms" if one.rate_terms is None else f"{one.rate_terms} terms" for one in (d, *PRESETS)}
     fixed = isinstance(scene.firing, FixedChannels)
@@ -112,7 +116,9 @@ def cost_lines(model: ExperimentModel) -> list[str]:
     return [
         f"accuracy {model.options.accuracy:g}, {scene.n_conditions} conditions, errors over {DRAWS} draws of the prior",
         f"\n{pd.DataFrame(stages).to_string(index=False)}",
-        f"\ncost: {1e6 * cost:.1f} µs for each parameter vector, {BATCH} at a time, on one core",
+        f"\ncost: {1e6 * cost:.1f} µs for the posterior of each parameter vector, {BATCH} at a time, on one core",
+        f"usual run: {usual} vectors, {cost * usual / cores:.3g} s of sampling on {counted(cores, 'processor')}; "
+        "thin or bent posteriors, such as of brackets, take up to 20 times as many",
         f"\npresets:\n{pd.DataFrame(presets).to_string(index=False)}",
     ]
 

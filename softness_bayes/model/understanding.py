@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,9 +20,9 @@ from softness_bayes.model.build import COARSE, ExperimentModel, build, people_no
 from softness_bayes.model.design_information import Expected, as_it_is, foresee, others
 from softness_bayes.model.direction import odd_raters
 from softness_bayes.model.options import ModelOptions
+from softness_bayes.model.posterior import Posterior
 from softness_bayes.touch.accuracy import PRESETS, ChosenResolution, Draws, first, measured
 from softness_bayes.touch.load_groups import groups_of
-from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Scene
 
 Array = NDArray[np.float64]
@@ -275,18 +277,25 @@ BATCH, REPEATS = 64, 12
 def ladder(scene: Scene, draws: Draws) -> list[tuple[ChosenResolution, float]]:
     """Return a scene at every preset with its measured errors, and the time for each parameter vector [s]."""
     presets = [measured(scene.recompiled(discretisation=preset), draws) for preset in PRESETS]
-    return [(one, seconds(one.scene, draws.parameters)) for one in presets]
+    some = first(draws.parameters, BATCH)
+    return [(one, seconds(partial(one.scene.total_rate, some))) for one in presets]
 
 
-def seconds(scene: Scene, parameters: TouchParameters, batch: int = BATCH, repeats: int = REPEATS) -> float:
-    """Return the time [s] per parameter vector that a scene takes for a batch on one core."""
+def likelihood_seconds(posterior: Posterior) -> float:
+    """Return the time [s] that the posterior takes for each parameter vector near the medians of the priors."""
+    rng = np.random.default_rng(0)
+    middle = np.median(posterior.draw_start(rng, 500), axis=0)
+    return seconds(partial(posterior.for_sampling, middle + 0.2 * rng.standard_normal((BATCH, middle.size))))
+
+
+def seconds(call: Callable[[], Any]) -> float:
+    """Return the time [s] per parameter vector that a function takes for `BATCH` of them on one core."""
     from threadpoolctl import threadpool_limits
 
-    some = first(parameters, batch)
     taken = []
     with threadpool_limits(1):
-        for _ in range(repeats):
+        for _ in range(REPEATS):
             begun = time.perf_counter()
-            scene.total_rate(some)
+            call()
             taken.append(time.perf_counter() - begun)
-    return min(taken) / np.size(some.alpha)
+    return min(taken) / BATCH

@@ -104,6 +104,10 @@ class Settings(Schedule):
             raise InputError(f"sampling: walkers is {self.walkers}, expected an even number from {least}")
         return self.walkers
 
+    def usual_evaluations(self, dimension: int) -> int:
+        """Return the number of points at which a run evaluates its target if its first checks find it converged."""
+        return self.ensembles * self.walkers_for(dimension) * (sum(self.pilot) + 3 * self.round_steps)
+
     def moves_for(self, dimension: int) -> Moves:
         """Return the moves after the first stage; the default depends on the dimension."""
         return MANY_DIMENSIONS_MOVES if self.moves is MOVES and dimension > MANY_DIMENSIONS else self.moves

@@ -44,7 +44,7 @@ class Schedule:
     relearning
         Number of times that a slow run may become one more stage of the pilot.
     slow
-        Retained steps, in autocorrelation times about the means of individual walkers, below which a run is slow.
+        Retained steps, in autocorrelation times, below which a run is slow.
     round_steps
         The first check is made after twice this number of steps, the others at multiples of a quarter of it.
     stored
@@ -61,7 +61,7 @@ class Schedule:
 
     pilot: tuple[int, ...] = (100, 200)
     relearning: int = 4
-    slow: float = 5.0
+    slow: float = 3.0
     round_steps: int = 100
     stored: int = 20_000
     goal: Goal = field(default_factory=Goal)
@@ -94,10 +94,10 @@ class Schedule:
 
     def _is_slow(self, state: RunState, verdict: Verdict) -> bool:
         """Return whether a run should become one more stage of the pilot."""
-        # by the times about individual means, because differences between walkers are not due to the map
+        # times about individual means would not do: of walkers that hardly move, they are a tenth of the run's length
         return (
             0 <= state.phase - len(self.pilot) < self.relearning
-            and verdict.kept < self.slow * verdict.own
+            and verdict.lengths < self.slow
             and state.steps >= 2 * state.relearnt  # a map that is no better needs a longer run to learn from
         )
 
