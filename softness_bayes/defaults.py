@@ -20,7 +20,7 @@ NOISE = 0.0
 ERRORS = ("normal", "student", "lapses")
 """Names of the error laws of ratings (`likelihood.error_laws.ERROR_LAWS`), repeated so that help needs no NumPy."""
 
-LEFT_OUT = ("rating", "participant", "fabric", "condition")
+LEFT_OUT = ("rating", "participant", "fabric", "condition", "response")
 """Names of the units that a comparison leaves out, as in `runs.left_out.LEAVE`, repeated for the same reason."""
 
 PRIOR_SET = "default"

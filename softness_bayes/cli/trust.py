@@ -61,8 +61,8 @@ def compare(
     ----------
     directories : RESULT_DIR...
     leave
-        What is held out and predicted from the rest: single ratings, participants, fabrics, or fabrics under single
-        loads.
+        What is held out and predicted from the rest: single ratings, participants, fabrics, fabrics under single
+        loads, or responses of recorded afferents (always, in runs without ratings).
     max_steps
         Largest number of steps of each ensemble in a refit without a fabric; it then ends even if it has not converged.
     out
@@ -91,7 +91,8 @@ def compare(
     lines += [f"{label}: {model or 'the same model'}" for label, model in found.table["model"].items()]
     lines += [f"warning: {warning}" for warning in found.warnings]
     shares = ", ".join(f"{load} {chance(share)}" for load, share in found.interior.items())
-    lines.append(f"probability of an interior maximum, averaged over the runs with their weights: {shares}")
+    if shares:
+        lines.append(f"probability of an interior maximum, averaged over the runs with their weights: {shares}")
     click.echo("\n".join([*lines, f"written to {path}", found.sentence]))
 
 

@@ -175,7 +175,7 @@ def _model(result: Stored) -> dict[str, str]:
     chosen = {
         **options.readings.names,
         "ratings": name_of_scale(options.scale),
-        "direction": result.provenance.direction.direction.name,
+        **({"direction": result.provenance.direction.direction.name} if result.has_ratings else {}),
         **{name: str(prior) for name, prior in options.priors.items()},
         **{name: f"{np.format_float_positional(value, 6, trim='-')}" for name, value in options.fix.items()},
         **{name: text for name, text in options.changed().items() if name not in (*told, "discretisation", "decided")},

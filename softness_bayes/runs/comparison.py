@@ -103,7 +103,7 @@ def compare(
     progress: Callable[[str], None] = lambda _: None,
     executor: Executor | None = None,
 ) -> Comparison:
-    """Rank models fitted to the same ratings by their predictions of left-out ratings.
+    """Rank models fitted to the same ratings, or recorded afferents, by their predictions of those left out.
 
     Ratings and participants are left out by Pareto-smoothed importance weights on the closed-form densities
     given all others that each result stores, fabrics by refitting the model without each.
@@ -138,6 +138,11 @@ def compare(
         raise InputError(f"compare: cannot hold out {leave!r}; expected one of {', '.join(LEAVE)}")
     leave = LEAVE[leave] if isinstance(leave, str) else leave
     _require_comparable(results)
+    rated = all(result.has_ratings for result in results.values())
+    if not rated and leave is LEAVE["rating"]:
+        leave = LEAVE["response"]
+    if not rated and leave is not LEAVE["response"]:
+        raise InputError(f"compare: a run without ratings has no {leave.name} to hold out; hold out responses")
     told = differences(dict(results))
     found = {
         label: leave.predict(result, Refits(settings, partial(_told, progress, label), executor))
@@ -147,7 +152,7 @@ def compare(
     best = found[order[0]].log_density
     weights = stacking_weights(np.stack([found[label].log_density for label in order], axis=-1))
     clusters = _clusters(results[order[0]], leave)
-    interior = sum(w * results[label].inflection()["p_interior"] for w, label in zip(weights, order, strict=True))
+    turning = [w * results[one].inflection()["p_interior"] for w, one in zip(weights, order, strict=True) if rated]
     rows = {
         label: {
             "rank": rank,
@@ -159,8 +164,10 @@ def compare(
         }
         for rank, (label, weight) in enumerate(zip(order, weights, strict=True), 1)
     }
-    unit = (results[order[0]].scale.answer if leave.name == "rating" else "") or leave.name
-    return Comparison(pd.DataFrame.from_dict(rows, orient="index").rename_axis("result"), unit, interior)
+    unit = (results[order[0]].scale.answer if leave is LEAVE["rating"] else "") or leave.name
+    return Comparison(
+        pd.DataFrame.from_dict(rows, orient="index").rename_axis("result"), unit, sum(turning, pd.Series(dtype=float))
+    )
 
 
 def _told(progress: Callable[[str], None], label: str, unit: str) -> None:
@@ -213,9 +220,9 @@ def _require_comparable(results: Mapping[str, Result]) -> None:
         raise InputError(f"compare: {len(results)} result, expected at least two")
     first, other = next(iter(results)), ""
     for label, result in results.items():
-        if not result.has_ratings:
-            raise InputError(f"{label}: a run without ratings cannot be ranked")
-        if result.scale != results[first].scale:
+        if result.has_ratings != results[first].has_ratings or not (result.has_ratings or result.has_afferents):
+            raise InputError(f"{label}: a run without ratings is ranked only beside others, with recorded afferents")
+        if result.has_ratings and result.scale != results[first].scale:
             raise InputError(
                 f"{label}: fits to {result.scale.name} ratings cannot be ranked against fits to "
                 f"{results[first].scale.name} ratings ({first}), whose probabilities are of other events"
@@ -229,9 +236,11 @@ def _require_comparable(results: Mapping[str, Result]) -> None:
 
 def _data_that_differ(one: Result, two: Result) -> str:
     """Return the first difference between the data of two results, by name; empty if they are the same."""
-    for name in ("digest_ratings", "digest_fabrics", "digest_compression"):
+    for name in ("digest_ratings", "digest_fabrics", "digest_compression", "digest_afferents"):
         if one.attributes.get(name, "") != two.attributes.get(name, ""):
             return name.replace("_", " of ")
+    if not one.has_ratings:
+        return ""
     intervals = [
         name for name in (RATING_LOW, RATING_HIGH) if any(name in r.group("constant_data") for r in (one, two))
     ]

@@ -85,6 +85,13 @@ def _by_participant(result: Result, _: Refits) -> LeftOut:
     return _stored(result, "log_likelihood_participant", "ratings_of_participant")
 
 
+def _by_response(result: Result, _: Refits) -> LeftOut:
+    """Leave out each response of recorded afferents."""
+    if not result.has_afferents:
+        raise InputError(f"compare: {result.source} has no recorded afferents, whose responses could be held out")
+    return _stored(result, "log_likelihood", "recorded_rate_hz")
+
+
 def _stored(result: Result, group: str, name: str) -> LeftOut:
     values = result.group(group)[name].values
     return leave_by_weights(values.reshape(-1, values.shape[-1]))
@@ -174,6 +181,7 @@ LEAVE: Mapping[str, Leave] = MappingProxyType(
         "participant": Leave("participant", _by_participant),
         "fabric": Leave("fabric", _by_fabric),
         "condition": Leave("condition", _by_condition),
+        "response": Leave("recorded response", _by_response),
     }
 )
 """The kinds of units to leave out, by name."""
