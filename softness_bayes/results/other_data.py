@@ -6,6 +6,7 @@ Each function draws in a fixed order, so that the seed determines the numbers.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import combinations
 from typing import Any, NamedTuple
 
@@ -20,8 +21,8 @@ from softness_bayes.data.columns import CURVATURE, DISTANCE, FORCE, INDENTATION
 from softness_bayes.data.ratings import loads_by_column
 from softness_bayes.files.run_files import RECORDED_RATES
 from softness_bayes.likelihood.contract import NO_RESPONSE, Likelihood, Parameters
-from softness_bayes.likelihood.plate import CompressionForces
-from softness_bayes.model.posterior import Density
+from softness_bayes.likelihood.plate import FORCES, CompressionForces
+from softness_bayes.model.posterior import Density, Posterior
 from softness_bayes.parameters.declared import EVERY_PARAMETER, RECORDED, SHAREABLE
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.provenance import PlateData, RecordedData, attributes_of
@@ -29,6 +30,7 @@ from softness_bayes.recordings.findings import Agreement, RecordedFindings, log_
 from softness_bayes.recordings.likelihood import RecordedRates
 from softness_bayes.results.draws import Groups, Part, Points, Variable, joined
 from softness_bayes.touch.contact import plate_force
+from softness_bayes.touch.parameters import TouchParameters
 
 Array = NDArray[np.float64]
 
@@ -127,7 +129,9 @@ def _recorded(rng: np.random.Generator, data: Afferents, density: Density, term:
         factors = term.draw_effects(rng, NO_RESPONSE, every).log_factor
         groups["posterior"] = {"log_rate_effect": Variable(factors, ("afferent",))}
         coordinates["afferent"] = np.array(data.names)
-    found = _findings(density, term, data, every, expected)
+    found = _findings(
+        density, term, data, every, expected, points.theta.reshape(-1, points.theta.shape[-1]).mean(axis=0)
+    )
     attributes = attributes_of(RecordedData(data.digest, found.record()))
     return Part(groups, coordinates, attributes, {RECORDED_RATES: _table(data, expected, again)})
 
@@ -137,7 +141,7 @@ def _parameters(density: Density, term: Likelihood, theta: Array) -> Parameters:
 
 
 def _findings(
-    density: Density, term: RecordedRates, data: Afferents, own: Parameters, expected: Array
+    density: Density, term: RecordedRates, data: Afferents, own: Parameters, expected: Array, near: Array
 ) -> RecordedFindings:
     at = term.model.afferent(own)
     rest, sigma_0 = term.touches.at_rest(at)
@@ -150,7 +154,7 @@ def _findings(
         shifts(natural, term.touches.readings.skin_displacement),
         (low, middle, high),
         float((rest > 1.0).mean()),
-        agreements(density),
+        agreements(density, near),
     )
 
 
@@ -186,14 +190,21 @@ class _Mode(NamedTuple):
     covariance: Array
 
 
-def agreements(density: Density) -> tuple[Agreement, ...]:
+def agreements(density: Density, near: Array | None = None) -> tuple[Agreement, ...]:
     """Return how well each pair of sources agrees about their common parameters.
 
     Every source is fitted alone under the run's priors, by its posterior mode and the curvature there; thus a joint run
     cannot hide a contradiction behind wider spreads.
+
+    Parameters
+    ----------
+    density
+        The density of the run.
+    near
+        A point (dimension,) from which modes are sought too, such as the mean of the run's draws.
     """
-    sources = list(_sources(density))
-    modes = [_mode(name, _alone(density.space, term)) for name, term in sources] if len(sources) > 1 else []
+    sources = _sources(density)
+    modes = [_mode(name, one, _part(density.space, one.space, near)) for name, one in sources if len(sources) > 1]
     found = []
     for one, other in combinations(modes, 2):
         common = [name for name in CHAIN if name in one.names and name in other.names]
@@ -206,14 +217,26 @@ def agreements(density: Density) -> tuple[Agreement, ...]:
     return tuple(found)
 
 
-def _sources(density: Density) -> list[tuple[str, Likelihood]]:
-    found: list[tuple[str, Likelihood]] = [] if density.compression is None else [("plates", density.compression)]
-    term = density.term(RECORDED)
-    if isinstance(term, RecordedRates):
-        labels = np.array(term.data.recording or [RECORDED] * len(term.data))
-        for label in dict.fromkeys(labels.tolist()):
-            name = f"recording {label}" if term.data.recording else "recorded afferents"
-            found.append((name, term if (labels == label).all() else term.without(labels != label)))
+def _sources(density: Density) -> list[tuple[str, Density]]:
+    """Return the density of each source alone, by its name."""
+    space, found = density.space, list[tuple[str, Density]]()
+    others = [term for term in density.terms if term.name in (FORCES, RECORDED)]
+    if isinstance(density, Posterior) and density.fingers is None and others:
+        rated = tuple(term for term in density.terms if term not in others)
+        theirs = {name for term in others for name in term.model.needs} - {*TouchParameters._fields}
+        own = tuple(p for p in space.sampled if p.name not in theirs - {n for term in rated for n in term.model.needs})
+        # without bent coordinates, those of all sources are logarithms
+        alone = replace(space, sampled=own, bent={}, rheobase=None)
+        found.append(("ratings", replace(density, space=alone, terms=rated)))
+    for term in others:
+        if isinstance(term, RecordedRates):
+            labels = np.array(term.data.recording or [RECORDED] * len(term.data))
+            for label in dict.fromkeys(labels.tolist()):
+                name = f"recording {label}" if term.data.recording else "recorded afferents"
+                part = term if (labels == label).all() else term.without(labels != label)
+                found.append((name, _alone(space, part)))
+        else:
+            found.append(("plates", _alone(space, term)))
     return found
 
 
@@ -224,9 +247,18 @@ def _alone(space: ParameterSpace, term: Likelihood) -> Density:
     return Density(ParameterSpace(tuple(p for p in space.sampled if p.name in needs), held), (term,))
 
 
-def _mode(source: str, density: Density) -> _Mode:
+def _part(whole: ParameterSpace, part: ParameterSpace, theta: Array | None) -> Array:
+    """Return some of the parameters of a point, shape (1, dimension); no points without one."""
+    if theta is None:
+        return np.empty((0, part.dimension))
+    return np.array([[theta[whole.names.index(name)] for name in part.names]])
+
+
+def _mode(source: str, density: Density, near: Array) -> _Mode:
     space = density.space
-    starts = np.vstack([space.median, space.draw_prior(np.random.default_rng(0), STARTS)])
+    # a response takes its time
+    draws = 0 if isinstance(density, Posterior) else STARTS
+    starts = np.vstack([space.median, near, space.draw_prior(np.random.default_rng(0), draws)])
 
     def loss(z: Array) -> Array:
         return -np.nan_to_num(density(z), nan=-1e12, neginf=-1e12)
