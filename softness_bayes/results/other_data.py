@@ -129,9 +129,7 @@ def _recorded(rng: np.random.Generator, data: Afferents, density: Density, term:
         factors = term.draw_effects(rng, NO_RESPONSE, every).log_factor
         groups["posterior"] = {"log_rate_effect": Variable(factors, ("afferent",))}
         coordinates["afferent"] = np.array(data.names)
-    found = _findings(
-        density, term, data, every, expected, points.theta.reshape(-1, points.theta.shape[-1]).mean(axis=0)
-    )
+    found = _findings(density, term, data, every, expected, points.every.mean(axis=(0, 1)))
     attributes = attributes_of(RecordedData(data.digest, found.record()))
     return Part(groups, coordinates, attributes, {RECORDED_RATES: _table(data, expected, again)})
 

@@ -152,7 +152,9 @@ def compare(
     best = found[order[0]].log_density
     weights = stacking_weights(np.stack([found[label].log_density for label in order], axis=-1))
     clusters = _clusters(results[order[0]], leave)
-    turning = [w * results[one].inflection()["p_interior"] for w, one in zip(weights, order, strict=True) if rated]
+    interior = pd.Series(dtype=float)
+    if rated:
+        interior = sum(w * results[one].inflection()["p_interior"] for w, one in zip(weights, order, strict=True))
     rows = {
         label: {
             "rank": rank,
@@ -165,9 +167,7 @@ def compare(
         for rank, (label, weight) in enumerate(zip(order, weights, strict=True), 1)
     }
     unit = (results[order[0]].scale.answer if leave is LEAVE["rating"] else "") or leave.name
-    return Comparison(
-        pd.DataFrame.from_dict(rows, orient="index").rename_axis("result"), unit, sum(turning, pd.Series(dtype=float))
-    )
+    return Comparison(pd.DataFrame.from_dict(rows, orient="index").rename_axis("result"), unit, interior)
 
 
 def _told(progress: Callable[[str], None], label: str, unit: str) -> None:

@@ -7,17 +7,23 @@ import pandas as pd
 import pytest
 from scipy.stats import kstest
 
-from softness_bayes.data import Afferents, Compression, Measurements
+from softness_bayes.data import Afferents, Compression, Experiment, Fabrics, Measurements
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import NO_RESPONSE
-from softness_bayes.model.build import build_skin
+from softness_bayes.likelihood.error_laws import NORMAL
+from softness_bayes.likelihood.scales import RISES
+from softness_bayes.model.build import build, build_skin
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.model.simulation import simulate_afferents, simulate_compression
+from softness_bayes.model.scenes import usual_values
+from softness_bayes.model.simulation import simulate_afferents, simulate_compression, simulate_ratings
 from softness_bayes.plotting.figures import figures_of
 from softness_bayes.recordings.findings import log_additive_sd
 from softness_bayes.results.other_data import agreements
 from softness_bayes.results.result import Result
+from softness_bayes.runs.comparison import compare
 from softness_bayes.runs.run import sample
+from softness_bayes.touch.contact import Force
+from softness_bayes.touch.readings import MENDED
 from support.command_line import call, refused
 
 TRUTH = {"b_rec": 8.0, "m_rec": 3.9, "alpha_rec": 40.0, "beta_rec": 0.02, "rest_rec": 0.97, "sd_rate": 4.0}
@@ -215,20 +221,28 @@ def ranks(draws, law):
 def test_ranks_of_simulations_are_uniform_and_those_of_a_wrong_noise_are_not():
     """The control: a likelihood with half the noise gives posteriors that are too narrow."""
     assert kstest(ranks(300, 1.0), "uniform").pvalue > 0.01
-    assert kstest(ranks(300, 0.5), "uniform").pvalue < 0.01 or np.mean(np.abs(ranks(300, 0.5) - 0.5) > 0.475) > 0.1
+    assert kstest(np.abs(ranks(300, 0.5) - 0.5), "uniform", (0.0, 0.5)).pvalue < 0.001
+
+
+def ranks_of_runs(numbers, names):
+    """Return ranks of the true noise among draws of runs, whose afferents may have lost their names."""
+    table = pd.concat([probed()[::2].assign(afferent=name) for name in ("u1", "u2", "u3")], ignore_index=True)
+    density = build_skin(Afferents.read(table), ModelOptions()).posterior
+    found = []
+    for k in numbers:
+        (point,) = density.space.draw_prior(np.random.default_rng([8, k]), 1)
+        truth = dict(zip(density.names, point.tolist(), strict=True))
+        made = simulated(k, truth, table)
+        run = sample(Afferents.read(made if names else made.drop(columns="afferent")), max_steps=300, seed=k)
+        found.append((run.group("posterior")["sd_rate"].values.ravel() < truth["sd_rate"]).mean())
+    return found
 
 
 @pytest.mark.slow
-def test_ranks_of_full_runs_are_uniform():
-    """All parameters drawn from their priors, 200 times; a control leaves the sensitivities of afferents out."""
-    rng, fraction = np.random.default_rng(8), []
-    density = build_skin(Afferents.read(probed()), ModelOptions()).posterior
-    for k, point in enumerate(density.space.draw_prior(rng, 200)):
-        truth = dict(zip(density.names, point.tolist(), strict=True))
-        run = sample(Afferents.read(simulated(k, truth)), max_steps=300, processes=1, seed=k)
-        draws = run.group("posterior")["alpha_rec"].values.ravel()
-        fraction.append((draws < truth["alpha_rec"]).mean())
-    assert kstest(fraction, "uniform").pvalue > 0.01
+@pytest.mark.parametrize(("names", "runs", "uniform"), [(True, 200, True), (False, 40, False)])
+def test_ranks_of_full_runs_are_uniform_unless_sensitivities_are_left_out(names, runs, uniform):
+    """All parameters drawn from their priors; without names, the spread of afferents is taken for noise of rates."""
+    assert (kstest(ranks_of_runs(range(runs), names), "uniform").pvalue > 0.01) == uniform
 
 
 def test_sources_of_one_truth_agree_and_those_of_two_do_not():
@@ -240,6 +254,37 @@ def test_sources_of_one_truth_agree_and_those_of_two_do_not():
         (found,) = agreements(density)
         assert (found.first, found.second, found.degrees) == ("recording one", "recording two", 5)
         assert found.contradicts == contradicts, found.said
+
+
+def test_ratings_are_a_source_of_their_own(rng):
+    """Their chain, with the paper's transduction, contradicts recordings of another one."""
+    cloth = Fabrics(tuple("abcdef"), effective_modulus=np.geomspace(1e4, 1e6, 6))
+    rated = simulate_ratings(rng, cloth, (Force(2.0),), usual_values(MENDED, "in-vivo"), participants=6).ratings
+    data = Experiment(rated, cloth, (), afferents=Afferents.read(simulated(5)))
+    options = ModelOptions(prior_set="in-vivo", direction=RISES, errors=NORMAL)
+    (found,) = agreements(build(data, options).posterior)
+    assert (found.first, found.second, found.degrees) == ("ratings", "recorded afferents", 4)
+    assert found.contradicts
+
+
+# comparison
+
+
+def test_readings_of_recordings_are_compared(result):
+    """Below 0.2 N the attenuation of the pressure changes hardly anything; the paper's transduction is the control."""
+    data = Afferents.read(simulated(1))
+
+    def fitted(**options):
+        return sample(data, max_steps=400, processes=1, seed=1, **options)
+
+    found = compare({"attenuated": result, "hertz": fitted(readings=MENDED.override({"pressure": "hertz"}))})
+    assert "do not distinguish" in found.sentence
+    assert found.sentence.endswith("holding out each recorded response")
+    assert found.interior.empty
+    other = compare({"free": result, "paper": fitted(fix={"alpha_rec": 20.3, "beta_rec": 0.6})})
+    assert "free predicts better than paper" in other.sentence
+    with pytest.raises(InputError, match="has no fabric to hold out"):
+        compare({"attenuated": result, "hertz": result}, "fabric")
 
 
 # the real recordings
