@@ -296,8 +296,8 @@ class Fabrics:
         }
         for name in STANDARD_ERRORS:
             _take_standard_errors(table, fabric, first, name, properties)
-        faulty = {row for row, _ in table.faults}
-        sound = [k for k in range(len(names)) if faulty.isdisjoint(table.rows[fabric == k].tolist())]
+        faulty = fabric[np.isin(table.rows, [row for row, _ in table.faults])]
+        sound = np.setdiff1d(np.arange(len(names)), faulty)
         some = {name: values[sound] for name, values in properties.items()}
         if not table.faults or any(bases(some)):
             for k, problem in _incomplete(some).items():
@@ -387,8 +387,11 @@ def _property(table: Table, column: Column, fabric: IntArray, directions: Sequen
             problem = f"{quoted(name)} has {quoted(texts[i])} here and {quoted(texts[k])} in row {table.rows[k]}"
             table.problem(i, column.name, problem)
     found = np.full(fabric.max() + 1, np.nan)
-    for k in {k for k, _ in first}:
-        values = filed[[i for (own, _), i in first.items() if own == k]]
+    own: dict[int, list[int]] = {}
+    for (k, _), i in first.items():
+        own.setdefault(k, []).append(i)
+    for k, rows in own.items():
+        values = filed[rows]
         found[k] = values[0] if len(values) == 1 else np.exp(np.log(values).mean())
     return found
 
