@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from softness_bayes.data import Ratings, write_ratings
+from softness_bayes.data import Ratings, ratings_csv
 from softness_bayes.data.columns import BEARABLE, FINGERTIP, summarises
 from softness_bayes.data.faults import identity
 from softness_bayes.likelihood.design import Design
@@ -277,6 +277,6 @@ def rewritten(path, separator):
 @given(tables_of_ratings(), st.sampled_from(",;\t"))
 def test_ratings_survive_a_file(tmp_path_factory, ratings, separator):
     path = tmp_path_factory.mktemp("ratings") / "ratings.csv"
-    write_ratings(path, ratings)
+    path.write_text(ratings_csv(ratings), encoding="utf-8")
     assert rows_of(Ratings.read(path)) == rows_of(ratings)
     assert rows_of(Ratings.read(rewritten(path, separator))) == rows_of(ratings)

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softness_bayes.data import Fabrics, write_fabrics
+from softness_bayes.data import Fabrics, fabrics_csv
 
 
 class Table(NamedTuple):
@@ -74,7 +74,8 @@ def measured(table: Table) -> tuple[float, float]:
         few, data, run, others = (Path(name) / each for each in ("fabrics.csv", "data", "run", "others.csv"))
         for path, count in ((few, table.fabrics), (others, table.predicted or 1)):
             moduli = np.geomspace(3e3, 6e5, count)
-            write_fabrics(path, Fabrics(tuple(f"F{k}" for k in range(1, count + 1)), effective_modulus=moduli))
+            cloth = Fabrics(tuple(f"F{k}" for k in range(1, count + 1)), effective_modulus=moduli)
+            path.write_text(fabrics_csv(cloth), encoding="utf-8")
         timed("simulate", "--fabrics", few, *loads, "--participants", table.raters, "--out", data)
         steps = ("--max-steps", 10, "--processes", 1)
         used = timed("sample", "--data", data / "ratings.csv", "--out", run, "--modulus-cv", 0, *steps)

@@ -35,7 +35,6 @@ from softness_bayes.data.reading import check_renames, has_sheet, read_table
 from softness_bayes.data.shapes import Request
 from softness_bayes.data.tables import FloatArray, Table
 from softness_bayes.errors import InputError
-from softness_bayes.files.outputs import write_outputs
 from softness_bayes.files.spreadsheet import csv_of
 from softness_bayes.ranges import require_kind, require_mapping
 
@@ -55,13 +54,10 @@ __all__ = [
     "read_answers",
     "read_experiment",
     "read_measurements",
-    "write_compression",
-    "write_fabrics",
-    "write_ratings",
 ]
 
 SIMULATE, TRUTH = "simulate", "truth.json"
-"""The command under which tables written here are listed, and the file of the truth that it writes beside them."""
+"""The command that writes simulated tables, and the file of the truth that it writes beside them."""
 
 FABRICS_BESIDE = "fabrics.csv"
 """Name of a fabric table beside the ratings that is used by default."""
@@ -371,29 +367,3 @@ def _csv(columns: Mapping[str, Sequence[str]]) -> str:
     import pandas as pd
 
     return csv_of(pd.DataFrame(columns, dtype=object), index=False)
-
-
-def write_fabrics(path: str | Path, fabrics: Fabrics) -> None:
-    """Write `fabrics_csv` to a file, as `write_ratings` does."""
-    _write(path, fabrics_csv(fabrics))
-
-
-def write_ratings(path: str | Path, ratings: Ratings, fabrics: Fabrics | None = None) -> None:
-    """Write `ratings_csv` to a file atomically, replacing only files written by these functions.
-
-    Raises
-    ------
-    InputError
-        If another file is in the way, or one that was changed since it was written.
-    """
-    _write(path, ratings_csv(ratings, fabrics))
-
-
-def write_compression(path: str | Path, compression: Compression) -> None:
-    """Write `compression_csv` to a file, as `write_ratings` does."""
-    _write(path, compression_csv(compression))
-
-
-def _write(path: str | Path, text: str) -> None:
-    path = Path(path)
-    write_outputs(path.parent, {path.name: text}, SIMULATE)

@@ -10,10 +10,10 @@ import pytest
 from softness_bayes.data import (
     Fabrics,
     Ratings,
+    fabrics_csv,
     loads_of,
+    ratings_csv,
     read_experiment,
-    write_fabrics,
-    write_ratings,
 )
 from softness_bayes.data.columns import NUMBERS, POISSON_RATIO
 from softness_bayes.data.ratings import with_drift
@@ -430,8 +430,8 @@ PROPERTIES = ("tensile_modulus", "thickness", "poisson_ratio", "bending_rigidity
 def test_files_read_back_to_the_same_values(tmp_path):
     ratings, fabrics = simulated()
     assert (len(ratings), ratings.n_missing) == (35, 1)
-    write_ratings(tmp_path / "ratings.csv", ratings)
-    write_fabrics(tmp_path / "fabrics.csv", fabrics)
+    (tmp_path / "ratings.csv").write_text(ratings_csv(ratings), encoding="utf-8")
+    (tmp_path / "fabrics.csv").write_text(fabrics_csv(fabrics), encoding="utf-8")
     experiment = read_experiment(tmp_path / "ratings.csv")
     assert experiment.fabrics.names == experiment.ratings.fabrics == fabrics.names
     assert experiment.ratings.loads == ratings.loads
@@ -441,7 +441,7 @@ def test_files_read_back_to_the_same_values(tmp_path):
 
 def test_ratings_can_carry_their_fabrics(tmp_path):
     ratings, fabrics = simulated()
-    write_ratings(tmp_path / "ratings.csv", ratings, fabrics)
+    (tmp_path / "ratings.csv").write_text(ratings_csv(ratings, fabrics), encoding="utf-8")
     experiment = read_experiment(tmp_path / "ratings.csv")
     assert experiment.fabrics.names == ("Köper", "satin", 'tulle, "fine"')
     assert same(experiment.fabrics.take(fabrics.names), fabrics, PROPERTIES)

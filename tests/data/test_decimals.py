@@ -40,11 +40,8 @@ def test_a_number_of_two_meanings_is_refused_with_what_decides(tmp_path, separat
     [
         (["950", "0,82"], [950, 0.82], ""),
         (["1,234", "0,82"], [1.234, 0.82], "row 2, column 'rating': 1,234 is read as 1.234, because 0,82 in row 3"),
-        (["1,234", "1,5e1"], [1.234, 15], "row 2, column 'rating': 1,234 is read as 1.234, because 1,5e1 in row 3"),
-        (["1,2345", "7"], [1.2345, 7], ""),
         (["1.234", "2.500"], [1.234, 2.5], ""),  # a program's three decimals, in all cells
         (["1.234", "950.0"], [1.234, 950], ""),
-        (["1234", "950"], [1234, 950], ""),
         # points group thousands where a number shows it
         (["1.234,5", "12"], [1234.5, 12], ""),
         (["1.234.567", "0,5"], [1234567, 0.5], ""),
@@ -73,11 +70,9 @@ def test_between_commas_a_quoted_comma_is_refused_with_the_remedy(tmp_path):
     ("ratings", "options", "problem"),
     [
         (["5,5", "vs. 2"], {}, "expected a finite number, got 'vs. 2'"),
-        (["5,5", "0,82x"], {}, "got '0,82x'"),
         (["12,34"], {"decimal": "."}, "got '12,34'"),
         (["12,34"], {"decimal": "x"}, "expected one of ',', '.'"),
         (["1,234.5", "0,5"], {}, "row 2, column 'rating': expected"),  # one has a decimal point, the other a comma
-        (["1.234,5", "0.5"], {}, "row 2, column 'rating': expected"),
         (["1,23,456", "5"], {}, "row 2, column 'rating': expected a finite number, got '1,23,456'"),
         (["1 234", "5"], {}, "row 2, column 'rating': expected a finite number, got '1 234'"),  # perhaps two numbers
         *(

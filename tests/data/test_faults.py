@@ -75,13 +75,6 @@ def test_all_problems_of_fabrics_are_named_and_none_that_follows(file):
     ]
 
 
-def test_a_fault_in_the_only_measured_fabric_does_not_make_the_others_wrong(file):
-    path = file("fabric,effective_modulus_kpa\na,x\nb,\n", "fabrics.csv")
-    assert refusal(Fabrics.read, path) == (
-        f"{path}: row 2, column 'effective_modulus_kpa': expected a finite number above 0, got 'x'"
-    )
-
-
 def test_problems_of_fabrics_in_ratings_are_named_with_the_others(file):
     own = file("fabric,force_n,rating,effective_modulus_kpa\na,1,x,3\nb,1,2,4\na,1,2,4\n")
     assert refusal(read_experiment, own) == (

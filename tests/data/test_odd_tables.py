@@ -17,9 +17,7 @@ ROWS = "A,cotton,100,10\nA,silk,100,25\nB,cotton,50,12\nB,silk,50,30\n"
     ("title", "unit", "loads"),
     [
         ("force", "gf", (0.4903325, 0.980665)),
-        ("force", "[mN]", (0.05, 0.1)),
         ("force_n", "mN", (0.05, 0.1)),
-        ("force_n", "(N)", (50.0, 100.0)),
         ("Kraft (N)", "N", (50.0, 100.0)),
     ],
 )

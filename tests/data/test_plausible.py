@@ -27,9 +27,7 @@ def strange(read):
     ("load", "expected"),
     [
         ("indentation_mm,8.1", "'indentation_mm': expected a number from 1e-06 to 8 (a fingertip's radius is 8 mm)"),
-        ("indentation_mm,1000", "'indentation_mm': expected a number from 1e-06 to 8 (a fingertip's radius is 8 mm)"),
         ("depth_um,8100", "'depth_um': expected a number from 0.001 to 8000 µm (a fingertip's radius is 8 mm)"),
-        ("force_n,2000", "'force_n': expected a number from 1e-09 to 100 (a finger cannot bear more)"),
         ("force_n,101", "'force_n': expected a number from 1e-09 to 100 (a finger cannot bear more)"),
     ],
 )
@@ -47,9 +45,7 @@ def test_loads_beyond_a_finger_are_refused(file, load, expected):
         (["5", "7", "999"], 4),
         (["5", "-99", "7"], 3),
         (["-9", "5", "7"], 2),
-        (["5", "7", "99", "99"], 4),
         (["1", "10", "99"], 4),
-        (["-0.5", "0.7", "-99"], 4),
     ],
 )
 def test_codes_for_missing_ratings_are_refused(file, ratings, row):

@@ -30,7 +30,6 @@ def long_form(file, rows):
     "titles",
     [
         ["voile @ 1 mm", "voile @ 2.5 mm", "denim @ 1 mm"],
-        ["voile_1mm", "voile_2.5mm", "denim_1mm"],
         ["voile (1000 µm)", "voile [2500 um]", "denim 1000um"],
         ['"voile 1,0 mm"', '"voile, 2,5 mm"', '"denim / 1 mm"'],
     ],

@@ -89,7 +89,6 @@ def test_frames_with_an_index_have_it_as_a_column():
     ("frame", "problem"),
     [
         (RATINGS.assign(rating=[5, "x", 3]), "DataFrame of ratings: row 1, column 'rating': expected a finite number"),
-        (RATINGS.assign(rating=[5, np.inf, 3]), "row 1, column 'rating': expected a finite number, got 'inf'"),
         (
             RATINGS.assign(rating=pd.Timestamp("2024-02-01")),
             "row 0, column 'rating': expected a finite number, got '20",
@@ -97,10 +96,8 @@ def test_frames_with_an_index_have_it_as_a_column():
         (RATINGS.assign(rating=[5, "1,234", 3]), "row 1, column 'rating': '1,234' may be 1.234 or 1234"),
         (RATINGS.assign(Rating=1), "DataFrame of ratings: header: 2 columns are called 'rating'"),
         (RATINGS.iloc[:0], "there is no row below the header"),
-        (pd.DataFrame(), "there is no row below the header"),
         (pd.concat({"a": RATINGS}, axis=1), "the columns have 2 levels, expected one"),
         ([1, 2], "expected the path of a table or a pandas DataFrame, got list"),
-        (None, "got NoneType"),
     ],
 )
 def test_frames_that_are_no_table_are_refused(frame, problem):

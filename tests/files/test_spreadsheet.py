@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from softness_bayes.data import Fabrics, Ratings, read_experiment, write_fabrics, write_ratings
+from softness_bayes.data import Fabrics, Ratings, fabrics_csv, ratings_csv, read_experiment
 from softness_bayes.files.spreadsheet import csv_of, escaped, table_of, unescaped
 from softness_bayes.touch.contact import Indentation
 
@@ -60,8 +60,8 @@ def test_ids_that_look_like_formulae_come_back_from_a_spreadsheet_safe_table(tmp
     people = ("=cmd|' /C calc'!A0", "@her", "-1", "'=quoted")
     cloth = Fabrics(("+felt", "=lawn"), effective_modulus=np.array([8e4, 2e4]))
     ratings = Ratings.crossed(people, cloth.names, (Indentation(2e-3),), np.arange(1.0, 9.0).reshape(4, 2, 1))
-    write_ratings(tmp_path / "ratings.csv", ratings, cloth)
-    write_fabrics(tmp_path / "fabrics.csv", cloth)
+    (tmp_path / "ratings.csv").write_text(ratings_csv(ratings, cloth), encoding="utf-8")
+    (tmp_path / "fabrics.csv").write_text(fabrics_csv(cloth), encoding="utf-8")
     with open(tmp_path / "ratings.csv", encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert {row["participant"] for row in rows} == {"'=cmd|' /C calc'!A0", "'@her", "-1", "''=quoted"}
