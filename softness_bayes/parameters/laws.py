@@ -344,11 +344,6 @@ class LogNormal(Standardised):
         """Return the median and the standard deviation of the logarithm."""
         return self.median, self.sd_log
 
-    @property
-    def constants(self) -> tuple[float, float, float]:
-        """Log of the median, standard deviation of log x, and log of the normalising constant."""
-        return math.log(self.median), self.sd_log, math.log(self.sd_log * (self._shares[1] - self._shares[0]))
-
 
 @dataclass(frozen=True)
 class Truncated(Law):
@@ -390,18 +385,6 @@ class Truncated(Law):
         """Return the value at probability ``p``."""
         within = self._ends[0] + np.asarray(p, float) * (self._ends[1] - self._ends[0])
         return np.clip(self.law.quantile(within), *self.support)
-
-
-def log_normal_density(
-    x: FloatArray,
-    inside: NDArray[np.bool_],
-    log_median: float | FloatArray,
-    sd_log: float | FloatArray,
-    normalisation: float | FloatArray,
-) -> FloatArray:
-    """Return log densities of log-normal laws, one for all ``x`` or one for each place; -inf if not ``inside``."""
-    log_x = np.log(np.where(inside, x, 1.0))
-    return np.where(inside, _standard_normal((log_x - log_median) / sd_log) - log_x - normalisation, -np.inf)
 
 
 def _standard_normal(deviate: FloatArray) -> FloatArray:

@@ -24,7 +24,6 @@ from softness_bayes.parameters.declared import (
 )
 from softness_bayes.parameters.joint import NAMES, JointLaw
 from softness_bayes.parameters.laws import Prior
-from softness_bayes.parameters.priors import Laws
 from softness_bayes.ranges import Range
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.neuron.surface import FiringSurface
@@ -129,14 +128,12 @@ class ParameterSpace:
     joint: JointLaw | None = None
     """Joint law of some parameters, instead of their own priors, which are its marginals."""
     _coordinates: Coordinates = field(init=False, repr=False, compare=False)
-    _laws: Laws = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "held", MappingProxyType(dict(self.held)))
         object.__setattr__(self, "bent", MappingProxyType(dict(self.bent)))
         coordinates = tuple(self.bent.get(p.name) or walked(p.prior) for p in self.sampled)
         object.__setattr__(self, "_coordinates", Coordinates(coordinates))
-        object.__setattr__(self, "_laws", Laws([p.prior for p in self.sampled], [p.largest for p in self.sampled]))
 
     def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
         # a mapping proxy cannot be pickled for a worker
@@ -228,7 +225,11 @@ class ParameterSpace:
         It is -inf outside the open interval of a support, whose ends the sampler's coordinates reach only by rounding,
         and for channel multipliers for which firing starts with a jump.
         """
-        density = self._laws.log_density(theta)
+        density = np.empty(theta.shape)
+        for k, p in enumerate(self.sampled):
+            x, (low, high) = theta[..., k], p.prior.support
+            inside = (x > low) & (x < min(high, p.largest))
+            density[..., k] = np.where(inside, p.prior.log_density(x), -np.inf)
         if self.joint is not None:
             density[..., self._jointly] = self.joint.log_density(theta[..., self._jointly])
         if self.firing is not None:

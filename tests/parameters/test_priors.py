@@ -17,7 +17,7 @@ from softness_bayes.parameters.laws import (
     Uniform,
     in_short,
 )
-from softness_bayes.parameters.priors import LAWS, Laws, parse_prior
+from softness_bayes.parameters.priors import LAWS, parse_prior
 
 
 def truncated_lognormal(median, sd, bound):
@@ -129,21 +129,3 @@ def test_a_missing_normalisation_would_be_noticed():
     law = LogNormal(100, 0.5).log_density(x)
     assert not np.allclose(law + math.log(0.5), oracle, atol=1e-3)
     assert not np.allclose(LogNormal(100, 0.25).log_density(x), oracle, atol=1e-3)
-
-
-def test_laws_together_are_the_laws_one_by_one(rng):
-    priors = [law for law, _ in CASES]
-    most = [math.inf] * len(priors)
-    most[0] = priors[0].median
-    x = np.stack([prior.draw(rng, 400) for prior in priors], axis=-1).reshape(20, 20, -1)
-    x[0] *= -1.0
-    x[1] = math.inf
-    x[2] = math.nan
-    together = Laws(priors, most).log_density(x)
-    for k, (prior, (_, density)) in enumerate(zip(priors, CASES, strict=True)):
-        low, high = prior.support
-        inside = (x[..., k] > low) & (x[..., k] < min(high, most[k]))
-        assert np.all(together[..., k][~inside] == -np.inf)
-        np.testing.assert_allclose(together[..., k][inside], np.log(density(x[..., k][inside])), rtol=1e-10, atol=1e-10)
-    assert (together[3:, :, 0] == -np.inf).any()
-    assert Laws([], []).log_density(np.empty((3, 0))).shape == (3, 0)

@@ -233,7 +233,9 @@ def ranks_of_runs(numbers, names):
         (point,) = density.space.draw_prior(np.random.default_rng([8, k]), 1)
         truth = dict(zip(density.names, point.tolist(), strict=True))
         made = simulated(k, truth, table)
-        run = sample(Afferents.read(made if names else made.drop(columns="afferent")), max_steps=300, seed=k)
+        run = sample(
+            Afferents.read(made if names else made.drop(columns="afferent")), max_steps=300, processes=1, seed=k
+        )
         found.append((run.group("posterior")["sd_rate"].values.ravel() < truth["sd_rate"]).mean())
     return found
 
