@@ -207,11 +207,13 @@ def with_people_known(table: Table) -> Table:
     keys = table.keys(*_DESIGN)
     repeats = len(keys) - len({*keys})
     ranked = []
-    for title, texts in table.others.items() if repeats else ():
+    for title, cells in table.others.items() if repeats else ():
+        own = {text: identity(text) for text in {*cells}}
+        texts = [own[text] for text in cells]
         each, pairs = Counter(texts), {*zip(keys, texts, strict=True)}
         telling = len(keys) - len(pairs) <= repeats / 20
         crossed = len(pairs) >= 0.8 * len(each) * len({*keys})  # every value with nearly every touch
-        if 1 < len(each) <= len(keys) / 2 and len(each.keys() - {""}) > 1 and (telling or crossed):
+        if 1 < len(each) <= len(keys) / 2 and len(each.keys() - {identity("")}) > 1 and (telling or crossed):
             ranked.append((-len(pairs), title))
     if apart := [title for _, title in sorted(ranked)[:3]]:
         what = f"one participant, {quoted(people.pop())}" if "participant" in table else "no column 'participant'"

@@ -333,6 +333,12 @@ def test_names_are_joined_within_and_between_tables(file):
     assert "'A' and 'a' differ only in case" in refusal(Fabrics.read, twice)
 
 
+def test_people_of_an_unknown_title_in_several_spellings_are_asked_for(file):
+    names = ("1", "01", "1", "2", "2", "2", "3", "3.0", "3")
+    rows = "".join(f"{who},{fabric},1,{k}.5\n" for k, (who, fabric) in enumerate(zip(names, "abcabcabc", strict=True)))
+    assert "column 'who' tells them apart" in refusal(read, file, f"who,fabric,indentation_mm,rating\n{rows}")
+
+
 def test_repeats_survive_a_file(file):
     """Equal ones too, which without numbers of trials would be taken for copies."""
     both = "".join(line.replace(",1,", f",1,{t},", 1) + "\n" for t in (1, 2) for line in BARE.splitlines())
