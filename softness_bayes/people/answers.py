@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.special import expit, logsumexp, ndtr
 
-from softness_bayes.data import Ratings
+from softness_bayes.data.ratings import Ratings
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import LAPSES, ErrorLaw

@@ -19,7 +19,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 from scipy.special import expit, logit, logsumexp
 
-from softness_bayes.data import Ratings
+from softness_bayes.data.ratings import Ratings
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import PAIRS, RANKS, Scale
 from softness_bayes.model.interpretation import Interpretation, interpret

@@ -8,7 +8,7 @@ import numpy as np
 
 from softness_bayes.checking.agreement import predicted_ratings
 from softness_bayes.checking.layout import layout_of, values_in
-from softness_bayes.data import Ratings
+from softness_bayes.data.ratings import Ratings
 from softness_bayes.likelihood.scales import PAIRS, RANKS
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.people.answers import left_out_of_draws, told_pairs

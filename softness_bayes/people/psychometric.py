@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 from scipy.special import bdtr, ndtr, ndtri
 
-from softness_bayes.data import Ratings
+from softness_bayes.data.ratings import Ratings
 from softness_bayes.likelihood.lists import references
 from softness_bayes.people.answers import told_pairs
 from softness_bayes.people.free_means import groups_of_loads

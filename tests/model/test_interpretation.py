@@ -7,7 +7,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 from softness_bayes.data import Experiment, Fabrics, Ratings
-from softness_bayes.data.oddities import step_of
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
 from softness_bayes.likelihood.scales import (
@@ -22,7 +21,7 @@ from softness_bayes.likelihood.scales import (
     STANDARDISED,
 )
 from softness_bayes.model.build import build
-from softness_bayes.model.interpretation import interpret, stated
+from softness_bayes.model.interpretation import interpret, stated, step_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_ratings
