@@ -55,9 +55,11 @@ def damaged(run, states, directory, random):
         return "refused"
     known(state, states)
     if place(state) != place(states[-2]):
-        if said or not all(how == "gone" for how, _ in done):  # without its newest file, a run is an earlier one
-            assert any(name in said for _, name in done), (done, said)
-            assert "are lost" in said
+        if not said:  # without its newest file, a run is an earlier one
+            assert ("gone", named(run)[-1]) in done
+            return "whole"
+        assert any(name in said for _, name in done), (done, said)
+        assert "are lost" in said
         return "salvaged"
     return "whole"
 
