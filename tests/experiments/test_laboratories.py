@@ -39,17 +39,20 @@ def laboratory(rng):
 
     They are such that the response turns over under 2 mm.
     """
-    model = model_of(np.ones((RATERS, MODULI.size, 3, 3)), BEGIN + [(k, j) for k in range(4, 16) for j in range(3)])
+    every = [(k, j) for k in range(MODULI.size) for j in range(3)]
+    model = model_of(np.ones((RATERS, MODULI.size, 3, 3)), every)
     space = model.posterior.space
+    rate = np.empty((MODULI.size, 3))
     for theta in space.draw_prior(rng, 1000):
         values = space.values(theta)
         touch = space.touch(theta[None]).broadcast(1)
         turn = turning_points(model.scene, touch, 0.0, loads=[LOADS[1]])
-        rate = model.scene.total_rate(touch, MODULI[None])[0] / model.scene.n_receptors
-        if turn.outcome[0, 0] == CurveShape.INTERIOR and 1e4 < turn.modulus[0, 0] < 2e6 and (rate[:4] > 0).sum() > 2:
+        touched = model.scene.fabric, model.scene.load
+        rate[touched] = model.scene.total_rate(touch, MODULI[None])[0] / model.scene.n_receptors
+        turns = turn.outcome[0, 0] == CurveShape.INTERIOR and 1e4 < turn.modulus[0, 0] < 2e6
+        if turns and (rate[:4, 1] > 0).sum() > 2:
             break
-    of = np.zeros((MODULI.size, 3))
-    of[model.scene.fabric, model.scene.load] = values["gamma"] * np.log(rate + HELD["eps"])
+    of = values["gamma"] * np.log(rate + HELD["eps"])
     scale, noise = values["tau"] * rng.standard_normal((RATERS, 1, 1, 1)), rng.standard_normal((RATERS, *of.shape, 3))
     log_rating = np.log(20.0) + scale + (of - of[:4, 1].mean())[..., None] + values["varsigma"] * noise
     return np.exp(log_rating)
