@@ -43,6 +43,25 @@ def test_means_of_exact_numbers_are_those_of_a_mixed_model(rng):
     assert found.p_higher(np.array([0, 1]))[0, 1] == pytest.approx(t(freedom).cdf(apart), abs=0.02)
 
 
+def test_means_of_an_incomplete_design_are_those_of_statsmodels(rng):
+    """REML of a mixed model: raters who each rated some fabrics; contrasts, their errors, and the odds of orders."""
+    models = pytest.importorskip("statsmodels.regression.mixed_linear_model", reason="statsmodels is not installed")
+    who, fabric = np.array([(p, k) for p in range(14) for k in sorted(rng.choice(8, 6, replace=False))]).T
+    y = 3.0 + 0.2 * fabric + 0.5 * rng.standard_normal(14)[who] + 0.3 * rng.standard_normal(who.size)
+    people, cloth = (tuple(f"{word} {k}" for k in range(n)) for word, n in (("rater", 14), ("cloth", 8)))
+    ratings = Ratings(people, cloth, LOADS[:1], who, fabric, 0 * who, np.exp(y), np.arange(who.size) + 2)
+    found = free_means(ratings, EXACT)
+    fit = models.MixedLM(y, np.eye(8)[fabric], groups=who).fit(reml=True)
+    centred = np.eye(8) - 0.125
+    covariance = np.asarray(fit.cov_params())[:8, :8]
+    errors = np.sqrt(np.diag(centred @ covariance @ centred))
+    np.testing.assert_allclose(found.means.mean(axis=0) @ centred, centred @ fit.fe_params, atol=0.08 * errors.min())
+    np.testing.assert_allclose((found.means @ centred).std(axis=0), errors, rtol=0.1)
+    apart = np.subtract.outer(fit.fe_params, fit.fe_params)
+    spread = np.sqrt(np.add.outer(np.diag(covariance), np.diag(covariance)) - 2.0 * covariance + 1e-12)
+    np.testing.assert_allclose(found.p_higher(np.arange(8)) + 0.5 * np.eye(8), norm.cdf(apart / spread), atol=0.03)
+
+
 def test_density_of_a_left_out_answer_is_that_of_the_other_answers(rng):
     """By brute force: the normal law of all ratings, from its covariance, without the one and with it."""
     made = laboratory("normal", rng).ratings
