@@ -5,6 +5,7 @@ its parameters. `test_golden` compares its densities with its law written out.
 """
 
 import ast
+import pickle
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from scipy.stats import kstest
 
 import softness_bayes
 from softness_bayes.errors import InputError
+from softness_bayes.likelihood import error_laws, scales
 from softness_bayes.likelihood.aggregated import AggregatedModel, AggregatedRatings, RaterSpreads, SpreadModel
 from softness_bayes.likelihood.categories import CategoryModel, CategoryRatings
 from softness_bayes.likelihood.contract import NO_RESPONSE, Likelihood, Parameters
@@ -578,3 +580,12 @@ def test_no_name_of_a_scale_is_written_outside_its_table():
     for path, tree in trees(*ROOMS, "model").items():
         for node in ast.walk(tree):
             assert not (isinstance(node, ast.Constant) and node.value in names), f"{path}: line {node.lineno}"
+
+
+def test_scales_laws_and_directions_are_the_same_objects_in_other_processes():
+    """They are compared by identity; a scale with ends of its own keeps them."""
+    named = *scales.RATING_SCALES.values(), *error_laws.ERROR_LAWS.values(), error_laws.GUMBEL
+    for one in (*named, scales.RISES, scales.FALLS, scales.FREE):
+        assert pickle.loads(pickle.dumps(one)) is one
+    own = scales.slider_between(0.0, 100.0)
+    assert pickle.loads(pickle.dumps(own)).ends == (0.0, 100.0)

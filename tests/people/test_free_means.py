@@ -1,5 +1,6 @@
 """People's own means against closed forms, brute force, a sampler, and maximum likelihood; and their coverage."""
 
+import pickle
 from dataclasses import replace
 from itertools import permutations
 
@@ -60,6 +61,14 @@ def test_means_of_an_incomplete_design_are_those_of_statsmodels(rng):
     apart = np.subtract.outer(fit.fe_params, fit.fe_params)
     spread = np.sqrt(np.add.outer(np.diag(covariance), np.diag(covariance)) - 2.0 * covariance + 1e-12)
     np.testing.assert_allclose(found.p_higher(np.arange(8)) + 0.5 * np.eye(8), norm.cdf(apart / spread), atol=0.03)
+
+
+@pytest.mark.parametrize("kind", ["slider", "ranks"])
+def test_means_do_not_depend_on_the_process(kind, rng):
+    """A run computes them in another process, to which the table and the options are sent."""
+    ratings, options, _ = laboratory(kind, rng)
+    sent = pickle.loads(pickle.dumps((ratings, options)))
+    np.testing.assert_array_equal(free_means(*sent).means, free_means(ratings, options).means)
 
 
 def test_density_of_a_left_out_answer_is_that_of_the_other_answers(rng):
