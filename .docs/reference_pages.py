@@ -103,7 +103,7 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
 def _commands() -> Iterator[str]:
     """Yield the page of commands: the text and the options of each, as `--help` prints them; and the exit codes."""
     yield "# Commands\n"
-    group = click.Context(main, info_name="softness-bayes")
+    group = click.Context(main, info_name="softness-bayes", **main.context_settings)
     contexts = {verb: click.Context(main.get_command(group, verb), info_name=verb, parent=group) for verb in VERBS}
     texts: dict[str, dict[str, str]] = {}
     for verb, context in contexts.items():

@@ -80,7 +80,7 @@ def design(
     touches: Loads,
     largest_load: Annotated[Any, LargestLoad()] = None,
     conditions: Annotated[int, Number(Count(1, 50), "N")] = 8,
-    raters: Annotated[Any, Raters()] = "same",
+    raters: Annotated[int | None, Raters()] = None,
     budget: Annotated[float | None, Number(Range(0.0, above=True))] = None,
     cost_fabric: Annotated[float, Number(Range(0.0))] = 0.0,
     cost_load: Annotated[float, Number(Range(0.0))] = 0.0,

@@ -31,6 +31,8 @@ def unpaired(table: Table) -> Table:
         table.fault(i, "rating", expected)
     pairs = [*zip(table.texts("fabric"), table.labels("fabric_2"), strict=True)]
     same = np.array([one == other for one, other in pairs])
+    if "list" in table:
+        table.refuse("each row is already a pair, so a list has no meaning")
     if same.all():
         table.refuse("every pair is of one fabric with itself, expected two different fabrics")
     table.check()
@@ -50,7 +52,6 @@ def unpaired(table: Table) -> Table:
     rows = table.take(np.repeat(kept, 2))
     rows = rows.with_texts("fabric", [name for i in kept for name in pairs[i]])
     rows = rows.with_texts("rating", [text for i in kept for text in (answers[i], _OTHER[answers[i]])])
-    rows = rows.called({"list": ""}) if "list" in rows else rows
     return rows.with_texts("fabric_2", [str(1 + k) for k in range(len(kept)) for _ in (0, 1)], *notes).called(
         {"fabric_2": "list"}
     )

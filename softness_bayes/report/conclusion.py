@@ -295,7 +295,7 @@ def subject(result: Result) -> str:
     if result.has_ratings:
         people = result.group("log_likelihood_participant").sizes["participant"]
         fabrics = result.group("constant_data").sizes["fabric"]
-        loads = " and ".join(in_words([str(load) for load in result.loads]).rsplit(", ", 1))
+        loads = " and ".join(in_words(result.load_groups.names).rsplit(", ", 1))
         ratings = int(np.isfinite(result.group("observed_data")["rating"].values).sum())
         parts.append(
             f"{counted(ratings, 'rating')} of {counted(fabrics, 'fabric')} by "

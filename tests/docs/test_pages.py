@@ -26,7 +26,7 @@ from support.command_line import call
 from support.pages import DOCS, PAGES, blocks, text_of
 from support.paths import DATA, ROOT
 
-GROUP = click.Context(main, info_name="softness-bayes")
+GROUP = click.Context(main, info_name="softness-bayes", **main.context_settings)
 COMMANDS = {verb: main.get_command(GROUP, verb) for verb in VERBS}
 OTHER_PROGRAMS = ("python", ".venv/bin/python", "dask", "COMP_WORDBREAKS", "eval", "_SOFTNESS_BAYES_COMPLETE")
 """What lines of shell begin with beside the program itself."""

@@ -227,6 +227,6 @@ def test_the_command_writes_its_files(result, tmp_path):
     assert {path.name for path in out.iterdir()} >= {"design.csv", "gain.csv", "design.png", "design.pdf"}
     refused(call("design", "--given", tmp_path / "run", "--out", out), "already holds")
     other = "--out", tmp_path / "other"
-    refused(call("design", "--given", tmp_path / "run", "--moduli", "3-4", *other), "--moduli: expected LOW:HIGH:N")
+    refused(call("design", "--given", tmp_path / "run", "--moduli", "3-4", *other), "'--moduli': expected LOW:HIGH:N")
     refused(call("design", *other), "give either --given")
     assert not (tmp_path / "other").exists()

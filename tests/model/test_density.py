@@ -49,7 +49,7 @@ def test_far_proposals_have_no_density_and_never_reach_the_scene(posterior):
 
     class Watched(FakeScene):
         def total_rate(self, parameters):
-            asked.append(np.max(np.abs(np.log(np.broadcast_arrays(*parameters[:-2])))))
+            asked.append(np.max(np.abs(np.log(np.broadcast_arrays(*parameters[:9])))))
             return scene.total_rate(parameters)
 
     watched = fake_posterior(scene=Watched())
