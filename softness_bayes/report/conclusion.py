@@ -17,7 +17,7 @@ from softness_bayes.checking.sentences import only_noisy, surprise_sentence, sur
 from softness_bayes.data.oddities import few_raters_sentence
 from softness_bayes.defaults import in_words
 from softness_bayes.files.run_files import FABRIC_RATINGS, RULER
-from softness_bayes.likelihood.scales import FALLS, RISES
+from softness_bayes.likelihood.scales import FALLS, PAIRS, RISES
 from softness_bayes.model.direction import odd_raters
 from softness_bayes.parameters.declared import EVERY_PARAMETER, MODULUS_SCALE, PARAMETERS, RECORDING_PARAMETERS
 from softness_bayes.people.free_means import word_of
@@ -297,10 +297,9 @@ def subject(result: Result) -> str:
         fabrics = result.group("constant_data").sizes["fabric"]
         loads = " and ".join(in_words(result.load_groups.names).rsplit(", ", 1))
         ratings = int(np.isfinite(result.group("observed_data")["rating"].values).sum())
-        parts.append(
-            f"{counted(ratings, 'rating')} of {counted(fabrics, 'fabric')} by "
-            f"{counted(people, 'participant')} under {loads}"
-        )
+        pairs = result.scale is PAIRS
+        answers = counted(ratings // 2, "comparison") if pairs else counted(ratings, "rating")
+        parts.append(f"{answers} of {counted(fabrics, 'fabric')} by {counted(people, 'participant')} under {loads}")
     if result.has_compression:
         forces, fingers = result.group("observed_data")["plate_force_n"].size, result.group("posterior").sizes["finger"]
         parts.append(f"{forces} forces of a rigid plate on {fingers} fingerpads")

@@ -6,6 +6,7 @@ import pytest
 
 from support.command_line import call
 from support.paths import SHARED
+from support.report_runs import quickly
 
 HARDNESS = SHARED / "data" / "hardness_magnitude_16materials_cleland2024.csv"
 NAMES = "fabric,participant,softness\n" + "".join(
@@ -91,6 +92,12 @@ def test_pairs_with_a_reference_have_thresholds_and_catch_trials(tmp_path):
     assert "10 catch trials (a fabric with itself)" in done.stdout
     assert "the first one in 9 of 10 (90 % interval 67 to 98 %)" in done.stdout
     assert "72 comparisons of two fabrics" in done.stdout
+    with quickly():  # people's means are computed in another process
+        run = call(
+            "sample", *data[1:], "--guess", "1/3", "--max-steps", 6, "--processes", 2, "--out", "run", cwd=tmp_path
+        )
+    assert "72 comparisons of 9 fabrics" in run.stdout, run.stderr
+    assert "0.333" in (tmp_path / "run/thresholds.csv").read_text()
     refused = call(*data, "--guess", "often", cwd=tmp_path)
     assert refused.returncode == 2
     assert "expected a rate from 0 to 0.9, such as 1/3, or free, got 'often'" in refused.stderr
