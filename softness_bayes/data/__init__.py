@@ -129,7 +129,7 @@ def read_experiment(
     ----------
     ratings_path, fabrics_path
         Text files, Excel workbooks, Parquet files, or DataFrames; their columns are those of `Ratings.read` and
-        `Fabrics.read`.
+        `Fabrics`.
     columns
         Names of columns in the files, by standard name, where they differ.
     indentation_mm, force_n
@@ -137,9 +137,9 @@ def read_experiment(
     load
         "free" if people pressed as they liked: all ratings share one unknown force, the parameter `touch_force`.
     compression_path
-        Table of compression data, whose columns are those of `Compression.read`.
+        Table of compression data, whose columns are those of `Compression`.
     afferents_path
-        Table of recorded afferents, whose columns are those of `Afferents.read`.
+        Table of recorded afferents, whose columns are those of `Afferents`.
     decimal
         Decimal mark of all files, "," or ".", or marks by table, such as {"fabrics": ","}, for ratings, fabrics and
         compression. By default it is inferred from each file; an ambiguous file raises an error.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -21,12 +21,10 @@ from softness_bayes.data.columns import (
     TENSILE_MODULUS,
     THICKNESS,
     Column,
+    Kind,
 )
-from softness_bayes.data.decimals import Marks
 from softness_bayes.data.faults import Fault, TableError, listing, natural
-from softness_bayes.data.formats import TableSource
-from softness_bayes.data.reading import read_as
-from softness_bayes.data.shapes import Request
+from softness_bayes.data.reading import OneTable
 from softness_bayes.data.tables import FloatArray, IntArray, Table, read_only
 from softness_bayes.data.titles import analysed
 from softness_bayes.errors import InputError, quoted
@@ -98,8 +96,13 @@ def _unmeasured() -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class Fabrics:
+class Fabrics(OneTable):
     """Measured properties of some fabrics: arrays (n,) over the fabrics, NaN for properties that were not measured.
+
+    Columns of a table, one row per fabric: `fabric`; in each row `effective_modulus_kpa`, or `bending_rigidity_n_m`,
+    or `tensile_modulus_mpa` and `thickness_mm`, or `effective_modulus_low_kpa` and `effective_modulus_high_kpa`, or
+    nothing if the modulus is unknown; `poisson_ratio` where known; standard errors of the measured properties where
+    known, relative to their values (`effective_modulus_cv`) or in their units (`effective_modulus_sd_kpa`).
 
     Parameters
     ----------
@@ -126,6 +129,8 @@ class Fabrics:
         If names repeat, a value is out of range, limits are invalid, or no fabric has the properties for a modulus. If
         only some fabrics lack them, their moduli are unknown.
     """
+
+    kind: ClassVar[Kind] = FABRICS
 
     names: tuple[str, ...]
     tensile_modulus: FloatArray = field(default_factory=_unmeasured)
@@ -248,31 +253,6 @@ class Fabrics:
 
     def _place(self, i: int) -> str:
         return f"{self.source}: {self._spot(i)}"
-
-    @classmethod
-    def read(cls, path: TableSource, *, columns: Mapping[str, str] | None = None, decimal: Marks = None) -> Fabrics:
-        """Read a fabric table, one row per fabric.
-
-        Columns: `fabric`; in each row `effective_modulus_kpa`, or `bending_rigidity_n_m`, or
-        `tensile_modulus_mpa` and `thickness_mm`, or `effective_modulus_low_kpa` and `effective_modulus_high_kpa`, or
-        nothing if the modulus is unknown; `poisson_ratio` where known; standard errors of the measured properties
-        where known, relative to their values (`effective_modulus_cv`) or in their units (`effective_modulus_sd_kpa`).
-
-        Parameters
-        ----------
-        path
-            Text file, Excel workbook, Parquet file, or DataFrame.
-        columns
-            Names of columns in the file, by the names above, where they differ.
-        decimal
-            Decimal mark, "," or "."; by default inferred from the file, which is rejected if ambiguous.
-
-        Raises
-        ------
-        InputError
-            Naming file, row, column and value.
-        """
-        return read_as(cls.from_table, path, Request(FABRICS, columns or {}, decimal))
 
     @classmethod
     def from_table(cls, table: Table, repeated: bool = False) -> Fabrics:

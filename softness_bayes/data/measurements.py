@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.data.columns import AFFERENTS, FORCE, FORCES_OF_A_PLATE, INDENTATION, NUMBERS, RATERS
-from softness_bayes.data.decimals import Marks
+from softness_bayes.data.columns import AFFERENTS, FORCE, FORCES_OF_A_PLATE, INDENTATION, NUMBERS, RATERS, Kind
 from softness_bayes.data.faults import natural
-from softness_bayes.data.formats import TableSource
 from softness_bayes.data.ratings import loads_in
-from softness_bayes.data.reading import read_as
-from softness_bayes.data.shapes import Request
+from softness_bayes.data.reading import OneTable
 from softness_bayes.data.tables import FloatArray, IntArray, Table, freeze
 from softness_bayes.errors import InputError
 from softness_bayes.ranges import ANY, Range
@@ -30,8 +27,12 @@ SOLE_FINGER = "finger"
 
 
 @dataclass(frozen=True, eq=False)
-class Compression:
+class Compression(OneTable):
     """Forces of a rigid flat plate on fingerpads at given indentations; rows without a force are left out.
+
+    Columns of a table: `participant` (if missing, all rows are of one finger), `indentation_mm`, `force_n`. If there
+    is a column `indentor`, rows for other indentors than a flat plate are left out with a note, as are rows without a
+    force or with a force of 0.
 
     Parameters
     ----------
@@ -48,6 +49,8 @@ class Compression:
     source, digest, notes
         File, SHA-256 of its bytes, and notes for the user.
     """
+
+    kind: ClassVar[Kind] = FORCES_OF_A_PLATE
 
     participants: tuple[str, ...]
     participant: IntArray
@@ -69,32 +72,8 @@ class Compression:
         return len(self.force)
 
     @classmethod
-    def read(cls, path: TableSource, *, columns: Mapping[str, str] | None = None, decimal: Marks = None) -> Compression:
-        """Read a table of forces, one row each.
-
-        Columns: `participant` (if missing, all rows are of one finger), `indentation_mm`, `force_n`. If there is a
-        column `indentor`, rows for other indentors than a flat plate are left out with a note, as are rows without a
-        force or with a force of 0.
-
-        Parameters
-        ----------
-        path
-            Text file, Excel workbook, Parquet file, or DataFrame.
-        columns
-            Names of columns in the file, by the names above, where they differ.
-        decimal
-            Decimal mark, "," or "."; by default inferred from the file, which is rejected if ambiguous.
-
-        Raises
-        ------
-        InputError
-            Naming file, row, column and value.
-        """
-        return read_as(cls.from_table, path, Request(FORCES_OF_A_PLATE, columns or {}, decimal))
-
-    @classmethod
     def from_table(cls, table: Table) -> Compression:
-        """Return the rows of a table; its columns are those of `read`."""
+        """Return the rows of a table."""
         table.require("indentation_mm", "force_n")
         notes = list(table.notes)
         if "participant" not in table:
@@ -136,8 +115,12 @@ _ARRAYS = ("curvature", "distance", "rate", "n", "sd", "count", "window")
 
 
 @dataclass(frozen=True, eq=False)
-class Afferents:
+class Afferents(OneTable):
     """Responses of afferents to a rigid probe pressed on the fingerpad, one row each: a rate, or a count of spikes.
+
+    Columns of a table: `force_n` or `indentation_mm`, `probe_curvature_per_m`, `distance_mm`, and either `rate_hz`
+    (with `n` and `sd_hz`, if it is a mean and its spread is known) or `count` with `window_s`. Optional: `recording`;
+    `afferent`, blank for means of several; `species`.
 
     Parameters
     ----------
@@ -163,6 +146,8 @@ class Afferents:
     source, digest, notes
         File, SHA-256 of its bytes, and notes for the user.
     """
+
+    kind: ClassVar[Kind] = AFFERENTS
 
     names: tuple[str, ...]
     afferent: IntArray
@@ -204,32 +189,8 @@ class Afferents:
         return np.where(self.counted, self.count / self.window, self.rate)
 
     @classmethod
-    def read(cls, path: TableSource, *, columns: Mapping[str, str] | None = None, decimal: Marks = None) -> Afferents:
-        """Read a table of recorded responses, one row each.
-
-        Columns: `force_n` or `indentation_mm`, `probe_curvature_per_m`, `distance_mm`, and either `rate_hz` (with `n`
-        and `sd_hz`, if it is a mean and its spread is known) or `count` with `window_s`. Optional: `recording`;
-        `afferent`, blank for means of several; `species`.
-
-        Parameters
-        ----------
-        path
-            Text file, Excel workbook, Parquet file, or DataFrame.
-        columns
-            Names of columns in the file, by the names above, where they differ.
-        decimal
-            Decimal mark, "," or "."; by default inferred from the file.
-
-        Raises
-        ------
-        InputError
-            Naming file, row, column and value.
-        """
-        return read_as(cls.from_table, path, Request(AFFERENTS, columns or {}, decimal))
-
-    @classmethod
     def from_table(cls, table: Table) -> Afferents:
-        """Return the rows of a table; its columns are those of `read`."""
+        """Return the rows of a table."""
         table.require("probe_curvature_per_m", "distance_mm")
         for pair in (("force_n", "indentation_mm"), ("rate_hz", "count")):
             if not {*pair} & table.titles.keys():

@@ -7,16 +7,26 @@ says in which ways a table can be odd.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, ClassVar, NamedTuple, Self, TypeVar
 
 import numpy as np
 
 from softness_bayes.data import contents, shapes
 from softness_bayes.data.columns import NAMES, NUMBERS, Kind, summarises
-from softness_bayes.data.decimals import Cell, Reading, SheetNumber, is_missing, mark_of, plain_digits, reading_of
+from softness_bayes.data.decimals import (
+    Cell,
+    Marks,
+    Reading,
+    SheetNumber,
+    is_missing,
+    mark_of,
+    plain_digits,
+    reading_of,
+)
 from softness_bayes.data.faults import guess, listing
 from softness_bayes.data.formats import TableSource, is_workbook, sheets_of
 from softness_bayes.data.headers import Header
@@ -258,6 +268,38 @@ def read_as(make: Callable[[Table], Read], source: TableSource, request: Request
     table = read_table(source, request)
     check_renames(request.renames, table)
     return make(table)
+
+
+class OneTable(ABC):
+    """Data of one table, whose columns the class names."""
+
+    kind: ClassVar[Kind]
+    """Kind of the table."""
+
+    @classmethod
+    @abstractmethod
+    def from_table(cls, table: Table) -> Self:
+        """Return the data of a table."""
+
+    @classmethod
+    def read(cls, path: TableSource, *, columns: Mapping[str, str] | None = None, decimal: Marks = None) -> Self:
+        """Read a table.
+
+        Parameters
+        ----------
+        path
+            Text file, Excel workbook, Parquet file, or DataFrame, with the columns that the class names.
+        columns
+            Names of columns in the file, by these names, where they differ.
+        decimal
+            Decimal mark, "," or "."; by default inferred from the file, which is rejected if ambiguous.
+
+        Raises
+        ------
+        InputError
+            Naming file, row, column and value.
+        """
+        return read_as(cls.from_table, path, Request(cls.kind, columns or {}, decimal))
 
 
 def check_renames(renames: Mapping[str, str], *tables: Table) -> None:

@@ -71,10 +71,14 @@ class Layout:
         return np.unique(self.load)
 
     @cached_property
+    def _count(self) -> FloatArray:
+        """Number of each participant's rows, shape (participants,), 1 without rows."""
+        return np.asarray(np.maximum(self.design.cells.sum(axis=1), 1.0))
+
+    @cached_property
     def _share(self) -> FloatArray:
         """Share of each participant's rows in each condition, shape (participants, conditions); 0 without rows."""
-        cells = self.design.cells
-        return np.asarray(cells / np.maximum(cells.sum(axis=1, keepdims=True), 1.0))
+        return np.asarray(self.design.cells / self._count[:, None])
 
     @cached_property
     def _inverse(self) -> FloatArray:
@@ -86,7 +90,7 @@ class Layout:
         normal = np.diag(cells.sum(axis=0)) - cells.T @ self._share
         return np.asarray(np.linalg.pinv(normal, rcond=RELATIVE_RANK, hermitian=True), float)
 
-    @property
+    @cached_property
     def residual_freedom(self) -> int:
         """Degrees of freedom that the additive fit leaves."""
         differences = np.linalg.matrix_rank(self._inverse, tol=RELATIVE_RANK, hermitian=True)
@@ -102,7 +106,7 @@ class Layout:
         person, condition = self.design.participant, self.design.condition
         spread = self._share @ self._inverse
         cells = np.diag(self._inverse) - 2.0 * spread + (spread * self._share).sum(axis=1, keepdims=True)
-        return (cells + 1.0 / np.maximum(self.design.cells.sum(axis=1, keepdims=True), 1.0))[person, condition]
+        return (cells + 1.0 / self._count[:, None])[person, condition]
 
     def fit(self, ratings: ArrayLike) -> Additive:
         """Fit log ratings additively by participants and conditions.
@@ -121,11 +125,10 @@ class Layout:
             csr_array((np.ones(rows.size), (rows, index)), shape=(rows.size, size))
             for index, size in ((design.participant, design.n_participants), (design.condition, design.n_conditions))
         )
-        count = np.maximum(design.cells.sum(axis=1), 1.0)
         fits = []
         for k in pieces(len(filed), design.n_rows):
             y = self.scale.additive(filed[k])
-            mean = (y @ of_person) / count
+            mean = (y @ of_person) / self._count
             condition = (y @ of_condition - mean @ design.cells) @ self._inverse
             participant = mean - condition @ self._share.T
             residual = y - condition[:, design.condition] - participant[:, design.participant]
