@@ -17,7 +17,7 @@ from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
 from softness_bayes.parameters.declared import EVERY_PARAMETER, SHAPE_PARAMETERS, TOUCH_FORCE
 from softness_bayes.parameters.space import FabricModuli
 from softness_bayes.readable import percent
-from softness_bayes.touch.contact import HERTZ_LIMIT, Finger, Force, Indentation, Load, Loads
+from softness_bayes.touch.contact import HERTZ_LIMIT, Finger, Force, FreeTouch, Indentation, Load, Loads
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import Readings
@@ -108,6 +108,8 @@ def reach_note(
         f"indentation from {DEEP:g} R, on) in {meaningless} and questionable (contact radius above R/2) in "
         f"{questionable}; {within} are within the range"
     )
+    if any(isinstance(load, FreeTouch) for load in loads):  # nobody chose the load, so that none can be advised
+        return said
     kinds = [kind for kind in OTHER_LOADS if any(isinstance(load, kind) for load in loads)]
     tried = [load for kind in kinds for load in OTHER_LOADS[kind]]
     wider, changes = scene_under(tried), []

@@ -8,11 +8,11 @@ import pytest
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.model.build import COARSE, ExperimentModel
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.model.reach import DEEP, reach, reach_of, reach_of_priors, wide_contacts
+from softness_bayes.model.reach import DEEP, reach, reach_note, reach_of, reach_of_priors, wide_contacts
 from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.readable import percent
-from softness_bayes.touch.contact import Finger, Force, Indentation
+from softness_bayes.touch.contact import Finger, Force, FreeTouch, Indentation
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.readings import MENDED
 
@@ -39,6 +39,27 @@ def test_shares_are_those_of_each_touch(prior_set):
     assert (found.within == (response.responding > 0) & ~beyond).all()
     assert found.meaningless[scene.load == 0].any()
     assert not found.meaningless[scene.load == 1].any()
+
+
+def test_of_free_touches_no_other_load_is_tried():
+    """Nobody chose a load, and a run with free touches refuses the scene of another one."""
+    parameters, asked = touch_parameters(usual_values(MENDED)), []
+
+    def under(loads):
+        asked.append(tuple(loads))
+        return scene_of(SOFT, (Force(0.1),), values_of(), MENDED, discretisation=COARSE)
+
+    said = reach_note(under, (FreeTouch(),), parameters, {})
+    assert said.startswith("most fabrics and loads are outside the range of the model")
+    assert "Within the range would be" not in said
+    assert asked == [(FreeTouch(),)]
+    # the control: of a load, others are tried
+    assert "Within the range would be" in reach_note(
+        lambda loads: scene_of(SOFT, tuple(loads), values_of(), MENDED, discretisation=COARSE),
+        (Force(0.1),),
+        touch_parameters(usual_values(MENDED)),
+        {},
+    )
 
 
 def test_soft_cloth_is_out_of_reach_and_the_note_says_by_how_much():
