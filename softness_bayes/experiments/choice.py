@@ -28,7 +28,6 @@ from softness_bayes.experiments.information import (
     rank_bins,
     rank_scores,
 )
-from softness_bayes.experiments.outlook import Touches
 from softness_bayes.files.json_text import as_json
 from softness_bayes.files.outputs import write_outputs
 from softness_bayes.files.spreadsheet import csv_of
@@ -37,6 +36,8 @@ from softness_bayes.plotting.style import USUAL, Style, files_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from softness_bayes.experiments.outlook import Touches
 
 Array = NDArray[np.float64]
 IndexArray = NDArray[np.intp]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from bokeh.models import ColumnDataSource, LinearColorMapper, Range1d
@@ -13,12 +13,14 @@ from bokeh.plotting import figure
 from numpy.typing import NDArray
 
 from softness_bayes.explore.picture import Picture
-from softness_bayes.explore.subject import Subject
 from softness_bayes.parameters.declared import KPA
 from softness_bayes.plotting.panels import title
 from softness_bayes.plotting.style import USUAL
 from softness_bayes.plotting.touch import SEEN
 from softness_bayes.report.charts import INK, add_bands, add_ratings, dress, plain_ticks
+
+if TYPE_CHECKING:
+    from softness_bayes.explore.subject import Subject
 
 MODULUS_WORDS = "fabric modulus E_fab [kPa]"
 BANDS = ("low50", "high50", "low90", "high90")

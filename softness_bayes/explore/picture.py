@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,6 @@ from softness_bayes.checking.inflection import CurveShape, Inflection, find_infl
 from softness_bayes.data import Fabrics, fabrics_csv
 from softness_bayes.data.ratings import load_column
 from softness_bayes.defaults import ACCURACY
-from softness_bayes.explore.subject import State, Subject
 from softness_bayes.model.fingers import finger_of, values_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.prediction import quantities
@@ -25,6 +24,9 @@ from softness_bayes.touch.contact import HERTZ_LIMIT
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.profiles import touch_profiles
 from softness_bayes.touch.receptors import kink_distances
+
+if TYPE_CHECKING:
+    from softness_bayes.explore.subject import State, Subject
 
 Array = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from types import MappingProxyType
-from typing import Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -27,7 +27,9 @@ from scipy.special import betaln, ndtri_exp, stdtr
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.scales import Scale
+
+if TYPE_CHECKING:
+    from softness_bayes.likelihood.scales import Scale
 
 FloatArray = NDArray[np.float64]
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sized
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.data import Fabrics
 from softness_bayes.data.fabrics import log_sd
 from softness_bayes.data.ratings import load_column
 from softness_bayes.errors import InputError
@@ -31,6 +30,9 @@ from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import MENDED, Readings
 from softness_bayes.touch.scene import Discretisation, Scene
 from softness_bayes.touch.stress_fields import SkinBox
+
+if TYPE_CHECKING:
+    from softness_bayes.data import Fabrics
 
 IndexArray = NDArray[np.intp]
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +24,10 @@ from softness_bayes.likelihood.intervals import IntervalModel, SliderModel
 from softness_bayes.likelihood.lists import RankedLists
 from softness_bayes.likelihood.row_laws import RowLaw, Rows
 from softness_bayes.likelihood.scales import AGGREGATED, CATEGORIES, PAIRS, RANKS, SLIDER, Scale
-from softness_bayes.model.interpretation import Interpretation
 from softness_bayes.model.options import ModelOptions
+
+if TYPE_CHECKING:
+    from softness_bayes.model.interpretation import Interpretation
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.intp]

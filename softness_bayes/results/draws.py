@@ -14,7 +14,6 @@ from softness_bayes import arviz_bridge
 from softness_bayes.checking.exactness import resample
 from softness_bayes.checking.inflection import Inflection
 from softness_bayes.checking.layout import LOAD_GROUP, UNCERTAIN
-from softness_bayes.data import Experiment
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.pieces import pieces
 from softness_bayes.likelihood.ratings import RatingsLikelihood, RatingsModel
@@ -31,6 +30,8 @@ from softness_bayes.touch.scene import Scene
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
+
+    from softness_bayes.data import Experiment
 
 Array = NDArray[np.float64]
 

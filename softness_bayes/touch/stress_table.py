@@ -22,6 +22,7 @@ import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -30,8 +31,10 @@ from numpy.typing import NDArray
 from softness_bayes.errors import InputError
 from softness_bayes.touch.contact import Finger, FingerBox, Fingertip, Fingertips, Force, Indentation, Load, Loads
 from softness_bayes.touch.neuron.polynomials import chebyshev_values
-from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.stress import GAUSS_DENSITY, unit_stress
+
+if TYPE_CHECKING:
+    from softness_bayes.touch.readings import Readings
 
 Array = NDArray[np.float64]
 
