@@ -1,7 +1,7 @@
 """Coverage of 90 % intervals where stated moduli or loads are wrong: ``python coverage.py FILE.csv [--labs N]``.
 
 Simulated laboratories rate the fabrics of ``data/`` with the parameters of ``data/truth.json``, but measure each
-modulus with a relative error, or hold each load with one. Each table is fitted with fixed channels: with the true
+modulus with a relative error, or all moduli with a common one, or hold each load with one. Each table is fitted with fixed channels: with the true
 inputs (control), with the inputs as stated, and with their errors declared. FILE.csv gets a row for each laboratory,
 case and quantity: the share of draws below the true value. Existing rows are kept. The table of the page on results is
 printed.
@@ -29,7 +29,7 @@ from softness_bayes.touch.parameters import TouchParameters
 DATA = Path(__file__).parents[2] / "data"
 DEPTHS = (1e-3, 2e-3, 3e-3)
 LOADS = tuple(Indentation(depth) for depth in DEPTHS)
-MODULUS_ERROR, LOAD_ERROR = 0.15, 0.05
+MODULUS_ERROR, COMMON_ERROR, LOAD_ERROR = 0.15, 0.2, 0.05
 DRAWS = 1000
 
 
@@ -45,6 +45,15 @@ CASES = {
     "true moduli": Case("", "exact moduli and loads (control)"),
     "taken as exact": Case("moduli", "moduli off by 15 %, taken as exact"),
     "errors declared": Case("moduli", "moduli off by 15 %, `--modulus-cv 0.15`", {"modulus_cv": MODULUS_ERROR}),
+    "common error taken as exact": Case("all moduli", "all moduli off by one factor (sd 20 %), taken as exact"),
+    "common error taken as independent": Case(
+        "all moduli", "all moduli off by one factor (sd 20 %), `--modulus-cv 0.15`", {"modulus_cv": MODULUS_ERROR}
+    ),
+    "common error declared": Case(
+        "all moduli",
+        "all moduli off by one factor (sd 20 %), `--shared-modulus-cv 0.2`",
+        {"shared_modulus_cv": COMMON_ERROR},
+    ),
     "loads taken as exact": Case("loads", "loads off by 5 %, taken as exact"),
     "load errors declared": Case("loads", "loads off by 5 %, `--shared-load-cv 0.05`", {"shared_load_cv": LOAD_ERROR}),
 }
@@ -56,12 +65,14 @@ def laboratory(number: int, wrong: str, truth: Mapping[str, float]) -> Experimen
     modulus = fabrics.modulus()
     true = Fabrics(fabrics.names, effective_modulus=modulus, poisson_ratio=fabrics.poisson_ratio)
     factor = np.exp(np.sqrt(np.log1p(MODULUS_ERROR**2)) * rng.standard_normal(modulus.size))
+    if wrong == "all moduli":
+        factor = np.exp(np.sqrt(np.log1p(COMMON_ERROR**2)) * rng.standard_normal())
     held = LOADS
     if wrong == "loads":
         errors = np.exp(np.sqrt(np.log1p(LOAD_ERROR**2)) * rng.standard_normal(len(LOADS)))
         held = tuple(Indentation(depth * error) for depth, error in zip(DEPTHS, errors.tolist(), strict=True))
     ratings = replace(simulate_ratings(rng, true, held, truth, mu=truth["mu"]).ratings, loads=LOADS)
-    stated = replace(true, effective_modulus=modulus * factor) if wrong == "moduli" else true
+    stated = replace(true, effective_modulus=modulus * factor) if "moduli" in wrong else true
     return Experiment(ratings, stated.take(ratings.fabrics), ())
 
 
@@ -105,10 +116,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("file", type=Path, help="CSV file of the fits; what it holds is kept")
     parser.add_argument("--labs", type=int, default=0, help="number of laboratories; 0 only makes the table")
+    parser.add_argument("--cases", default=";".join(CASES), help="names of cases, separated by semicolons")
     asked = parser.parse_args()
     rows = pd.read_csv(asked.file) if asked.file.is_file() else pd.DataFrame(columns=["lab", "case"])
     done = {*zip(rows["lab"], rows["case"], strict=True)}
-    for number, name in ((number, name) for number in range(asked.labs) for name in CASES):
+    for number, name in ((number, name) for number in range(asked.labs) for name in asked.cases.split(";")):
         if (number, name) not in done:
             rows = pd.concat([rows, pd.DataFrame(fitted(number, name))], ignore_index=True)
             rows.to_csv(asked.file, index=False)
