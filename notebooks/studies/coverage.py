@@ -1,10 +1,10 @@
 """Coverage of 90 % intervals where stated moduli or loads are wrong: ``python coverage.py FILE.csv [--labs N]``.
 
 Simulated laboratories rate the fabrics of ``data/`` with the parameters of ``data/truth.json``, but measure each
-modulus with a relative error, or all moduli with a common one, or hold each load with one. Each table is fitted with fixed channels: with the true
-inputs (control), with the inputs as stated, and with their errors declared. FILE.csv gets a row for each laboratory,
-case and quantity: the share of draws below the true value. Existing rows are kept. The table of the page on results is
-printed.
+modulus with a relative error, or all moduli with a common one, or hold each load with one. Each table is fitted with
+fixed channels: with the true inputs (control), with the inputs as stated, and with their errors declared. FILE.csv
+gets a row for each laboratory, case and quantity: the share of draws below the true value. Existing rows are kept. The
+table of the page on results is printed.
 """
 
 from __future__ import annotations

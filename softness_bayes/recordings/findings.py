@@ -50,6 +50,9 @@ def log_additive_sd(data: Afferents) -> float:
 def shifts(draws: Mapping[str, Array], displacement: SkinDisplacement) -> dict[str, float]:
     """Return how far each parameter is from its default prior, the paper's values, in that prior's sd.
 
+    A parameter that is defined in no draw is left out: sigma_0 where the current at rest exceeds half of the largest,
+    so that it would be negative.
+
     Parameters
     ----------
     draws
@@ -64,7 +67,8 @@ def shifts(draws: Mapping[str, Array], displacement: SkinDisplacement) -> dict[s
         if name in draws and isinstance(prior, LogNormal):
             with np.errstate(invalid="ignore", divide="ignore"):
                 logs = np.log(draws[name])
-            found[name] = float((np.mean(logs[np.isfinite(logs)]) - np.log(prior.median)) / prior.sd_log)
+            if np.isfinite(logs).any():
+                found[name] = float((np.mean(logs[np.isfinite(logs)]) - np.log(prior.median)) / prior.sd_log)
     return found
 
 

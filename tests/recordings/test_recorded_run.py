@@ -17,7 +17,7 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_afferents, simulate_compression, simulate_ratings
 from softness_bayes.plotting.figures import figures_of
-from softness_bayes.recordings.findings import log_additive_sd
+from softness_bayes.recordings.findings import log_additive_sd, shifts
 from softness_bayes.results.other_data import agreements
 from softness_bayes.results.result import Result
 from softness_bayes.runs.comparison import compare
@@ -245,6 +245,13 @@ def ranks_of_runs(numbers, names):
 def test_ranks_of_full_runs_are_uniform_unless_sensitivities_are_left_out(names, runs, uniform):
     """All parameters drawn from their priors; without names, the spread of afferents is taken for noise of rates."""
     assert (kstest(ranks_of_runs(range(runs), names), "uniform").pvalue > 0.01) == uniform
+
+
+def test_a_parameter_that_no_draw_defines_has_no_shift():
+    """Where the current at rest exceeds half of the largest in all draws, sigma_0 is negative or NaN in all."""
+    draws = {"b": np.full(3, 7.0), "sigma_0": np.array([-1.0, -2.0, np.nan])}
+    assert {*shifts(draws, MENDED.skin_displacement)} == {"b"}
+    assert {*shifts({**draws, "sigma_0": np.full(3, 9.0)}, MENDED.skin_displacement)} == {"b", "sigma_0"}
 
 
 def test_sources_of_one_truth_agree_and_those_of_two_do_not():
