@@ -422,4 +422,4 @@ def simulate_afferents(rng: np.random.Generator, design: Afferents, values: Mapp
     term = RecordedRates(design, touches, recording_model(design))
     at = Parameters(**{name: np.float64(values[name]) * EVERY_PARAMETER[name].si for name in term.model.needs})
     made = term.replicate(rng, term.rate(at), at, term.new_effects(rng, at, ()))
-    return replace(term.with_values(np.maximum(made, 0.0)).data, source="simulated")
+    return replace(term.with_values(made).data, source="simulated")

@@ -2,7 +2,7 @@
 
 With lambda the rate of `response.ProbedTouches` and f_j the factor of afferent j (1 in rows that average several),
 
-    mean rates     y ~ N(f_j lambda, sd²), sd stated or `sd_rate`
+    mean rates     y = max(0, z), z ~ N(f_j lambda, sd²), sd stated or `sd_rate`
     counts         k ~ law of mean f_j lambda window and variance `fano` times the mean
     factors        ln f_j ~ N(-tau²/2, tau²), tau = `tau_afferent`, of mean 1, with two or more named afferents
 """
@@ -17,7 +17,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import betainc, gammainc, gammaincc, gammaln, ndtr, ndtri
+from scipy.special import betainc, gammainc, gammaincc, gammaln, log_ndtr, ndtr, ndtri
 
 from softness_bayes.data.measurements import Afferents
 from softness_bayes.likelihood.contract import Likelihood, Parameters, RowsLeftOut
@@ -151,8 +151,8 @@ class RecordedRates(Likelihood):
 
     @property
     def discrete(self) -> NDArray[np.bool_]:
-        """True for counts, shape (rows,)."""
-        return self.data.counted
+        """True for counts and silence, shape (rows,)."""
+        return self.data.counted | (self.values == 0.0)
 
     def with_values(self, values: ArrayLike) -> Self:
         """Return the likelihood of other rates and counts in the same rows."""
@@ -298,8 +298,9 @@ class _Law(NamedTuple):
         return np.where(self.counted, self.fano * (rate + SILENT) / self.window, self.sd**2)
 
     def log_density(self, rate: Array) -> Array:
-        """Return the log density [1/Hz] of mean rates, and the log probability of counts."""
+        """Return the log density [1/Hz] of mean rates, and the log probability of silence and of counts."""
         means = -0.5 * ((self.observed - rate) / self.sd) ** 2 - np.log(self.sd) - _LOG_ROOT_TWO_PI
+        means = np.where(self.observed > 0.0, means, log_ndtr(-rate / self.sd))
         if not self.counted.any():
             return means
         mean = (rate + SILENT) * self.window
@@ -307,7 +308,7 @@ class _Law(NamedTuple):
 
     def below(self, rate: Array) -> Array:
         """Return the probability of a smaller observation, half that of an equal one included."""
-        means = ndtr((self.observed - rate) / self.sd)
+        means = np.where(self.observed > 0.0, 1.0, 0.5) * ndtr((self.observed - rate) / self.sd)
         if not self.counted.any():
             return np.asarray(means)
         mean = (rate + SILENT) * self.window
@@ -316,7 +317,7 @@ class _Law(NamedTuple):
 
     def draw(self, rng: np.random.Generator, rate: Array) -> Array:
         """Return observations: rates [Hz], and counts."""
-        means = rate + self.sd * rng.standard_normal(rate.shape)
+        means = np.maximum(rate + self.sd * rng.standard_normal(rate.shape), 0.0)
         if not self.counted.any():
             return means
         return np.where(self.counted, draw_counts(rng, (rate + SILENT) * self.window, self.fano), means)
