@@ -366,7 +366,7 @@ def changed(random: np.random.Generator) -> tuple[Tables, tuple[str, ...], str]:
             change = group[random.integers(len(group))]
             if change in (people_in_columns, fabrics_in_columns, copies) and "participant" not in t.rows[0]:
                 continue
-            if change in (fabrics_in_columns, people_in_columns) and (t.rows[0].get("rating", "{")[0] == "{"):
+            if change in (fabrics_in_columns, people_in_columns) and t.rows[0].get("rating", "{").startswith("{"):
                 continue
             t = change(t, random)
             text = t.rows[t.damaged]["rating"] if change is damage else text
