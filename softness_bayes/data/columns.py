@@ -202,6 +202,14 @@ def holds_cells(names: Container[str]) -> bool:
 # names of columns elsewhere
 
 
+_SOFTNESS = (
+    "softness, softness rating, rating of softness, perceived softness, Weichheit, Weichheitsurteil, douceur, "
+    "souplesse, suavidad, blandura, morbidezza, maciez, zachtheid, mjukhet, pehmeys, miękkość, měkkost, yumuşaklık, "
+    "мягкость, 柔らかさ, やわらかさ, 軟らかさ, 柔软度, 柔软性, 柔软感, 부드러움"
+)
+SOFTNESS = frozenset(map(bag, _SOFTNESS.split(", ")))
+"""The sorted words of names of softness."""
+
 _WORDS: Mapping[str, str] = {
     "participant": (
         "participant id, participants, subject, subject id, subjects, rater, observer, assessor, panelist, "
@@ -224,13 +232,9 @@ _WORDS: Mapping[str, str] = {
     "indentor": "indenter",
     "direction": "fabric direction, yarn direction, Richtung, sens, dirección, direzione, направление, 方向",
     "rating": (
-        "ratings, softness, softness rating, rating of softness, perceived softness, magnitude, "
-        "magnitude estimate, magnitude estimation, estimate, judgement, judgment, score, Weichheit, "
-        "Weichheitsurteil, Bewertung, Urteil, Einschätzung, Größenschätzung, douceur, souplesse, évaluation, "
-        "jugement, suavidad, blandura, valoración, morbidezza, valutazione, maciez, avaliação, zachtheid, "
-        "beoordeling, mjukhet, skattning, pehmeys, arvio, miękkość, ocena, měkkost, hodnocení, yumuşaklık, "
-        "мягкость, оценка, 柔らかさ, やわらかさ, 軟らかさ, 評価, 評価値, 評定, 評定値, 柔软度, 柔软性, 柔软感, "
-        "评分, 부드러움, 평가"
+        f"{_SOFTNESS}, ratings, magnitude, magnitude estimate, magnitude estimation, estimate, judgement, judgment, "
+        "score, Bewertung, Urteil, Einschätzung, Größenschätzung, évaluation, jugement, valoración, valutazione, "
+        "avaliação, beoordeling, skattning, arvio, ocena, hodnocení, оценка, 評価, 評価値, 評定, 評定値, 评分, 평가"
     ),
     "indentation_mm": (
         "indentation depth, depth, displacement, penetration, penetration depth, Eindringtiefe, Eindrücktiefe, "
@@ -301,7 +305,7 @@ LESS_CLEAR: Mapping[str, Mapping[str, str]] = {
             "subject code, participant code, subject nr, participant nr, VP Nr, id, name, initials, response id, "
             "participant public id, public id"
         ),
-        "rating": "response, slider response, rating response, answer",
+        "rating": "response, slider response, rating response, key resp keys, answer",
         "trial": "rep, repeat, replicate, run, cycle",
     },
     "fabrics": {"fabric": "id, name, code, article, style, designation, fabric code, fabric no"},
@@ -369,7 +373,9 @@ def reversed_remark(title: str) -> str:
 
 _SUMMARIES = (
     "mean, means, average, avg, median, total, sum, sd, std, stdev, sem, variance, count, minimum, maximum, overall, "
-    "geomean, quartile, percentile, cv, Mittelwert, Mittel, Durchschnitt, Summe, gesamt, Standardabweichung, Anzahl, "
+    "geomean, quartile, percentile, cv, var, range, iqr, skewness, kurtosis, rank, ranks, valid n, subtotal, summary, "
+    "Zusammenfassung, StAbw, Varianz, Spannweite, ecart type, "
+    "Mittelwert, Mittel, Durchschnitt, Summe, gesamt, Standardabweichung, Anzahl, "
     "moyenne, médiane, écart-type, somme, media, promedio, mediana, suma, desviación, varianza, somma, soma, média, "
     "gemiddelde, totaal, standaardafwijking, medelvärde, summa, keskiarvo, średnia, průměr, ortalama, среднее, "
     "медиана, сумма, итого, 平均, 平均値, 中央値, 合計, 標準偏差, 均值, 平均值, "
@@ -377,7 +383,9 @@ _SUMMARIES = (
 )
 SUMMARIES = frozenset(map(key, _words(_SUMMARIES)))
 """Names of rows that are statistics of other rows."""
-PERHAPS_SUMMARIES = frozenset({"m", "n", "se", "min", "max", "all", "everyone", "group", "s d", "s e", "alle", "tous"})
+PERHAPS_SUMMARIES = frozenset(
+    {"m", "n", "se", "min", "max", "all", "everyone", "group", "s d", "s e", "alle", "tous", "q1", "q3"}
+)
 """Names of such rows that may also be those of people."""
 
 
@@ -386,6 +394,8 @@ def summarises(name: str) -> bool:
     words, title = key(name).split(), analysed(name)
     if title.unit and is_unit(title.unit) and title.bags & OWNERS.keys():
         return True  # a row of properties, such as E (kPa)
+    if re.match(r"n\s*=", name.casefold()):
+        return True
     return key(name) in SUMMARIES or (1 < len(words) <= 6 and not SUMMARIES.isdisjoint((words[0], " ".join(words[1:]))))
 
 

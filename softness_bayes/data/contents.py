@@ -12,6 +12,7 @@ from softness_bayes.data.columns import (
     NUMBERS,
     PERHAPS_SUMMARIES,
     RESOLUTION,
+    SOFTNESS,
     holds_cells,
     is_reversed,
     reversed_remark,
@@ -20,7 +21,7 @@ from softness_bayes.data.columns import (
 from softness_bayes.data.decimals import SheetNumber, is_missing, looks_numeric
 from softness_bayes.data.faults import DIFFERENCE, identity, listing, natural, shown_names
 from softness_bayes.data.tables import FloatArray, Table
-from softness_bayes.data.titles import key
+from softness_bayes.data.titles import bag, key
 from softness_bayes.errors import quoted
 from softness_bayes.readable import counted
 
@@ -57,11 +58,16 @@ def with_percentages(table: Table) -> Table:
     return table.with_texts("rating", cells, note)
 
 
+_PRACTICE = re.compile(
+    "(practi[cs]e|training)( trials?)?|warm ?up|(survey )?preview|survey test|übung(sdurchgang)?|entraînement|練習"
+)
+
+
 def without_practice(table: Table) -> Table:
-    """Leave out rows that a column of sessions or trials, or an unused one, calls practice."""
-    words = re.compile("practi[cs]e( trials?)?|training|warm ?up|übung(sdurchgang)?|entraînement|練習")
+    """Leave out rows that a column of sessions or trials, or an unused one, calls practice, or a loop of it made."""
     for title in [*(table.titles[name] for name in ("session", "trial") if name in table), *table.others]:
-        left = [i for i, text in enumerate(table.cells[title]) if words.fullmatch(key(text))]
+        loop = _PRACTICE.match(title.casefold()) and ".this" in title  # PsychoPy's practice.thisN
+        left = [i for i, text in enumerate(table.cells[title]) if (loop and text) or _PRACTICE.fullmatch(key(text))]
         if 0 < len(left) < len(table):
             return table.without(left, f"practice by column {quoted(title)}, left out")
     return table
@@ -73,6 +79,51 @@ def with_reversed_scales_named(table: Table) -> Table:
     return table.noted(f"looks wrong: {reversed_remark(title)}") if is_reversed(title) else table
 
 
+_ATTRIBUTES = re.compile(
+    "(attribute|question|item|scale|dimension|descriptor|property|adjective|quality|merkmal|eigenschaft|frage|attribut"
+    "|skala|attributo|atributo|属性|項目)s?( name| text| label)?"
+)
+_PERSONAL = re.compile(
+    "group|site|lab|laboratory|cent(re|er)|country|gender|sex|age|class|school|cohort|gruppe|labor|geschlecht|alter"
+    "|groupe|sexe|grupo|gruppo|性別|年齢|性别|年龄"
+)
+"""Titles of columns in which a person has one text."""
+
+
+def of_one_attribute_and_person(table: Table) -> Table:
+    """Keep the ratings of softness among those of several attributes; refuse ids that start anew in each group.
+
+    Both show in an unused column that has several texts for one touch of one participant.
+    """
+    touches = table.keys("participant", *_DESIGN)
+    for title, cells in table.others.items():
+        if len({*cells}) > 50 or len({*cells}) < 2:
+            continue
+        told: dict[tuple[str, ...], set[str]] = {}
+        for touch, text in zip(touches, cells, strict=True):
+            told.setdefault(touch, set()).add(text)
+        apart = [sorted(own) for own in told.values() if len(own) > 1]
+        if 4 * len(apart) < len(told):
+            continue
+        other = [i for i, text in enumerate(cells) if bag(text) not in SOFTNESS]
+        named = listing([*map(quoted, apart[0])], 4)
+        if 0 < len(other) < len(table):
+            return table.without(other, f"column {quoted(title)} names another attribute than softness, left out")
+        if _ATTRIBUTES.fullmatch(key(title)):
+            table.refuse(
+                f"column {quoted(title)} has {named} for one touch of one participant: keep only the rows that rate "
+                "softness"
+            )
+        elif _PERSONAL.fullmatch(key(title)) and "participant" in table:
+            who = next(touch[0] for touch, own in told.items() if len(own) > 1)
+            table.refuse(
+                f"participant {quoted(who)} has {named} in column {quoted(title)}: give each person a name of their "
+                f"own, such as {quoted(f'{apart[0][0]}-{who}')}"
+            )
+    table.check()
+    return table
+
+
 # rows of statistics
 
 
@@ -82,13 +133,17 @@ _STATISTICS: Mapping[str, Callable[[FloatArray], float]] = {
     "sum": lambda x: float(np.sum(x)),
     "geometric mean": lambda x: float(np.exp(np.mean(np.log(x)))) if (x > 0).all() else np.nan,
     "standard error": lambda x: float(np.std(x, ddof=1) / np.sqrt(x.size)),
+    "variance": lambda x: float(np.var(x, ddof=1)),
     "standard deviation of all": lambda x: float(np.std(x)),
     "median": lambda x: float(np.median(x)),
     "smallest": lambda x: float(np.min(x)),
     "largest": lambda x: float(np.max(x)),
+    "range": lambda x: float(np.ptp(x)),
+    "lower quartile": lambda x: float(np.quantile(x, 0.25)),
+    "upper quartile": lambda x: float(np.quantile(x, 0.75)),
     "number": lambda x: float(x.size),
 }
-_TELLING = 5
+_TELLING = 6
 """Number of the first statistics that no person's numbers are by chance."""
 _CHANCE = 1e-5
 """Largest probability at which numbers are those of a statistic by chance."""
@@ -109,8 +164,11 @@ def without_statistics(table: Table) -> Table:
     found: dict[str, str] = {}
     keys, values = table.keys(*_DESIGN), table.plainly("rating")
     decimals = np.array([_decimals(text) for text in table.texts("rating")])
-    for who in reversed(people):
-        what = _statistic(names == who, ~np.isin(names, [who, *found]), keys, values, decimals)
+    for k, who in reversed([*enumerate(people)]):
+        # one statistic is no number of another: those of the people above or below are tried, too
+        pools = ([*people[:k], *people[k + 1 :]], people[:k], people[k + 1 :])
+        tried = [np.isin(names, [one for one in pool if one not in found]) for pool in pools]
+        what = next(filter(None, (_statistic(names == who, pool, keys, values, decimals) for pool in tried)), "")
         if what and (not who or key(who) in PERHAPS_SUMMARIES):
             found[who] = what
         elif what in [*_STATISTICS][:_TELLING]:

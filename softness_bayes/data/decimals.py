@@ -86,8 +86,8 @@ def plain_text(text: str) -> str:
 
 def plain_digits(text: str) -> str:
     """Return a number in full-width digits or with a sign of its own for minus in plain characters."""
-    if text.isascii() or isinstance(text, SheetNumber):
-        return text
+    if text.isascii() or isinstance(text, SheetNumber) or any(unicodedata.category(c) == "No" for c in text):
+        return text  # a raised digit may be that of a footnote
     wide = all(unicodedata.east_asian_width(c) in "FWNaA" or c.isascii() for c in text)
     plain = plain_text(text) if wide or "\u2212" in text else text
     return plain if re.fullmatch("[0-9+.,eE%-]*[0-9][0-9+.,eE%-]*", plain) else text

@@ -286,7 +286,8 @@ class Fabrics(OneTable):
         table.check()
         notes = list(table.notes)
         if directed:
-            notes.append("rigidities and moduli are geometric means over directions")
+            told = listing([*dict.fromkeys(filter(None, directions))])
+            notes.append(f"rigidities and moduli are geometric means over directions: {told}")
         thick = ["thickness_mm"] * ("thickness_mm" in table)
         thick += [title for title in table.others if analysed(title).bags & KNOWN_BY["thickness_mm"]]
         if thick and "bending_rigidity_n_m" in table and "effective_modulus_kpa" not in table:

@@ -138,15 +138,25 @@ def _unpacked(opened: Callable[[Any], Any]) -> Callable[[_File], bytes]:
     return read
 
 
+_DOCUMENTS = {
+    "mimetype": "an OpenDocument file",
+    "word/": "a text document",
+    "ppt/": "a presentation",
+    "Index/": "a Numbers document",
+}
+"""How a file in an archive begins, and the document that the archive is."""
+
+
 def _zip(file: _File) -> dict[str, Sheet] | bytes:
     """Return the sheets of a workbook, or the content of the one file of an archive."""
     try:
         with zipfile.ZipFile(io.BytesIO(file.content)) as archive:
             names = archive.namelist()
-            if any(name.startswith(("xl/", "[Content")) for name in names):
+            if any(name.startswith("xl/") for name in names):
                 return workbook_sheets(file.path, file.content, file.digest)
-            if "mimetype" in names:
-                raise InputError(f"{file.path}: this is an OpenDocument file: save the table as .xlsx or .csv")
+            for mark, what in _DOCUMENTS.items():
+                if any(name.startswith(mark) for name in names):
+                    raise InputError(f"{file.path}: this is {what}: save its table as .xlsx or .csv")
             if len(names) != 1:
                 raise InputError(f"{file.path}: an archive of {len(names)} files, expected one table")
             return archive.open(names[0]).read(LARGEST + 1)
@@ -221,9 +231,18 @@ _FORMATS: tuple[tuple[bytes | tuple[bytes, ...], str, Callable[[_File], Any] | N
         None,
     ),
     (b"\x89HDF", "an HDF5 file: save the table as .csv or .parquet", None),
-    ((b"RDX", b"RDA"), "a file of R: save the table with write.csv", None),
+    ((b"RDX", b"RDA", b"X\n\0"), "a file of R: save the table with write.csv", None),
     (b"%PDF", "a PDF: copy the table into a spreadsheet, and save it as .csv", None),
     (_PAGE, "a web page: save its table as .csv", None),
+    ((b"\x89PNG", b"\xff\xd8\xff", b"GIF8", b"<svg"), "a picture: type its table into a spreadsheet", None),
+    (b"SQLite format 3", "a database: save its table as .csv", None),
+    (b"\x93NUMPY", "an array of NumPy: save a table with column names as .csv", None),
+    (b"MATLAB 5.0", "a MATLAB file: save the table with writetable", None),
+    ((b"7z\xbc\xaf", b"Rar!", b"\x28\xb5\x2f\xfd"), "a packed file: unpack it", None),
+    (b"{\\rtf", "a text document: save its table as .csv", None),
+    (b"<?xml", "an XML file: save its table as .csv", None),
+    (b"version https://git-lfs", "a pointer to a file that is not downloaded: run git lfs pull", None),
+    ((b"HEADER RECORD*", bytes(12) + b"\xc2\xea\x81\x60"), "a SAS file: save the table as .csv", None),
 )
 """First bytes of a file, what it is, and what reads it, if anything does."""
 

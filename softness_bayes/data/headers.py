@@ -90,6 +90,15 @@ class Header:
                     self.perhaps[text] = ("rating", reversed_remark(text))
                 elif WORDS_FOR_RATINGS & {*key(text).split()}:
                     self.perhaps.setdefault(text, ("rating", ""))
+        for name in [
+            name for name in ("rating", "indentation_mm", "force_n") if name in self.at and name not in renames
+        ]:
+            # programs number columns of one name: rating, rating.1
+            if again := [text for text in self.free if re.fullmatch(rf"{re.escape(self.at[name])}\.[0-9]+", text)]:
+                raise InputError(
+                    f"{place}: columns {listing([*map(quoted, (self.at[name], *again))])} may each be {name!r}; put "
+                    f"them below each other, or choose one with --column {name}={quoted(self.at[name])}"
+                )
         self.notes += [
             f"column {quoted(text)} may contain loads but is not read: the given load is used for all ratings"
             for name in sorted(kind.given - self.at.keys())
@@ -216,12 +225,15 @@ class Header:
             for text in near:
                 remark = ""
                 if quantity_of(name):
-                    stem = self.titles[text].stem
-                    example = "B (gf·cm²/cm)" if stem == "B" else f"{stem} ({NUMBERS[name].unit})"
-                    remark = (
-                        f"column {quoted(text)} is not read: it has no unit known here; write one, as in "
-                        f"{quoted(example)}"
-                    )
+                    stem, unit = self.titles[text].stem, self.titles[text].unit
+                    example = quoted("B (gf·cm²/cm)" if stem == "B" else f"{stem} ({NUMBERS[name].unit})")
+                    remark = f"column {quoted(text)} is not read: "
+                    if unit and is_unit(unit):
+                        remark += f"its unit {unit} does not fit {name}; call the column what it is"
+                    elif unit:
+                        remark += f"{quoted(unit)} is no unit known here; convert its numbers, as to {example}"
+                    else:
+                        remark += f"it has no unit known here; write one, as in {example}"
                 self.perhaps.setdefault(text, (name, remark))
 
     def _apart(self, candidates: list[str]) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -401,6 +402,11 @@ def _index(values: Sequence[object], distinct: Sequence[object]) -> IntArray:
     return np.array([place[value] for value in values], dtype=np.intp)
 
 
+def _is_day(text: str) -> bool:
+    """Return whether a number is that of a day of 2000 to 2050 in spreadsheet programs."""
+    return re.fullmatch("[345][0-9]{4}", text) is not None and 36526 <= int(text) < 54789
+
+
 def _rated_rows(table: Table, filed: FloatArray, drop_zeros: bool) -> tuple[IntArray, IntArray, list[str]]:
     """Return the rated rows, the rated and faulty rows, and notes on the others.
 
@@ -408,18 +414,19 @@ def _rated_rows(table: Table, filed: FloatArray, drop_zeros: bool) -> tuple[IntA
     """
     texts = table.texts("rating")
     # a code is nine times as far from 0 as every other rating, or the only negative number among positive ones
-    codes = [i for i, text in enumerate(texts) if text in MISSING_CODES and not np.isnan(filed[i])]
+    codes = [i for i, text in enumerate(texts) if not np.isnan(filed[i]) and (text in MISSING_CODES or _is_day(text))]
     others = np.delete(filed, codes)
     others = others[~np.isnan(others)]
     largest = np.abs(others).max(initial=0.0)  # it may be too large for a multiplication
     for i in codes if others.size else ():
         if abs(filed[i]) / FAR >= largest or filed[i] < 0 <= others.min():
-            table.problem(
-                i,
-                "rating",
-                f"{texts[i]} looks like a code for a missing rating, because no other rating is near it; leave the "
-                "cells of missing ratings empty; if it is a rating, write it with decimals, as 999.0",
+            what = (
+                "a code for a missing rating, because no other rating is near it; leave cells of missing ratings empty"
             )
+            if _is_day(texts[i]):
+                what = "a day that a spreadsheet program made of a rating such as 3.5; write the rating again"
+            problem = f"{texts[i]} looks like {what}; if it is a rating, write it with decimals, as {texts[i]}.0"
+            table.problem(i, "rating", problem)
     kept = ~np.isnan(filed)
     zeros = int((filed == 0).sum()) if drop_zeros else 0
     rated = np.flatnonzero(kept & (filed != 0) if drop_zeros else kept)

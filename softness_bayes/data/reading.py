@@ -83,6 +83,7 @@ CONTENTS = (
     Rule("rows of statistics", ALL, contents.without_statistics),
     Rule("names of one identity", ALL, contents.with_one_spelling),
     Rule("copied rows", ("ratings",), contents.without_copies),
+    Rule("several attributes or groups", ("ratings",), contents.of_one_attribute_and_person),
     Rule("unknown people", ("ratings", "compression"), contents.with_people_known),
     Rule("steps of other numbers", ("ratings",), contents.with_true_steps),
     Rule("reversed signs", ("compression",), contents.with_signs_of_pressing),

@@ -260,8 +260,15 @@ def workbook_sheets(path: Path, content: bytes, digest: str) -> dict[str, Sheet]
             warnings.simplefilter("ignore")  # styles and validations that openpyxl does not know
             # without read_only, openpyxl makes every cell of merged regions, of links and up to the last cell
             book = openpyxl.load_workbook(io.BytesIO(content), data_only=True, read_only=True)
-            read = {sheet.title: _cells(sheet) for sheet in book.worksheets}
-        filled = {name: (rows, _fill_merged(rows, merged)) for name, (rows, merged) in read.items() if rows}
+            shown = [sheet for sheet in book.worksheets if sheet.sheet_state == "visible"] or book.worksheets
+            read = {sheet.title: _cells(sheet) for sheet in shown}
+            hidden = [sheet.title for sheet in book.worksheets if sheet.title not in read]
+        said = (f"hidden sheets are not read: {listing(hidden)}",) if hidden else ()
+        filled = {
+            name: (rows, (*_fill_merged(rows, merged), *told, *said))
+            for name, (rows, merged, told) in read.items()
+            if rows
+        }
     except InputError:
         raise
     except Exception as error:  # damaged archives and XML end in errors of many kinds
@@ -279,8 +286,8 @@ def _numbered(rows: Mapping[int, Mapping[int, str]]) -> Iterator[tuple[list[str]
         yield [cells.get(j, "") for j in range(1, max(cells, default=0) + 1)], number
 
 
-def _cells(sheet: Any) -> tuple[dict[int, dict[int, str]], list[Any]]:
-    """Return the texts of the cells that exist, by row and column from 1, and the merged regions of a sheet."""
+def _cells(sheet: Any) -> tuple[dict[int, dict[int, str]], list[Any], tuple[str, ...]]:
+    """Return the texts of the cells that exist, by row and column from 1, the merged regions of a sheet, and notes."""
     from openpyxl.cell.read_only import ReadOnlyCell
     from openpyxl.worksheet._reader import WorkSheetParser
     from openpyxl.worksheet.cell_range import CellRange
@@ -301,7 +308,9 @@ def _cells(sheet: Any) -> tuple[dict[int, dict[int, str]], list[Any]]:
             if filled := {column: text for column, text in texts.items() if text}:
                 rows[row] = filled
     merged = [] if parser.merged_cells is None else parser.merged_cells.mergeCell
-    return rows, [CellRange(one.ref) for one in merged]
+    hidden = [row for row in rows if parser.row_dimensions.get(str(row), {}).get("hidden") in ("1", "true")]
+    told = (f"hidden rows are read, too ({len(hidden)}, the first is row {hidden[0]})",) if hidden else ()
+    return rows, [CellRange(one.ref) for one in merged], told
 
 
 def _fill_merged(rows: dict[int, dict[int, str]], merged: Sequence[Any]) -> tuple[str, ...]:

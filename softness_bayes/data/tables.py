@@ -11,11 +11,11 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.data.columns import NUMBERS, Column, is_reversed
+from softness_bayes.data.columns import NUMBERS, OWNERS, Column, is_reversed
 from softness_bayes.data.decimals import POINT, Reading, is_missing
 from softness_bayes.data.faults import Fault, Hint, TableError, listing
 from softness_bayes.data.sheets import Sheet
-from softness_bayes.data.titles import Unit, unit_named
+from softness_bayes.data.titles import Unit, bag, unit_named
 from softness_bayes.errors import InputError, quoted
 
 FloatArray = NDArray[np.float64]
@@ -72,7 +72,9 @@ class Table:
         header = f"{sheet.place}: header" if sheet.lines[0] < 0 else f"{sheet.place}: row {sheet.lines[0]}"
         for title, count in Counter(title.casefold() for title in titles if title).items():
             if count > 1:
-                raise InputError(f"{header}: {count} columns are called {quoted(title)}, expected one")
+                turned = sum(bag(record[0]) in OWNERS for record in sheet.records) > 1
+                more = "; its titles stand below each other: transpose it in a spreadsheet" if turned else ""
+                raise InputError(f"{header}: {count} columns are called {quoted(title)}, expected one{more}")
         used = max((j + 1 for j, title in enumerate(titles) if title), default=0)
         for record, row in zip(body, sheet.lines[1:], strict=True):
             if beyond := [cell for cell in record[used:] if cell]:
@@ -227,8 +229,11 @@ class Table:
 
     def lack(self, problem: str, *names: str, wide: bool = False) -> None:
         """Add that some columns are missing, with the titles that there are and what may mend it."""
-        titles = [quoted(title) for title in (*map(self.title, self.titles), *self.others)]
-        told = [problem, *(f"its columns are {listing(titles)}" for _ in titles[:1])]
+        own = [quoted(self.title(name)) for name, title in self.titles.items() if title not in self.made[:-1]]
+        titles = [*own, *map(quoted, self.others)]
+        said = any("its columns are" in fault.problem for fault in self.faults.values())
+        told = [problem, *(f"its columns are {listing(titles)}" for _ in titles[:1] if not said)]
+        told += ["if they are garbled, save it as CSV in UTF-8"] * any(n.startswith("not UTF-8") for n in self.notes)
         meant = [(*self.perhaps[title], title) for title in self.cells if title in self.perhaps]
         told += [remark for name, remark, _ in meant if name in names and remark][:1]
         hints = [{own: title} for name in names for own, _, title in meant if own == name and not is_reversed(title)]
@@ -245,8 +250,8 @@ class Table:
         if series and "rating" in absent:
             self.refuse(
                 f"columns {listing([quoted(title) for title in series])} look like repeated ratings: put each "
-                "rating in a separate row, in a column 'rating'; if they are loads, write the unit, as in "
-                f"{quoted(series[0] + ' mm')}"
+                "rating in a separate row, in a column 'rating'; if they are people, call them P1, P2, …; if they are "
+                f"loads, write the unit, as in {quoted(series[0] + ' mm')}"
             )
         else:
             what = " and ".join(map(repr, absent))

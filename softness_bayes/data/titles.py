@@ -82,7 +82,7 @@ _ONLY_BRACKETED = frozenset({"in", "bar", "1", "-", "–"})
 _EXPONENT = r"(?:\^|\*\*)\s*[({]?\s*"
 _POWER = (
     rf"(?:10\s*(?:{_EXPONENT}(?P<e>[+-]?[0-9]{{1,2}})[)}}]?|(?P<s>[+-][0-9]{{1,2}}))"
-    r"|1?[eE](?P<x>[+-]?[0-9]{1,2})|(?P<z>10+))"
+    r"|1?[eE](?P<x>[+-]?[0-9]{1,2})|(?P<z>10+)|(?P<d>0[.,]0*1|1/10+))"
 )
 _SIGN = r"\s*[x×*·.]?\s*"
 _SCALED = tuple(
@@ -124,7 +124,8 @@ def unit_named(text: str, quantity: str) -> Unit | None:
     for pattern in _SCALED:
         if (match := pattern.fullmatch(plain_text(text))) and (unit := unit_named(match["unit"], quantity)):
             given = match["e"] or match["s"] or match["x"]
-            power = len(match["z"]) - 1 if given is None else int(given)
+            zeros = (match["z"] or match["d"] or "").count("0")
+            power = int(given) if given else zeros if match["z"] else -zeros
             return Unit(f"10^{power} {unit.name}", unit.factor.scaleb(power))
     return None
 
@@ -201,6 +202,8 @@ def _without_unit(title: str) -> tuple[str, str | None, bool]:
     for end in range(len(words), 1, -1):
         for start in range(max(1, end - 3), end):
             part = words[start:end]
+            if _SCALED[1].fullmatch(plain_text(part[-1] if len(part) == 1 else " ".join(part))):
+                continue  # a power of ten behind the words of a title is none of the unit
             for text in (" ".join(part), f"{' '.join(part[:-1])}/{part[-1]}"):
                 single = end < len(words) and len(text) < 2  # a letter among words is no unit
                 if is_unit(text) and text.casefold() not in _ONLY_BRACKETED and not single:

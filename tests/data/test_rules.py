@@ -59,6 +59,10 @@ RATED = {
         HEAD.replace("\n", ",phase\n") + f"P1,a,1,1,99,practice\n{PLAIN}".replace("5\n", "5,main\n"),
         "row 2: practice by column 'phase', left out",
     ),
+    "several attributes or groups": (
+        f"{HEAD[:-1]},attribute\n{PLAIN}".replace("5\n", "5,softness\n") + PLAIN.replace("5\n", "5,warmth\n"),
+        "rows 26 to 49: column 'attribute' names another attribute than softness, left out",
+    ),
     "JSON in cells": (
         HEAD.replace("rating", "response") + "".join(f'P1,{f},1,1,"{{""Q0"":""{y}""}}"\n' for f, y in ("a2", "b3")),
         "column 'response': its cells are JSON, of which 'Q0' is read",
@@ -98,6 +102,10 @@ PRESSED = {
     "way back": (PRESS + LOOP, "rows 6 to 8: the plate moves back there", 4),
 }
 REFUSED = {
+    "several attributes or groups": (
+        f"{HEAD[:-1]},site\n{PLAIN}".replace("5\n", "5,A\n") + PLAIN.replace("5\n", "7,B\n"),
+        "participant 'P1' has 'A', 'B' in column 'site': give each person a name of their own, such as 'A-P1'",
+    ),
     "reversed scales": (
         (HEAD + PLAIN).replace("rating", "hardness"),
         "column 'hardness' seems to be higher for harder, but ratings must be higher for softer; reverse them",
@@ -134,6 +142,8 @@ ALONE = {
     "practice": HEAD.replace("\n", ",phase\n") + PLAIN.replace("5\n", "5,practice\n"),
     "reversed scales": (HEAD + PLAIN).replace("rating", '"Softness (1: hard, 7: soft)"'),
     "percentages": (HEAD + PLAIN).replace("participant", "subject %"),
+    "several attributes or groups": HEAD.replace("\n", ",group\n")
+    + "".join(f"{row},{'softness' if row < 'P3' else 'warmth'}\n" for row in PLAIN.splitlines()),
     "rows of statistics": wide("P5,3.4,5.9,8.8", "Max,3,6,9"),
     "names of one identity": (HEAD + PLAIN).replace("P1", "A'").replace("P2", "A"),
     "copied rows": "participant,fabric,indentation_mm,rating\n"
@@ -205,6 +215,55 @@ def test_tables_like_them_are_left_alone(file, name):
     assert not [note for note in found.notes if said in note]
     cells = sum(line.count(",") for line in text.splitlines()[1:]) if "a 1 mm" in text else text.count("\n") - 1
     assert len(found) + found.n_missing == cells
+
+
+WRONG = {
+    "of two numbers": (wide("x1,3.400,5.900,8.850", "x2,1.02,1.49,1.14"), "all ratings of participant 'x1' are the mean"),
+    "an attribute": (
+        f"{HEAD[:-1]},attribute\n{PLAIN}".replace("5\n", "5,thick\n") + PLAIN.replace("5\n", "5,warm\n"),
+        "column 'attribute' has 'thick', 'warm' for one touch of one participant: keep only the rows that",
+    ),
+    "a day": ((HEAD + PLAIN).replace(",3.25", ",45415"), "45415 looks like a day that a spreadsheet program made of a"),
+    "a footnote": (
+        (HEAD + PLAIN).replace(",3.25", ",3²"),
+        "row 2, column 'rating': expected a finite number, got '3²'",
+    ),
+    "a numbered title": (
+        HEAD.replace("\n", ",rating.1\n") + PLAIN.replace("5\n", "5,7\n"),
+        "columns 'rating', 'rating.1' may each be 'rating'; put them below each other, or choose one with --column",
+    ),
+    "a turned table": (
+        "participant,P1,P1,P2\nfabric,a,b,a\nrating,3,4,5\n",
+        "2 columns are called 'p1', expected one; its titles stand below each other: transpose it in a spreadsheet",
+    ),
+    "a unit of something else": (
+        HEAD.replace("indentation_mm", "Load (mm)") + PLAIN,
+        "column 'Load (mm)' is not read: its unit mm does not fit force_n; call the column what it is",
+    ),
+    "an unknown unit": (
+        HEAD.replace("indentation_mm", "depth (turns)") + PLAIN,
+        "column 'depth (turns)' is not read: 'turns' is no unit known here; convert its numbers, as to 'depth (mm)'",
+    ),
+}
+LEFT = {
+    "practice of a loop": HEAD.replace("\n", ",practice.thisN\n") + f"P1,a,1,1,9,0\n{PLAIN}".replace("5\n", "5,\n"),
+    "a preview": HEAD.replace("\n", ",Status\n") + f"P9,a,1,1,9,Survey Preview\n{PLAIN}".replace("5\n", "5,0\n"),
+    "numbers of people": f"{HEAD}{PLAIN}n = 4,,,,24\n",
+    "quartiles": wide("Q1,2.875,5.000,8.425"),
+    "variances": wide("Varianz,1,1,1", "Range,2,2,2"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_would_be_misread_is_refused(file, name):
+    text, said = WRONG[name]
+    assert said in refusal(Ratings.read, file(text))
+
+
+@pytest.mark.parametrize("name", LEFT)
+def test_rows_that_nobody_rated_are_left_out(file, name):
+    clean = wide() if " mm" in LEFT[name] else HEAD + PLAIN
+    assert rows(read(file, LEFT[name])) == rows(read(file, clean))
 
 
 # names of columns and units
@@ -414,6 +473,11 @@ def test_spss_files_are_read_with_their_labels(file, tmp_path):
         (b"PK\x03\x04\0\0", "not a workbook that can be read"),
         (b"ARROW1\0\0", "not a Feather file that can be read"),
         (b"\x1f\x8b\x08\0", "a compressed file that cannot be unpacked"),
+        (b"\x89PNG\r\n", "this is a picture"),
+        (b"SQLite format 3\0", "this is a database"),
+        (b"{\\rtf1", "this is a text document"),
+        (b"version https://git-lfs.github.com/spec/v1", "this is a pointer to a file that is not downloaded"),
+        (gzip.compress(b"X\n\0\0\0\3"), "this is a file of R"),
         (b'{"a": 1}', "JSON, expected a list of records"),
     ],
 )
