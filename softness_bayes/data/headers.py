@@ -229,7 +229,7 @@ class Header:
                     example = quoted("B (gf·cm²/cm)" if stem == "B" else f"{stem} ({NUMBERS[name].unit})")
                     remark = f"column {quoted(text)} is not read: "
                     if unit and is_unit(unit):
-                        remark += f"its unit {unit} does not fit {name}; call the column what it is"
+                        remark += f"its unit {unit} does not fit {name}, expected one such as {NUMBERS[name].unit}"
                     elif unit:
                         remark += f"{quoted(unit)} is no unit known here; convert its numbers, as to {example}"
                     else:

@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import date, timedelta
 from decimal import ROUND_HALF_EVEN, Decimal
 from operator import attrgetter
 from typing import Any, NamedTuple
@@ -95,12 +96,14 @@ def _given_load(table: Table, given: Sequence[Load]) -> Load | None:
     """Return the load given for all rows, or None if there is a column; having neither or both is a fault."""
     filed = [entry.column.name for entry in LOAD_COLUMNS if entry.column.name in table]
     if not filed and len(given) != 1:
-        table.lack(
-            "no load column (indentation_mm or force_n); give the load of all ratings by one of --indentation-mm and "
-            "--force-n, name its column with --column, or, if people pressed as they liked, say --load free, which "
-            "takes their common force as unknown",
-            *("indentation_mm", "force_n"),
-        )
+        names, remedy = ("indentation_mm", "force_n"), ""
+        if not any(name in names for name, _ in table.perhaps.values()):
+            remedy = (
+                "; give the load of all ratings by one of --indentation-mm and --force-n, name its column with "
+                "--column, or, if people pressed as they liked, say --load free, which takes their common force as "
+                "unknown"
+            )
+        table.lack(f"no load column (indentation_mm or force_n){remedy}", *names)
     elif filed and given:
         table.refuse(
             "--indentation-mm, --force-n and --load apply only to tables without a load column; this one has "
@@ -424,7 +427,8 @@ def _rated_rows(table: Table, filed: FloatArray, drop_zeros: bool) -> tuple[IntA
                 "a code for a missing rating, because no other rating is near it; leave cells of missing ratings empty"
             )
             if _is_day(texts[i]):
-                what = "a day that a spreadsheet program made of a rating such as 3.5; write the rating again"
+                day = date(1899, 12, 30) + timedelta(int(texts[i]))
+                what = f"the day {day}, which a spreadsheet program made of a rating such as {day.day}.{day.month}"
             problem = f"{texts[i]} looks like {what}; if it is a rating, write it with decimals, as {texts[i]}.0"
             table.problem(i, "rating", problem)
     kept = ~np.isnan(filed)

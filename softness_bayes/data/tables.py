@@ -78,10 +78,11 @@ class Table:
         used = max((j + 1 for j, title in enumerate(titles) if title), default=0)
         for record, row in zip(body, sheet.lines[1:], strict=True):
             if beyond := [cell for cell in record[used:] if cell]:
-                more = f"; is {quoted(titles[0])} a title of the table? The header must be the first row"
+                more = "; remove it, or give its column a title"
+                if used == 1:
+                    more = f"; is {quoted(titles[0])} a title of the table? The header must be the first row"
                 raise InputError(
-                    f"{sheet.place}: row {row}: {quoted(beyond[-1])} is beyond the {used} columns of the header"
-                    f"{more if used == 1 else ''}"
+                    f"{sheet.place}: row {row}: {quoted(beyond[-1])} is beyond the {used} columns of the header{more}"
                 )
         cells = {
             str(title): [record[j] if j < len(record) else "" for record in body]
@@ -235,7 +236,7 @@ class Table:
         told = [problem, *(f"its columns are {listing(titles)}" for _ in titles[:1] if not said)]
         told += ["if they are garbled, save it as CSV in UTF-8"] * any(n.startswith("not UTF-8") for n in self.notes)
         meant = [(*self.perhaps[title], title) for title in self.cells if title in self.perhaps]
-        told += [remark for name, remark, _ in meant if name in names and remark][:1]
+        told += [remark for name, remark, _ in meant if name in names and remark][:2]
         hints = [{own: title} for name in names for own, _, title in meant if own == name and not is_reversed(title)]
         self.refuse("; ".join(told), *hints, *([{"wide": ""}] if wide else []))
 

@@ -242,7 +242,7 @@ FAULTS = [
     (RATINGS, 3, "2.5", "", "column 'indentation_mm': expected a load, got ''"),
     (RATINGS, 3, "voile", "", "column 'fabric': expected a name, got ''"),
     (RATINGS, 4, "P2", " ", "column 'participant': expected a name, got ''"),
-    (RATINGS, 4, "1e1", "1e1,2", "'2' is beyond the 4 columns of the header"),
+    (RATINGS, 4, "1e1", "1e1,2", "'2' is beyond the 4 columns of the header; remove it, or give its column a title"),
     (FABRICS, 2, "3.2", "0", "column 'tensile_modulus_mpa': expected a finite number above 0, got '0'"),
     (FABRICS, 3, "33.0", "1e308", "column 'tensile_modulus_mpa': expected a finite number above 0, got '1e308'"),
     (FABRICS, 4, "0.2", "0.6", "'poisson_ratio': expected a finite number above -1 and at most 0.5, got '0.6'"),

@@ -113,7 +113,9 @@ def test_one_wide_row_costs_no_more_than_its_length(tmp_path):
     rows = path.read_text()
     path.write_text(f"{rows}P1,a,1,5{',' * 16_379}x\n")
     taken, message = seconds(lambda: Ratings.read(path))
-    assert message.endswith("row 1082: 'x' is beyond the 4 columns of the header")
+    assert message.endswith(
+        "row 1082: 'x' is beyond the 4 columns of the header; remove it, or give its column a title"
+    )
     assert taken < 2
     path.write_text(f"{rows}P1,a,1,5{',' * 16_379}\n")
     assert len(Ratings.read(path)) == 1081  # nothing stands in the cells beyond

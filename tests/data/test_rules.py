@@ -218,12 +218,15 @@ def test_tables_like_them_are_left_alone(file, name):
 
 
 WRONG = {
-    "of two numbers": (wide("x1,3.400,5.900,8.850", "x2,1.02,1.49,1.14"), "all ratings of participant 'x1' are the mean"),
+    "of two numbers": (
+        wide("x1,3.400,5.900,8.850", "x2,1.02,1.49,1.14"),
+        "all ratings of participant 'x1' are the mean",
+    ),
     "an attribute": (
         f"{HEAD[:-1]},attribute\n{PLAIN}".replace("5\n", "5,thick\n") + PLAIN.replace("5\n", "5,warm\n"),
         "column 'attribute' has 'thick', 'warm' for one touch of one participant: keep only the rows that",
     ),
-    "a day": ((HEAD + PLAIN).replace(",3.25", ",45415"), "45415 looks like a day that a spreadsheet program made of a"),
+    "a day": ((HEAD + PLAIN).replace(",3.25", ",45415"), "45415 looks like the day 2024-05-03, which a spreadsheet"),
     "a footnote": (
         (HEAD + PLAIN).replace(",3.25", ",3²"),
         "row 2, column 'rating': expected a finite number, got '3²'",
@@ -238,7 +241,7 @@ WRONG = {
     ),
     "a unit of something else": (
         HEAD.replace("indentation_mm", "Load (mm)") + PLAIN,
-        "column 'Load (mm)' is not read: its unit mm does not fit force_n; call the column what it is",
+        "column 'Load (mm)' is not read: its unit mm does not fit force_n, expected one such as N",
     ),
     "an unknown unit": (
         HEAD.replace("indentation_mm", "depth (turns)") + PLAIN,
