@@ -144,7 +144,7 @@ _DOCUMENTS = {
     "ppt/": "a presentation",
     "Index/": "a Numbers document",
 }
-"""How a file in an archive begins, and the document that the archive is."""
+"""First letters of a file in an archive -> the document that such an archive is."""
 
 
 def _zip(file: _File) -> dict[str, Sheet] | bytes:
