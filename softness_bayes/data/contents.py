@@ -29,24 +29,6 @@ _DESIGN = ("fabric", "fabric_2", "indentation_mm", "force_n", "session", "trial"
 """Columns that say what was touched."""
 
 
-def without_namesakes(table: Table) -> Table:
-    """Pass over a column `resolution` without numbers; say if one with numbers, or a column `load_cv`, is used.
-
-    `load_cv` is a name of this program's own, so that cells without numbers are errors of its values.
-    """
-    for name in ("resolution", "load_cv"):
-        filled = [text for text in table.texts(name) if not is_missing(text)]
-        if not filled:
-            continue
-        title = quoted(table.titles[name])
-        if name == "resolution" and not any(looks_numeric(text.rstrip("% ")) for text in filled):
-            note = f"column {title} is not used: its cells, such as {quoted(filled[0])}, are not numbers"
-            table = table.noted(note, titles={n: text for n, text in table.titles.items() if n != name})
-        else:
-            table = table.noted(f"column {title} is used: {NUMBERS[name].label}")
-    return table
-
-
 def with_percentages(table: Table) -> Table:
     """Read ratings that are all percentages as the numbers before the sign."""
     texts = table.texts("rating")
@@ -329,6 +311,24 @@ def without_copies(table: Table) -> Table:
     return table
 
 
+def with_equal_people_named(table: Table) -> Table:
+    """Say that a participant, or a trial of all, has throughout the ratings of another one, as copied rows do."""
+    ratings = table.texts("rating")
+    for name in ("participant", "trial") if "rating" in table and "fabric_2" not in table else ():
+        rows: dict[str, list[tuple[str, ...]]] = {}
+        rest = table.keys(*(one for one in ("participant", *_DESIGN) if one != name), "rating")
+        for own, row in zip(table.texts(name), rest, strict=True):
+            rows.setdefault(own, []).append(row)
+        first: dict[tuple[tuple[str, ...], ...], str] = {}
+        for own, told in rows.items():
+            other = first.setdefault(tuple(sorted(told)), own)
+            some = [i for i, text in enumerate(table.texts(name)) if text == own and ratings[i]]
+            if other != own and np.prod(_chances_of_equal(table, some, some)) < BY_CHANCE:
+                note = f"looks wrong: {name} {quoted(own)} has the ratings of {name} {quoted(other)}: are rows copied?"
+                table = table.noted(note)
+    return table
+
+
 def _chances_of_equal(table: Table, rows: Sequence[int], distinct: Sequence[int]) -> list[float]:
     """Return the probability, roughly, that a rating is given again for the same touch.
 
@@ -347,18 +347,30 @@ def _chances_of_equal(table: Table, rows: Sequence[int], distinct: Sequence[int]
     return np.minimum(chance, 0.6)[[*rows]].tolist()
 
 
-def with_true_steps(table: Table) -> Table:
-    """Refuse a column `resolution` of which ratings are no multiples: it has another meaning."""
-    steps, values = table.plainly("resolution"), table.plainly("rating")
+def with_errors_and_steps_named(table: Table) -> Table:
+    """Say that columns `load_cv` and `resolution` are used; the latter only if the ratings are multiples of it.
+
+    `load_cv` is a name of this program's own, so that cells without numbers are errors of its values; a column
+    `resolution` without numbers, or with other ones, is that of a screen.
+    """
+    for name in ("load_cv", "resolution"):
+        filled = [text for text in table.texts(name) if not is_missing(text)]
+        if not filled:
+            continue
+        title = quoted(table.titles[name])
+        if name == "resolution" and not any(looks_numeric(text.rstrip("% ")) for text in filled):
+            note = f"column {title} is not used: its cells, such as {quoted(filled[0])}, are not numbers"
+            return table.noted(note, titles={n: text for n, text in table.titles.items() if n != name})
+        table = table.noted(f"column {title} is used: {NUMBERS[name].label}")
+    steps = table.plainly("resolution")
     with np.errstate(all="ignore"):
-        ratio = values / steps
+        ratio = table.plainly("rating") / steps
         off = np.flatnonzero((steps > 0) & (np.abs(ratio - np.round(ratio)) > 1e-6 * np.maximum(1.0, np.abs(ratio))))
-    if off.size:
-        i = int(off[0])
+    for i in off[:1].tolist():
         table.refuse(
-            f"column {quoted(table.titles['resolution'])}, read as the {RESOLUTION.label}: the rating "
-            f"{table.texts('rating')[i]} in row {table.rows[i]} is no multiple of {table.texts('resolution')[i]}; "
-            "rename the column if it is something else, such as that of a screen"
+            f"column {title}, read as the {RESOLUTION.label}: the rating {table.texts('rating')[i]} in row "
+            f"{table.rows[i]} is no multiple of {table.texts('resolution')[i]}; rename the column if it is something "
+            "else, such as that of a screen"
         )
     return table
 

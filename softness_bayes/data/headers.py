@@ -81,7 +81,7 @@ class Header:
             self._take_meant(name, meant.get(name, ()), sure=True)
         for name in sought:
             words, free = LESS_CLEAR.get(kind.sheet, {}).get(name, "").split(", "), self.free
-            near = [text for one in map(bag, words) for text in free if one in self.titles[text].bags]
+            near = [text for one in map(bag, filter(None, words)) for text in free if one in self.titles[text].bags]
             if name not in self.at:
                 self._take_meant(name, near, sure=False)
         if "rating" in sought and "rating" not in self.at:

@@ -54,8 +54,7 @@ class Rule(NamedTuple):
 
 
 ROWS = (
-    Rule("comments", ALL, shapes.without_comments),
-    Rule("lines above the header", ALL, shapes.without_preamble),
+    Rule("lines above the header", ALL, shapes.with_header_first),
     Rule("rows of a survey", ("ratings",), shapes.without_survey_rows),
     Rule("several rows of titles", ALL, shapes.with_one_row_of_titles),
     Rule("repeated headers", ALL, shapes.without_repeated_headers),
@@ -67,7 +66,7 @@ COLUMNS = (
     Rule("JSON in cells", ALL, shapes.with_json_cells),
     Rule("units in cells", ALL, shapes.with_units_of_cells),
     Rule("plus-minus", ("fabrics", "compression"), shapes.with_values_alone),
-    Rule("no title of names", ("fabrics",), shapes.with_a_title_of_names),
+    Rule("no title of names", ("fabrics", "ratings"), shapes.with_a_title_of_names),
     Rule("directions side by side", ("fabrics",), shapes.with_directions_in_rows),
     Rule("choices", ("ratings",), shapes.with_choices_as_pairs),
     Rule("people in columns", ("ratings",), shapes.with_people_in_rows),
@@ -76,16 +75,16 @@ COLUMNS = (
 """Rules for the columns of a table, given its `Header` and the `Request`."""
 
 CONTENTS = (
-    Rule("other columns of the same name", ALL, contents.without_namesakes),
     Rule("percentages", ("ratings",), contents.with_percentages),
     Rule("practice", ("ratings",), contents.without_practice),
     Rule("reversed scales", ("ratings",), contents.with_reversed_scales_named),
     Rule("rows of statistics", ALL, contents.without_statistics),
     Rule("names of one identity", ALL, contents.with_one_spelling),
     Rule("copied rows", ("ratings",), contents.without_copies),
+    Rule("copied people", ("ratings",), contents.with_equal_people_named),
     Rule("several attributes or groups", ("ratings",), contents.of_one_attribute_and_person),
     Rule("unknown people", ("ratings", "compression"), contents.with_people_known),
-    Rule("steps of other numbers", ("ratings",), contents.with_true_steps),
+    Rule("steps of other numbers", ALL, contents.with_errors_and_steps_named),
     Rule("reversed signs", ("compression",), contents.with_signs_of_pressing),
     Rule("noise about zero", ("compression",), contents.without_noise),
     Rule("way back", ("compression",), contents.without_unloading),

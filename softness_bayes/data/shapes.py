@@ -69,40 +69,29 @@ def _without(sheet: Sheet, rows: Collection[int], note: str) -> Sheet:
     return sheet.noted(f"{note}: {told}", records=records, lines=lines)
 
 
-def without_comments(sheet: Sheet) -> Sheet:
-    """Leave out lines that begin with #; a header that does so loses it."""
-    width, records = _usual_width(sheet), sheet.records
-    marked = [i for i, record in enumerate(records) if record[0].startswith("#")]
-    if width < 2 or not marked:
-        return sheet
-    above = next(i for i in range(len(records) + 1) if i not in marked)
-    left = {*range(above)} | {i for i in marked if _used(records[i]) == 1}
-    if above and _used(records[above - 1]) == width and not any(map(looks_numeric, records[above - 1])):
-        header = [records[above - 1][0].lstrip("# "), *records[above - 1][1:]]
-        sheet = replace(sheet, records=[*records[: above - 1], header, *records[above:]])
-        left -= {above - 1}
-    return _without(sheet, left, "lines that begin with # are left out")
-
-
-def without_preamble(sheet: Sheet) -> Sheet:
-    """Leave out lines of one or two cells above a header of more."""
+def with_header_first(sheet: Sheet) -> Sheet:
+    """Leave out comments, and lines of one or two cells, above a header of more, which loses a # before its titles."""
     width = _usual_width(sheet)
-    for i, record in enumerate(sheet.records[:50]):
-        filled = [cell for cell in record if cell]
-        if i and _used(record) >= width and len({*filled}) == len(filled) and not any(map(looks_numeric, filled)):
-            return _without(sheet, {*range(i)}, f"lines above the header in row {sheet.lines[i]} are left out")
-        if _used(record) > min(2, width - 1):
+    for i, record in enumerate(sheet.records[:50] if width > 1 else ()):
+        bare = [record[0].lstrip("# ") or record[0], *record[1:]]
+        filled = [cell for cell in bare if cell]
+        full = _used(record) == width or (i > 0 and _used(record) > width)
+        if full and (i or bare != record) and len({*filled}) == len(filled) and not any(map(looks_numeric, filled)):
+            told = replace(sheet, records=[*sheet.records[:i], bare, *sheet.records[i + 1 :]])
+            return _without(told, {*range(i)}, f"lines above the header in row {sheet.lines[i]} are left out")
+        if _used(record) > min(2, width - 1) and not record[0].startswith("#"):
             break
     return sheet
 
 
 def without_repeated_headers(sheet: Sheet) -> Sheet:
-    """Leave out the header where it is repeated, with a line of one cell above it, and lines of dashes."""
+    """Leave out the header where it is repeated, with a line of one cell above it, lines of dashes, and comments."""
     rows = [[cell.casefold() for cell in row] for row in sheet.records]
     again = {i for i, row in enumerate(rows) if i and row == rows[0]}
     above = {i - 1 for i in again if i > 1 and _used(rows[i - 1]) == 1}
     dashes = {i for i, row in enumerate(rows) if all(re.fullmatch(":?-{2,}:?|", cell) for cell in row)}
-    return _without(sheet, again | above | dashes, "repeated headers and lines of dashes are left out")
+    comments = {i for i, row in enumerate(rows) if row[0].startswith("#") and _used(row) == 1 < _usual_width(sheet)}
+    return _without(sheet, again | above | dashes | comments, "repeated headers, dashes and comments are left out")
 
 
 _REMARK = re.compile(r"[*†‡§].*|(?:notes?|source|remark|comment|legend|anmerkung|quelle)\b.*|.{12,}\s.*", re.IGNORECASE)
@@ -152,7 +141,8 @@ def with_one_row_of_titles(sheet: Sheet) -> Sheet:
 
 _NO_UNIT = ("-", "–", "1")
 _LIKE_A_UNIT = re.compile(
-    r"(?=.{1,16}$)(?:(?=.*[/·⋅.*^²³%°])[^\W\d][\w/·⋅.*^²³%°-]*|[%°]C?|m?s|min|h|Hz|deg|rad|[ck]?m\^?[23²³])"
+    r"(?=.{1,16}$)(?:(?=.*[/·⋅.*^²³%°])[^\W\d][\w/·⋅.*^²³%°-]*|[%°]C?|[0-9]+ ?[-–] ?[0-9]+|#"
+    r"|m?s|min|h|Hz|deg|rad|[ck]?m\^?[23²³])"
 )
 
 Joined = tuple[list[str], str] | None
@@ -321,11 +311,15 @@ def with_values_alone(table: Table, header: Header, request: Request) -> Table:
 
 
 def with_a_title_of_names(table: Table, header: Header, request: Request) -> Table:
-    """Take a first column of names without a title as the fabrics."""
-    names = table.cells.get("", ())
-    if not names or "fabric" in header.at or len({*names}) < len(names) or any(map(looks_numeric, names)):
+    """Take a first column of names without a title as the fabrics, and in ratings of known fabrics as the people."""
+    names, name = table.cells.get("", ()), "participant" if "rating" in request.kind.columns else "fabric"
+    if not names or name in header.at or any(map(looks_numeric, names)):
         return table
-    return table.noted("the first column has no title and is read as fabric").retitled({"": "fabric"})
+    fabrics = table.cells.get(header.at.get("fabric", ""), names)
+    apart = len({*zip(names, fabrics, strict=True)}) > len({*fabrics}) and len({*names}) > 1
+    if apart if name == "participant" else len({*names}) == len(names):
+        return table.noted(f"the first column has no title and is read as {name}").retitled({"": name})
+    return table
 
 
 def with_directions_in_rows(table: Table, header: Header, request: Request) -> Table:

@@ -310,6 +310,21 @@ def practice(t, random):
     return replace(t, rows=[*rows, *({**row, title: "main"} for row in t.rows)])
 
 
+def practice_loop(t, random):
+    """Rows of a loop of its own, as PsychoPy writes them."""
+    loop = [{**row, "rating": "1", "practice.thisN": str(k)} for k, row in enumerate(t.rows[:2])]
+    return replace(t, rows=[*loop, *({**row, "practice.thisN": ""} for row in t.rows)])
+
+
+def attributes(t, random):
+    """Ratings of further attributes, in rows of their own."""
+    title, soft = [("attribute", "softness"), ("Question", "Softness"), ("Merkmal", "Weichheit")][random.integers(3)]
+    rows = [{**row, title: soft} for row in t.rows]
+    for other in ["warmth", "roughness"][: random.integers(1, 3)]:
+        rows += [{**row, "rating": f"{random.uniform(1, 50):.1f}", title: other} for row in t.rows]
+    return replace(t, rows=rows)
+
+
 def shuffled(t, random):
     titles = [str(title) for title in random.permutation(list(t.rows[0]))]
     rows = [{title: t.rows[k].get(title, "") for title in titles} for k in random.permutation(len(t.rows))]
@@ -353,7 +368,7 @@ def told_truths(t, text):
 
 FIRST = (damage, statistics, other_spellings, without_trial, strange_digits, percents, as_answers)
 SECOND = (column_of_people, incidental, varying, copies, units_below, fabrics_in_columns, people_in_columns, shuffled)
-SECOND += (units_in_cells, headers_again, practice)
+SECOND += (units_in_cells, headers_again, practice, practice_loop, attributes)
 CLOTH = (power_of_ten, other_unit, two_directions)
 FORMS = (above, below, dialect, encoded, compressed, as_json, as_workbook)
 

@@ -40,16 +40,18 @@ MEANS = "3.4,5.9,8.85"
 SAME = [(2.0, 1)]
 
 RATED = {
-    "comments": (f"# lab A, 2024\n# softness\n{HEAD}{PLAIN}", "lines that begin with # are left out"),
-    "lines above the header": (f"Study 1\nMade by,X\n{HEAD}{PLAIN}", "lines above the header in row 3 are left out"),
+    "lines above the header": (
+        f"# lab A, 2024\nMade by,X\n# {HEAD}{PLAIN}",
+        "lines above the header in row 3 are left out: '# lab A 2024', 'Made by X'",
+    ),
     "remarks below": (f"{HEAD}{PLAIN}\nNote: P3 was ill\n", "lines below the table are left out: 'Note: P3 was ill'"),
     "several rows of titles": (
-        f"{HEAD.replace('indentation_mm', 'Depth')},,(mm),,-\n{PLAIN}",
+        f"{HEAD.replace('indentation_mm', 'Depth')},,(mm),#,0-100\n{PLAIN}",
         "the second row contains units",
     ),
     "repeated headers": (
-        (HEAD + PLAIN).replace("P3,a,1,1", f"Session 2\n{HEAD}P3,a,1,1"),
-        "repeated headers and lines of dashes are left out: 'Session 2', 'participant fabric",
+        (HEAD + PLAIN).replace("P3,a,1,1", f"# a break\nSession 2\n{HEAD}P3,a,1,1"),
+        "repeated headers, dashes and comments are left out: '# a break', 'Session 2', 'participant fabric",
     ),
     "units in cells": (
         (HEAD + PLAIN).replace("indentation_mm", "depth").replace(",1,1,", ",1 mm,1,").replace(",1,2,", ",1000 µm,2,"),
@@ -82,7 +84,13 @@ RATED = {
     "rows of statistics": (wide(f"Mittelwert,{MEANS}", "SD,1,1,1"), "rows 6 to 7: statistics of other rows"),
     "names of one identity": ((HEAD + PLAIN).replace("P1,c,1,2", "p-01,c,1,2"), "'P1' and 'p-01' are read as the same"),
     "copied rows": (f"{HEAD}{PLAIN}{PLAIN}", "rows 26 to 49: copies of other rows, with the same trial, left out"),
-    "other columns of the same name": (
+    "copied people": (
+        HEAD
+        + PLAIN.partition("P4")[0]
+        + PLAIN.partition("P4")[0].partition("P3")[2].join(("P3", "")).replace("P3", "Q"),
+        "looks wrong: participant 'Q' has the ratings of participant 'P3': are rows copied?",
+    ),
+    "steps of other numbers": (
         HEAD.replace("\n", ",resolution\n") + PLAIN.replace("\n", ",1920x1080\n"),
         "column 'resolution' is not used: its cells, such as '1920x1080', are not numbers",
     ),
@@ -132,8 +140,7 @@ REFUSED = {
     ),
 }
 ALONE = {
-    "comments": (HEAD + PLAIN).replace("P1", "#1"),
-    "lines above the header": HEAD + PLAIN,
+    "lines above the header": (HEAD + PLAIN).replace("P1", "#1"),
     "remarks below": f"{HEAD}{PLAIN}P5\n",
     "several rows of titles": "participant,fabric,indentation_mm,unit,rating\nm,a,1,mm,1\nP1,b,1,mm,2\n",
     "JSON in cells": (HEAD + PLAIN).replace("P1", "{P1}"),
@@ -150,6 +157,7 @@ ALONE = {
     + "".join(f"P1,{f},1,{y}\n" for f, y in ("a5", "a5", "b7", "b6")),
     "unknown people": "fabric,indentation_mm,trial,rating,rt\na,1,1,5,0.31\na,1,2,6,0.27\nb,1,1,7,0.9\n",
     "steps of other numbers": HEAD.replace("\n", ",resolution\n") + PLAIN.replace("\n", ",0.25\n"),
+    "copied people": "participant,fabric,indentation_mm,rating\nP1,a,1,3\nP1,b,1,4\nP2,a,1,3\nP2,b,1,4\n",
 }
 
 
@@ -235,6 +243,7 @@ WRONG = {
         HEAD.replace("\n", ",rating.1\n") + PLAIN.replace("5\n", "5,7\n"),
         "columns 'rating', 'rating.1' may each be 'rating'; put them below each other, or choose one with --column",
     ),
+    "people under a sign": ((HEAD + PLAIN).replace("participant", "#"), "column '#' tells them apart"),
     "a turned table": (
         "participant,P1,P1,P2\nfabric,a,b,a\nrating,3,4,5\n",
         "2 columns are called 'p1', expected one; its titles stand below each other: transpose it in a spreadsheet",
@@ -250,6 +259,7 @@ WRONG = {
 }
 LEFT = {
     "practice of a loop": HEAD.replace("\n", ",practice.thisN\n") + f"P1,a,1,1,9,0\n{PLAIN}".replace("5\n", "5,\n"),
+    "people without a title": (HEAD + PLAIN).replace("participant", ""),
     "a preview": HEAD.replace("\n", ",Status\n") + f"P9,a,1,1,9,Survey Preview\n{PLAIN}".replace("5\n", "5,0\n"),
     "numbers of people": f"{HEAD}{PLAIN}n = 4,,,,24\n",
     "quartiles": wide("Q1,2.875,5.000,8.425"),
@@ -260,7 +270,7 @@ LEFT = {
 @pytest.mark.parametrize("name", WRONG)
 def test_what_would_be_misread_is_refused(file, name):
     text, said = WRONG[name]
-    assert said in refusal(Ratings.read, file(text))
+    assert said in refusal(Ratings.read, file(text))  # without a table of fabrics, whose names could tell
 
 
 @pytest.mark.parametrize("name", LEFT)
