@@ -216,10 +216,10 @@ class IntervalRatings(RatingsLikelihood):
             self._rows = Rows(scale.additive(low), scale.additive(high), lapse).take(order)
         latent, level = scale.additive(self.values)[order], model.level
         trust = np.ones(order.size) if model.law == NORMAL else _trust(latent, rater, self._condition)
-        answers = np.column_stack([rater, self._condition, self.values[order], low[order], high[order]])
-        different, equal = np.unique(answers, axis=0, return_inverse=True)
-        same = None if len(different) == order.size else equal
-        how = model.law, rater, design.fabric[self._condition], design.n_fabrics, level.mean, level.sd, trust, same
+        lapse = np.where(self._rows.lapse > -np.inf, self._rows.lapse, 0.0)
+        answers = np.column_stack([self._condition, self.values[order], low[order], high[order], lapse])
+        answer = np.unique(answers, axis=0, return_inverse=True)[1].ravel()
+        how = model.law, rater, design.fabric[self._condition], design.n_fabrics, level.mean, level.sd, trust, answer
         by_sums = model.law == NORMAL and self._exact.all()
         self._table = NormalTable(*how, values=latent) if by_sums else Table(*how)
         self._integrals = Integrals(self._table)

@@ -12,7 +12,7 @@ because all effects are standard normal a priori. This is what the sampler uses 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +44,7 @@ class Laplace(NamedTuple):
     shared_root: FloatArray
     """Lower factor of S, shape (draws, shared, shared)."""
 
-    def part(self, draws: slice) -> Laplace:
+    def part(self, draws: Any) -> Laplace:
         """Return some of the draws."""
         return Laplace(*(value[draws] for value in self))
 

@@ -6,19 +6,24 @@ levels share them: with the law of the scale, N(a_p; mu, tau²), they give the r
 
     log p(rows) = log of the integral of N(mu; centre, spread²) times the product of R_p(mu) over the raters
 
-by the trapezoid rule over evenly spaced mu. Points of a_p alone are evenly spaced, too; points of several effects are
-importance draws (fixed Sobol numbers, heavy tails) about the rater's mode, with weights over their density.
+by the trapezoid rule over evenly spaced mu. Points of a_p alone are evenly spaced, too, and the same for all raters;
+points of several effects are importance draws (fixed Sobol numbers, heavy tails) about the rater's mode, with weights
+over their density.
 
 Fabrics' deviations connect all raters. The reference takes importance draws of them about Laplace's mode, and sums over
 the level and raters' effects at each. What is said of a row or a rater given all others follows from the same points
 without its own factor.
+
+The trapezoid rule gives the same sum wherever its nodes begin. Nodes that begin at a random place, one of which is then
+chosen by its density, are therefore exact draws (`draw_on_nodes`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Callable, Iterator
 from functools import cache, cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,10 +32,11 @@ from scipy.special import stdtrit
 from softness_bayes.likelihood.error_laws import student_log_density
 from softness_bayes.likelihood.laplace import Laplace, laplace
 from softness_bayes.likelihood.pieces import BLOCK, backward, cholesky, forward, log_sum, pieces
-from softness_bayes.likelihood.rater_effects import Given, Table
+from softness_bayes.likelihood.rater_effects import Given, Points, Table
 from softness_bayes.likelihood.row_laws import RowLaw
 
 FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.intp]
 
 SPACING = 0.8
 """Spacing of nodes, in standard deviations of the narrowest density that they may have to resolve."""
@@ -47,23 +53,11 @@ FABRIC_DRAWS = 64
 """Importance draws of fabrics' deviations."""
 FABRIC_FREEDOM, FABRIC_INFLATION = 30.0, 1.05
 """Their degrees of freedom and scale [standard deviations without one rater]."""
-FINER = 8
-"""Points between nodes where effects are drawn, by cubic interpolation of the log density."""
 
 _LOG_ROOT_TWO_PI = 0.5 * np.log(2.0 * np.pi)
-_ROOM = 300_000  # numbers in an array of points at several levels
+_ROOM = 200_000  # numbers in an array of points
 _LEAST_TAU = 0.01
-
-
-class Points(NamedTuple):
-    """Points of all raters' effects."""
-
-    scale: FloatArray
-    """a_p, shape (draws, raters, points)."""
-    others: FloatArray
-    """Further effects in units of their spreads, shape (draws, raters, points, effects - 1)."""
-    log_weight: FloatArray
-    """Log density of the rater's rows times the point's weight, without the scale's law, (draws, raters, points)."""
+_FARTHEST = 1e4  # log density below the largest at which a node has no weight
 
 
 class LevelNodes(NamedTuple):
@@ -101,178 +95,198 @@ class LevelNodes(NamedTuple):
         return whole if self.of_raters.shape[-2] == 1 else whole - log_sum(self.without_one, axis=-1)
 
 
+class Extent(NamedTuple):
+    """Ranges of the points of raters' scales and of the nodes of the level, in each draw without `omega`."""
+
+    tau: FloatArray
+    """Spread of raters' scales, shape (draws, 1); far below the width of a rater's density it is not told from 0."""
+    mu: FloatArray
+    """Middle of the nodes of the level, shape (draws,)."""
+    half: FloatArray
+    """Half-width of the nodes of the level, shape (draws,)."""
+    levels: IndexArray
+    """Number of these nodes, shape (draws,)."""
+    low: FloatArray
+    """Smallest point of each rater's a_p, shape (draws, raters)."""
+    high: FloatArray
+    """Largest point, same shape."""
+    points: IndexArray
+    """Number of evenly spaced points of a_p, shape (draws,)."""
+    shared: NDArray[np.bool_]
+    """True if all raters have the same points, shape (draws,): rows of one answer are then evaluated once."""
+    broad: FloatArray
+    """Standard deviation of a_p given all raters but p, if none is an outlier, shape (draws, raters)."""
+
+    @classmethod
+    def of(cls, table: Table, given: Given, law: Laplace) -> Extent:
+        """Return what a table needs about Laplace's mode, whichever row or rater is left out."""
+        effects, first, concave = table.effects(given, law.mode), table.first, table.law.concave
+        mu = table.mu(effects.level)
+        expected, c, spread = table.expectations(given, effects)
+        slope = RowLaw(table.law, given.rows, expected, spread, given.law_parameters).terms().of_mean
+        # information of rows at most so far from the mode as their intervals are wide; none beyond an open end
+        information = np.broadcast_to(1.0 / (spread**2 + 0.25 * (given.rows.high - given.rows.low) ** 2), slope.shape)
+        sharpest = table.count / given.spread**2
+        tau = np.maximum(given.tau, _LEAST_TAU * np.minimum(sharpest.max(axis=-1, keepdims=True) ** -0.5, table.spread))
+        of_rater = np.add.reduceat(information, first, axis=-1)
+        of_level = 1.0 / (tau**2 + 1.0 / np.maximum(of_rater, 1e-300))
+        others = of_level.sum(axis=-1, keepdims=True) - of_level
+        broad = np.sqrt(tau**2 + 1.0 / (table.spread**-2 + others))
+        if not concave:  # half of the other raters, and some more, may be far off
+            others = 0.5 * others * max(1.0 - 2.0 / max(table.n_raters - 1, 1), 0.0)
+        # variances of the level and of a_p given all raters but one, at most
+        without = 1.0 / (table.spread**-2 + others)
+        wide = np.sqrt(tau**2 + without)
+
+        mid, centre = mu[:, None], mu[:, None] + given.tau * effects.own[..., 0]
+        width = (of_rater - np.maximum.reduceat(information, first, axis=-1) + wide**-2) ** -0.5
+        away = REACH * width + np.maximum.reduceat(np.abs(slope), first, axis=-1) * width**2
+        low, high = centre - away, centre + away
+        if not concave:  # any row may be an outlier or a lapse, or all but one
+            own, reach = given.middles[0] - c, REACH * np.minimum(sharpest**-0.5, wide)
+            low = np.minimum(np.minimum(low, mid - REACH * wide), np.minimum.reduceat(own, first, axis=-1) - reach)
+            high = np.maximum(np.maximum(high, mid + REACH * wide), np.maximum.reduceat(own, first, axis=-1) + reach)
+        narrow = (sharpest.max(axis=-1) + tau[:, 0] ** -2) ** -0.5
+        least, most = low.min(axis=-1), high.max(axis=-1)
+        together, apart = _number(most - least, narrow), _number((high - low).max(axis=-1), narrow)
+        shared = together * table.answers.size <= apart * table.n_different
+        low, high = np.where(shared[:, None], least[:, None], low), np.where(shared[:, None], most[:, None], high)
+
+        moved = np.abs(np.add.reduceat(slope, first, axis=-1)) * without
+        half = (REACH * np.sqrt(without) + moved).max(axis=-1)
+        # the sharpest density of the level and a rater's scale together
+        sharp = (sharpest / (1.0 + tau**2 * sharpest)).sum(axis=-1)
+        narrow_level = (table.spread**-2 + sharp + tau[:, 0] ** -2) ** -0.5
+        levels, points = _number(2.0 * half, narrow_level), np.where(shared, together, apart)
+        return cls(tau, mu, half, levels, low, high, points, shared, broad)
+
+    def part(self, draws: Any) -> Extent:
+        """Return some of the draws."""
+        return Extent(*(value[draws] for value in self))
+
+
 class Marginal:
-    """The density of all rows with the level and raters' effects integrated out, at one draw without `omega`.
+    """The density of all rows with the level and raters' effects integrated out, at draws without `omega`.
 
     Parameters
     ----------
     table, given
         The rows, and everything but the effects.
     law
-        Laplace's approximation, which tells where points and nodes are needed.
+        Laplace's approximation, about which the effects are drawn if there are several.
+    extent
+        Where points and nodes are needed; their numbers are the same in all draws.
     """
 
-    def __init__(self, table: Table, given: Given, law: Laplace) -> None:
-        self.table, self.given = table, given
-        self._mode = table.effects(given, law.mode)
-        self._mu_mode = table.mu(self._mode.level)
-        expected, c, spread = table.expectations(given, self._mode)
-        slope = RowLaw(table.law, given.rows, expected, spread, given.law_parameters).terms().of_mean
-        # information of rows at most so far from the mode as their intervals are wide; none beyond an open end
-        information = np.broadcast_to(1.0 / (spread**2 + 0.25 * (given.rows.high - given.rows.low) ** 2), slope.shape)
-        self._sharpest = table.count / given.spread**2
-        # far below the width of a rater's density or of the level's, tau cannot be told from 0
-        finest = np.minimum(self._sharpest.max(axis=-1, keepdims=True) ** -0.5, table.spread)
-        self._tau = np.maximum(given.tau, _LEAST_TAU * finest)
-        of_rater = np.add.reduceat(information, table.first, axis=-1)
-        of_level = 1.0 / (self._tau**2 + 1.0 / np.maximum(of_rater, 1e-300))
-        others = of_level.sum(axis=-1, keepdims=True) - of_level
-        self._broad = np.sqrt(self._tau**2 + 1.0 / (table.spread**-2 + others))
-        """Standard deviation of a_p given all raters but p, if none is an outlier, shape (draws, raters)."""
-        if not table.law.concave:  # half of the other raters, and some more, may be far off
-            others = 0.5 * others * max(1.0 - 2.0 / max(table.n_raters - 1, 1), 0.0)
-        self._without = 1.0 / (table.spread**-2 + others)
-        """Variance of the level given all raters but one, at most, shape (draws, raters)."""
-        self._width = np.sqrt(self._tau**2 + self._without)
-        """Standard deviation of a_p given all raters but p, at most, shape (draws, raters)."""
-        ends = self._ends(slope, information, of_rater, c)
-        self.points = self._evenly_spaced(*ends) if len(given.effects) == 1 else self._drawn_points(law)
-        moved = np.abs(np.add.reduceat(slope, table.first, axis=-1)) * self._without
-        half = (REACH * np.sqrt(self._without) + moved).max(axis=-1)
-        # the sharpest density of the level and a rater's scale together
-        sharp = self._sharpest / (1.0 + self._tau**2 * self._sharpest)
-        narrow = (table.spread**-2 + sharp.sum(axis=-1) + self._tau[:, 0] ** -2) ** -0.5
-        number = _number(2.0 * half, narrow)
-        self.mu = self._mu_mode[:, None] + half[:, None] * np.linspace(-1.0, 1.0, number)
-        """Nodes of the level, shape (draws, nodes)."""
+    def __init__(self, table: Table, given: Given, law: Laplace, extent: Extent) -> None:
+        self.table, self.given, self.extent = table, given, extent
+        self.points = self._evenly_spaced() if len(given.effects) == 1 else self._drawn_points(law)
+        self.weight = self.points.log_weight + table.of_raters(given, self.points)
+        """Log density of each rater's rows, times the points' weight, without the law of the scale."""
 
-    def _ends(
-        self, slope: FloatArray, information: FloatArray, of_rater: FloatArray, c: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return the range of each rater's a_p outside of which it has no density, whichever row is left out."""
-        first, mid = self.table.first, self._mu_mode[:, None]
-        centre = mid + self.given.tau * self._mode.own[..., 0]
-        least = of_rater - np.maximum.reduceat(information, first, axis=-1)
-        width = (least + self._width**-2) ** -0.5
-        shift = np.maximum.reduceat(np.abs(slope), first, axis=-1) * width**2
-        low, high = centre - REACH * width - shift, centre + REACH * width + shift
-        if not self.table.law.concave:  # any row may be an outlier or a lapse, or all but one
-            own, reach = self.given.middles[0] - c, REACH * np.minimum(self._sharpest**-0.5, self._width)
-            low = np.minimum(low, mid - REACH * self._width)
-            high = np.maximum(high, mid + REACH * self._width)
-            low = np.minimum(low, np.minimum.reduceat(own, first, axis=-1) - reach)
-            high = np.maximum(high, np.maximum.reduceat(own, first, axis=-1) + reach)
-        return low, high
-
-    def _evenly_spaced(self, low: FloatArray, high: FloatArray) -> Points:
-        """Return evenly spaced points of each rater's scale between these ends."""
-        number = _number(high - low, (self._sharpest + self._tau**-2) ** -0.5)
-        scale = low[..., None] + (high - low)[..., None] * np.linspace(0.0, 1.0, number)
-        others = np.empty((*scale.shape, 0))
-        weight = np.log((high - low) / (number - 1))[..., None]
-        return Points(scale, others, weight + self.table.of_raters(self.given, scale, others))
+    def _evenly_spaced(self) -> Points:
+        """Return evenly spaced points of raters' scales."""
+        some, number = slice(1 if self.extent.shared[0] else None), self.extent.points[0]
+        low, high = self.extent.low[:, some, None], self.extent.high[:, some, None]
+        scale = low + (high - low) * np.linspace(0.0, 1.0, number)
+        return Points(scale, np.empty((*scale.shape, 0)), np.log((high - low) / (number - 1)))
 
     def _drawn_points(self, law: Laplace) -> Points:
         """Return importance draws of each rater's scale, log exponent and log noise."""
-        given, own = self.given, self._mode.own
-        size = own.shape[-1]
+        effects, tau = self.table.effects(self.given, law.mode), self.given.tau
+        own, mu, size = effects.own, self.extent.mu[:, None], effects.own.shape[-1]
         # a = mu + tau z instead of z: its derivatives with respect to z and to the level
         root = backward(law.own_root, np.broadcast_to(np.eye(size), law.own_root.shape))  # of A⁻¹ = root' ... root
         covariance = np.einsum("dpik,dpjk->dpij", root, root)
         follows = -backward(law.own_root, law.coupling)[..., 0] / law.shared_root[:, None, 0, 0, None]
         unit = np.ones((*own.shape[:2], size))
-        unit[..., 0] = given.tau
+        unit[..., 0] = tau
         covariance = covariance * unit[..., :, None] * unit[..., None, :]
         follows = follows * unit
         follows[..., 0] += self.table.spread / law.shared_root[:, None, 0, 0]
         covariance = covariance + follows[..., :, None] * follows[..., None, :]
         scales = np.sqrt(np.einsum("dpii->dpi", covariance))
         factor = scales[..., None] * cholesky(covariance / (scales[..., :, None] * scales[..., None, :]), 1e-6)
-        centre = own.copy()
-        centre[..., 0] = self._mu_mode[:, None] + given.tau * own[..., 0]
-        broad = np.ones_like(centre)
-        broad[..., 0] = self._broad
-        aim = np.zeros_like(centre)
-        aim[..., 0] = self._mu_mode[:, None]
+        centre, broad, aim = own.copy(), np.ones_like(own), np.zeros_like(own)
+        centre[..., 0], broad[..., 0], aim[..., 0] = mu + tau * own[..., 0], self.extent.broad, mu
         # a row fewer leaves a wider law
         wider = INFLATION * np.sqrt(1.0 + 1.0 / np.maximum(self.table.count - 1.0, 1.0))
         values, density = importance_draws(centre, factor, wider, OWN_DRAWS, FREEDOM, (aim, broad))
         prior = -0.5 * (values[..., 1:] ** 2).sum(axis=-1) - (size - 1) * _LOG_ROOT_TWO_PI
-        with np.errstate(over="ignore"):
-            rows = self.table.of_raters(given, values[..., 0], values[..., 1:])
-        weight = np.nan_to_num(prior + rows, nan=-np.inf) - density
-        return Points(values[..., 0], values[..., 1:], weight)
+        return Points(values[..., 0], values[..., 1:], prior - density)
 
     @cached_property
     def levels(self) -> LevelNodes:
         """Log densities at the nodes of the level."""
-        weight = self.points.log_weight[:, :, None]
-        parts = [log_sum(weight + self._law_of_scale(some), axis=-1) for some in self._some_levels]
-        return LevelNodes.of(self.mu, np.concatenate(parts, axis=-1), self.table.centre, self.table.spread)
+        number, half = self.extent.levels[0], self.extent.half[:, None]
+        mu = self.extent.mu[:, None] + half * np.linspace(-1.0, 1.0, number)
+        of_raters = _log_product(self.weight[:, :, None], self._law_of_scale(mu), -1)
+        return LevelNodes.of(mu, of_raters, self.table.centre, self.table.spread)
 
-    @property
-    def _some_levels(self) -> list[slice]:
-        """Nodes of the level in groups whose arrays of points do not become too large."""
-        return pieces(self.mu.shape[-1], self.points.scale.size, _ROOM)
-
-    def _law_of_scale(self, nodes: slice) -> FloatArray:
-        """Return log N(a_p; mu, tau²) of all points at nodes of the level, (draws, raters, nodes, points)."""
-        tau = self._tau[..., None, None]
-        z = (self.points.scale[:, :, None] - self.mu[:, None, nodes, None]) / tau
+    def _law_of_scale(self, mu: FloatArray) -> FloatArray:
+        """Return log N(a_p; mu, tau²) of all points at levels (draws, nodes), (draws, raters or 1, nodes, points)."""
+        tau = self.extent.tau[..., None, None]
+        z = (self.points.scale[:, :, None] - mu[:, None, :, None]) / tau
         return np.asarray(-0.5 * z * z - np.log(tau) - _LOG_ROOT_TWO_PI)
-
-    @cached_property
-    def _given_others(self) -> FloatArray:
-        """Log weight of each rater's points given all rows of the other raters, (draws, raters, points)."""
-        rest = self.levels.without_one
-        parts = [log_sum(rest[..., some, None] + self._law_of_scale(some), axis=2) for some in self._some_levels]
-        return log_sum(np.array(parts), axis=0)
 
     def of_rows(self) -> tuple[FloatArray, FloatArray]:
         """Return the log density of each row given all others, and the probability below it, each (draws, rows)."""
-        table, given, points = self.table, self.given, self.points
-        weight = points.log_weight + self._given_others
-        law, value = table.row_values(given, points.scale, points.others)
-        own = np.swapaxes(weight, -1, -2)[..., table.rater]
+        table, rest = self.table, self.levels.without_one[..., None]
+        # weight of each rater's points given all rows of the other raters
+        own = self.weight + _log_product(rest, self._law_of_scale(self.levels.mu), -2)
+        law, rater, column = table.row_law(self.given, self.points), table.rater[table.different], slice(None)
+        if self.points.shared:
+            column = table.answer[table.different]
+        value, below = (np.swapaxes(part, -1, -2)[:, column] for part in (law.log_probability(), law.below()))
         with np.errstate(invalid="ignore"):
-            rest = np.where(value > -np.inf, own - value, -np.inf)
-        density = log_sum(own, axis=1) - log_sum(rest, axis=1)
-        share = np.exp(rest - log_sum(rest, axis=1)[:, None])
-        return density, (share * law.below()).sum(axis=1)
+            rest = np.where(value > -np.inf, own[:, rater] - value, -np.inf)
+        whole = log_sum(rest, axis=-1)
+        share = np.exp(rest - whole[..., None])
+        density = log_sum(own, axis=-1)[:, rater] - whole
+        return density[:, table.equal], (share * below).sum(axis=-1)[:, table.equal]
 
     def draw(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Return draws of mu, (draws,), and of raters' effects less the level in units of their spreads, as `own`."""
-        points, tau = self.points, self._tau
-        mu = draw_on_nodes(rng, self.mu, self.levels.joint)
+        points, tau = self.points, self.extent.tau
+        mu = draw_on_nodes(rng, self.levels.mu, self.levels.joint)
         if points.others.shape[-1]:
-            z = (points.scale - mu[:, None, None]) / tau[..., None]
-            weight = points.log_weight - 0.5 * z * z
-            chosen = (weight + rng.gumbel(size=weight.shape)).argmax(axis=-1)[..., None]
-            scale = np.take_along_axis(points.scale, chosen, axis=-1)
+            chosen = _chosen(rng, self.weight + self._law_of_scale(mu[:, None])[:, :, 0])[..., None]
+            scale = np.take_along_axis(points.scale, chosen, axis=-1)[..., 0]
             others = np.take_along_axis(points.others, chosen[..., None], axis=-2)[..., 0, :]
-            return mu, np.concatenate([(scale - mu[:, None, None]) / tau[..., None], others], axis=-1)
-        at, weight = _between(points.scale), _between(points.log_weight)
-        z = (at - mu[:, None, None]) / tau[..., None]
-        scale = _draw_near(rng, at, weight - 0.5 * z * z)
+            return mu, np.concatenate([((scale - mu[:, None]) / tau)[..., None], others], axis=-1)
+        scale = draw_on_nodes(rng, points.scale, self.weight + self._law_of_scale(mu[:, None])[:, :, 0])
         return mu, ((scale - mu[:, None]) / tau)[..., None]
 
 
-def _number(extent: FloatArray, narrow: FloatArray) -> int:
-    """Return the number of evenly spaced nodes that all extents need, given the narrowest standard deviations."""
-    return int(np.clip(np.ceil((extent / (SPACING * narrow)).max()) + 1, 9, MOST_NODES))
+def _number(extent: FloatArray, narrow: FloatArray) -> IndexArray:
+    """Return numbers of evenly spaced nodes for these extents and narrowest standard deviations, a power of 2^(1/4)."""
+    needed = np.clip(extent / (SPACING * narrow) + 1.0, 9, MOST_NODES)
+    return np.ceil(2.0 ** (np.ceil(4.0 * np.log2(needed)) / 4.0)).astype(np.intp)
 
 
-def _between(values: FloatArray) -> FloatArray:
-    """Return values at evenly spaced nodes (..., nodes), and at `FINER` - 1 points between neighbours, by cubics."""
-    from scipy.interpolate import CubicSpline  # imported here because it takes a fifth of a second
+def _log_product(log_weight: FloatArray, log_law: FloatArray, axis: int) -> FloatArray:
+    """Return the log of a sum of products along an axis, of arrays (draws, raters, nodes, points) that broadcast."""
+    top = log_weight.max(axis=axis, keepdims=True)
+    sums = "drnp,drnp->" + ("drn" if axis == -1 else "drp")
+    with np.errstate(divide="ignore"):
+        found = np.log(np.einsum(sums, np.exp(log_weight - top), np.exp(log_law))) + np.squeeze(top, axis)
+    lost = np.isneginf(found).any(axis=(1, 2))
+    if lost.any():  # where no point has weight in both, the product is below the smallest number
+        found[lost] = log_sum(log_weight[lost] + log_law[lost], axis)
+    return np.asarray(found)
 
-    nodes = np.arange(values.shape[-1])
-    at = np.linspace(0.0, nodes[-1], FINER * nodes[-1] + 1)
-    return np.asarray(CubicSpline(nodes, values, axis=-1)(at))
+
+def _chosen(rng: np.random.Generator, log_weight: FloatArray) -> IndexArray:
+    """Return an index along the last axis, drawn in proportion to the weights (..., n)."""
+    cumulative = np.cumsum(np.exp(log_weight - log_weight.max(axis=-1, keepdims=True)), axis=-1)
+    at = rng.random(cumulative.shape[:-1])[..., None] * cumulative[..., -1:]
+    return np.minimum((cumulative < at).sum(axis=-1), log_weight.shape[-1] - 1)
 
 
 def draw_on_nodes(rng: np.random.Generator, nodes: FloatArray, log_density: FloatArray) -> FloatArray:
     """Return a draw from a density that is known at evenly spaced nodes, by cubics of its logarithm between them.
+
+    All nodes are moved by the same random part of their distance. One of them is a draw.
 
     Parameters
     ----------
@@ -285,16 +299,15 @@ def draw_on_nodes(rng: np.random.Generator, nodes: FloatArray, log_density: Floa
     -------
     ndarray, shape (...)
     """
-    return _draw_near(rng, _between(nodes), _between(log_density))
-
-
-def _draw_near(rng: np.random.Generator, nodes: FloatArray, log_density: FloatArray) -> FloatArray:
-    """Return a draw about one of many evenly spaced nodes, chosen in proportion to the density there."""
-    cumulative = np.cumsum(np.exp(log_density - log_density.max(axis=-1, keepdims=True)), axis=-1)
-    at = rng.random(cumulative.shape[:-1])[..., None] * cumulative[..., -1:]
-    chosen = np.minimum((cumulative < at).sum(axis=-1, keepdims=True), nodes.shape[-1] - 1)
-    step = nodes[..., 1] - nodes[..., 0]
-    return np.take_along_axis(nodes, chosen, axis=-1)[..., 0] + step * (rng.random(step.shape) - 0.5)
+    share = rng.random(log_density.shape[:-1])[..., None]
+    log_density = np.maximum(log_density, log_density.max(axis=-1, keepdims=True) - _FARTHEST)
+    last = log_density.shape[-1] - 3
+    moved = np.zeros((*log_density.shape[:-1], last))
+    for k in range(4):  # Lagrange's polynomials of the nodes at -1, 0, 1, 2
+        others = [j for j in range(4) if j != k]
+        moved += log_density[..., k : k + last] * math.prod((share + 1.0 - j) / (k - j) for j in others)
+    nodes, chosen = np.broadcast_to(nodes, log_density.shape), _chosen(rng, moved)[..., None]
+    return (np.take_along_axis(nodes, 1 + chosen, axis=-1) + share * (nodes[..., 1:2] - nodes[..., :1]))[..., 0]
 
 
 def importance_draws(
@@ -367,21 +380,13 @@ class Drawn(NamedTuple):
     """Fabrics' h, shape (draws, fabrics)."""
 
 
-class _Parts(NamedTuple):
-    """Marginal densities at importance draws of fabrics' deviations, for one draw of everything else."""
+class _Inner(NamedTuple):
+    """Importance draws of fabrics' deviations for draws of everything else: one, of 0, if they have none."""
 
-    log_weight: FloatArray  # of each importance draw, their sum being the density of all rows, (importance draws,)
-    h: FloatArray  # (importance draws, fabrics)
-    marginals: list[Marginal]
-
-    def without(self, density: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the density of each column given all else, and each importance draw's weight without the column.
-
-        `density` is that at each importance draw, (importance draws, columns).
-        """
-        log_odds = self.log_weight[:, None] - log_sum(self.log_weight, axis=0) - density
-        found = -log_sum(log_odds, axis=0)
-        return found, np.exp(log_odds + found)
+    log_weight: FloatArray  # (draws, importance draws)
+    h: FloatArray  # (draws, importance draws, fabrics)
+    given: Given  # for all of them, as one axis, without omega
+    start: FloatArray | None = None  # of the search for the mode, with the same axis
 
 
 class Integrals:
@@ -398,69 +403,107 @@ class Integrals:
 
     def laplace(self, given: Given) -> FloatArray:
         """Return the log density of all rows by Laplace's method, shape (draws,), given everything but the effects."""
-        every = pieces(len(given.drive), self.table.rater.size, BLOCK)
-        return np.concatenate([laplace(self.table, given.part(one)).log_density for one in every])
+        return self._law(given).log_density
 
     def log_density(self, given: Given) -> FloatArray:
         """Return the log density of all rows by the reference, shape (draws,)."""
-        return np.array([log_sum(parts.log_weight, axis=0) for parts in self._parts(given)])
+        return np.concatenate([log_sum(weight, axis=1) for _, weight, _ in self._each(given, lambda marginal: ())])
 
     def of_rows(self, given: Given) -> tuple[FloatArray, FloatArray]:
         """Return the log density of each row given all others and the probability below it, each (draws, rows)."""
         found = []
-        for parts in self._parts(given):
-            density, smaller = np.concatenate([np.stack(m.of_rows()) for m in parts.marginals], axis=1)
-            alone, weight = parts.without(density)
-            found.append((alone, (weight * smaller).sum(axis=0)))
-        density, smaller = np.stack(found, axis=1)
-        return density, smaller
+        for _, weight, (density, below) in self._each(given, Marginal.of_rows):
+            alone, share = _given_others(weight, density)
+            found.append((alone, (share * below).sum(axis=1)))
+        densities, smaller = zip(*found, strict=True)
+        return np.concatenate(densities), np.concatenate(smaller)
 
     def of_raters(self, given: Given) -> FloatArray:
         """Return the log density of each rater's rows given all others', shape (draws, raters)."""
-        every = (
-            (parts, np.concatenate([m.levels.given_others for m in parts.marginals])) for parts in self._parts(given)
-        )
-        return np.stack([parts.without(density)[0] for parts, density in every])
+        every = self._each(given, lambda marginal: (marginal.levels.given_others,))
+        return np.concatenate([_given_others(weight, density)[0] for _, weight, (density,) in every])
 
     def draw(self, rng: np.random.Generator, given: Given) -> Drawn:
         """Return draws of all effects given the rows, one for each draw of everything else."""
-        found = []
-        for parts in self._parts(given):
-            k = int((parts.log_weight + rng.gumbel(size=parts.log_weight.shape)).argmax())
-            mu, own = parts.marginals[k].draw(rng)
-            found.append(Drawn(mu[0], own[0], parts.h[k]))
-        return Drawn(*(np.stack(part) for part in zip(*found, strict=True)))
+        h = np.zeros((len(given.drive), self.table.n_fabrics))
+        if given.omega is not None:
+            every = self._each(given, lambda marginal: ())
+            h = np.concatenate(
+                [
+                    np.take_along_axis(inner.h, _chosen(rng, weight)[:, None, None], axis=1)[:, 0]
+                    for inner, weight, _ in every
+                ]
+            )
+            given = given.with_fabrics(h, self.table.fabric)
+        drawn = [found for *_, found in self._each(given, lambda marginal: marginal.draw(rng))]
+        mu, own = (np.concatenate(part)[:, 0] for part in zip(*drawn, strict=True))
+        return Drawn(mu, own, h)
 
-    def _parts(self, given: Given) -> Iterator[_Parts]:
-        """Yield, for each draw of everything else, importance draws of fabrics' deviations: one if they have none."""
+    def _law(self, given: Given, start: FloatArray | None = None) -> Laplace:
+        """Return Laplace's approximation, in blocks of draws."""
+        every = pieces(len(given.drive), self.table.rater.size, BLOCK)
+        parts = (laplace(self.table, given.part(k), None if start is None else start[k]) for k in every)
+        return Laplace(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+    def _each(
+        self, given: Given, work: Callable[[Marginal], tuple[FloatArray, ...]]
+    ) -> Iterator[tuple[_Inner, FloatArray, list[FloatArray]]]:
+        """Yield parts of the draws: log densities of rows and fabrics' importance draws, and ``work`` of these.
+
+        Their arrays have the shape (draws, importance draws, ...).
+        """
+        many = 1 if given.omega is None else FABRIC_DRAWS
+        for piece in pieces(len(given.drive), self.table.rater.size * many):
+            inner = self._inner(given.part(piece))
+            values = self._of_draws(inner, lambda marginal: (marginal.levels.log_density, *work(marginal)))
+            density, *others = (value.reshape(*inner.log_weight.shape, *value.shape[1:]) for value in values)
+            yield inner, inner.log_weight + density, others
+
+    def _inner(self, given: Given) -> _Inner:
+        """Return importance draws of fabrics' deviations about Laplace's mode."""
+        draws, fabrics = len(given.drive), self.table.n_fabrics
         if given.omega is None:
-            for marginal in self._marginals(given):
-                yield _Parts(marginal.levels.log_density, np.zeros((1, self.table.n_fabrics)), [marginal])
-        else:
-            yield from (self._over_fabrics(given.part(slice(k, k + 1))) for k in range(len(given.drive)))
-
-    def _marginals(self, given: Given, start: FloatArray | None = None) -> Iterator[Marginal]:
-        """Yield the marginal density of each draw; their numbers of nodes differ."""
-        for block in pieces(len(given.drive), self.table.rater.size, BLOCK):
-            part = given.part(block)
-            law = laplace(self.table, part, None if start is None else start[block])
-            for k in range(len(part.drive)):
-                one = slice(k, k + 1)
-                yield Marginal(self.table, part.part(one), law.part(one))
-
-    def _over_fabrics(self, given: Given) -> _Parts:
-        """Return importance draws of fabrics' deviations for one draw of everything else."""
-        law = laplace(self.table, given)
-        fabrics = self.table.n_fabrics
-        inverse = forward(law.shared_root, np.eye(1 + fabrics)[None])[0]
-        root = cholesky((inverse.T @ inverse)[1:, 1:], 1e-12)
+            return _Inner(np.zeros((draws, 1)), np.zeros((draws, 1, fabrics)), given)
+        law = self._law(given)
+        inverse = forward(law.shared_root, np.broadcast_to(np.eye(1 + fabrics), law.shared_root.shape))
+        root = cholesky((np.swapaxes(inverse, -1, -2) @ inverse)[:, 1:, 1:], 1e-12)
         last = law.mode.shape[1] - fabrics
         # a rater fewer leaves a wider law
-        wider = np.asarray(FABRIC_INFLATION * (1.0 + 1.0 / max(self.table.n_raters - 1, 1)) ** 0.5)
-        h, density = importance_draws(law.mode[0, last:], root, wider, FABRIC_DRAWS, FABRIC_FREEDOM)
+        wider = np.full(draws, FABRIC_INFLATION * (1.0 + 1.0 / max(self.table.n_raters - 1, 1)) ** 0.5)
+        h, density = importance_draws(law.mode[:, last:], root, wider, FABRIC_DRAWS, FABRIC_FREEDOM)
         prior = -0.5 * (h**2 + np.log(2.0 * np.pi)).sum(axis=-1)
-        many = np.zeros(FABRIC_DRAWS, np.intp)
-        inner = given.part(many).with_fabrics(h, self.table.fabric)
-        marginals = list(self._marginals(inner, law.mode[many, :last]))
-        rows = np.concatenate([marginal.levels.log_density for marginal in marginals])
-        return _Parts(rows + prior - density, h, marginals)
+        many = np.repeat(np.arange(draws), FABRIC_DRAWS)
+        inner = given.part(many).with_fabrics(h.reshape(-1, fabrics), self.table.fabric)
+        return _Inner(prior - density, h, inner, law.mode[many, :last])
+
+    def _of_draws(self, inner: _Inner, work: Callable[[Marginal], tuple[FloatArray, ...]]) -> list[FloatArray]:
+        """Return ``work`` of the marginal density of every draw; draws that need as many nodes share arrays."""
+        table, given = self.table, inner.given
+        law = self._law(given, inner.start)
+        extent = Extent.of(table, given, law)
+        numbers = np.column_stack([extent.points, extent.levels, extent.shared])
+        found: dict[int, tuple[FloatArray, ...]] = {}
+        for points, levels, shared in np.unique(numbers, axis=0):
+            draws = np.flatnonzero((numbers == (points, levels, shared)).all(axis=1))
+            width = points * max(table.answers.size, table.n_raters * (1 if shared else levels))
+            if len(given.effects) > 1:
+                width = (1 + BROAD) * OWN_DRAWS // BROAD * max(table.rater.size, table.n_raters * levels)
+            for some in (draws[k] for k in pieces(draws.size, width, _ROOM)):
+                values = work(Marginal(table, given.part(some), law.part(some), extent.part(some)))
+                found |= dict(zip(some.tolist(), zip(*values, strict=True), strict=True))
+        return [np.stack(part) for part in zip(*(found[k] for k in range(len(found))), strict=True)]
+
+
+def _given_others(log_weight: FloatArray, density: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the density of columns given all else, and the weight of each importance draw without the column.
+
+    Parameters
+    ----------
+    log_weight
+        Log of the weight of each importance draw, their sum being the density of all rows, (draws, importance draws).
+    density
+        Log density of each column given all else at these, (draws, importance draws, columns).
+    """
+    log_odds = (log_weight - log_sum(log_weight, axis=1)[:, None])[..., None] - density
+    found = -log_sum(log_odds, axis=1)
+    return found, np.exp(log_odds + found[:, None])

@@ -17,9 +17,11 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.error_laws import ErrorLaw
+from softness_bayes.likelihood.pieces import BLOCK, pieces
 from softness_bayes.likelihood.row_laws import RowLaw, Rows, RowTerms
 
 FloatArray = NDArray[np.float64]
@@ -101,6 +103,22 @@ class Effects(NamedTuple):
     """h, shape (draws, fabrics); without fabrics if omega is absent."""
 
 
+class Points(NamedTuple):
+    """Points of raters' effects; the axis of raters has size 1 if all have the same points."""
+
+    scale: FloatArray
+    """mu + tau z, shape (draws, raters, points)."""
+    others: FloatArray
+    """Further effects in units of their spreads, shape (draws, raters, points, effects - 1)."""
+    log_weight: FloatArray
+    """Log weight of each point in sums over the effects, shape (draws, raters, points)."""
+
+    @property
+    def shared(self) -> bool:
+        """True if all raters have the same points."""
+        return self.scale.shape[1] == 1
+
+
 Sums = dict[str, FloatArray]
 """Sums over rows of their log density, `value`, and of its derivatives, by name; those that are not needed are absent.
 
@@ -126,9 +144,9 @@ class Table:
         Prior mean and standard deviation of the level mu.
     trust
         Weight of each row where the search for the mode starts, shape (rows,): less than 1 for an outlier.
-    equal
-        Number of each row among the different ones, shape (rows,): repeated answers of a rater to a touch are evaluated
-        once. By default all differ.
+    answer
+        Number of each row's answer, shape (rows,), without gaps: rows of one answer have the same contribution and the
+        same interval, and are evaluated once where their raters' effects are equal. By default all differ.
     """
 
     def __init__(
@@ -140,10 +158,20 @@ class Table:
         centre: float,
         spread: float,
         trust: FloatArray,
-        equal: IndexArray | None = None,
+        answer: IndexArray | None = None,
     ) -> None:
-        self.trust, self._equal = trust, equal
-        self._different = slice(None) if equal is None else np.unique(equal, return_index=True)[1]
+        self.trust, self.answer = trust, np.arange(rater.size) if answer is None else answer
+        self.answers = np.unique(self.answer, return_index=True)[1]
+        """A row of each answer, shape (answers,)."""
+        self.different: Any = slice(None)
+        """A row of each answer of each rater, or all rows."""
+        self.equal: Any = slice(None)
+        """Number of each row among these."""
+        own = np.unique(rater * rater.size + self.answer, return_index=True, return_inverse=True)[1:]
+        self.n_different = own[0].size
+        if self.n_different < rater.size:
+            self.different, self.equal = own
+        self._times = csr_array((np.ones(rater.size), (self.answer, rater)))
         self.law, self.rater, self.fabric, self.n_fabrics = law, rater, fabric, n_fabrics
         self.centre, self.spread = centre, spread
         self.first = np.flatnonzero(np.diff(rater, prepend=-1))
@@ -184,11 +212,11 @@ class Table:
     def sums(self, given: Given, effects: Effects) -> Sums:
         """Return the sums over rows given all effects."""
         expected, c, spread = self.expectations(given, effects)
-        noise, some = given.tau_varsigma is not None, self._different
+        noise, some = given.tau_varsigma is not None, self.different
         of_some = expected[:, some], spread if spread.shape[-1] == 1 else spread[:, some]
         terms = RowLaw(self.law, given.rows.take(some), *of_some, given.law_parameters).terms(noise)
-        if self._equal is not None:
-            terms = RowTerms._make(None if values is None else values[:, self._equal] for values in terms)
+        if not isinstance(self.equal, slice):
+            terms = RowTerms._make(None if values is None else values[:, self.equal] for values in terms)
         mean, mean2 = terms.of_mean, terms.of_mean2
         add = self._summing(given)
         second = add(mean2)
@@ -202,41 +230,38 @@ class Table:
                 sums["both_c"] = add(terms.of_both * c)
         return sums
 
-    def row_values(self, given: Given, scale: FloatArray, others: FloatArray) -> tuple[RowLaw, FloatArray]:
-        """Return the law of each row at points of its rater's effects, and its log probability (draws, points, rows).
+    def row_law(self, given: Given, points: Points) -> RowLaw:
+        """Return the law of rows at points, (draws, points, rows), without omega: of `answers` or of `different` rows.
 
-        Parameters
-        ----------
-        given
-            Everything but the effects, without omega.
-        scale
-            Points of mu + tau z, shape (draws, raters, points).
-        others
-            Further effects in units of their spreads, shape (draws, raters, points, effects - 1).
+        The former if all raters have the same points.
         """
-        c, spread, k = given.drive[:, None], given.spread[:, None], 0
+        rater, some = slice(None), self.answers
+        if not points.shared:
+            rater, some = self.rater[self.different], self.different
 
         def of_rows(values: FloatArray) -> FloatArray:
-            return np.swapaxes(values, -1, -2)[..., self.rater]
+            return np.swapaxes(values, -1, -2)[..., rater]
 
+        c, spread, k = given.drive[:, None, some], given.spread[:, None], 0
         if given.tau_gamma is not None:
-            c = np.exp(given.tau_gamma[:, None] * of_rows(others[..., k])) * c
+            c = np.exp(given.tau_gamma[:, None] * of_rows(points.others[..., k])) * c
             k += 1
         if given.tau_varsigma is not None:
-            spread = spread * np.exp(given.tau_varsigma[:, None] * of_rows(others[..., k]))
-        expected = of_rows(scale) + c
+            spread = spread * np.exp(given.tau_varsigma[:, None] * of_rows(points.others[..., k]))
         parameters = given.law_parameters.each(lambda value: value[:, None])
-        law = RowLaw(self.law, given.rows.at_points(), expected, spread, parameters)
-        return law, law.log_probability()
+        return RowLaw(self.law, given.rows.take(some).at_points(), of_rows(points.scale) + c, spread, parameters)
 
-    def of_raters(self, given: Given, scale: FloatArray, others: FloatArray) -> FloatArray:
-        """Return the log density of each rater's rows at points, (draws, raters, points); arguments of `row_values`."""
-        each, points = [], scale.shape[-1]
-        step = max(1, _ROOM // (self.rater.size * len(scale)))
-        for start in range(0, points, step):
-            some = slice(start, start + step)
-            value = self.row_values(given, scale[..., some], others[..., some, :])[1]
-            each.append(np.swapaxes(np.add.reduceat(value, self.first, axis=-1), -1, -2))
+    def of_raters(self, given: Given, points: Points) -> FloatArray:
+        """Return the log density of each rater's rows at points, (draws, raters, points)."""
+        each, rows = [], self.answers.size if points.shared else self.n_different
+        for some in pieces(points.scale.shape[-1], rows * len(points.scale), BLOCK):
+            part = Points(points.scale[..., some], points.others[..., some, :], points.log_weight[..., some])
+            value = self.row_law(given, part).log_probability()
+            if points.shared:
+                value = (value.reshape(-1, rows) @ self._times).reshape(*value.shape[:2], -1)
+            else:
+                value = np.add.reduceat(value[..., self.equal], self.first, axis=-1)
+            each.append(np.swapaxes(value, -1, -2))
         return np.concatenate(each, axis=-1)
 
     def _summing(self, given: Given) -> Any:
@@ -326,16 +351,16 @@ class NormalTable(Table):
             "both_c": -2.0 * mean_c,
         }
 
-    def of_raters(self, given: Given, scale: FloatArray, others: FloatArray) -> FloatArray:
+    def of_raters(self, given: Given, points: Points) -> FloatArray:
         """Return the log density of each rater's rows at points, (draws, raters, points)."""
         if given.moments is None:
-            return super().of_raters(given, scale, others)
+            return super().of_raters(given, points)
         k, g, noise = 0, np.ones(1), given.spread[..., None]
         if given.tau_gamma is not None:
-            g, k = np.exp(given.tau_gamma[..., None] * others[..., 0]), 1
+            g, k = np.exp(given.tau_gamma[..., None] * points.others[..., 0]), 1
         if given.tau_varsigma is not None:
-            noise = noise * np.exp(given.tau_varsigma[..., None] * others[..., k])
+            noise = noise * np.exp(given.tau_varsigma[..., None] * points.others[..., k])
         d, products, drives = np.moveaxis(given.moments[..., None], -2, 0)
-        left = self._mean[:, None] - scale - g * d
+        left = self._mean[:, None] - points.scale - g * d
         squares = self.count[:, None] * left**2 + self._squares[:, None] - 2.0 * g * products + g**2 * drives
         return -0.5 * squares / noise**2 - self.count[:, None] * (np.log(noise) + _LOG_ROOT_TWO_PI)

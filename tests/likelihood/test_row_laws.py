@@ -8,7 +8,7 @@ from scipy.stats import kstest, norm, t
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT, error_law_named
-from softness_bayes.likelihood.row_laws import RowLaw, Rows, lobatto
+from softness_bayes.likelihood.row_laws import RowLaw, Rows
 
 LAWS = NORMAL, STUDENT, LAPSES
 SPREAD, ONE = np.array([[0.4]]), np.array([[1.0]])
@@ -112,16 +112,6 @@ def test_scores_of_intervals_are_normal(law):
     assert kstest(of_rows.scores(np.full(size, 0.5))[0], "norm").pvalue < 1e-6
     places = of_rows.below()[0]
     assert_allclose(places.mean(), 0.5, atol=0.02)
-
-
-@pytest.mark.parametrize("points", [3, 4, 6])
-def test_points_are_exact_for_polynomials(points):
-    at, weights = lobatto(points)
-    assert (at[0], at[-1]) == (-1.0, 1.0)
-    for degree in range(2 * points - 1):
-        expected = 2.0 / (degree + 1.0) if degree % 2 == 0 else 0.0
-        error = abs(np.dot(weights, np.array(at) ** degree) - expected)
-        assert (error < 1e-12) == (degree <= 2 * points - 3)
 
 
 def test_points_in_one_call_are_those_alone():
