@@ -38,22 +38,23 @@ class Profile(NamedTuple):
     peak: Array
     """Stress on the axis [Pa], shape (...)."""
     shape: Array
-    """Coefficients of rho² y / (1 - y) [m²] in T_k(2 y - 1), shape (order, ...)."""
+    """Coefficients of rho² y / (1 - y) [m²] in T_k(x), shape (order, ...), with x from -1 at `start` to 1 at y = 1."""
+    start: float = 0.0
+    """Least y at which the profile holds."""
     powers: bool = False
-    """True if the coefficients are those of powers of 2 y - 1 instead, which take less time."""
+    """True if the coefficients are those of powers of x instead, which take less time."""
 
-    def among(self, mask: NDArray[np.bool_]) -> tuple[Index, Profile]:
+    def among(self, mask: NDArray[np.bool_], near: bool) -> tuple[Index, Profile]:
         """Return indices into the flattened batch of the elements of a mask, and their profile along one axis."""
         at = np.flatnonzero(mask)
-        return at, self.take(at)
-
-    def take(self, at: Index) -> Profile:
-        """Return the profile of selected elements of the flattened batch, along one axis."""
-        return Profile(self.peak.take(at), self.shape.reshape(len(self.shape), -1).take(at, axis=1), self.powers)
+        return at, self._replace(
+            peak=self.peak.take(at), shape=self.shape.reshape(len(self.shape), -1).take(at, axis=1)
+        )
 
     def squared_distance(self, y: Array) -> Array:
         """Return rho² [m²] where the stress is y^(1/root) of its peak, of the shape of `y`: (..., *batch)."""
-        return (horner if self.powers else clenshaw)(self.shape, 2.0 * y - 1.0) * (1.0 / y - 1.0)
+        x = (2.0 * y - (1.0 + self.start)) / (1.0 - self.start)
+        return (horner if self.powers else clenshaw)(self.shape, x) * (1.0 / y - 1.0)
 
 
 WIDE = 0.02
@@ -72,8 +73,11 @@ class Fields(Protocol):
     def peak(self) -> Array:
         """Stress on the axis [Pa], shape (batch, conditions)."""
 
-    def among(self, mask: NDArray[np.bool_]) -> tuple[Index, Profile]:
-        """Return indices into the flattened batch of the elements of a mask, and their profile along one axis."""
+    def among(self, mask: NDArray[np.bool_], near: bool) -> tuple[Index, Profile]:
+        """Return indices into the flattened batch of the elements of a mask, and their profile along one axis.
+
+        If `near`, the profile may hold for stresses from `WIDE` of the peak on alone.
+        """
 
 
 class Drive(NamedTuple):
@@ -144,19 +148,30 @@ class Population:
         onset = _Onset.of(drive)
         reach = onset.beta[:, None] * (fields.peak - onset.stress[:, None])
         # conditions without firing, often a third of all, are skipped
-        lanes, profile = fields.among(reach > 0.0)
+        lanes, profile = fields.among(reach > 0.0, near=True)
         sums = ReceptorSums(*np.zeros((len(ReceptorSums._fields), *reach.shape)))
         if lanes.size:
-            found = self._firing(profile, onset, lanes // reach.shape[1], reach.take(lanes), intervals)
+            vector, high = lanes // reach.shape[1], reach.take(lanes)
+            found, farthest = self._firing(profile, onset, vector, high, intervals)
+            wide = (farthest > self.count.kinks[0] ** 2) | (onset.take(vector).stress < WIDE * profile.peak)
             for whole, part in zip(sums, found, strict=True):
                 whole.put(lanes, part)
+            if wide.any():
+                mask = np.zeros(reach.shape, dtype=bool)
+                mask.put(lanes[wide], True)
+                lanes, profile = fields.among(mask, near=False)
+                found = self._wide(profile, onset.take(lanes // reach.shape[1]), reach.take(lanes), intervals)
+                for whole, part in zip(sums, found, strict=True):
+                    whole.put(lanes, part)
         return sums
 
-    def _firing(self, profile: Profile, onset: _Onset, vector: Index, reach: Array, intervals: bool) -> ReceptorSums:
+    def _firing(
+        self, profile: Profile, onset: _Onset, vector: Index, reach: Array, intervals: bool
+    ) -> tuple[ReceptorSums, Array]:
         """Integrate the conditions in which receptors fire, flattened to one axis, with the index of each one's vector.
 
-        Arrays over nodes have the node axis first, so that NumPy's inner loops run over the conditions, which far
-        outnumber the nodes.
+        The sums, which hold for patches inside the first kink, are returned with the squared extents. Arrays over nodes
+        have the node axis first, so that NumPy's inner loops run over the conditions, which far outnumber the nodes.
         """
         # conditions whose peak is beyond saturation have the gains of their vector, the others their own
         vectors, near = onset.stress.size, np.flatnonzero(reach <= self.saturation)
@@ -168,13 +183,7 @@ class Population:
         gains[:-1] *= 2.0 * t[1:-1] * top * self.gauss_weight[1:-1, None]
         own = onset.take(vector)
         nodes = t.take(column, axis=1), gains.take(column, axis=1)
-        sums, farthest = self._inner(profile, own, reach, *nodes, intervals)
-        wide = np.flatnonzero((farthest > self.count.kinks[0] ** 2) | (own.stress < WIDE * profile.peak))
-        if wide.size:
-            beyond = self._wide(profile.take(wide), own.take(wide), reach[wide], intervals)
-            for whole, part in zip(sums, beyond, strict=True):
-                whole[wide] = part
-        return sums
+        return self._inner(profile, own, reach, *nodes, intervals)
 
     def _root(self, stress: Array) -> Array:
         """Return stresses to the power `root`; the ratio to its value at the peak is y."""

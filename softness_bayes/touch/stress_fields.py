@@ -32,8 +32,8 @@ from softness_bayes.touch.contact import (
     skin_modulus,
 )
 from softness_bayes.touch.neuron.polynomials import TotalDegree, chebyshev_values, in_powers_of
-from softness_bayes.touch.population import Profile
-from softness_bayes.touch.stress_table import StressTable, touched, values_to_coefficients
+from softness_bayes.touch.population import WIDE, Profile
+from softness_bayes.touch.stress_table import StressTable, restricted, touched, values_to_coefficients
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -81,8 +81,8 @@ class StressFields:
                 self._rise[where], self._fall[where], self._across[where] = one - fall, fall, across
                 self._held[where] = isinstance(table.load, Indentation)
                 self._peak[: peak.size, where] = peak[:, None]
-        self._shapes, self.powers = _in_powers(shapes, [table.tolerance for table in self._tables])
         self._order = max(part.shape[1] for part in shapes)
+        self._parts = [_Shapes.of(shapes, self._tables, start) for start in (0.0, WIDE ** self._tables[0].root)]
 
     def at(self, modulus: Array, radius: Array, finger: Fingertip) -> FieldsAt | Profile:
         """Return the fields at E_star [Pa] and contact radius [m], both of shape (batch, conditions).
@@ -122,20 +122,23 @@ class StressFields:
             unit[beyond] = self._exact(place[beyond], beyond[1])[:, 0]
         return unit
 
-    def shapes(self, place: Array, condition: Index, stops: Sequence[int]) -> Array:
-        """Return the series in y of places in the tables, shape (order, n).
+    def profile(self, peak: Array, place: Array, condition: Index, stops: Sequence[int], near: bool) -> Profile:
+        """Return the profile of places in the tables.
 
         Parameters
         ----------
-        place, condition
-            Places and conditions, shape (n,), in the order of `by_load`.
+        peak, place, condition
+            Stresses on the axis [Pa], places and conditions, shape (n,), in the order of `by_load`.
         stops
             Where the places of each load begin, and the end of all.
+        near
+            True for the shorter series of stresses from `WIDE` of the peak on.
         """
-        shape, sizes = np.zeros((self._order, place.size)), np.empty(place.size)
+        part = self._parts[near]
+        shape, sizes = np.zeros((max(one.shape[1] for one in part.series), place.size)), np.empty(place.size)
         beyond = np.flatnonzero(np.abs(place) > _INSIDE)
         basis = chebyshev_values(np.minimum(np.maximum(place, -1.0), 1.0) if beyond.size else place, len(self._peak))
-        for table, series, (first, last) in zip(self._tables, self._shapes, self._groups, strict=True):
+        for table, series, (first, last) in zip(self._tables, part.series, self._groups, strict=True):
             _, order, terms = series.shape
             for one, (start, stop) in zip(series, pairwise(stops[first : last + 1]), strict=True):
                 np.matmul(one, basis[:terms, start:stop], out=shape[:order, start:stop])
@@ -143,12 +146,11 @@ class StressFields:
             relative, decay = self._contacts(table, place[whole], condition[whole])
             sizes[whole] = relative**2 / (1.0 + decay)
         if beyond.size:
-            exact = self._exact(place[beyond], condition[beyond])[:, 1:]
-            shape[:, beyond] = (in_powers_of(exact) if self.powers else exact).T
+            shape[:, beyond] = part.from_whole(self._exact(place[beyond], condition[beyond])[:, 1:])[: len(shape)]
         sizes += 1.0
         sizes *= self._finger.receptor_depth**2
         shape *= sizes
-        return shape
+        return Profile(peak, shape, part.start, part.powers)
 
     def _contacts(self, table: StressTable, place: Array, condition: Index) -> tuple[Array, Array]:
         along = (place - self._fall.take(condition)) / self._rise.take(condition)
@@ -204,24 +206,41 @@ class FieldsAt:
     def __init__(self, fields: StressFields, place: Array, peak: Array) -> None:
         self._of, self.place, self.peak = fields, place, peak
 
-    def among(self, mask: NDArray[np.bool_]) -> tuple[Index, Profile]:
+    def among(self, mask: NDArray[np.bool_], near: bool) -> tuple[Index, Profile]:
         """Return indices into the flattened batch of the elements of a mask, load by load, and their profile."""
         of, (batch, conditions) = self._of, self.peak.shape
         found = np.flatnonzero(mask.T.take(of.by_load, axis=0))
         row, vector = np.divmod(found, batch)
         condition = of.by_load.take(row)
         at = vector * conditions + condition
-        shape = of.shapes(self.place.take(at), condition, found.searchsorted(batch * of._stops).tolist())
-        return at, Profile(self.peak.take(at), shape, of.powers)
+        stops = found.searchsorted(batch * of._stops).tolist()
+        return at, of.profile(self.peak.take(at), self.place.take(at), condition, stops, near)
 
 
-def _in_powers(shapes: Sequence[Array], tolerances: Sequence[float]) -> tuple[list[Array], bool]:
-    """Return series in y, shape (loads, order, terms), in powers; as they are if one loses 1 % of its tolerance."""
-    found = [np.swapaxes(in_powers_of(np.swapaxes(part, 1, 2)), 1, 2) for part in shapes]
-    scale = [np.abs(part).sum(axis=1).max() for part in shapes]
-    lost = [np.finfo(float).eps * np.abs(part).sum(axis=(1, 2)).max() for part in found]
-    small = all(one <= 0.01 * t * s for one, t, s in zip(lost, tolerances, scale, strict=True))
-    return (found, True) if small else ([*shapes], False)
+class _Shapes(NamedTuple):
+    """The shapes of all tables as series in y from some value to 1."""
+
+    series: list[Array]
+    """For each table, shape (loads, order, terms)."""
+    start: float
+    """Least y."""
+    powers: bool
+    """True if the series are in powers, which take less time, because none loses 1 % of its tolerance thereby."""
+
+    @classmethod
+    def of(cls, whole: Sequence[Array], tables: Sequence[StressTable], start: float) -> _Shapes:
+        """Return the shapes on a part of the range, from the Chebyshev series on all of it, (loads, order, terms)."""
+        parts = [table.restriction(start) @ series for table, series in zip(tables, whole, strict=True)]
+        powers = [np.swapaxes(in_powers_of(np.swapaxes(part, 1, 2)), 1, 2) for part in parts]
+        allowed = [table.tolerance * np.abs(part).sum(axis=1).max() for table, part in zip(tables, parts, strict=True)]
+        lost = [np.finfo(float).eps * np.abs(part).sum(axis=(1, 2)).max() for part in powers]
+        exact = all(one <= 0.01 * some for one, some in zip(lost, allowed, strict=True))
+        return cls(powers if exact else parts, start, exact)
+
+    def from_whole(self, rows: Array) -> Array:
+        """Return the series of rows (n, order) of coefficients on the whole range, shape (order, n)."""
+        part = rows @ restricted(rows.shape[1], self.start).T
+        return (in_powers_of(part) if self.powers else part).T
 
 
 SKIN_SHARE = 0.03

@@ -311,15 +311,17 @@ class StressTable:
     def cut(self, tolerance: float) -> StressTable:
         """Return the table without orders that sum to less than half a tolerance; `reached` is that of the whole."""
         size = np.abs(self.table) / self._scale[: self.table.shape[-1]]
-
-        def kept(sizes: Array, least: int) -> int:
-            return max(int((sizes[::-1].cumsum()[::-1] > 0.5 * tolerance).sum()), least)
-
         part = copy.copy(self)
-        across, along = kept(size.max(axis=(1, 2)), 1), kept(size.max(axis=(0, 2)), 1)
-        shape = kept(size[..., 1:].max(axis=(0, 1)), 2)
+        across, along = (max(_kept(size.max(axis=others), tolerance), 1) for others in ((1, 2), (0, 2)))
+        shape = max(_kept(size[..., 1:].max(axis=(0, 1)), tolerance), 2)
         part.table, part.tolerance = np.ascontiguousarray(self.table[:across, :along, : 1 + shape]), tolerance
         return part
+
+    def restriction(self, start: float) -> Array:
+        """Return the matrix from S in T_k(2 y - 1) to its series on [start, 1], cut like the table."""
+        matrix = restricted(self.table.shape[-1] - 1, start)
+        size = np.abs(self.table[..., 1:] @ matrix.T).max(axis=(0, 1)) / self._scale[-1]
+        return matrix[: _kept(size, self.tolerance)] if start else matrix
 
     def series(self, across: Array) -> Array:
         """Return the series along the moduli at scaled coordinates (n,) across, shape (n, terms, 1 + order)."""
@@ -334,6 +336,17 @@ class StressTable:
 def _series(values: Array, axis: int) -> Array:
     """Return Chebyshev coefficients from the values at Chebyshev nodes along an axis."""
     return np.moveaxis(np.tensordot(values_to_coefficients(values.shape[axis]), values, (1, axis)), 0, axis)
+
+
+def _kept(sizes: Array, tolerance: float) -> int:
+    """Return the number of orders without the last ones that sum to less than half a tolerance."""
+    return int((sizes[::-1].cumsum()[::-1] > 0.5 * tolerance).sum())
+
+
+def restricted(order: int, start: float) -> Array:
+    """Return the matrix from a series in T_k(2 y - 1) to the same polynomial's series on [start, 1]."""
+    y = start + 0.5 * (1.0 - start) * (chebyshev.chebpts1(order) + 1.0)
+    return values_to_coefficients(order) @ chebyshev.chebvander(2.0 * y - 1.0, order - 1)
 
 
 def touched(radius: Array, modulus: Array, finger: Fingertip, readings: Readings) -> tuple[Array, Array]:

@@ -67,7 +67,7 @@ def errors(table, load, modulus, fingers=FINGER, loads=None):
 
 def whole(fields):
     """The profile of every touch, in the shape of the batch."""
-    at, profile = fields.among(np.ones(fields.peak.shape, dtype=bool))
+    at, profile = fields.among(np.ones(fields.peak.shape, dtype=bool), near=False)
     order = np.argsort(at)
     return profile._replace(
         peak=fields.peak, shape=profile.shape[:, order].reshape(len(profile.shape), *fields.peak.shape)
