@@ -15,7 +15,8 @@ from typing import Any, ClassVar, NamedTuple, Self, TypeVar
 
 import numpy as np
 
-from softness_bayes.data import contents, shapes
+import softness_bayes.data.contents as contents
+import softness_bayes.data.shapes as shapes
 from softness_bayes.data.columns import NAMES, NUMBERS, Kind, summarises
 from softness_bayes.data.decimals import (
     Cell,
