@@ -192,8 +192,7 @@ def netcdf(tree: xarray.DataTree, ending: Callable[[memoryview], bytes] | None =
         Function of the content that returns bytes to append to it, which readers ignore.
     """
     content = io.BytesIO()
-    with _written(content) as file:
-        tree.to_netcdf(file, engine="h5netcdf")
+    tree.to_netcdf(content, engine="h5netcdf")
     if ending is not None:
         with content.getbuffer() as whole:
             last = ending(whole)
@@ -232,38 +231,6 @@ def for_arviz(tree: xarray.DataTree) -> Any:
         return tree
     groups = {name: child.to_dataset() for name, child in tree.children.items()}
     return _arviz().InferenceData(attrs=dict(tree.attrs), **groups)
-
-
-def _written(content: io.BytesIO) -> Any:
-    """Open an HDF5 file to write, with cached look-ups of its objects: h5netcdf looks up each one dozens of times."""
-    import h5py
-
-    class Group(h5py.Group):
-        """A group that forgets what was looked up when something is deleted: another object may take its name."""
-
-        found: dict[str, Any]
-
-        def __delitem__(self, name: str) -> None:
-            self.found.clear()
-            super().__delitem__(name)
-
-    class LookedUpOnce(h5py.File):
-        def __init__(self) -> None:
-            super().__init__(content, "w", track_order=True)  # objects in the order in which they are made
-            self._found: dict[str, Any] = {}
-
-        def __getitem__(self, name: Any) -> Any:
-            if not isinstance(name, str):
-                return super().__getitem__(name)
-            if name not in self._found:
-                found = super().__getitem__(name)
-                if isinstance(found, h5py.Group):
-                    found = Group(found.id)
-                    found.found = self._found
-                self._found[name] = found
-            return self._found[name]
-
-    return LookedUpOnce()
 
 
 def _psis(log_ratios: FloatArray) -> Any:

@@ -103,7 +103,7 @@ class DirectionTaken:
     @property
     def against_data(self) -> bool:
         """True if the data clearly show the opposite direction."""
-        return self.direction is not FREE and self.direction_of_data not in ("", self.direction.name)
+        return self.direction != FREE and self.direction_of_data not in ("", self.direction.name)
 
     @property
     def said(self) -> str:

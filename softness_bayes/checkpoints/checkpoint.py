@@ -26,14 +26,8 @@ from softness_bayes.sampler.chains import RunState
 from softness_bayes.sampler.schedule import Schedule
 from softness_bayes.sampler.target import TargetDensity
 
-INTERVAL = 2.0
-"""Time [s] between two writes."""
-
-MOST_FILES = 64
-"""Number of files of a stage at which the next one holds all steps.
-
-The files before that one are kept until the next such file: if it is damaged, the run continues from the state before.
-"""
+INTERVAL, USUAL = 2.0, 0.1
+"""Time [s] between two writes; in proportion longer where a write takes longer than usual [s]."""
 
 
 class Checkpoint:
@@ -70,7 +64,8 @@ class Checkpoint:
         self._state: RunState | None = None
         self._salvage, self.damage = salvage, ""  # damaged files and the resulting loss, as a sentence
         self._description: dict[str, str] = {}
-        self._last = -np.inf
+        self._kept: tuple[int, ...] = ()  # numbers of the last two files that are whole
+        self._last, self._wait = -np.inf, INTERVAL
         self._pending: Callable[[], None] | None = None
 
     @classmethod
@@ -213,7 +208,7 @@ class Checkpoint:
         """
         self._pending = lambda: self._write(state, schedule, target)
         now, last = time.monotonic(), self._state
-        if state.ended or last is None or state.phase != last.phase or now - self._last >= INTERVAL:
+        if state.ended or last is None or state.phase != last.phase or now - self._last >= self._wait:
             self.flush()
 
     def flush(self) -> None:
@@ -225,9 +220,10 @@ class Checkpoint:
             As for `keep`.
         """
         if self._pending is not None:
-            write, self._pending = self._pending, None
+            write, self._pending, begun = self._pending, None, time.monotonic()
             write()
             self._last = time.monotonic()
+            self._wait = INTERVAL * max(1.0, (self._last - begun) / USUAL)
 
     def finish(self) -> None:
         """Record that the results of the saved steps are written."""
@@ -246,6 +242,7 @@ class Checkpoint:
 
     def _read(self) -> saved.Record:
         self._record, self._state, self.damage = saved.read_last(self.directory, self._salvage)
+        self._kept = (self._record.number,)
         return self._record
 
     def _write(self, state: RunState, schedule: Schedule, target: TargetDensity) -> None:
@@ -258,29 +255,24 @@ class Checkpoint:
             write_outputs(self.directory, {NONFINITE: _failure_table(state, target)}, RUN)
 
     def _store(self, state: RunState, status: saved.Status) -> None:
-        """Write the file of a state, with its steps since the file before."""
-        last, before, number = self._record, self._state, max(saved.saved_states(self.directory), default=0) + 1
-        pieces: list[int] = [] if last is None else last.pieces
-        earlier: list[int] = [] if last is None else last.earlier
-        stored = 0 if before is None else before.steps // before.stride
-        same_stage = before is not None and (state.phase, state.stride) == (before.phase, before.stride)
-        if not same_stage or len(pieces) >= MOST_FILES:
-            pieces, earlier, stored = [], pieces, 0
-        record = saved.Record([*pieces, number], earlier, status, self._description, self.request)
-        path = saved.state_path(self.directory, number)
+        """Write the file of a state."""
+        number = max(saved.saved_states(self.directory), default=0) + 1
+        record, path = (
+            saved.Record(number, status, self._description, self.request),
+            saved.state_path(self.directory, number),
+        )
         try:
-            write_whole(path, saved.content_of(state, stored, record))
+            write_whole(path, saved.content_of(state, record))
         finally:  # an interrupt may come after the file is there, when this state is saved
             if path.is_file():
-                self._record, self._state = record, state
+                self._record, self._state, self._kept = record, state, (*self._kept[-1:], number)
             self._tidy()
 
     def _tidy(self) -> None:
-        """Remove leftovers of interrupted writes, and files of stages before the last two."""
+        """Remove leftovers of interrupted writes, and all states of this run but the last two."""
         every = [] if self._record is None else saved.saved_states(self.directory)
-        needed = set() if self._record is None else {*self._record.pieces, *self._record.earlier}
-        unused = [saved.state_path(self.directory, number) for number in every if number not in needed]
-        for path in (*filter(is_part, self._home.glob("*")), *unused):
+        old = [saved.state_path(self.directory, number) for number in every if number not in self._kept]
+        for path in (*filter(is_part, self._home.glob("*")), *old):
             with suppress(OSError):
                 path.unlink()
 

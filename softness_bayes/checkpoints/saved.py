@@ -1,8 +1,7 @@
-"""Files of a checkpoint: each holds a state of a run, its status, the steps since the file before, and a checksum.
+"""Files of a checkpoint: each holds a whole state of a run, its status and a checksum.
 
-A file is written once and never changed, and the state of a run is that of its newest file. A file names those before
-it that hold the earlier steps of its stage. Whenever the process is killed, the newest file is therefore whole, and so
-are those that it needs; a damaged or exchanged file raises an error.
+A file is written once and never changed, and the state of a run is that of its newest file. The file before is kept: if
+the newest one is damaged, the run continues from there. A damaged or exchanged file raises an error.
 """
 
 from __future__ import annotations
@@ -27,11 +26,11 @@ from softness_bayes.sampler.chains import RunState, Segment
 from softness_bayes.sampler.diagnostics import Verdict
 from softness_bayes.sampler.schedule import Schedule
 
-FORMAT = 5
+FORMAT = 6
 """Version of the layout; other versions are rejected."""
 
 _NAME = re.compile(r"state-([0-9]{7,})\.npz")
-_RECORD, _STEPS = "record", Segment._fields[:2]
+_RECORD = "record"
 
 
 class Status(NamedTuple):
@@ -91,10 +90,8 @@ class Status(NamedTuple):
 class Record(NamedTuple):
     """Record of a state in its file."""
 
-    pieces: list[int]
-    """Numbers of the files with the steps of the state's stage; the last is that of the file."""
-    earlier: list[int]
-    """Those of the stage before, from which the run is continued if the first file of this stage is damaged."""
+    number: int
+    """Number of the file."""
     status: Status
     description: dict[str, str]
     """Settings that affect the draws, by name."""
@@ -132,56 +129,37 @@ def saved_states(directory: Path) -> list[int]:
     return sorted(number for path in paths if (number := number_of(path)) is not None)
 
 
-def content_of(state: RunState, stored: int, record: Record) -> bytes:
-    """Return the content of the file of a state.
-
-    Parameters
-    ----------
-    state
-        The state. Of its stored steps only new ones are copied: a long run is saved thousands of times.
-    stored
-        Number of stored steps in the pieces before.
-    record
-        What the file says of the state.
-    """
-    none, arrays = np.empty(0), list[NDArray[Any]]()
-    accepted = [np.array([one.accepted for one in part], dtype=np.int64).sum(axis=0) for part in state.parts]
-    bare = [(Segment(none, none, number),) if part else () for number, part in zip(accepted, state.parts, strict=True)]
-    values = {
-        "format": FORMAT,
-        **record._asdict(),
-        "status": to_json(record.status),
-        "state": to_json(replace(state, parts=tuple(bare)), arrays),
-    }
-    named = {str(k): array for k, array in enumerate(arrays)}
-    if state.steps // state.stride > stored:
-        new = [Segment.join(Segment.after(part, stored)) for part in state.parts]
-        named |= {name: np.stack([getattr(one, name) for one in new]) for name in _STEPS}
+def content_of(state: RunState, record: Record) -> bytes:
+    """Return the content of the file of a state, with what the file says of it."""
+    arrays: list[NDArray[Any]] = []
+    joined = replace(state, parts=tuple((Segment.join(part),) if part else () for part in state.parts))
+    values = {"format": FORMAT, **to_json(record), "state": to_json(joined, arrays)}
     text, buffer = np.frombuffer(as_json(values, "state").encode(), np.uint8), io.BytesIO()
-    np.savez(buffer, allow_pickle=False, **{_RECORD: text}, **named)
+    np.savez(buffer, allow_pickle=False, **{_RECORD: text}, **{str(k): array for k, array in enumerate(arrays)})
     return buffer.getvalue() + seal_of(buffer.getbuffer())
 
 
-def read_states(directory: Path, number: int) -> tuple[Record, RunState]:
-    """Return record and state of the file of a number, with the steps in the files before.
+def read_state(path: Path) -> tuple[Record, RunState]:
+    """Return record and state of a file.
 
     Raises
     ------
     InputError
-        If a file is missing or damaged, or of another format.
+        If the file is missing or damaged, or of another format.
     """
-    values, last = _read(state_path(directory, number))
-    record = _record(values)
-    arrays = [last[str(k)] for k in range(sum(name.isdigit() for name in last))]
-    state: RunState = from_json(RunState, values["state"], arrays)
-    files = [*(_read(state_path(directory, piece))[1] for piece in record.pieces[:-1]), last]
-    steps = [one for one in files if _STEPS[0] in one]
-    if not steps:
-        return record, state
-    walks, heights = (np.concatenate([one[name] for one in steps], axis=1) for name in _STEPS)
-    joined = zip(walks, heights, state.parts, strict=True)
-    parts = tuple((Segment(walk, height, part[0].accepted),) for walk, height, part in joined)
-    return record, replace(state, parts=parts)
+    try:
+        content = unsealed(path.read_bytes())
+    except (FileNotFoundError, IsADirectoryError):
+        content = None
+    except OSError as error:
+        raise InputError(f"{path}: a part of a checkpoint that cannot be read ({error.strerror})") from None
+    if content is None:
+        raise DamagedError(path)
+    with np.load(io.BytesIO(content), allow_pickle=False) as file:
+        values, arrays = _values(path, file), [file[str(k)] for k in range(len(file.files) - 1)]
+    if values["number"] != number_of(path):  # another file has taken its place
+        raise DamagedError(path)
+    return _record(values), from_json(RunState, values["state"], arrays)
 
 
 def read_last(directory: Path, salvage: bool = False) -> tuple[Record, RunState, str]:
@@ -202,7 +180,7 @@ def read_last(directory: Path, salvage: bool = False) -> tuple[Record, RunState,
     damaged: dict[Path, None] = {}
     for number in reversed(_begun(directory)):
         try:
-            record, state = read_states(directory, number)
+            record, state = read_state(state_path(directory, number))
         except DamagedError as error:
             if not salvage:
                 raise
@@ -257,24 +235,6 @@ def _begun(directory: Path) -> list[int]:
     if not (numbers := saved_states(directory)):
         raise InputError(f"{directory}: no run to continue or to report on; expected {directory / CHECKPOINT}")
     return numbers
-
-
-def _read(path: Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Return the values of the record of a file, and its arrays by name."""
-    try:
-        content = unsealed(path.read_bytes())
-    except (FileNotFoundError, IsADirectoryError):
-        content = None
-    except OSError as error:
-        raise InputError(f"{path}: a part of a checkpoint that cannot be read ({error.strerror})") from None
-    if content is None:
-        raise DamagedError(path)
-    with np.load(io.BytesIO(content), allow_pickle=False) as file:
-        arrays = {name: file[name] for name in file.files}
-    values = _values(path, arrays)
-    if values["pieces"][-1] != number_of(path):  # another file has taken its place
-        raise DamagedError(path)
-    return values, arrays
 
 
 def _values(path: Path, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:

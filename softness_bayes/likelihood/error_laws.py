@@ -75,11 +75,6 @@ class ErrorLaw(ABC):
     concave: bool = True
     slow_functions: bool = False
 
-    def __reduce_ex__(self, protocol: Any) -> Any:
-        """Pickle the laws of this module by their names: other processes compare laws with these objects."""
-        known = any(law is self for law in (*ERROR_LAWS.values(), GUMBEL))
-        return (error_law_named, (self.name,)) if known else super().__reduce_ex__(protocol)
-
     @abstractmethod
     def draw(self, rng: np.random.Generator, shape: tuple[int, ...], parameters: Any) -> FloatArray:
         """Return errors in units of their spread, of a shape (..., rows)."""

@@ -89,11 +89,6 @@ class Scale:
     ends: tuple[float, float] = (0.0, 1.0)
     """Numbers in the file of the ends of a bounded scale, whose observation model has shares of it."""
 
-    def __reduce_ex__(self, protocol: Any) -> Any:
-        """Pickle a scale of ratings by its name: other processes compare scales with these objects."""
-        known = RATING_SCALES.get(self.name) is self
-        return (scale_named, (self.name,)) if known else super().__reduce_ex__(protocol)
-
     def filed(self, observations: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return observations of the observation model, of any shape, in the units of the file."""
         low, high = self.ends
@@ -362,10 +357,6 @@ class RatingDirection:
 
     name: str
     sign: float
-
-    def __reduce_ex__(self, protocol: Any) -> Any:
-        """Pickle the direction by its name: other processes compare directions with these objects."""
-        return direction_named, (self.name,)
 
 
 RISES = RatingDirection("rises-with-firing", +1.0)

@@ -88,7 +88,7 @@ class ExperimentModel:
         options = self.requested
         require_kind("experiment", self.data, Experiment, "an Experiment, as read_experiment returns it")
         require_kind("options", options, ModelOptions, "ModelOptions")
-        if options.direction is FREE and options.scale is STANDARDISED:
+        if options.direction == FREE and options.scale == STANDARDISED:
             raise InputError(f"direction: {FREE.name} needs magnitude estimates, not {options.scale.name} ratings")
         if options.individual and len(self.data.ratings.participants) < 2:
             raise InputError(
@@ -171,7 +171,7 @@ class ExperimentModel:
             n_fingers=None if data.compression is None else len(data.compression.participants),
             membrane=options.readings.membrane,
             spreads=[{**SPREAD_OF, **declared.RATER_SPREADS}[name] for name in options.individual],
-            signed=("gamma",) if direction is FREE else (),
+            signed=("gamma",) if direction == FREE else (),
             of_errors=declared.ERROR_PARAMETERS.keys() & {*needs},
             recorded=[name for term in _recorded(data, options) for name in term.model.needs],
         )
@@ -206,7 +206,7 @@ class ExperimentModel:
         if answers := fingers.answers_of(options.individual):
             return model_of_different_raters(options.scale, answers, direction, meaning.law)
         if options.individual:
-            if options.scale is not MAGNITUDE:
+            if options.scale != MAGNITUDE:
                 what = fingers.differing(options.individual)
                 raise InputError(
                     f"individual: raters' {what} need magnitude estimates, not {options.scale.name} ratings"
@@ -238,7 +238,7 @@ class ExperimentModel:
         evidence = evidence_of(layout, self.interpretation.intervals.values, rate, known, groups.names)
         asked = options.direction is not None and "direction" not in options.decided
         # without an exponent that is sampled there is no sign to sample
-        signed = options.scale.model is None and options.scale is not STANDARDISED and "gamma" not in options.fix
+        signed = options.scale.model is None and options.scale != STANDARDISED and "gamma" not in options.fix
         return DirectionChoice(options.direction or evidence.direction or (FREE if signed else RISES), asked, evidence)
 
     @cached_property

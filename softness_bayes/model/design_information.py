@@ -343,7 +343,7 @@ class _Foresight:
         for t in range(len(theta)):
             error = np.sqrt(sd[t, 0] ** 2 + self.rounding)
             error_slope = _slope(sd, back, t) * sd[t, 0] / error
-            if model.scale is STANDARDISED:
+            if model.scale == STANDARDISED:
                 line = np.stack([np.ones(row.size), drive[t, 0, design.condition]], axis=-1)
                 along = self.slope[t] * slopes[t, design.condition]
                 found.append(normal_information(line, along, np.ones(2), error, error_slope))
@@ -393,7 +393,7 @@ def _at(value: Any, theta: Array) -> Array:
 
 def heavier(law: Any, parameters: Parameters) -> Any:
     """Return the variance, relative to varsigma², of normal errors with the same information about the mean."""
-    if law is STUDENT:
+    if law == STUDENT:
         nu = np.asarray(parameters.nu, float)
         return (nu + 3.0) / (nu + 1.0)
     return 1.0 / (1.0 - np.asarray(parameters.lapse, float)) if law.lapses else 1.0

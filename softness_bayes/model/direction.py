@@ -262,19 +262,19 @@ class DirectionChoice(NamedTuple):
     @property
     def against_data(self) -> bool:
         """True if the data clearly show the opposite direction."""
-        return self.direction is not FREE and self.evidence.direction not in (None, self.direction)
+        return self.direction != FREE and self.evidence.direction not in (None, self.direction)
 
     @property
     def sentence(self) -> str:
         """The chosen direction, the reason, and the option that overrides it."""
         name, found = self.direction.name, self.evidence
-        if self.direction is FREE:
+        if self.direction == FREE:
             why = "as asked" if self.asked else f"because the table cannot decide between {RISES.name} and {FALLS.name}"
             return (
                 f"--direction {name}, {why}: both directions are sampled, each with prior probability 1/2: "
                 f"{found.sentence}, and {found.model}"
             )
-        other = next(one for one in (RISES, FALLS) if one is not self.direction).name
+        other = next(one for one in (RISES, FALLS) if one != self.direction).name
         if self.against_data:
             return (
                 f"the direction contradicts the data: with --direction {name} the prediction has the wrong "

@@ -53,7 +53,7 @@ def interpret(ratings: Ratings, options: ModelOptions) -> Interpretation:
         If a rating is not on the scale, or the options request something that the scale or the model does not support.
     """
     options.scale.require(ratings)
-    if options.guess is not None and options.scale is not scales.PAIRS:
+    if options.guess is not None and options.scale != scales.PAIRS:
         raise InputError(f"--guess: a guess rate is one of pairs (--ratings {scales.PAIRS.name}); omit it")
     if options.scale in (scales.RANKS, scales.PAIRS):
         return _of_lists(ratings, options)
@@ -62,7 +62,7 @@ def interpret(ratings: Ratings, options: ModelOptions) -> Interpretation:
             f"{ratings.source}: the rows are pairs of fabrics (column fabric_2), which are {scales.PAIRS.name}, not "
             f"{options.scale.name} ratings; add --ratings {scales.PAIRS.name}"
         )
-    if (ratings.cells is not None) != (options.scale is scales.AGGREGATED):
+    if (ratings.cells is not None) != (options.scale == scales.AGGREGATED):
         raise InputError(_wrong_cells(ratings, options))
     if options.scale.model is not None:
         return _with_custom_model(ratings, options)
@@ -74,7 +74,7 @@ def interpret(ratings: Ratings, options: ModelOptions) -> Interpretation:
             f"ratings: {alone} need exact numbers with normal errors; omit --resolution and --errors, and "
             "remove a column resolution"
         )
-    if alone and (ratings.rating <= 0).any() and options.scale is scales.MAGNITUDE:
+    if alone and (ratings.rating <= 0).any() and options.scale == scales.MAGNITUDE:
         raise InputError(
             f"{ratings.source}: {(ratings.rating <= 0).sum()} ratings are 0, and {alone} need ratings above 0; "
             "leave these out with --drop-zeros, or omit that option"
@@ -194,7 +194,7 @@ def _of_lists(ratings: Ratings, options: ModelOptions) -> Interpretation:
         If no list has two touches, too many touches share a place, or the options request something that orders do not
         support.
     """
-    laws = (NORMAL, LAPSES) if options.scale is scales.PAIRS else (GUMBEL,)
+    laws = (NORMAL, LAPSES) if options.scale == scales.PAIRS else (GUMBEL,)
     refused = {
         "--resolution (or a column resolution)": options.resolution is not None or ratings.resolution is not None,
         "--errors": options.errors not in (None, *laws),
@@ -231,7 +231,7 @@ def _of_lists(ratings: Ratings, options: ModelOptions) -> Interpretation:
     tied = int((count[of_row.ravel()] > 1).sum())
     zero = np.zeros(own.size)
     intervals = Stated(shares(own, lists), zero, zero, zero + np.inf, lists=lists)
-    if options.scale is scales.PAIRS:
+    if options.scale == scales.PAIRS:
         if sizes.max() > 2:
             raise InputError(
                 f"{ratings.source}: a list holds {sizes.max()} touches, expected pairs; put both fabrics in one "
@@ -308,7 +308,7 @@ def _count_of(ratings: Ratings, options: ModelOptions) -> int:
         If a rating is not the number of a category, there are too many categories, or their number is given for another
         scale.
     """
-    if options.scale is not scales.CATEGORIES:
+    if options.scale != scales.CATEGORIES:
         if options.n_categories is not None:
             raise InputError(f"categories: {options.n_categories} are given for {options.scale.name} ratings")
         return 0
@@ -321,9 +321,9 @@ def _count_of(ratings: Ratings, options: ModelOptions) -> int:
 
 
 def _intervals_of(ratings: Ratings, options: ModelOptions, resolution: float | None) -> Stated:
-    if options.scale is scales.CATEGORIES:
+    if options.scale == scales.CATEGORIES:
         return stated(replace(ratings, resolution=None), 0.0)
-    if options.scale is scales.SLIDER:
+    if options.scale == scales.SLIDER:
         return stated(ratings, resolution, options.slider_ends)
     if options.slider_ends != (0.0, 1.0):
         raise InputError(f"slider: ends are given for {options.scale.name} ratings; add --ratings slider, or omit them")
@@ -332,9 +332,9 @@ def _intervals_of(ratings: Ratings, options: ModelOptions, resolution: float | N
 
 def _needs_closed_form(ratings: Ratings, options: ModelOptions) -> str:
     """Return the requested features that need exact ratings with normal errors, in words; empty if none."""
-    if options.scale is scales.STANDARDISED:
+    if options.scale == scales.STANDARDISED:
         return f"{options.scale.name} ratings"
-    if options.scale is scales.AGGREGATED:
+    if options.scale == scales.AGGREGATED:
         return "means of several raters"
     if fingers_of(options.individual):
         return f"raters' {differing(options.individual)} (--individual)"

@@ -136,7 +136,7 @@ def simulate_ratings(
     truth = {name: value for name, value in values.items() if name not in absent}
     truth |= {name: float(value) for name, (value, axes) in drawn.items() if not axes}
     responses = rate.reshape(len(loads), len(fabrics)).T
-    if scale is scales.PAIRS:
+    if scale == scales.PAIRS:
         ratings = paired(rng, model, scene, participants, missing, drive, parameters, fabrics.names, loads)
         return Simulation(ratings, truth, effect, responses)
     touched = design
@@ -146,7 +146,7 @@ def simulate_ratings(
         # each row is a separate condition
         touched = Design(np.arange(design.n_rows), people, design.fabric[design.condition], participants)
     filed = rounded(model.draw_ratings(rng, touched, drive, parameters, effects))
-    if scale is scales.AGGREGATED:
+    if scale == scales.AGGREGATED:
         means = averaged(filed.reshape(participants, -1), scene, fabrics.names, loads)
         return Simulation(means, truth, effect.mean(keepdims=True), responses)
     if resolution:
@@ -154,7 +154,7 @@ def simulate_ratings(
     filed[rng.random(filed.size) < missing] = np.nan
     # conditions are ordered by load
     table = filed.reshape(participants, len(loads), len(fabrics)).transpose(0, 2, 1)
-    if scale is scales.RANKS:  # each fabric's place, from 1
+    if scale == scales.RANKS:  # each fabric's place, from 1
         place = 1.0 + table.argsort(axis=1, kind="stable").argsort(axis=1, kind="stable")
         table = np.where(np.isnan(table), np.nan, place)
     ratings = Ratings.crossed(numbered("P", participants), fabrics.names, loads, table)
@@ -182,12 +182,12 @@ def _model_of(
     """
     if differ := tuple(name for name, spread in RATER_SPREADS.items() if values.get(spread, 0.0) > 0):
         return model_of_different_raters(scale, differ, direction, errors)
-    model: Any = rating_model(scale, direction, GUMBEL if scale is scales.RANKS and errors == NORMAL else errors)
-    if scale is scales.AGGREGATED:
+    model: Any = rating_model(scale, direction, GUMBEL if scale == scales.RANKS and errors == NORMAL else errors)
+    if scale == scales.AGGREGATED:
         model = model.of_one_rater
     if categories is None:
         return model
-    if scale is not scales.CATEGORIES:
+    if scale != scales.CATEGORIES:
         raise InputError(f"simulate: {categories} categories, expected none for {scale.name} ratings")
     ranges.CATEGORIES_RANGE.require("simulate: number of categories", categories)
     return replace(model, categories=categories)
@@ -228,7 +228,7 @@ def _require_ranges(
     ranges.LOAD_ERRORS.require("simulate: load_cv", load_cv)
     if resolution and scale in (scales.AGGREGATED, scales.STANDARDISED, scales.CATEGORIES, scales.RANKS, scales.PAIRS):
         raise InputError(f"simulate: resolution is {resolution}, expected none for {scale.name} ratings")
-    if load_cv and scale is not scales.MAGNITUDE:
+    if load_cv and scale != scales.MAGNITUDE:
         raise InputError(f"simulate: load_cv is {load_cv}, expected none for {scale.name} ratings")
     ranges.PARTICIPANTS.require("simulate: number of participants", participants)
     ranges.SIMULATED_RATINGS.require("simulate: number of ratings", participants * conditions)
@@ -239,7 +239,7 @@ def _require_ranges(
             f"simulate: mu is {mu}, expected a number from -{scales.LARGEST_LOG_RATING:g} to "
             f"{scales.LARGEST_LOG_RATING:g}"
         )
-    if scale is scales.AGGREGATED and (missing or participants < 2):
+    if scale == scales.AGGREGATED and (missing or participants < 2):
         raise InputError("simulate: means of raters need at least two raters and no missing ratings (missing 0)")
 
 

@@ -165,7 +165,7 @@ class SingleAnswers:
     @property
     def open_ended(self) -> IntArray:
         """Conditions all of whose ratings are intervals without an end on one and the same side; none for pairs."""
-        if self.scale is PAIRS:
+        if self.scale == PAIRS:
             return np.zeros(0, np.intp)
         ends = (1.0, float(self.categories)) if self.categories else (-np.inf, np.inf)
         beyond = [self.rows.low == ends[0], (self.rows.low if self.categories else self.rows.high) == ends[1]]
@@ -193,7 +193,7 @@ class SingleAnswers:
 
     def natural(self, means: Array, given: Mapping[str, Array]) -> Array:
         """Return means (draws, conditions) as ratings, expected categories or shares won, for parameters (draws,)."""
-        if self.scale is PAIRS:
+        if self.scale == PAIRS:
             return _share_below(means, self.met, ndtr)
         if self.categories:
             gaps = np.stack([np.zeros(len(means)), *(given[f"gap_{k}"] for k in range(2, self.categories))], axis=-1)
@@ -301,19 +301,19 @@ def answers_of(ratings: Ratings, meaning: Interpretation, options: ModelOptions,
     if scale in (RANKS, PAIRS):
         return _of_lists(ratings, meaning, scale, condition, count)
     people, categories, none = len(ratings.participants), meaning.categories, np.zeros(len(ratings))
-    own = scale.own_units and people > 1 and scale is not AGGREGATED
+    own = scale.own_units and people > 1 and scale != AGGREGATED
     needs, spread = (*(["tau"] if own else []), "varsigma", *law.needs), None
     low, high = (intervals.values,) * 2 if intervals.exact else intervals.ends(intervals.values)
     with np.errstate(divide="ignore"):
         rows = Rows(scale.additive(low), scale.additive(high), none - np.inf)
-    if scale is CATEGORIES:
+    if scale == CATEGORIES:
         rows = Rows(ratings.rating, ratings.rating, none - np.log(categories))
         needs = (*needs, *(f"gap_{k}" for k in range(2, categories)))
     elif law.lapses:
         design = Design(condition, ratings.participant, np.arange(count), people)
-        model = SliderModel(law=law) if scale is SLIDER else IntervalModel(law=law)
+        model = SliderModel(law=law) if scale == SLIDER else IntervalModel(law=law)
         rows = rows._replace(lapse=model.lapses(low, high, design).log_probability(low, high, scale))
-    if scale is AGGREGATED:
+    if scale == AGGREGATED:
         needs, spread = (), _error_of_means(ratings)
     columns = [condition, *([count + ratings.participant] if own else [])]
     at = np.tile(np.arange(len(ratings)), len(columns)), np.concatenate(columns)
@@ -328,7 +328,7 @@ def answers_of(ratings: Ratings, meaning: Interpretation, options: ModelOptions,
         needs,
         float(np.mean(middle)),
         WIDE * max(float(np.std(middle)), LEAST_SPREAD),
-        none if scale is CATEGORIES else np.where(low == high, -scale.log_slope(intervals.values), 0.0),
+        none if scale == CATEGORIES else np.where(low == high, -scale.log_slope(intervals.values), 0.0),
         spread,
         categories,
         options.slider_ends,
@@ -356,7 +356,7 @@ def _of_lists(ratings: Ratings, meaning: Interpretation, scale: Scale, condition
     for row, there in zip(of, places.filled, strict=True):
         own = row[there]
         np.add.at(met, (own[:, None], own), (1.0 - np.eye(own.size)) / max(own.size - 1, 1))
-    if scale is RANKS:
+    if scale == RANKS:
         owner = np.zeros(lists.max() + 1, np.intp)
         owner[lists] = ratings.participant
         return Orders(places, of, owner, count, met)

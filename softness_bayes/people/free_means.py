@@ -208,9 +208,9 @@ def word_of(title: str, scale: Scale) -> str:
 
 def _clusters(ratings: Ratings, scale: Scale) -> IntArray:
     """Return the cluster of each answer, in the order of `Answers`."""
-    if scale is RANKS:
+    if scale == RANKS:
         return np.unique(ratings.participant)
-    if scale is not PAIRS:
+    if scale != PAIRS:
         return ratings.fabric
     return np.sort(ratings.fabric[told_pairs(ratings)], axis=1) @ np.array([1, len(ratings.fabrics)])
 

@@ -65,12 +65,12 @@ def threshold_table(ratings: Ratings, tree: xr.DataTree) -> pd.DataFrame:
 
 
 def _ruler_of(found: FreeMeans, ratings: Ratings, options: ModelOptions, tree: xr.DataTree) -> pd.DataFrame:
-    if options.scale is RANKS:
+    if options.scale == RANKS:
         density = values_in(tree, "log_likelihood_participant", "ratings_of_participant")[0]
         density = density[:, np.unique(ratings.participant)]
     else:
         density = values_in(tree, "log_likelihood", "rating")[0]
-    if options.scale is PAIRS:
+    if options.scale == PAIRS:
         density = density[:, told_pairs(ratings)[:, 0]]
     layout = layout_of(tree)
     predicted = predicted_ratings(tree, layout).mean(axis=0)

@@ -297,7 +297,7 @@ def subject(result: Result) -> str:
         fabrics = result.group("constant_data").sizes["fabric"]
         loads = " and ".join(in_words(result.load_groups.names).rsplit(", ", 1))
         ratings = int(np.isfinite(result.group("observed_data")["rating"].values).sum())
-        pairs = result.scale is PAIRS
+        pairs = result.scale == PAIRS
         answers = counted(ratings // 2, "comparison") if pairs else counted(ratings, "rating")
         parts.append(f"{answers} of {counted(fabrics, 'fabric')} by {counted(people, 'participant')} under {loads}")
     if result.has_compression:

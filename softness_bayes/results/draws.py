@@ -181,7 +181,7 @@ class RatedDraws:
 
         NaN if only one direction was sampled, and the error also if there is one ensemble.
         """
-        if self.model.direction is not FREE:
+        if self.model.direction != FREE:
             return np.nan, np.nan
         rises = (np.asarray(self.posterior.space.value("gamma", self.theta)) > 0).mean(axis=1)
         shares = [rises[self.kept.ensemble == one].mean() for one in np.unique(self.kept.ensemble)]

@@ -89,15 +89,15 @@ class CalibrationScene:
     def planned(self, options: ModelOptions) -> tuple[Experiment, ModelOptions]:
         """Return the design with placeholder ratings on its scale, and the options with all open choices filled in."""
         options = replace(options, direction=options.direction or RISES)  # there are no data from which to infer it
-        if options.scale is not MAGNITUDE and options.scale.model is None:
+        if options.scale != MAGNITUDE and options.scale.model is None:
             law = options.errors or rating_model(options.scale).error
-            exact = 0.0 if options.scale is SLIDER and options.resolution is None else options.resolution
+            exact = 0.0 if options.scale == SLIDER and options.resolution is None else options.resolution
             options = replace(options, errors=law, resolution=exact)
         return Experiment(self._ratings(options), self.fabrics, ()), options
 
     def _ratings(self, options: ModelOptions) -> Ratings:
         """Return placeholder ratings: all 1, or simulated ones if these would not be on the scale."""
-        if options.scale is not MAGNITUDE:
+        if options.scale != MAGNITUDE:
             made = simulate_ratings(
                 np.random.default_rng(0),
                 self.fabrics,

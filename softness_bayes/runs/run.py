@@ -150,7 +150,7 @@ def sample_model(
             if means is not None:
                 people, tables[RULER] = people_tables(means(), ratings, model.options, found.tree)
                 tables[FABRIC_RATINGS] = tables[FABRIC_RATINGS].join(people)
-            if model.options.scale is PAIRS and len(thresholds := threshold_table(ratings, found.tree)):
+            if model.options.scale == PAIRS and len(thresholds := threshold_table(ratings, found.tree)):
                 tables[THRESHOLDS] = thresholds.set_index(["load", "reference", "answers"])
             return Result(found.tree, found.summary.join(information_table(found.tree)), tables)
     # importance weights fail: the walk is repeated without the approximation

@@ -8,9 +8,9 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from multiprocessing import get_context, parent_process, resource_tracker
 from pathlib import Path
 from types import TracebackType
@@ -147,24 +147,16 @@ class Workers:
         for _ in range(self._processes if self._pool is not None else 0):
             self.later(_nothing)
 
-    def _submit(self, work: Callable[..., Result], task: tuple[Any, ...]) -> Future[Result]:
-        """Submit a task.
-
-        Raises
-        ------
-        BrokenExecutor
-            If a process has died in the meantime.
-        WorkersLostError
-            If the given executor has lost its workers.
-        """
-        if self._given is not None:
-            try:
-                return self._given.submit(_on_one_thread, work, self._sent, task)
-            except BrokenExecutor:
-                raise WorkersLostError(_LOST) from None
-        assert self._pool is not None
-        with _shielded():
-            return self._pool.submit(_in_worker, work, task)
+    def _begun(self, work: Callable[..., Result], tasks: Mapping[int, tuple[Any, ...]]) -> dict[Future[Result], int]:
+        """Submit tasks, as long as no process has died, and return the index of each one."""
+        running: dict[Future[Result], int] = {}
+        with suppress(BrokenExecutor), _shielded():
+            for k, task in tasks.items():
+                if self._given is not None:
+                    running[self._given.submit(_on_one_thread, work, self._sent, task)] = k
+                elif self._pool is not None:
+                    running[self._pool.submit(_in_worker, work, task)] = k
+        return running
 
     def _renew(self) -> None:
         """Replace all processes after one of them has died, which breaks the pool.
@@ -172,10 +164,10 @@ class Workers:
         Raises
         ------
         WorkersLostError
-            If this has happened too often.
+            If this has happened too often, or a given executor has lost its workers.
         """
         if self._given is not None:
-            raise WorkersLostError(_LOST) from None
+            raise WorkersLostError("the executor lost its workers: they were killed, or memory ran out") from None
         if self._pool is None or self._renewed == RENEWALS:
             raise WorkersLostError(_DIED) from None
         self._renewed += 1
@@ -183,17 +175,20 @@ class Workers:
         self._pool = self._new_pool()
 
     def _finished(self, work: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, Result]]:
-        """Yield index and result of every task as it finishes; tasks whose process died are repeated."""
-        if self._pool is None and self._given is None:
-            for k, task in enumerate(tasks):
-                yield k, _on_one_thread(work, self._resident, task)
-            return
+        """Begin tasks, and return index and result of every one as it finishes; those whose process died repeat."""
         left = dict(enumerate(tasks))
+        if self._pool is None and self._given is None:
+            return ((k, _on_one_thread(work, self._resident, task)) for k, task in left.items())
+        return self._collected(work, left, self._begun(work, left))
+
+    def _collected(
+        self, work: Callable[..., Result], left: dict[int, tuple[Any, ...]], running: dict[Future[Result], int]
+    ) -> Iterator[tuple[int, Result]]:
         while left:
-            running: dict[Future[Result], int] = {}
+            running = running or self._begun(work, left)  # the processes may be new ones, for the sake of another task
+            if not running:
+                self._renew()
             try:
-                for k, task in left.items():
-                    running[self._submit(work, task)] = k
                 done = as_completed(list(running))
                 while running:
                     future = next(done)
@@ -202,7 +197,9 @@ class Workers:
                     del left[k], future  # and with it the result
                     yield k, result
             except BrokenExecutor:
-                self._renew()
+                if self._given is not None:
+                    self._renew()
+                running.clear()
             finally:
                 if self._given is not None:
                     for future in running:
@@ -221,21 +218,8 @@ class Workers:
 
     def later(self, work: Callable[..., Result], *task: Any) -> Callable[[], Result]:
         """Begin ``work(resident, *task)``, and return a function that waits for its result; otherwise like `map`."""
-        if self._pool is None and self._given is None:
-            done = _on_one_thread(work, self._resident, task)
-            return lambda: done
-        try:
-            future = self._submit(work, task)
-        except BrokenExecutor:
-            return lambda: self.map(work, [task])[0]
-
-        def wait() -> Result:
-            try:
-                return future.result()
-            except BrokenExecutor:
-                return self.map(work, [task])[0]
-
-        return wait
+        finished = self._finished(work, [task])
+        return lambda: next(finished)[1]
 
     def as_finished(self, work: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]) -> Iterator[Result]:
         """Yield ``work(resident, *task)`` of every task as soon as it finishes, in any order; otherwise like `map`."""
@@ -247,9 +231,6 @@ _DIED = (
     "memory ran out. Use fewer processes (--processes 1 needs no worker). In a script, the call must be under "
     "'if __name__ == \"__main__\":'"
 )
-
-
-_LOST = "the executor lost its workers: they were killed, or memory ran out"
 
 
 _resident: Any = None

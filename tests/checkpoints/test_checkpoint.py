@@ -14,7 +14,7 @@ import pytest
 
 from softness_bayes.checkpoints import checkpoint as storage
 from softness_bayes.checkpoints.checkpoint import Checkpoint
-from softness_bayes.checkpoints.saved import read_record, read_status, saved_states, state_path
+from softness_bayes.checkpoints.saved import read_status, saved_states, state_path
 from softness_bayes.errors import InputError, LockedError
 from softness_bayes.files import whole
 from softness_bayes.files.lock import Lock, is_held
@@ -191,10 +191,10 @@ def test_a_full_disk_ends_the_run_and_loses_nothing(tmp_path, states, monkeypatc
     same(list(follow(tmp_path, STEPS))[-1], states[-1])
 
 
-# writing rarely, in pieces
+# writing rarely
 
 
-def test_writes_wait_and_files_are_joined(tmp_path, states, monkeypatch):
+def test_writes_wait(tmp_path, states):
     target = posterior_of_the_fake()
     with Checkpoint.create(tmp_path) as checkpoint:
         checkpoint.begin(WHAT)
@@ -205,11 +205,21 @@ def test_writes_wait_and_files_are_joined(tmp_path, states, monkeypatch):
         checkpoint.flush()
         assert checkpoint.status.steps == main[-1].steps
     same(load(tmp_path), main[-1])
-    monkeypatch.setattr(storage, "INTERVAL", 0.0)
-    monkeypatch.setattr(storage, "MOST_FILES", 2)
-    keep(tmp_path / "again", main)
-    assert len([*(tmp_path / "again" / "checkpoint").glob("state-*")]) in (3, 4)  # with those before
-    same(load(tmp_path / "again"), main[-1])
+
+
+def test_slow_writes_are_rarer(tmp_path, states, monkeypatch):
+    """A state is written again after twenty times as long as the last one took."""
+    now, write = [0.0], storage.write_whole
+    monkeypatch.setattr(storage.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(storage, "write_whole", lambda *what: (write(*what), now.__setitem__(0, now[0] + 1.0)))
+    main, written = [s for s in states if s.phase == 2 and not s.ended], []
+    with Checkpoint.create(tmp_path) as checkpoint:
+        checkpoint.begin(WHAT)
+        for state in main[:4]:
+            checkpoint.keep(state, settings(STEPS), posterior_of_the_fake())
+            written.append(checkpoint.status.steps)
+            now[0] += 8.0
+    assert written == [main[k].steps for k in (0, 0, 0, 3)]
 
 
 def test_where_the_density_failed_is_kept_beside_the_results(tmp_path, states):
@@ -290,12 +300,9 @@ def flipped(content, rng):
 
 
 @pytest.mark.usefixtures("eager")
-@pytest.mark.parametrize("place", [0, -1], ids=["first", "last"])
-def test_no_flipped_bit_of_a_checkpoint_is_taken_for_the_run(tmp_path, states, place, rng):
+def test_no_flipped_bit_of_a_checkpoint_is_taken_for_the_run(tmp_path, states, rng):
     keep(tmp_path, states[:6])
-    pieces = read_record(tmp_path).pieces
-    assert len(pieces) > 2
-    path = state_path(tmp_path, pieces[place])
+    path = state_path(tmp_path, saved_states(tmp_path)[-1])
     whole, status, sound = path.read_bytes(), read_status(tmp_path), 0
     for _ in range(50):
         path.write_bytes(flipped(whole, rng))

@@ -4,7 +4,6 @@ import pytest
 
 from softness_bayes.checkpoints import checkpoint as storage
 from softness_bayes.checkpoints.checkpoint import Checkpoint
-from softness_bayes.checkpoints.saved import read_record, state_path
 from softness_bayes.errors import InputError, LockedError
 from softness_bayes.files.lock import Lock
 from softness_bayes.sampler.sampling import walk
@@ -52,38 +51,21 @@ def continued(directory):
 
 
 @pytest.mark.parametrize("damage", [cut, flip, lambda path: path.unlink()], ids=["cut", "flip", "gone"])
-@pytest.mark.parametrize("part", [-1, 1, 0], ids=["last", "second", "first"])
+@pytest.mark.parametrize("part", [-1, 0], ids=["last", "before"])
 def test_a_run_goes_on_from_its_last_whole_state(run, states, part, damage):
-    record, home = read_record(run), run / "checkpoint"
-    assert len(record.pieces) > 2
-    path = state_path(run, record.pieces[part])
+    path, home = run / "checkpoint" / named(run)[part], run / "checkpoint"
     damage(path)
     before = {file.name: file.read_bytes() for file in home.iterdir()}
     opened = Checkpoint.open(run, salvage=True)
     assert {file.name: file.read_bytes() for file in home.iterdir()} == before  # looking changes nothing
-    if part == -1 and not path.exists():  # the file before is then the newest
+    if part == 0 or not path.exists():  # the newest that is there is whole
         assert opened.damage == ""
     else:
-        assert f"{path}: damaged or missing; the run continues from " in opened.damage
+        assert f"{path}: damaged or missing; the run continues from step {states[-3].steps}" in opened.damage
         assert "the last intact state: the steps after it are lost" in opened.damage
     said, begun, last = continued(run)
     assert said == opened.damage
-    stage, reached = ((state.phase, state.stride) for state in (begun, states[-2]))
-    if part == 0:  # of the last stage nothing is left, of the one before all
-        assert stage < reached
-    else:
-        assert stage == reached
-        assert begun.steps == opened.status.steps < record.status.steps
-    same(last, states[-1])
-
-
-def test_several_damaged_files_cost_as_much_as_the_worst(run, states):
-    names, home = named(run), run / "checkpoint"
-    for name in (names[-1], names[-3]):
-        flip(home / name)
-    said, begun, last = continued(run)
-    assert all(name in said for name in (names[-1], names[-3]))
-    assert f"continues from step {begun.steps}, the last intact state: the steps after it are lost" in said
+    same(begun, states[-2 if part == 0 else -3])
     same(last, states[-1])
 
 
@@ -101,5 +83,6 @@ def test_a_run_that_another_process_holds_is_not_looked_at(run):
         Checkpoint.open(run, salvage=True)
 
 
-def test_every_file_is_named(run):
+def test_the_last_two_states_are_kept_and_nothing_else(run):
+    assert len(named(run)) == 2
     assert {path.name for path in (run / "checkpoint").iterdir()} == {*named(run), "lock"}

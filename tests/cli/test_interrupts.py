@@ -18,7 +18,7 @@ import pytest
 
 from softness_bayes.__main__ import quieten_libraries
 from softness_bayes.checkpoints.saved import read_status, saved_states
-from softness_bayes.cli import VERBS, _prints
+from softness_bayes.cli import VERBS, _prints, interrupts
 from softness_bayes.errors import WorkersLostError
 from softness_bayes.results.result import Result
 from softness_bayes.sampler.workers import RENEWALS, Workers
@@ -251,8 +251,8 @@ def test_an_interrupt_ends_any_verb_quietly(verb, delay, report_run, tmp_path):
 def test_workers_that_are_only_beginning_are_known():
     with Workers(10, 2) as workers:
         pids = {*workers.map(_number, [(), ()])}
-        assert pids <= workers()
-    assert os.getpid() not in workers()
+        assert pids <= interrupts.workers()
+    assert os.getpid() not in interrupts.workers()
 
 
 def _number(resident):
@@ -291,11 +291,18 @@ def _die(resident, value):
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-@pytest.mark.parametrize("way", ["map", "as_finished"])
+WAYS = {
+    "map": lambda workers, tasks: workers.map(_die_once, tasks),
+    "as_finished": lambda workers, tasks: sorted(workers.as_finished(_die_once, tasks)),
+    "later": lambda workers, tasks: [wait() for wait in [workers.later(_die_once, *task) for task in tasks]],
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
 def test_a_worker_that_dies_is_replaced_and_its_task_done_again(tmp_path, way):
     tasks = [(str(tmp_path / "died"), k) for k in range(5)]
     with Workers(10, 2) as workers:
-        found = workers.map(_die_once, tasks) if way == "map" else sorted(workers.as_finished(_die_once, tasks))
+        found = WAYS[way](workers, tasks)
     assert (tmp_path / "died").exists()
     assert found == [0, 10, 20, 30, 40]
 

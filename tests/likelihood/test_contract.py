@@ -582,10 +582,19 @@ def test_no_name_of_a_scale_is_written_outside_its_table():
             assert not (isinstance(node, ast.Constant) and node.value in names), f"{path}: line {node.lineno}"
 
 
-def test_scales_laws_and_directions_are_the_same_objects_in_other_processes():
-    """They are compared by identity; a scale with ends of its own keeps them."""
+def test_scales_laws_and_directions_are_equal_in_other_processes():
+    """Workers have copies of them, so that nothing may compare them by identity; a slider keeps its own ends."""
     named = *scales.RATING_SCALES.values(), *error_laws.ERROR_LAWS.values(), error_laws.GUMBEL
     for one in (*named, scales.RISES, scales.FALLS, scales.FREE):
-        assert pickle.loads(pickle.dumps(one)) is one
+        assert pickle.loads(pickle.dumps(one)) == one
     own = scales.slider_between(0.0, 100.0)
     assert pickle.loads(pickle.dumps(own)).ends == (0.0, 100.0)
+    kinds = scales.Scale, error_laws.ErrorLaw, scales.RatingDirection
+    places = {**vars(error_laws), **vars(scales)}
+    names = {name for name, value in places.items() if isinstance(value, kinds)}
+    assert {"SLIDER", "STUDENT", "FREE"} <= names
+    for path, tree in trees(*ROOMS, "model", "people", "results", "runs", "report").items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Compare) and isinstance(node.ops[0], (ast.Is, ast.IsNot)):
+                compared = ast.unparse(node.comparators[0]).removeprefix("scales.")
+                assert compared not in names, f"{path}: line {node.lineno}"

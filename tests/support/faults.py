@@ -9,7 +9,7 @@ import pytest
 
 from softness_bayes.checkpoints import checkpoint as storage
 from softness_bayes.checkpoints.checkpoint import Checkpoint
-from softness_bayes.checkpoints.saved import content_of, read_last, read_record, saved_states, state_path
+from softness_bayes.checkpoints.saved import content_of, read_last, saved_states, state_path
 from softness_bayes.errors import InputError
 from softness_bayes.files import whole
 from support.killable import WHAT, fake_posterior, settings
@@ -80,17 +80,14 @@ def written(directory, states, steps):
 
 
 def named(directory):
-    """Return the names of the files that the newest state of a run names."""
-    record = read_record(directory)
-    return [state_path(directory, number).name for number in (*record.earlier, *record.pieces)]
+    """Return the names of the files of states."""
+    return [state_path(directory, number).name for number in saved_states(directory)]
 
 
 def rewritten(directory, **values):
     """Write the newest state of a run anew, with other values in its record."""
     record, state, _ = read_last(directory)
-    number = record.pieces[-1]
-    content = content_of(state, 0, record._replace(**{"pieces": [number], **values}))
-    state_path(directory, number).write_bytes(content)
+    state_path(directory, record.number).write_bytes(content_of(state, record._replace(**values)))
 
 
 def read_back(directory):
@@ -103,13 +100,13 @@ def read_back(directory):
 
 
 def spoilt(run, directory, random):
-    """Copy a run and damage one to three of its files; return how."""
+    """Copy a run and damage one or both of its files; return how."""
     shutil.copytree(run, directory)
     files = sorted(path for path in (directory / "checkpoint").iterdir() if path.name != "lock")
-    picked = [files[k] for k in random.choice(len(files), int(random.integers(1, 4)), replace=False)]
+    picked = [files[k] for k in random.choice(len(files), int(random.integers(1, len(files) + 1)), replace=False)]
     done = []
     for path in picked:
         how = str(random.choice(DAMAGES))
-        damage(path, how, [other for other in files if other not in picked], random)
+        damage(path, how, [other for other in files if other not in picked] or files, random)
         done.append((how, path.name))
     return done
