@@ -11,12 +11,13 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, dataclass, fields, replace
 from importlib.metadata import version
 from types import MappingProxyType
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
 from softness_bayes.errors import InputError
 from softness_bayes.files.json_text import as_json, parse_json
+from softness_bayes.files.records import from_json, to_json
 from softness_bayes.likelihood.scales import (
     FREE,
     MAGNITUDE,
@@ -249,6 +250,24 @@ class RecordedData:
     """Record of the `RecordedFindings`, which `Stored.recorded_findings` returns."""
 
 
+class _Part(Generic[Section]):
+    """Section of a provenance, read from its attributes when it is asked for."""
+
+    def __init__(self, section: type[Section]) -> None:
+        self._section = section
+
+    def __get__(self, provenance: Provenance, owner: type[Provenance]) -> Section:
+        values: dict[str, Any] = {}
+        for each in fields(self._section):  # type: ignore[arg-type]
+            if each.default is MISSING or each.name in provenance.attributes:
+                found = provenance.attributes[each.name]
+                try:
+                    values[each.name] = _CODECS[str(each.type)].read(found)
+                except (KeyError, TypeError, ValueError) as error:
+                    raise InputError(f"result: attribute {each.name!r} cannot be {found!r:.60} ({error})") from None
+        return self._section(**values)
+
+
 @dataclass(frozen=True)
 class Provenance:
     """Provenance of a result, read from its attributes one section at a time.
@@ -263,10 +282,10 @@ class Provenance:
 
     attributes: Mapping[Any, Any]
 
-    @property
-    def asked(self) -> Asked:
-        """Settings requested for a run."""
-        return self._section(Asked)
+    asked, ending, direction = _Part(Asked), _Part(Ending), _Part(DirectionTaken)
+    rating_data, errors, silence = _Part(RatingData), _Part(NumericalErrors), _Part(Silence)
+    plate, recorded, _rating_model = _Part(PlateData), _Part(RecordedData), _Part(RatingSettings)
+    """Of runs that use compression data, or recorded afferents."""
 
     @property
     def priors(self) -> dict[str, Prior]:
@@ -285,59 +304,24 @@ class Provenance:
         return self._family(VERSION)
 
     @property
-    def ending(self) -> Ending:
-        """State of the chains at the end of the run."""
-        return self._section(Ending)
-
-    @property
     def verdict(self) -> str:
         """Verdict on convergence as a sentence; empty if not recorded."""
         return str(self.attributes.get("verdict", ""))
 
     @property
-    def direction(self) -> DirectionTaken:
-        """Direction of ratings with the response."""
-        return self._section(DirectionTaken)
-
-    @property
     def rating_model(self) -> RatingSettings:
         """The model of the ratings; the scale of a slider is that of its numbers in the file."""
-        found = self._section(RatingSettings)
+        found = self._rating_model
         if found.rating_scale != SLIDER:
             return found
         ends = map(float, self.asked.options.get("slider_ends", "0,1").split(","))
         return replace(found, rating_scale=slider_between(*ends))
 
     @property
-    def rating_data(self) -> RatingData:
-        """The ratings and fabrics."""
-        return self._section(RatingData)
-
-    @property
-    def errors(self) -> NumericalErrors:
-        """Numerical errors of the model."""
-        return self._section(NumericalErrors)
-
-    @property
     def findings(self) -> dict[str, Finding]:
         """Findings of the checks of residuals, by quantity."""
-        every = [_finding(one) for one in parse_json(str(self.attributes.get("findings", "[]")))]
+        every = from_json(tuple[Finding, ...], parse_json(str(self.attributes.get("findings", "[]"))))
         return {one.quantity: one for one in every}
-
-    @property
-    def silence(self) -> Silence:
-        """Shares of draws without firing."""
-        return self._section(Silence)
-
-    @property
-    def plate(self) -> PlateData:
-        """Compression data, for runs that use them."""
-        return self._section(PlateData)
-
-    @property
-    def recorded(self) -> RecordedData:
-        """Recorded afferents, for runs that use them."""
-        return self._section(RecordedData)
 
     @property
     def least_drop(self) -> float:
@@ -358,17 +342,6 @@ class Provenance:
     def _family(self, begin: str) -> dict[str, str]:
         found = {str(name): value for name, value in self.attributes.items()}
         return {name.removeprefix(begin): str(value) for name, value in found.items() if name.startswith(begin)}
-
-    def _section(self, section: type[Section]) -> Section:
-        values: dict[str, Any] = {}
-        for each in fields(section):  # type: ignore[arg-type]
-            if each.default is MISSING or each.name in self.attributes:
-                found = self.attributes[each.name]
-                try:
-                    values[each.name] = _CODECS[str(each.type)].read(found)
-                except (KeyError, TypeError, ValueError) as error:
-                    raise InputError(f"result: attribute {each.name!r} cannot be {found!r:.60} ({error})") from None
-        return section(**values)
 
 
 def is_first_look(attributes: Mapping[Any, Any]) -> bool:
@@ -405,17 +378,8 @@ class _Codec(NamedTuple):
 
 
 def findings_attribute(findings: Iterable[Finding]) -> dict[str, str]:
-    """Return findings as an attribute, without what is as by default."""
-    usual = {each.name: each.default for each in fields(Finding)}
-    known = [
-        {name: value for name, value in vars(one).items() if value not in (usual[name], ()) and value == value}
-        for one in findings
-    ]
-    return {"findings": as_json(known, "findings of the run")}
-
-
-def _finding(known: Mapping[str, Any]) -> Finding:
-    return Finding(**{"p_value": np.nan, **known, "advice": tuple(known.get("advice", ()))})
+    """Return findings as an attribute."""
+    return {"findings": as_json(to_json(tuple(findings)), "findings of the run")}
 
 
 _CODECS: Mapping[str, _Codec] = MappingProxyType(

@@ -55,7 +55,7 @@ def test_a_section_comes_back_as_it_was_written(name, section):
 
 
 def test_findings_come_back_as_they_were_written():
-    whole = Finding("fabrics", 0.1, 0.2, 0.3, False, ("--prior a", "b"), 3, "felt", 0.4, 0.5, "log rating")
+    whole = Finding("fabrics", 0.1, 0.2, 0.3, False, ("--prior a", "b"), 3, "felt", 0.4, 0.5, "log rating", 0.7)
     found = Provenance(findings_attribute([whole, Finding("noise", np.nan, modelled=True)])).findings
     assert found["fabrics"] == whole
     assert (found["noise"].modelled, found["noise"].advice, np.isnan(found["noise"].p_value)) == (True, (), True)
