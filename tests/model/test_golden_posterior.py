@@ -39,7 +39,7 @@ MOST_COLUMNS = 50
 FABRICS = {"silk": 2e1, "lawn": 9e1, "drill": 3e2, "felt": 7e2, "board": 4e3}
 RATERS = {"Ada": 0.5, "Bo": -0.4, "Cy": 0.1, "Di": 0.3}
 MM, N = "indentation_mm", "force_n"
-FINE = Discretisation(nodes=30, saturation=25.0, field_tolerance=1e-8)
+FINE = Discretisation(nodes=30, saturation=25.0, field_tolerance=1e-7)
 """So fine that responses do not depend on how stress fields are tabulated."""
 
 
@@ -143,7 +143,7 @@ MODELS = {
     ),
     "a sampled finger, direction free": lambda: built(
         ratings((1.0, 2.0)),
-        priors={"radius": "normal(8,0.5)", "receptor_depth": "uniform(0.5,0.9)"},
+        priors={"radius": "normal(8,0.1)", "receptor_depth": "uniform(0.65,0.75)"},
         direction=FREE,
         fix=channels(),
     ),
