@@ -58,9 +58,9 @@ def check(
     """
     from softness_bayes.cli import check_text as text
     from softness_bayes.data import Measurements
+    from softness_bayes.experiments.understanding import SCHEMA, foreseen, understood, warnings
     from softness_bayes.model.build import ExperimentModel
     from softness_bayes.model.reach import reach_of
-    from softness_bayes.model.understanding import SCHEMA, foreseen, understood, warnings
     from softness_bayes.people.free_means import free_means
 
     if cost and json_:
@@ -153,8 +153,8 @@ def _draw(figure: Path, experiment: Experiment, model: ModelOptions, meaning: In
     """Draw data and fabrics with the response predicted by draws of the prior."""
     import numpy as np
 
+    from softness_bayes.experiments.understanding import prior_responses
     from softness_bayes.files.outputs import write_outputs
-    from softness_bayes.model.understanding import prior_responses
     from softness_bayes.plotting.rating import design_figure, observed_ratings
     from softness_bayes.plotting.style import files_of
     from softness_bayes.touch.load_groups import groups_of

@@ -25,7 +25,7 @@ MOST_OTHERS, MOST_ROWS = 6, 40
 
 
 def design_lines(expected: dict[str, Any]) -> list[str]:
-    """Return the result of `model.understanding.foreseen` as lines of text."""
+    """Return the result of `experiments.understanding.foreseen` as lines of text."""
     lines = [
         "How precise is this design?",
         f"Expected posterior sd / prior sd at {expected['truths']} true values from the prior: median (10 % to 90 "
@@ -79,8 +79,8 @@ def cost_lines(model: ExperimentModel) -> list[str]:
     """
     import pandas as pd
 
+    from softness_bayes.experiments.understanding import BATCH, ladder, likelihood_seconds
     from softness_bayes.model.scenes import prior_draws
-    from softness_bayes.model.understanding import BATCH, ladder, likelihood_seconds
     from softness_bayes.sampler.sampling import Settings
     from softness_bayes.sampler.workers import available_processors
     from softness_bayes.touch.accuracy import DRAWS, PRESETS
@@ -238,7 +238,7 @@ def _loads(ratings: Ratings) -> str:
 
 def understood_measurements(data: Experiment | Measurements) -> dict[str, Any]:
     """Return the interpretation of forces and recorded afferents as JSON data, where there are any."""
-    from softness_bayes.model.understanding import understood_afferents, understood_forces
+    from softness_bayes.experiments.understanding import understood_afferents, understood_forces
 
     forces = {} if data.compression is None else {"forces": understood_forces(data.compression)}
     return forces if data.afferents is None else {**forces, "afferents": understood_afferents(data.afferents)}
@@ -252,7 +252,7 @@ def measurement_lines(data: Experiment | Measurements) -> list[str]:
 
 def _of_afferents(data: Afferents) -> list[str]:
     """Return lines on recorded afferents: responses, probes, distances and loads."""
-    from softness_bayes.model.understanding import understood_afferents
+    from softness_bayes.experiments.understanding import understood_afferents
 
     known = understood_afferents(data)
     low, high = known["least_rate_hz"], known["greatest_rate_hz"]

@@ -24,9 +24,9 @@ from scipy.special import ndtr
 from softness_bayes.checking.inflection import CurveShape, turning_points
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.errors import InputError
+from softness_bayes.experiments.design_information import heavier, rounding
 from softness_bayes.likelihood.scales import MAGNITUDE, SLIDER
 from softness_bayes.model.build import ExperimentModel, build
-from softness_bayes.model.design_information import heavier, rounding
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.model.scenes import fabric_moduli, scene_of

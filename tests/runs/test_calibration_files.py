@@ -14,10 +14,10 @@ import pytest
 
 from softness_bayes.checking.calibration import Replicate
 from softness_bayes.errors import InputError, LockedError
+from softness_bayes.experiments import understanding
 from softness_bayes.files.lock import Lock
 from softness_bayes.likelihood.error_laws import STUDENT
 from softness_bayes.likelihood.scales import SLIDER
-from softness_bayes.model import understanding
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.results.run_options import Request, RunOptions
 from softness_bayes.runs.batch import ASKED, LOCK, read_asked, write_asked

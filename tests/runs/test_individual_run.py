@@ -11,9 +11,9 @@ from scipy.stats import multivariate_normal
 from softness_bayes.checking.checks import SKINS
 from softness_bayes.checking.individual import POPULATION
 from softness_bayes.errors import InputError
+from softness_bayes.experiments.understanding import warnings
 from softness_bayes.model.build import ExperimentModel, build, people_notes
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.model.understanding import warnings
 from softness_bayes.touch.finger_grid import FingerGrid
 from softness_bayes.touch.fingers import FingerFamily
 from softness_bayes.touch.scene import Discretisation

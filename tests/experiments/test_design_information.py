@@ -10,10 +10,10 @@ from scipy.stats import norm
 from softness_bayes.checking.identifiability import prior_moments
 from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.errors import InputError
+from softness_bayes.experiments.design_information import as_it_is, foresee, others
 from softness_bayes.likelihood.error_laws import NORMAL
 from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, PAIRS, RANKS
 from softness_bayes.model.build import COARSE, build
-from softness_bayes.model.design_information import as_it_is, foresee, others
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression

@@ -14,10 +14,10 @@ from softness_bayes.checking.inflection import curve_scene, response_curves
 from softness_bayes.data import Afferents, Compression, Experiment, Ratings
 from softness_bayes.data.oddities import oddities
 from softness_bayes.data.ratings import FREE_TOUCH, load_column, rank, with_few_loads
+from softness_bayes.experiments.design_information import Expected, as_it_is, foresee, others
 from softness_bayes.likelihood.layout import Layout, merge
 from softness_bayes.likelihood.scales import CATEGORIES, PAIRS, RANKS
 from softness_bayes.model.build import COARSE, ExperimentModel, build, people_notes
-from softness_bayes.model.design_information import Expected, as_it_is, foresee, others
 from softness_bayes.model.direction import odd_raters
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Posterior
