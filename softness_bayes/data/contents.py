@@ -14,8 +14,6 @@ from softness_bayes.data.columns import (
     RESOLUTION,
     SOFTNESS,
     holds_cells,
-    is_reversed,
-    reversed_remark,
     summarises,
 )
 from softness_bayes.data.decimals import SheetNumber, is_missing, looks_numeric
@@ -55,10 +53,24 @@ def without_practice(table: Table) -> Table:
     return table
 
 
-def with_reversed_scales_named(table: Table) -> Table:
-    """Say that ratings look like those of hardness: higher ones must mean softer."""
-    title = table.titles.get("rating", "")
-    return table.noted(f"looks wrong: {reversed_remark(title)}") if is_reversed(title) else table
+_MARKED = (
+    (
+        re.compile("excluded?|exclusion|outliers?|invalid|ausgeschlossen|exclue?|除外"),
+        {"1", "yes", "true", "x", "ja", "oui"},
+    ),
+    (re.compile("included?|valid|keep|finished|completed?"), {"0", "no", "false", "nein", "non"}),
+)
+"""Titles of columns that mark rows which may not be meant, and the texts that do so."""
+
+
+def with_marked_rows_named(table: Table) -> Table:
+    """Say that rows are read although an unused column marks them as excluded, invalid or unfinished."""
+    for title, cells in table.others.items():
+        marks = {text for named, texts in _MARKED if named.fullmatch(key(title)) for text in texts}
+        if marked := [i for i, text in enumerate(cells) if text.casefold() in marks]:
+            note = f"looks wrong: column {quoted(title)} marks {table.lines(marked)}, which are read all the same"
+            table = table.noted(note)
+    return table
 
 
 _ATTRIBUTES = re.compile(

@@ -84,7 +84,9 @@ class Header:
             near = [text for one in map(bag, filter(None, words)) for text in free if one in self.titles[text].bags]
             if name not in self.at:
                 self._take_meant(name, near, sure=False)
-        if "rating" in sought and "rating" not in self.at:
+        if is_reversed(self.at.get("rating", "")):
+            self.notes.append(f"looks wrong: {reversed_remark(self.at['rating'])}")
+        elif "rating" in sought and "rating" not in self.at:
             for text in self.free:
                 if is_reversed(text):
                     self.perhaps[text] = ("rating", reversed_remark(text))

@@ -78,7 +78,7 @@ COLUMNS = (
 CONTENTS = (
     Rule("percentages", ("ratings",), contents.with_percentages),
     Rule("practice", ("ratings",), contents.without_practice),
-    Rule("reversed scales", ("ratings",), contents.with_reversed_scales_named),
+    Rule("marked rows", ("ratings",), contents.with_marked_rows_named),
     Rule("rows of statistics", ALL, contents.without_statistics),
     Rule("names of one identity", ALL, contents.with_one_spelling),
     Rule("copied rows", ("ratings",), contents.without_copies),

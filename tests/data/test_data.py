@@ -273,7 +273,6 @@ def test_a_fault_is_named_with_its_row(file, text, row, old, new, problem):
         (",,\n", "no row below the header"),
         ("participant,fabric,indentation_mm,rating\n", "no row below the header"),
         (b"\x00\x01\x02", "not a text file"),
-        (b"PK\x03\x04 workbook", "not a workbook that can be read"),
         (b"\xff\xfea", "UTF-16"),
         ("fabric,rating,Rating\na,1,2\n", "row 1: 2 columns are called 'rating'"),
         ('fabric,force_n,rating\n"a,1,2\nb,1,2\n', "quotation mark"),

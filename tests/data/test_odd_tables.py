@@ -10,25 +10,6 @@ from softness_bayes.touch.contact import Force, Indentation
 ROWS = "A,cotton,100,10\nA,silk,100,25\nB,cotton,50,12\nB,silk,50,30\n"
 
 
-# units below the titles
-
-
-@pytest.mark.parametrize(
-    ("title", "unit", "loads"),
-    [
-        ("force", "gf", (0.4903325, 0.980665)),
-        ("force_n", "mN", (0.05, 0.1)),
-        ("Kraft (N)", "N", (50.0, 100.0)),
-    ],
-)
-def test_units_below_the_titles_are_read(file, title, unit, loads):
-    found = Ratings.read(file(f"participant,fabric,{title},rating\n,,{unit},-\n{ROWS}"))
-    assert found.loads == tuple(map(Force, loads))
-    assert (len(found), found.n_missing) == (4, 0)
-    assert found.rows.tolist() == [3, 4, 5, 6]
-    assert any("the second row contains units" in note for note in found.notes)
-
-
 # loads below the fabrics
 
 

@@ -84,6 +84,10 @@ RATED = {
     "rows of statistics": (wide(f"Mittelwert,{MEANS}", "SD,1,1,1"), "rows 6 to 7: statistics of other rows"),
     "names of one identity": ((HEAD + PLAIN).replace("P1,c,1,2", "p-01,c,1,2"), "'P1' and 'p-01' are read as the same"),
     "copied rows": (f"{HEAD}{PLAIN}{PLAIN}", "rows 26 to 49: copies of other rows, with the same trial, left out"),
+    "marked rows": (
+        f"{HEAD[:-1]},excluded\n{PLAIN}".replace("5\n", "5,no\n").replace("12.25,no", "12.25,yes"),
+        "looks wrong: column 'excluded' marks rows 16, 20, which are read all the same",
+    ),
     "copied people": (
         HEAD
         + PLAIN.partition("P4")[0]
@@ -96,6 +100,11 @@ RATED = {
     ),
 }
 MADE = {
+    "several rows of titles": (
+        "fabric,B,T0 (mm)\n,µN·m,mm\na,3,1\nb,5,1\n",
+        "the second row contains units",
+        "bending_rigidity",
+    ),
     "plus-minus": ("fabric,B (µN·m)\na,3 ± 1\nb,5 (± 0.2)\n", "the numbers behind ± are not used", "bending_rigidity"),
     "no title of names": (",E_fab (kPa)\na,3\nb,5\n", "the first column has no title", "effective_modulus"),
     "directions side by side": (
@@ -113,10 +122,6 @@ REFUSED = {
     "several attributes or groups": (
         f"{HEAD[:-1]},site\n{PLAIN}".replace("5\n", "5,A\n") + PLAIN.replace("5\n", "7,B\n"),
         "participant 'P1' has 'A', 'B' in column 'site': give each person a name of their own, such as 'A-P1'",
-    ),
-    "reversed scales": (
-        (HEAD + PLAIN).replace("rating", "hardness"),
-        "column 'hardness' seems to be higher for harder, but ratings must be higher for softer; reverse them",
     ),
     "unknown people": (
         (HEAD + PLAIN).replace("participant", "who"),
@@ -147,7 +152,6 @@ ALONE = {
     "repeated headers": HEAD + PLAIN + PLAIN.replace("P", "fabric P"),
     "units in cells": HEAD.replace("\n", ",unit\n") + PLAIN.replace("5\n", "5,cm\n"),
     "practice": HEAD.replace("\n", ",phase\n") + PLAIN.replace("5\n", "5,practice\n"),
-    "reversed scales": (HEAD + PLAIN).replace("rating", '"Softness (1: hard, 7: soft)"'),
     "percentages": (HEAD + PLAIN).replace("participant", "subject %"),
     "several attributes or groups": HEAD.replace("\n", ",group\n")
     + "".join(f"{row},{'softness' if row < 'P3' else 'warmth'}\n" for row in PLAIN.splitlines()),
@@ -157,6 +161,7 @@ ALONE = {
     + "".join(f"P1,{f},1,{y}\n" for f, y in ("a5", "a5", "b7", "b6")),
     "unknown people": "fabric,indentation_mm,trial,rating,rt\na,1,1,5,0.31\na,1,2,6,0.27\nb,1,1,7,0.9\n",
     "steps of other numbers": HEAD.replace("\n", ",resolution\n") + PLAIN.replace("\n", ",0.25\n"),
+    "marked rows": HEAD.replace("\n", ",finished\n") + PLAIN.replace("5\n", "5,1\n"),
     "copied people": "participant,fabric,indentation_mm,rating\nP1,a,1,3\nP1,b,1,4\nP2,a,1,3\nP2,b,1,4\n",
 }
 
@@ -226,6 +231,10 @@ def test_tables_like_them_are_left_alone(file, name):
 
 
 WRONG = {
+    "reversed scales": (
+        (HEAD + PLAIN).replace("rating", "hardness"),
+        "column 'hardness' seems to be higher for harder, but ratings must be higher for softer; reverse them",
+    ),
     "of two numbers": (
         wide("x1,3.400,5.900,8.850", "x2,1.02,1.49,1.14"),
         "all ratings of participant 'x1' are the mean",
@@ -449,6 +458,8 @@ FILES = {
     "c.json": lambda path: frame().to_json(path, orient="split", index=False),
     "d.json": lambda path: path.write_text(json.dumps(frame().to_dict("list"))),
     "e.feather": lambda path: frame().to_feather(path),
+    "e.parquet": lambda path: frame().to_parquet(path),
+    "indexed.parquet": lambda path: frame().set_index("fabric").to_parquet(path),
     "f.dta": lambda path: frame().astype({"fabric": "category"}).to_stata(path, write_index=False),
     "g.csv": lambda path: path.write_bytes(gzip.compress((HEAD + PLAIN).encode())),
     "h.csv.xz": lambda path: frame().to_csv(path, index=False),
@@ -484,7 +495,9 @@ def test_spss_files_are_read_with_their_labels(file, tmp_path):
         (b"<!DOCTYPE html>", "this is a web page"),
         (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1\0", "this is an old workbook: save it as .xlsx"),
         (b"PK\x03\x04\0\0", "not a workbook that can be read"),
+        (b"PK\x03\x04 junk", "not a workbook that can be read"),
         (b"ARROW1\0\0", "not a Feather file that can be read"),
+        (b"PAR1 junk", "not a Parquet file that can be read"),
         (b"\x1f\x8b\x08\0", "a compressed file that cannot be unpacked"),
         (b"\x89PNG\r\n", "this is a picture"),
         (b"SQLite format 3\0", "this is a database"),
