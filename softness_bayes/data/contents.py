@@ -106,13 +106,13 @@ def of_one_attribute_and_person(table: Table) -> Table:
         if _ATTRIBUTES.fullmatch(key(title)):
             table.refuse(
                 f"column {quoted(title)} has {named} for one touch of one participant: keep only the rows that rate "
-                "softness"
+                "softness, or give the column another name if all of them do"
             )
         elif _PERSONAL.fullmatch(key(title)) and "participant" in table:
             who = next(touch[0] for touch, own in told.items() if len(own) > 1)
             table.refuse(
                 f"participant {quoted(who)} has {named} in column {quoted(title)}: give each person a name of their "
-                f"own, such as {quoted(f'{apart[0][0]}-{who}')}"
+                f"own, such as {quoted(f'{apart[0][0]}-{who}')}, or the column another name if it is one person"
             )
     table.check()
     return table
