@@ -2,18 +2,19 @@
 
 An answer depends on a vector of effects: the mean of each condition (additive scale of the ratings), then the scale of
 each rater. `free_means` needs the log probability of all answers with its derivatives in the effects, and that of each
-answer given the others.
+answer given the others, at many points at once: effects (points, effects) with parameters of shape (points,).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, vstack
 from scipy.special import expit, logsumexp, ndtr
 
 from softness_bayes.data.ratings import Ratings
@@ -47,9 +48,6 @@ WIDE = 5.0
 LEAST_SPREAD = 0.2
 """Smallest spread of the ratings of which the means have five times as much."""
 
-REACH, GRID = 4.0, 321
-"""Half-width, in prior standard deviations, and number of points of the grid of a mean that is drawn again."""
-
 ORDER_DRAWS = 400
 """Draws of the effects for the probability of orders that are left out."""
 
@@ -58,13 +56,13 @@ UNKNOWN = 1e-6
 
 
 class Terms(NamedTuple):
-    """Log probability of all answers, and its derivatives in the effects."""
+    """Log probability of all answers (points,), and its derivatives in the effects."""
 
-    value: float
+    value: Array
     slope: Array
-    """First derivatives, shape (effects,)."""
+    """First derivatives, shape (points, effects)."""
     bend: Array
-    """Minus the second derivatives, shape (effects, effects)."""
+    """Minus the second derivatives, shape (points, effects, effects)."""
 
 
 @dataclass(frozen=True)
@@ -115,36 +113,42 @@ class SingleAnswers:
     """1 for answers that a comparison is softer than its reference, 0 for the opposite, 2 for pairs without one, shape
     (answers,), if there is a guess rate."""
 
-    def _law(self, given: Mapping[str, float]) -> tuple[Rows, Array, Parameters]:
+    def _law(self, given: Mapping[str, Array]) -> tuple[Rows, Array, Parameters]:
         """Return intervals, spread and the error law's parameters."""
-        spread = np.array([given["varsigma"]]) if self.spread is None else self.spread
-        law = Parameters(**given).each(lambda value: np.array([value]))
+        spread = given["varsigma"][:, None] if self.spread is None else self.spread[None]
         if self.winner is not None:
             # guesses at different rates for two answers are lapses that give one of them more often
-            floors = np.array([0.5 * given.get("lapse", 0.0), given["guess"]])
-            total = max(float(floors.sum()), TINY)
-            shares = np.append(floors / total, 0.5)
+            floors = np.stack([0.5 * given["lapse"] if "lapse" in given else 0.0 * given["guess"], given["guess"]], -1)
+            total = np.maximum(floors.sum(axis=-1), TINY)
+            shares = np.column_stack([floors / total[:, None], np.full(total.shape, 0.5)])
             with np.errstate(divide="ignore"):
-                rows = self.rows._replace(lapse=np.log(shares[self.winner]))
-            return rows, spread[None], Parameters(lapse=np.array([total]))
+                rows = self.rows._replace(lapse=np.log(shares[:, self.winner]))
+            return rows, spread, Parameters(lapse=total)
         if not self.categories:
-            return self.rows, spread[None], law
-        ends, of = np.concatenate([[-np.inf], self._thresholds(given), [np.inf]]), self.rows.low.astype(int)
-        return Rows(ends[of - 1], ends[of], self.rows.lapse), spread[None], law
+            return self.rows, spread, Parameters(**given)
+        inner, of = self._thresholds(given), self.rows.low.astype(int)
+        ends = np.pad(inner, ((0, 0), (1, 1)), constant_values=(-np.inf, np.inf))
+        return Rows(ends[:, of - 1], ends[:, of], self.rows.lapse), spread, Parameters(**given)
 
-    def _thresholds(self, given: Mapping[str, float]) -> Array:
+    def _thresholds(self, given: Mapping[str, Array]) -> Array:
+        """Return the thresholds between categories, the first of which is 0, shape (points, categories - 1)."""
         gaps = [given[f"gap_{k}"] for k in range(2, self.categories)]
-        return np.cumsum([0.0, *gaps])
+        return np.cumsum([np.zeros_like(given["varsigma"]), *gaps], axis=0).T
 
-    def terms(self, effects: Array, given: Mapping[str, float]) -> Terms:
-        """Return the log probability of all answers and its derivatives, for some effects and parameters."""
+    @cached_property
+    def _products(self) -> csr_array:
+        """Products of the weights of each two effects in each answer, shape (effects², answers)."""
+        turned = self.design.T.tocsr()
+        return vstack([turned.multiply(turned[[k]]) for k in range(turned.shape[0])], format="csr")
+
+    def terms(self, effects: Array, given: Mapping[str, Array]) -> Terms:
+        """Return the log probability of all answers and its derivatives."""
         rows, spread, law = self._law(given)
-        found = RowLaw(self.law, rows, (self.design @ effects)[None], spread, law).terms()
-        weighted = self.design.multiply(-found.of_mean2[0][:, None])
-        bend = (self.design.T @ csr_array(weighted)).toarray()
-        return Terms(float(found.value.sum()), self.design.T @ found.of_mean[0], bend)
+        found = RowLaw(self.law, rows, (self.design @ effects.T).T, spread, law).terms()
+        bend = (self._products @ -found.of_mean2.T).T.reshape(*effects.shape, -1)
+        return Terms(found.value.sum(axis=-1), (self.design.T @ found.of_mean.T).T, bend)
 
-    def left_out(self, effects: Array, covariance: Array, given: Mapping[str, float]) -> Array:
+    def left_out(self, effects: Array, covariance: Array, given: Mapping[str, Array]) -> Array:
         """Return the log density of each answer given all others, from the normal law of the effects given all.
 
         The law of an answer's expectation loses the answer's own part: with the variance v given all answers, and the
@@ -152,15 +156,14 @@ class SingleAnswers:
         this variance times g (Vehtari et al., JMLR 17, 103, 2016).
         """
         rows, spread, law = self._law(given)
-        expected = self.design @ effects
-        variance = np.maximum(self.design.multiply(self.design @ covariance).sum(axis=1), TINY)
-        found = RowLaw(self.law, rows, expected[None], spread, law).terms()
-        others = 1.0 / np.maximum(1.0 / variance + found.of_mean2[0], 0.02 / variance)
-        middle = expected - others * found.of_mean[0]
+        expected = (self.design @ effects.T).T
+        variance = np.maximum((self._products.T @ covariance.reshape(len(effects), -1).T).T, TINY)
+        found = RowLaw(self.law, rows, expected, spread, law).terms()
+        others = 1.0 / np.maximum(1.0 / variance + found.of_mean2, 0.02 / variance)
+        middle, sd = expected - others * found.of_mean, np.sqrt(others)
         at, weight = np.polynomial.hermite_e.hermegauss(NODES)
-        points = middle + np.sqrt(others) * at[:, None]
-        density = RowLaw(self.law, rows, points, spread, law).log_probability()
-        return np.asarray(logsumexp(density, axis=0, b=(weight / weight.sum())[:, None]) + self.jacobian)
+        density = [RowLaw(self.law, rows, middle + sd * x, spread, law).log_probability() for x in at]
+        return np.asarray(logsumexp(density, axis=0, b=(weight / weight.sum())[:, None, None]) + self.jacobian)
 
     @property
     def open_ended(self) -> IntArray:
@@ -172,32 +175,30 @@ class SingleAnswers:
         own = (self.design[:, : self.conditions] != 0).astype(int)
         return np.flatnonzero(np.any([own.T @ side == own.sum(axis=0) for side in beyond], axis=0))
 
-    def redraw(self, rng: np.random.Generator, effects: Array, condition: int, given: Mapping[str, float]) -> Array:
+    def redraw(self, rng: np.random.Generator, effects: Array, condition: int, given: Mapping[str, Array]) -> Array:
         """Return draws of the mean of one condition given all other effects (draws, effects), shape (draws,).
 
-        Its law is tabulated over a grid, because no normal law has the shape of one that is open to one side.
+        Values drawn from the prior are kept with the probability of the answers, because no normal law has the shape of
+        one that is open to one side. Parameters are those of one point, shape (1,).
         """
         mine = np.flatnonzero(self.design[:, [condition]].toarray().ravel())
         rows, spread, law = self._law(given)
-        rows = rows.take(mine)
-        grid = self.centre + self.wide * np.linspace(-REACH, REACH, GRID)
+        rows, own = rows.take(mine), spread if spread.shape[-1] == 1 else spread[:, mine]
         others = effects @ self.design[mine].T.toarray() - effects[:, [condition]]
-        points = (others[:, None] + grid[:, None]).reshape(-1, mine.size)
-        own = spread if spread.shape[-1] == 1 else spread[:, mine]
-        density = RowLaw(self.law, rows, points, own, law).log_probability()
-        density = density.sum(axis=-1).reshape(-1, GRID) - 0.5 * ((grid - self.centre) / self.wide) ** 2
-        share = np.exp(density - density.max(axis=1, keepdims=True)).cumsum(axis=1)
-        at = rng.random((len(share), 1)) * share[:, -1:]
-        place = (share < at).sum(axis=1)
-        return np.asarray(grid[place] + (grid[1] - grid[0]) * (rng.random(len(place)) - 0.5))
+        found, open_still = np.zeros(len(effects)), np.arange(len(effects))
+        while open_still.size:
+            found[open_still] = self.centre + self.wide * rng.standard_normal(open_still.size)
+            expected = others[open_still] + found[open_still, None]
+            density = RowLaw(self.law, rows, expected, own, law).log_probability().sum(axis=-1)
+            open_still = open_still[np.log(rng.random(open_still.size)) > density]
+        return found
 
     def natural(self, means: Array, given: Mapping[str, Array]) -> Array:
         """Return means (draws, conditions) as ratings, expected categories or shares won, for parameters (draws,)."""
         if self.scale == PAIRS:
             return _share_below(means, self.met, ndtr)
         if self.categories:
-            gaps = np.stack([np.zeros(len(means)), *(given[f"gap_{k}"] for k in range(2, self.categories))], axis=-1)
-            below = (means[..., None] - np.cumsum(gaps, axis=-1)[:, None]) / given["varsigma"][:, None, None]
+            below = (means[..., None] - self._thresholds(given)[:, None]) / given["varsigma"][:, None, None]
             return np.asarray(1.0 + ndtr(below).sum(axis=-1))
         low, high = self.ends
         return np.asarray(low + (high - low) * self.scale.natural(means))
@@ -234,31 +235,29 @@ class Orders:
     def _value(self, worth: Array) -> Array:
         return np.asarray(self.lists.log_factors(worth).sum(axis=-1))
 
-    def terms(self, effects: Array, given: Mapping[str, float]) -> Terms:
+    def terms(self, effects: Array, given: Mapping[str, Array]) -> Terms:
         """Return log probability and derivatives, by central differences in the slots of all lists at once."""
-        worth, width = effects[self.condition], self.lists.width
-        shift = STEP * np.eye(width)
-        middle = self._value(worth)
-        up, down = (np.stack([self._value(worth + sign * shift[k]) for k in range(width)]) for sign in (1.0, -1.0))
-        slope, bend = np.zeros(self.conditions), np.zeros((self.conditions,) * 2)
-        for k in range(width):
-            filled = self.lists.filled[:, k]
-            np.add.at(slope, self.condition[filled, k], ((up[k] - down[k]) / (2.0 * STEP))[filled])
-            for j in range(k + 1):
-                both = [self._value(worth + sign * (shift[k] + shift[j])) for sign in (1.0, -1.0)]
-                second = (both[0] + both[1] - up[k] - down[k] - up[j] - down[j] + 2.0 * middle) / (2.0 * STEP**2)
-                shared = filled & self.lists.filled[:, j]
-                at = self.condition[shared, k], self.condition[shared, j]
-                np.add.at(bend, at, -second[shared])
-                if j < k:
-                    np.add.at(bend, at[::-1], -second[shared])
-        return Terms(float(middle.sum()), slope, bend)
+        worth, width = effects[:, self.condition], self.lists.width
+        shift, middle = STEP * np.eye(width), self._value(worth)
+        up, down = (np.stack([self._value(worth + sign * one) for one in shift], axis=-1) for sign in (1.0, -1.0))
+        bend = np.zeros((*middle.shape, width, width))
+        for k, j in zip(*np.tril_indices(width), strict=True):
+            both = self._value(worth + shift[k] + shift[j]) + self._value(worth - shift[k] - shift[j])
+            apart = (up + down)[..., k] + (up + down)[..., j] - both - 2.0 * middle
+            bend[..., k, j] = bend[..., j, k] = apart / (2.0 * STEP**2)
+        of = ((self.condition[..., None] == np.arange(self.conditions)) & self.lists.filled[..., None]).astype(float)
+        slope = np.einsum("plk,lkc->pc", (up - down) / (2.0 * STEP), of)
+        return Terms(middle.sum(axis=-1), slope, np.einsum("plkj,lkc,ljd->pcd", bend, of, of, optimize=True))
 
-    def left_out(self, effects: Array, covariance: Array, given: Mapping[str, float]) -> Array:
+    def left_out(self, effects: Array, covariance: Array, given: Mapping[str, Array]) -> Array:
         """Return the log probability of each participant's lists given all others, from draws of the effects."""
-        drawn = np.random.default_rng(0).multivariate_normal(effects, covariance, ORDER_DRAWS, method="cholesky")
-        by_list = np.stack([self._value(draw[self.condition]) for draw in drawn])
-        return left_out_of_draws(by_list @ (self.owner[:, None] == np.unique(self.owner)))
+        rng, of = np.random.default_rng(0), self.owner[:, None] == np.unique(self.owner)
+        drawn = [
+            rng.multivariate_normal(*law, ORDER_DRAWS, method="cholesky")
+            for law in zip(effects, covariance, strict=True)
+        ]
+        by_list = [np.stack([self._value(draw[self.condition]) for draw in one]) for one in drawn]
+        return np.stack([left_out_of_draws(one @ of) for one in by_list])
 
     def natural(self, means: Array, given: Mapping[str, Array]) -> Array:
         """Return means (draws, conditions) as expected shares of a list below each condition."""

@@ -9,14 +9,12 @@ Nothing here knows a modulus or a load: loads are only names.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
-from scipy.optimize import minimize
 from scipy.special import expit, logit, logsumexp
 
 from softness_bayes.data.ratings import Ratings
@@ -26,7 +24,7 @@ from softness_bayes.model.interpretation import Interpretation, interpret
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.laws import Prior
-from softness_bayes.people.answers import Answers, SingleAnswers, answers_of, told_pairs
+from softness_bayes.people.answers import Answers, SingleAnswers, Terms, answers_of, told_pairs
 from softness_bayes.touch.load_groups import groups_of
 
 if TYPE_CHECKING:
@@ -44,14 +42,9 @@ SHARES, MOST_LAPSES = frozenset({"lapse", "guess"}), 0.5
 FARTHEST = (-7.0, 6.0)
 """Ends of the coordinates between which their mode is sought."""
 
-
-class _Mode(NamedTuple):
-    """The normal law of the effects for given parameters."""
-
-    effects: Array
-    covariance: Array
-    log_density: float
-    """Log density of all answers with the effects integrated out by Laplace's method, and of the parameters."""
+STEP, SMALLEST, MOST_STEPS = 0.1, 3e-3, 50
+"""Step of the differences between coordinates; last and largest number of steps towards their mode by Newton's method,
+whose error falls as the square of the last one."""
 
 
 @dataclass(frozen=True)
@@ -218,42 +211,30 @@ def _clusters(ratings: Ratings, scale: Scale) -> IntArray:
 def _fit(answers: Answers, options: ModelOptions) -> tuple[Array, Array, Mapping[str, Array]]:
     """Return draws of the means, the log density of each answer given the others, and draws of the parameters."""
     space = _Parameters(answers, options)
-    modes: dict[str, _Mode] = {}
-
-    def mode(point: Array) -> _Mode:
-        start = (
-            modes["last"].effects if modes else np.repeat([answers.centre, 0.0], [answers.conditions, answers.raters])
-        )
-        found = _mode(answers, space.values(point), start, space.log_prior(point))
-        modes["last"] = found
-        return found
-
-    centre, root = _marginal(mode, space)
+    centre, root, start = _marginal(answers, space)
     rng = np.random.default_rng(0)
     scores = rng.standard_normal((SPREADS if space.names else 1, len(space.names)))
     points = centre + scores @ root.T
-    found = [mode(point) for point in points]
-    weight = np.array([one.log_density for one in found]) + 0.5 * (scores**2).sum(axis=1)
+    values, found = space.values(points), _effects(answers, space, points, start)
+    weight = found.log_density + 0.5 * (scores**2).sum(axis=1)
     weight = np.minimum(weight, logsumexp(weight) - 0.5 * np.log(len(weight)))  # truncation (Ionides 2008)
     weight = weight - logsumexp(weight)
-    values = [space.values(point) for point in points]
-    left = np.stack([answers.left_out(one.effects, one.covariance, v) for one, v in zip(found, values, strict=True)])
+    left = answers.left_out(found.mode, found.covariance, values)
     log_density = -logsumexp(weight[:, None] - left, axis=0)
     share = np.searchsorted(np.cumsum(np.exp(weight)), (np.arange(DRAWS) + 0.5) / DRAWS).clip(0, len(points) - 1)
-    draws = []
-    for k, count in enumerate(np.bincount(share, minlength=len(points))):
-        shape = int(count), found[k].effects.size
-        drawn = found[k].effects + rng.standard_normal(shape) @ np.linalg.cholesky(found[k].covariance).T
+    effects = found.mode[share]
+    for k in np.unique(share):
+        own = share == k
+        scatter = rng.standard_normal((int(own.sum()), effects.shape[1]))
+        effects[own] += scatter @ np.linalg.cholesky(found.covariance[k]).T
         if isinstance(answers, SingleAnswers):
             for condition in answers.open_ended:
-                drawn[:, condition] = answers.redraw(rng, drawn, int(condition), values[k])
-        draws.append(drawn)
-    effects = np.concatenate(draws)
+                here = {name: value[[k]] for name, value in values.items()}
+                effects[own, condition] = answers.redraw(rng, effects[own], int(condition), here)
     means = effects[:, : answers.conditions]
     if answers.raters:
         means = means + effects[:, answers.conditions :].mean(axis=1, keepdims=True)
-    given = {name: np.array([values[k][name] for k in share]) for name in values[0]}
-    return means, log_density, given
+    return means, log_density, {name: value[share] for name, value in values.items()}
 
 
 class _Parameters:
@@ -266,80 +247,110 @@ class _Parameters:
         self._priors: dict[str, Prior] = priors
         self.start = np.array([_START.get(name, -0.7) for name in self.names])
 
-    def values(self, point: Array) -> dict[str, float]:
-        """Return the parameters at a point (parameters,)."""
-        found = {name: float(np.exp(min(x, 50.0))) for name, x in zip(self.names, point, strict=True)}
-        for name in SHARES & found.keys():
-            found[name] = MOST_LAPSES * float(expit(point[self.names.index(name)]))
-        return self.held | found
+    def values(self, points: Array) -> dict[str, Array]:
+        """Return the parameters, each (points,), at points (points, parameters)."""
+        found = {name: np.full(len(points), value) for name, value in self.held.items()}
+        for name, x in zip(self.names, points.T, strict=True):
+            found[name] = MOST_LAPSES * expit(x) if name in SHARES else np.exp(np.minimum(x, 50.0))
+        return found
 
-    def log_prior(self, point: Array) -> float:
-        """Return the log density of the coordinates at a point."""
-        total, values = 0.0, self.values(point)
-        for name, x in zip(self.names, point, strict=True):
-            slope = np.log(values[name]) if name not in SHARES else np.log(MOST_LAPSES * expit(x) * expit(-x))
-            total += float(self._priors[name].log_density(np.array(values[name]))) + float(slope)
+    def log_prior(self, points: Array) -> Array:
+        """Return the log density of the coordinates at points, shape (points,)."""
+        total, values = np.zeros(len(points)), self.values(points)
+        for name, x in zip(self.names, points.T, strict=True):
+            slope = MOST_LAPSES * expit(x) * expit(-x) if name in SHARES else values[name]
+            total += self._priors[name].log_density(values[name]) + np.log(slope)
         return total
 
 
-_START = {"tau": -1.0, "varsigma": -1.0, "nu": 2.0, **dict.fromkeys(SHARES, float(logit(0.03 / MOST_LAPSES)))}
+_START = {"tau": -1.0, "varsigma": 0.0, "nu": 2.0, **dict.fromkeys(SHARES, float(logit(0.03 / MOST_LAPSES)))}
 
 
-def _mode(answers: Answers, given: Mapping[str, float], start: Array, log_prior: float) -> _Mode:
-    """Return the normal law of the effects for given parameters, by Newton's method from a start."""
-    scales = np.repeat([answers.wide, given.get("tau", 1.0)], [answers.conditions, answers.raters])
-    precision, middle = scales**-2.0, np.repeat([answers.centre, 0.0], [answers.conditions, answers.raters])
+class _Effects(NamedTuple):
+    """Normal laws of the effects given the answers, for many points of the parameters."""
 
-    def density(effects: Array, value: float) -> float:
-        return value - 0.5 * float((precision * (effects - middle) ** 2).sum()) + float(0.5 * np.log(precision).sum())
+    mode: Array
+    """Shape (points, effects)."""
+    covariance: Array
+    log_density: Array
+    """Log density of all answers with the effects integrated out by Laplace's method, and of the parameters."""
 
-    effects, terms = start, answers.terms(start, given)
-    now = density(effects, terms.value)
+
+def _effects(answers: Answers, space: _Parameters, points: Array, start: Array) -> _Effects:
+    """Return the laws of the effects at points (points, parameters), by Newton's method from a start (effects,)."""
+    given, sizes = space.values(points), (answers.conditions, answers.raters)
+    tau = given.get("tau", np.ones(len(points)))
+    precision = np.repeat(np.stack([np.full(len(points), answers.wide), tau], axis=-1), sizes, axis=-1) ** -2.0
+    middle = np.repeat([answers.centre, 0.0], sizes)
+
+    def at(effects: Array) -> Terms:
+        """Return the log density of answers and effects, and its derivatives."""
+        terms, apart = answers.terms(effects, given), effects - middle
+        prior = 0.5 * (np.log(precision) - precision * apart**2).sum(axis=-1)
+        bend = terms.bend + precision[..., None] * np.eye(middle.size)
+        return Terms(terms.value + prior, terms.slope - precision * apart, bend)
+
+    effects = np.tile(start, (len(points), 1))
+    now = at(effects)
     for _ in range(100):
-        root = _root(terms.bend + np.diag(precision))
-        step = cho_solve(root, terms.slope - precision * (effects - middle))
-        share = 1.0
+        step = np.linalg.solve(_convex(now.bend), now.slope[..., None])[..., 0]
         while True:
-            new = answers.terms(effects + share * step, given)
-            after = density(effects + share * step, new.value)
-            if after >= now - 1e-9 * abs(now) or share < 1e-6:
+            new = at(effects + step)
+            worse = ~(new.value >= now.value - 1e-9 * np.abs(now.value)) & (np.abs(step).max(axis=-1) > 1e-8)
+            if not worse.any():
                 break
-            share *= 0.5
-        effects, terms, gain, now = effects + share * step, new, after - now, after
-        if abs(gain) < 1e-7 and np.abs(share * step).max() < 1e-4 * min(1.0, answers.wide):
+            step[worse] *= 0.5
+        gain, effects, now = np.abs(new.value - now.value), effects + step, new
+        if gain.max() < 1e-7 and np.abs(step).max() < 1e-4 * min(1.0, answers.wide):
             break
-    root = _root(terms.bend + np.diag(precision))
-    covariance = cho_solve(root, np.eye(effects.size))
-    log_det = 2.0 * float(np.log(np.diag(root[0])).sum())
-    return _Mode(effects, 0.5 * (covariance + covariance.T), now - 0.5 * log_det + log_prior)
+    bend = _convex(now.bend)
+    covariance = np.linalg.inv(bend)
+    log_density = now.value - 0.5 * np.linalg.slogdet(bend)[1] + space.log_prior(points)
+    return _Effects(effects, 0.5 * (covariance + covariance.swapaxes(-1, -2)), log_density)
 
 
-def _root(bend: Array) -> tuple[Array, bool]:
-    """Return the Cholesky factor of minus second derivatives, enlarged where rows far out bend the other way."""
-    ridge = 0.0
-    while True:
-        try:
-            return cho_factor(bend + ridge * np.diag(np.abs(np.diag(bend)) + 1.0))
-        except np.linalg.LinAlgError:
-            ridge = max(2.0 * ridge, 0.1)
+def _convex(bend: Array) -> Array:
+    """Return minus second derivatives (points, effects, effects), made positive where rows bend the other way."""
+    try:
+        np.linalg.cholesky(bend)
+    except np.linalg.LinAlgError:
+        size, axes = np.linalg.eigh(bend)
+        size = np.maximum(np.abs(size), 1e-3 * size[:, -1:])
+        return (axes * size[:, None]) @ axes.swapaxes(-1, -2)
+    return bend
 
 
-def _marginal(mode: Callable[[Array], _Mode], space: _Parameters) -> tuple[Array, Array]:
-    """Return the mode of the parameters' marginal density, and the root of the covariance about it."""
+def _marginal(answers: Answers, space: _Parameters) -> tuple[Array, Array, Array]:
+    """Return the mode of the parameters' marginal density, the root of the covariance about it, and the effects there.
+
+    By Newton's method, with differences between points that are evaluated together.
+    """
     d = len(space.names)
+    effects = np.repeat([answers.centre, 0.0], [answers.conditions, answers.raters])
     if not d:
-        return np.zeros(0), np.zeros((0, 0))
-
-    def loss(point: Array) -> float:
-        return -mode(point).log_density
-
-    best = minimize(loss, space.start, method="L-BFGS-B", bounds=[FARTHEST] * d, options={"eps": 1e-4, "gtol": 3e-2}).x
-    h, bend = 0.1, np.zeros((d, d))
-    shift, middle = h * np.eye(d), loss(best)
-    up, down = (np.array([loss(best + sign * one) for one in shift]) for sign in (1.0, -1.0))
-    for k in range(d):
-        for j in range(k + 1):
-            both = loss(best + shift[k] + shift[j]) + loss(best - shift[k] - shift[j])
-            bend[k, j] = bend[j, k] = (both - up[k] - down[k] - up[j] - down[j] + 2.0 * middle) / (2.0 * h * h)
-    size, axes = np.linalg.eigh(bend)
-    return best, axes / np.sqrt(np.maximum(size, 0.25))
+        return np.zeros(0), np.zeros((0, 0)), effects
+    shift, (k, j) = STEP * np.eye(d), np.tril_indices(d)
+    offsets = np.concatenate([shift, shift[k] + shift[j]])
+    offsets = np.concatenate([np.zeros((1, d)), offsets, -offsets])
+    point, step, lowest = space.start, np.zeros(d), np.inf
+    root = np.eye(d)
+    for _ in range(MOST_STEPS):
+        found = _effects(answers, space, point + step + offsets, effects)
+        middle, (up, down) = -found.log_density[0], np.split(-found.log_density[1:], 2)
+        if not middle <= lowest:  # too far, or no further than rounding allows
+            if np.abs(step).max() < SMALLEST:
+                break
+            step *= 0.25
+            continue
+        point, lowest, effects = point + step, middle, found.mode[0]
+        bend, both = np.zeros((d, d)), up[d:] + down[d:]
+        up, down, far = up[:d], down[:d], (up[d:] - down[d:])[k == j]
+        bend[k, j] = bend[j, k] = (both - (up + down)[k] - (up + down)[j] + 2.0 * middle) / (2.0 * STEP**2)
+        slope = (8.0 * (up - down) - far) / (12.0 * STEP)
+        size, axes = np.linalg.eigh(bend)
+        root = axes / np.sqrt(np.maximum(size, 0.25))
+        step = -axes @ ((axes.T @ slope) / np.maximum(np.abs(size), 0.25))
+        step = np.clip(point + step / max(1.0, np.abs(step).max()), *FARTHEST) - point
+        if np.abs(step).max() < SMALLEST:
+            break
+    return point + step, root, effects
