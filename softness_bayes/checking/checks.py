@@ -69,6 +69,12 @@ LEVEL = 0.05
 CHECKS = len([CONDITIONS, FABRICS, NOISE, DEVIATIONS, DRIFT, PIT, *SLOPES, *SUMMARIES])
 """Number of checks that share this level, for the power of each."""
 
+DEGREES = 3
+"""Largest degree of the curves of log moduli along which a response of a wrong shape deviates."""
+
+OMEGA, READINGS = "--prior omega='halfnormal(0.5)'", "another --reading"
+"""Remedies for fabrics that deviate each in its own way, and for a response of a wrong shape."""
+
 FEWEST = 3
 """Smallest number of ratings of a rater whose scatter is checked."""
 
@@ -221,11 +227,34 @@ def _p_value(squares: Array, freedom: Array, sd: Array) -> float:
     return float(chdtrc(freedom[judged], (squares / sd**2)[judged]).mean()) if judged.any() else np.nan
 
 
-def check_fabrics(residuals: Residuals, names: Sequence[str]) -> tuple[Finding, Finding, Finding]:
+def curves(modulus: Array, load: IndexArray) -> Array:
+    """Return curves of log E_fab, one of each of some degrees under each load, shape (conditions, curves).
+
+    Parameters
+    ----------
+    modulus
+        E_fab of each condition, shape (conditions,).
+    load
+        Index of each condition's load, shape (conditions,).
+    """
+    found = np.zeros((modulus.size, DEGREES * (load.max() + 1)))
+    for k in np.unique(load):
+        own = load == k
+        x = np.log(modulus[own]) - np.log(modulus[own]).mean()
+        found[own, DEGREES * k : DEGREES * (k + 1)] = (x / max(np.abs(x).max(), FLAT))[:, None] ** range(1, DEGREES + 1)
+    return found
+
+
+def check_fabrics(
+    residuals: Residuals, names: Sequence[str], shapes: Array | None = None
+) -> tuple[Finding, Finding, Finding]:
     """Compare the variation of residuals between conditions, fabrics, and the loads of a fabric, with noise.
 
     A condition is a fabric under a load. The sum of squares between conditions is the sum of that between fabrics,
     whose deviations are the same under every load, and that within fabrics, whose deviations differ between loads.
+    Fabrics that deviate each in its own way need an effect of each. A response of a wrong shape makes fabrics of
+    similar moduli deviate alike: then a few random coefficients of curves gain as much, and another reading is the
+    remedy.
 
     Parameters
     ----------
@@ -233,6 +262,8 @@ def check_fabrics(residuals: Residuals, names: Sequence[str]) -> tuple[Finding, 
         Residuals at draws of the posterior.
     names
         Name of each condition.
+    shapes
+        `curves` of the conditions; None if their moduli are not known.
     """
     design, model = residuals.observation.design, residuals.observation.model
     each = residuals.project(design.condition, design.n_conditions)
@@ -243,7 +274,14 @@ def check_fabrics(residuals: Residuals, names: Sequence[str]) -> tuple[Finding, 
     worst = int(np.abs(errors).argmax())
     # a deviation's variance, times n/varsigma², is added to the scale of the law
     scale = chdtri(rated.size, LEVEL / CHECKS) / chdtri(rated.size, NOTICED)
-    advice = ("--prior omega='halfnormal(0.5)'",) if "omega" in model.needs else ()
+    advice = (OMEGA,) if "omega" in model.needs else ()
+    remedy, gain = advice, fabrics.gain
+    if shapes is not None:
+        basis, size, _ = np.linalg.svd(np.sqrt(count)[:, None] * shapes[rated], full_matrices=False)
+        bent = along / np.sqrt(count) @ basis[:, size > FLAT * size.max(initial=0.0)]
+        smooth = Projection(bent, np.ones_like(bent), sd).gain
+        if smooth > gain:
+            remedy, gain = (READINGS,), smooth
     within = each.freedom - fabrics.freedom
     return (
         Finding(
@@ -256,8 +294,8 @@ def check_fabrics(residuals: Residuals, names: Sequence[str]) -> tuple[Finding, 
             worst_estimate=float((along[:, worst] / count[worst]).mean()),
             worst_errors=float(errors[worst]),
             unit=model.scale.unit,
-            advice=advice,
-            gain=fabrics.gain,
+            advice=remedy,
+            gain=gain,
         ),
         Finding(FABRICS, fabrics.p_value, fabrics.deviation, unit=model.scale.unit, advice=advice, gain=fabrics.gain),
         Finding(LOADS, _p_value(np.maximum(each.squares - fabrics.squares, 0.0), within, sd)),

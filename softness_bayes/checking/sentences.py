@@ -19,6 +19,7 @@ from softness_bayes.checking.checks import (
     LOADS,
     NOISE,
     NOTICED,
+    READINGS,
     SKINS,
 )
 from softness_bayes.checking.exactness import HARMLESS, Exactness
@@ -162,8 +163,13 @@ def _fabrics(conditions: Finding, fabrics: Finding, loads: Finding, doubted: Col
             f"{conditions.p_value:.2g}, {conditions.groups} means; power: deviations of about "
             f"{conditions.noticed:.1g} (sd) in the {unit} would be detected in {percent(NOTICED)} of such tables)"
         )
-    if loads.p_value < LEVEL:
-        remedy = "they differ between the loads of a fabric, so the response may be wrong: try other readings"
+    if loads.p_value < LEVEL or READINGS in conditions.advice:
+        alike = (
+            "are similar for similar moduli"
+            if READINGS in conditions.advice
+            else "differ between the loads of a fabric"
+        )
+        remedy = f"they {alike}, so the response may be wrong: try other readings"
     else:
         add = f": add {fabrics.advice[0]}" if fabrics.advice else f", and {unit}s have none"
         alone = "" if np.isfinite(loads.p_value) else " (with one load per fabric the response may be wrong instead)"

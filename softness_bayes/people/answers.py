@@ -48,6 +48,9 @@ WIDE = 5.0
 LEAST_SPREAD = 0.2
 """Smallest spread of the ratings of which the means have five times as much."""
 
+ROUNDS, TRIES = 16, 16
+"""Largest number of times that a mean is drawn again, and number of values each time."""
+
 ORDER_DRAWS = 400
 """Draws of the effects for the probability of orders that are left out."""
 
@@ -166,31 +169,36 @@ class SingleAnswers:
         return np.asarray(logsumexp(density, axis=0, b=(weight / weight.sum())[:, None, None]) + self.jacobian)
 
     @property
-    def open_ended(self) -> IntArray:
-        """Conditions all of whose ratings are intervals without an end on one and the same side; none for pairs."""
+    def unanimous(self) -> IntArray:
+        """Conditions all of whose ratings are one category, or open on one and the same side; none for pairs."""
         if self.scale == PAIRS:
             return np.zeros(0, np.intp)
-        ends = (1.0, float(self.categories)) if self.categories else (-np.inf, np.inf)
-        beyond = [self.rows.low == ends[0], (self.rows.low if self.categories else self.rows.high) == ends[1]]
+        low, high = self.rows[:2]
+        same = [low == k + 1 for k in range(self.categories)] or [low == -np.inf, high == np.inf]
         own = (self.design[:, : self.conditions] != 0).astype(int)
-        return np.flatnonzero(np.any([own.T @ side == own.sum(axis=0) for side in beyond], axis=0))
+        return np.flatnonzero(np.any([own.T @ side == own.sum(axis=0) for side in same], axis=0))
 
     def redraw(self, rng: np.random.Generator, effects: Array, condition: int, given: Mapping[str, Array]) -> Array:
         """Return draws of the mean of one condition given all other effects (draws, effects), shape (draws,).
 
-        Values drawn from the prior are kept with the probability of the answers, because no normal law has the shape of
-        one that is open to one side. Parameters are those of one point, shape (1,).
+        Values drawn from the prior are kept with the probability of the answers: the law of a mean that is open to one
+        side, or equally probable between two thresholds, is not normal. Where none is kept, as where raters contradict
+        each other, the given effect stays. Parameters are those of one point, shape (1,).
         """
         mine = np.flatnonzero(self.design[:, [condition]].toarray().ravel())
         rows, spread, law = self._law(given)
         rows, own = rows.take(mine), spread if spread.shape[-1] == 1 else spread[:, mine]
         others = effects @ self.design[mine].T.toarray() - effects[:, [condition]]
-        found, open_still = np.zeros(len(effects)), np.arange(len(effects))
-        while open_still.size:
-            found[open_still] = self.centre + self.wide * rng.standard_normal(open_still.size)
-            expected = others[open_still] + found[open_still, None]
+        found, left = effects[:, condition].copy(), np.arange(len(effects))
+        for _ in range(ROUNDS):
+            if not left.size:
+                break
+            mean = self.centre + self.wide * rng.standard_normal((left.size, TRIES))
+            expected = (others[left, None] + mean[..., None]).reshape(-1, mine.size)
             density = RowLaw(self.law, rows, expected, own, law).log_probability().sum(axis=-1)
-            open_still = open_still[np.log(rng.random(open_still.size)) > density]
+            fits = np.log(rng.random(mean.shape)) <= density.reshape(mean.shape)
+            kept = fits.any(axis=1)
+            found[left[kept]], left = mean[kept, fits[kept].argmax(axis=1)], left[~kept]
         return found
 
     def natural(self, means: Array, given: Mapping[str, Array]) -> Array:

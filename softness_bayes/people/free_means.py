@@ -228,7 +228,7 @@ def _fit(answers: Answers, options: ModelOptions) -> tuple[Array, Array, Mapping
         scatter = rng.standard_normal((int(own.sum()), effects.shape[1]))
         effects[own] += scatter @ np.linalg.cholesky(found.covariance[k]).T
         if isinstance(answers, SingleAnswers):
-            for condition in answers.open_ended:
+            for condition in answers.unanimous:
                 here = {name: value[[k]] for name, value in values.items()}
                 effects[own, condition] = answers.redraw(rng, effects[own], int(condition), here)
     means = effects[:, : answers.conditions]
@@ -315,7 +315,7 @@ def _convex(bend: Array) -> Array:
         np.linalg.cholesky(bend)
     except np.linalg.LinAlgError:
         size, axes = np.linalg.eigh(bend)
-        size = np.maximum(np.abs(size), 1e-3 * size[:, -1:])
+        size = np.maximum(np.abs(size), 1e-6 * size[:, -1:])
         return (axes * size[:, None]) @ axes.swapaxes(-1, -2)
     return bend
 

@@ -31,7 +31,7 @@ def replicated_groups(rng: np.random.Generator, draws: RatedDraws) -> Groups:
     again = _rated(rng, draws, drive, few)
     strangers = ratings.with_new_participants(rng, few.parameters, few.effects)
     anew = _rated(rng, draws, drive, few._replace(effects=strangers))
-    layout, groups = _layout(draws), draws.load_groups
+    layout, groups = rated_layout(draws), draws.load_groups
     # with many loads, single loads have too few fabrics, so levelling is applied to groups of loads
     held = _held_at_peak(draws, replace(layout, load=groups.of[layout.load]))
     level = ratings.drive_at(held, few.mean_rate, few.parameters)
@@ -55,7 +55,7 @@ def replicated_groups(rng: np.random.Generator, draws: RatedDraws) -> Groups:
     }
 
 
-def _layout(draws: RatedDraws) -> Layout:
+def rated_layout(draws: RatedDraws) -> Layout:
     """Return the design, with each condition's modulus: of one that is sampled the median of its draws."""
     model, conditions = draws.model, draws.experiment.ratings.conditions
     space, modulus = draws.posterior.space, draws.scene.modulus

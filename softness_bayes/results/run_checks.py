@@ -24,6 +24,7 @@ from softness_bayes.model.prediction import drive_slope, rates_of_other_moduli, 
 from softness_bayes.model.scenes import at_other_loads
 from softness_bayes.parameters.declared import RATER_EFFECTS
 from softness_bayes.results.draws import REWEIGHT_DRAWS, RatedDraws, Variable, evenly
+from softness_bayes.results.replicates import rated_layout
 from softness_bayes.sampler.workers import Workers
 from softness_bayes.touch.scene import Scene
 
@@ -193,8 +194,9 @@ def _findings(draws: RatedDraws) -> list[provenance.Finding]:
     modelled = {name for name, effect in RATER_EFFECTS.items() if effect in effects}
     at = zip(ratings.conditions.fabric, ratings.conditions.load, strict=True)
     names = [f"{ratings.fabrics[fabric]} under {ratings.loads[load]}" for fabric, load in at]
+    layout = rated_layout(draws)
     found = [
-        *checks.check_fabrics(residuals, names),
+        *checks.check_fabrics(residuals, names, checks.curves(layout.modulus, draws.load_groups.of[layout.load])),
         checks.check_slope(residuals, checks.EXPONENTS, residuals.response, "gamma" in modelled, available),
         checks.check_noise(residuals, "varsigma" in modelled, available, model.error in (STUDENT, LAPSES)),
         checks.check_slope(residuals, checks.ALONG, moduli, draws.posterior.space.moduli is not None),

@@ -19,6 +19,8 @@ from softness_bayes.checking.checks import (
     LOADS,
     NOISE,
     NOTICED,
+    OMEGA,
+    READINGS,
     SKINS,
     Residuals,
     check_drift,
@@ -26,6 +28,7 @@ from softness_bayes.checking.checks import (
     check_noise,
     check_slope,
     check_spreads,
+    curves,
     loo_pit,
 )
 from softness_bayes.checking.quantities import uniformity_p_value
@@ -252,8 +255,33 @@ def test_a_wrong_reading_of_the_pressure_is_found_by_its_conditions(rng, smooth_
         observation = LogRatings(MODEL.draw_ratings(rng, layout, drive, PLAIN, effects), layout, MODEL)
         rates = scenes[fitted].total_rate(some) / scenes[fitted].n_receptors
         best = rates[observation.log_likelihood(rates, PLAIN).argmax()] if made is not fitted else rate
-        found, *_ = check_fabrics(residuals(rng, observation, PLAIN, 100, np.ravel(best)), ["any"] * conditions)
+        held = residuals(rng, observation, PLAIN, 100, np.ravel(best))
+        shapes = curves(np.tile(modulus, 3), np.repeat(np.arange(3), 10))
+        found, fabrics, _ = check_fabrics(held, ["any"] * conditions, shapes)
         assert (found.p_value < 1e-4) == (made is not fitted), (made, fitted)
+        if made is not fitted:
+            assert found.advice == (READINGS,)
+            assert found.gain > fabrics.gain
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_another_reading_is_the_remedy_only_of_deviations_that_similar_fabrics_share(seed):
+    """A bend along the modulus against an effect of each fabric of the same size, with as many conditions."""
+    rng = np.random.default_rng(seed)
+    layout = Design(np.tile(np.arange(20), 15), np.repeat(np.arange(15), 20), np.tile(np.arange(10), 2), 15)
+    modulus, rate = np.tile(np.geomspace(3e3, 2e6, 10), 2), np.tile(np.geomspace(9.0, 1.0, 10), 2)
+    x = np.linspace(-1.0, 1.0, 10)
+    bend = np.concatenate([x**2 - (x**2).mean(), x**3 - 0.6 * x])  # another one under each load
+    alone = np.tile(rng.permutation(np.repeat([1.0, -1.0], 5)), 2)
+    for shift, remedy in ((bend, READINGS), (alone, OMEGA)):
+        shift = 0.3 * shift / shift.std()
+        effects = MODEL.draw_effects(rng, PLAIN, (), 15, 10)
+        made = MODEL.draw_ratings(rng, layout, MODEL.drive(layout, rate, PLAIN), PLAIN, effects)
+        observation = LogRatings(made * np.exp(shift[layout.condition]), layout, MODEL)
+        held = residuals(rng, observation, PLAIN, 100, rate)
+        found, *_ = check_fabrics(held, ["any"] * 20, curves(modulus, np.repeat([0, 1], 10)))
+        assert found.p_value < 1e-4
+        assert found.advice == (remedy,)
 
 
 # exponents and noise of raters

@@ -16,7 +16,7 @@ from softness_bayes.data.forms import AggregatedCells
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.error_laws import NORMAL
 from softness_bayes.likelihood.magnitude import RatingModel
-from softness_bayes.likelihood.scales import AGGREGATED, MAGNITUDE, PAIRS, RANKS
+from softness_bayes.likelihood.scales import AGGREGATED, CATEGORIES, MAGNITUDE, PAIRS, RANKS
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.people.answers import WIDE, told_pairs
 from softness_bayes.people.free_means import free_means
@@ -209,6 +209,17 @@ def test_a_fabric_that_all_put_into_the_highest_category_is_known_to_be_there(rn
     assert (high > 5.97).all()
     rest = np.quantile(found.rating[:, found.fabric == 2], (0.05, 0.95), axis=0)
     assert (np.diff(rest, axis=0) > 0.05).all()  # others are as uncertain as before
+
+
+def test_a_fabric_that_all_put_into_one_category_of_others_is_known_to_be_there(rng):
+    """Between two thresholds all means are as probable, so that a normal law about the mode has no width of its own."""
+    filed = np.array([[3, 3, 4, 5, 4], [4, 3, 4, 5, 3], [3, 3, 4, 5, 3], [3, 2, 4, 5, 3]], float)[..., None]
+    ratings = Ratings.crossed(RATERS[:4], FABRICS, LOADS[:1], filed)
+    found = free_means(ratings, ModelOptions(scale=CATEGORIES, n_categories=7, errors=NORMAL))
+    low, high = np.quantile(found.rating[:, 2:4], (0.05, 0.95), axis=0)
+    assert (low > np.array([3.4, 4.4])).all()
+    assert (high < np.array([4.6, 5.6])).all()
+    assert found.p_higher(np.array([3, 2]))[0, 1] > 0.95
 
 
 def test_a_custom_scale_is_refused(rng):
