@@ -69,9 +69,6 @@ LEVEL = 0.05
 CHECKS = len([CONDITIONS, FABRICS, NOISE, DEVIATIONS, DRIFT, PIT, *SLOPES, *SUMMARIES])
 """Number of checks that share this level, for the power of each."""
 
-DEGREES = 3
-"""Largest degree of the curves of log moduli along which a response of a wrong shape deviates."""
-
 OMEGA, READINGS = "--prior omega='halfnormal(0.5)'", "another --reading"
 """Remedies for fabrics that deviate each in its own way, and for a response of a wrong shape."""
 
@@ -227,8 +224,11 @@ def _p_value(squares: Array, freedom: Array, sd: Array) -> float:
     return float(chdtrc(freedom[judged], (squares / sd**2)[judged]).mean()) if judged.any() else np.nan
 
 
-def curves(modulus: Array, load: IndexArray) -> Array:
-    """Return curves of log E_fab, one of each of some degrees under each load, shape (conditions, curves).
+def likeness(modulus: Array, load: IndexArray) -> Array:
+    """Return how alike the errors of a response of a wrong shape are, shape (conditions, conditions).
+
+    Their correlation falls as exp(-distance) with the distance of the logs of E_fab, as of a curve with kinks; under
+    different loads they are independent.
 
     Parameters
     ----------
@@ -237,24 +237,20 @@ def curves(modulus: Array, load: IndexArray) -> Array:
     load
         Index of each condition's load, shape (conditions,).
     """
-    found = np.zeros((modulus.size, DEGREES * (load.max() + 1)))
-    for k in np.unique(load):
-        own = load == k
-        x = np.log(modulus[own]) - np.log(modulus[own]).mean()
-        found[own, DEGREES * k : DEGREES * (k + 1)] = (x / max(np.abs(x).max(), FLAT))[:, None] ** range(1, DEGREES + 1)
-    return found
+    place = np.log(modulus)
+    return np.exp(-np.abs(place[:, None] - place)) * (load[:, None] == load)
 
 
 def check_fabrics(
-    residuals: Residuals, names: Sequence[str], shapes: Array | None = None
+    residuals: Residuals, names: Sequence[str], alike: Array | None = None
 ) -> tuple[Finding, Finding, Finding]:
     """Compare the variation of residuals between conditions, fabrics, and the loads of a fabric, with noise.
 
     A condition is a fabric under a load. The sum of squares between conditions is the sum of that between fabrics,
     whose deviations are the same under every load, and that within fabrics, whose deviations differ between loads.
-    Fabrics that deviate each in its own way need an effect of each. A response of a wrong shape makes fabrics of
-    similar moduli deviate alike: then a few random coefficients of curves gain as much, and another reading is the
-    remedy.
+    Fabrics that deviate each in its own way, alike under all loads, need an effect of each. A response of a wrong shape
+    makes fabrics of similar moduli deviate alike under one load: where such effects, of one variance too, would gain
+    more, another reading is the remedy.
 
     Parameters
     ----------
@@ -262,8 +258,8 @@ def check_fabrics(
         Residuals at draws of the posterior.
     names
         Name of each condition.
-    shapes
-        `curves` of the conditions; None if their moduli are not known.
+    alike
+        `likeness` of the conditions; None if their moduli are not known.
     """
     design, model = residuals.observation.design, residuals.observation.model
     each = residuals.project(design.condition, design.n_conditions)
@@ -276,12 +272,12 @@ def check_fabrics(
     scale = chdtri(rated.size, LEVEL / CHECKS) / chdtri(rated.size, NOTICED)
     advice = (OMEGA,) if "omega" in model.needs else ()
     remedy, gain = advice, fabrics.gain
-    if shapes is not None:
-        basis, size, _ = np.linalg.svd(np.sqrt(count)[:, None] * shapes[rated], full_matrices=False)
-        bent = along / np.sqrt(count) @ basis[:, size > FLAT * size.max(initial=0.0)]
-        smooth = Projection(bent, np.ones_like(bent), sd).gain
-        if smooth > gain:
-            remedy, gain = (READINGS,), smooth
+    if alike is not None:
+        root = np.sqrt(count)
+        size, axes = np.linalg.eigh(root[:, None] * alike[np.ix_(rated, rated)] * root)
+        bent = Projection(along / root @ axes * np.sqrt(size), np.broadcast_to(size, along.shape), sd).gain
+        if bent > gain:
+            remedy, gain = (READINGS,), bent
     within = each.freedom - fabrics.freedom
     return (
         Finding(

@@ -192,7 +192,7 @@ def nested_gain(
 
     The density of an outcome is a mean over draws. With the draw that made the outcome, it is too large; without it,
     too small (on average, of its logarithm): the information lies between both. The same sums under the normal law of
-    `linear_gain`, whose mean is known, remove most of their sampling error.
+    `linear_gain`, whose mean is known, remove the part of their sampling error that is correlated with them.
 
     Parameters
     ----------
@@ -232,6 +232,7 @@ def nested_gain(
         low = _log_mean(log_density, same & ~itself) - marginal[1]
         high = _log_mean(log_density, same) - marginal[0]
     control = _normal_excess(mean, errors.mean(axis=0), outcome, None if bins is None else scores, origin)
+    control *= np.cov(control, 0.5 * (low + high))[0, 1] / control.var(ddof=1)
     others = np.where(itself, -np.inf, log_density)
     weight = np.exp(others - logsumexp(others, axis=1, keepdims=True))
     ratios = {name: _sd_ratio(weight, values) for name, values in quantities.items()}

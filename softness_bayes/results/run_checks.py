@@ -196,7 +196,7 @@ def _findings(draws: RatedDraws) -> list[provenance.Finding]:
     names = [f"{ratings.fabrics[fabric]} under {ratings.loads[load]}" for fabric, load in at]
     layout = rated_layout(draws)
     found = [
-        *checks.check_fabrics(residuals, names, checks.curves(layout.modulus, draws.load_groups.of[layout.load])),
+        *checks.check_fabrics(residuals, names, checks.likeness(layout.modulus, draws.load_groups.of[layout.load])),
         checks.check_slope(residuals, checks.EXPONENTS, residuals.response, "gamma" in modelled, available),
         checks.check_noise(residuals, "varsigma" in modelled, available, model.error in (STUDENT, LAPSES)),
         checks.check_slope(residuals, checks.ALONG, moduli, draws.posterior.space.moduli is not None),

@@ -28,7 +28,7 @@ from softness_bayes.checking.checks import (
     check_noise,
     check_slope,
     check_spreads,
-    curves,
+    likeness,
     loo_pit,
 )
 from softness_bayes.checking.quantities import uniformity_p_value
@@ -256,8 +256,8 @@ def test_a_wrong_reading_of_the_pressure_is_found_by_its_conditions(rng, smooth_
         rates = scenes[fitted].total_rate(some) / scenes[fitted].n_receptors
         best = rates[observation.log_likelihood(rates, PLAIN).argmax()] if made is not fitted else rate
         held = residuals(rng, observation, PLAIN, 100, np.ravel(best))
-        shapes = curves(np.tile(modulus, 3), np.repeat(np.arange(3), 10))
-        found, fabrics, _ = check_fabrics(held, ["any"] * conditions, shapes)
+        alike = likeness(np.tile(modulus, 3), np.repeat(np.arange(3), 10))
+        found, fabrics, _ = check_fabrics(held, ["any"] * conditions, alike)
         assert (found.p_value < 1e-4) == (made is not fitted), (made, fitted)
         if made is not fitted:
             assert found.advice == (READINGS,)
@@ -279,7 +279,7 @@ def test_another_reading_is_the_remedy_only_of_deviations_that_similar_fabrics_s
         made = MODEL.draw_ratings(rng, layout, MODEL.drive(layout, rate, PLAIN), PLAIN, effects)
         observation = LogRatings(made * np.exp(shift[layout.condition]), layout, MODEL)
         held = residuals(rng, observation, PLAIN, 100, rate)
-        found, *_ = check_fabrics(held, ["any"] * 20, curves(modulus, np.repeat([0, 1], 10)))
+        found, *_ = check_fabrics(held, ["any"] * 20, likeness(modulus, np.repeat([0, 1], 10)))
         assert found.p_value < 1e-4
         assert found.advice == (remedy,)
 

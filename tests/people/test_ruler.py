@@ -7,10 +7,17 @@ import pytest
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
-from softness_bayes.likelihood.scales import MAGNITUDE, PAIRS
+from softness_bayes.likelihood.scales import MAGNITUDE, PAIRS, RISES
 from softness_bayes.people.free_means import free_means, word_of
-from softness_bayes.people.ruler import UNKNOWN, following, ruler
-from softness_bayes.people.sentences import highest_sentences, needed_sentences, pair_sentences, ruler_sentence
+from softness_bayes.people.ruler import UNKNOWN, Fit, following, ruler
+from softness_bayes.people.sentences import (
+    highest_sentences,
+    needed_sentences,
+    pair_sentences,
+    ruler_sentence,
+    untestable_sentence,
+)
+from softness_bayes.provenance import DirectionTaken
 from softness_bayes.report.conclusion import Facts, conclude
 from support.laboratories import FABRICS, RATERS, laboratory
 
@@ -52,6 +59,12 @@ def test_a_chain_that_is_right_keeps_all_and_a_flat_one_nothing(falling):
     assert 0.1 < share < 0.9
     assert low < share < high
     assert half["value"]["misfit"] == pytest.approx(np.std((right - flat) / 2.0), rel=0.3)
+
+
+def test_as_many_free_moduli_as_means_are_no_test():
+    told = Fit(DirectionTaken(RISES), UNKNOWN, free_moduli=16, means=16)
+    assert "tests nothing: 16 moduli are free to follow 16 mean ratings" in untestable_sentence(told)
+    assert untestable_sentence(told._replace(free_moduli=15)) == ""
 
 
 def test_a_reversed_chain_loses_more_than_all(falling):

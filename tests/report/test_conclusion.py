@@ -10,8 +10,16 @@ import pytest
 
 from softness_bayes.checking.agreement import HighestRated
 from softness_bayes.cli.running import print_result
+from softness_bayes.data import Experiment, Fabrics
+from softness_bayes.likelihood.error_laws import NORMAL
+from softness_bayes.model.scenes import usual_values
+from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.people.ruler import Following
 from softness_bayes.report.conclusion import Facts, Skin, Turn, conclude, facts_of
+from softness_bayes.runs.run import sample
+from softness_bayes.touch.contact import Force
+from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
+from softness_bayes.touch.readings import CLASSICAL, MENDED
 from support.report_runs import converged
 
 TOLD = Turn("1 mm", 0.98, 60.0, 85.0, 120.0, True)
@@ -165,6 +173,35 @@ def test_every_combination_of_facts_gives_three_sentences_and_trust_only_where_a
             assert not any("\n" in line for line in found.lines)
             well = flag["converged"] and flag["exact"] and not (flag["silent"] or checks)
             assert found.trust.startswith("Yes") == well
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("fault", "words", "absent"),
+    [
+        ({}, "", "repeat the run"),
+        ({"unit": 9.81}, "check the units of moduli and loads", "guesses"),
+        ({"readings": CLASSICAL}, "repeat the run with another --reading", "units"),
+        ({"guesses": 0.25}, "lapses", "units"),
+    ],
+    ids=["no fault", "loads in kgf", "another reading", "a quarter guessed"],
+)
+def test_the_next_step_names_the_fault_of_a_simulated_table(fault, words, absent):
+    """Whole runs: forces of a balance taken as newtons, a response of another reading, and guesses; and a control."""
+    rng, fabrics = np.random.default_rng(1), Fabrics(tuple("abcdefghij"), effective_modulus=np.geomspace(8e3, 6e5, 10))
+    values, forces = usual_values(MENDED, given={"varsigma": 0.3, "tau": 0.4}), (0.5, 1.5)
+    loads = tuple(Force(force) for force in forces)
+    made = simulate_ratings(rng, fabrics, loads, values, fault.get("readings", MENDED), participants=12).ratings
+    stated, guessed = made.rating.copy(), rng.random(len(made)) < fault.get("guesses", 0.0)
+    stated[guessed] = np.exp(rng.uniform(*np.log([stated.min(), stated.max()]), guessed.sum()))
+    loads = tuple(Force(force / fault.get("unit", 1.0)) for force in forces)
+    data = Experiment(replace(made, rating=stated, loads=loads), fabrics, ())
+    options = {"fix": {**PAPER_CHANNELS._asdict(), "eps": 0.1}, "max_steps": 6000, "seed": 3, "processes": 1}
+    facts = facts_of(sample(data, errors=NORMAL, **options))
+    assert facts.converged
+    said = conclude(facts).next_step
+    assert words in said
+    assert absent not in said
 
 
 @pytest.fixture(scope="module")
