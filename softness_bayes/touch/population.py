@@ -41,8 +41,6 @@ class Profile(NamedTuple):
     """Coefficients of rho² y / (1 - y) [m²] in T_k(x), shape (order, ...), with x from -1 at `start` to 1 at y = 1."""
     start: float = 0.0
     """Least y at which the profile holds."""
-    powers: bool = False
-    """True if the coefficients are those of powers of x instead, which take less time."""
 
     def among(self, mask: NDArray[np.bool_], near: bool) -> tuple[Index, Profile]:
         """Return indices into the flattened batch of the elements of a mask, and their profile along one axis."""
@@ -54,7 +52,7 @@ class Profile(NamedTuple):
     def squared_distance(self, y: Array) -> Array:
         """Return rho² [m²] where the stress is y^(1/root) of its peak, of the shape of `y`: (..., *batch)."""
         x = (2.0 * y - (1.0 + self.start)) / (1.0 - self.start)
-        return (horner if self.powers else clenshaw)(self.shape, x) * (1.0 / y - 1.0)
+        return clenshaw(self.shape, x) * (1.0 / y - 1.0)
 
 
 WIDE = 0.02

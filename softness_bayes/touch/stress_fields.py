@@ -31,7 +31,7 @@ from softness_bayes.touch.contact import (
     reduced_modulus,
     skin_modulus,
 )
-from softness_bayes.touch.neuron.polynomials import TotalDegree, chebyshev_values, in_powers_of
+from softness_bayes.touch.neuron.polynomials import TotalDegree, chebyshev_values
 from softness_bayes.touch.population import WIDE, Profile
 from softness_bayes.touch.stress_table import StressTable, restricted, touched, values_to_coefficients
 
@@ -82,7 +82,10 @@ class StressFields:
                 self._held[where] = isinstance(table.load, Indentation)
                 self._peak[: peak.size, where] = peak[:, None]
         self._order = max(part.shape[1] for part in shapes)
-        self._parts = [_Shapes.of(shapes, self._tables, start) for start in (0.0, WIDE ** self._tables[0].root)]
+        self._near = WIDE ** self._tables[0].root
+        self._whole_shapes = shapes
+        pairs = zip(self._tables, shapes, strict=True)
+        self._near_shapes = [table.restriction(self._near) @ whole for table, whole in pairs]
 
     def at(self, modulus: Array, radius: Array, finger: Fingertip) -> FieldsAt | Profile:
         """Return the fields at E_star [Pa] and contact radius [m], both of shape (batch, conditions).
@@ -134,11 +137,11 @@ class StressFields:
         near
             True for the shorter series of stresses from `WIDE` of the peak on.
         """
-        part = self._parts[near]
-        shape, sizes = np.zeros((max(one.shape[1] for one in part.series), place.size)), np.empty(place.size)
+        every, least = (self._near_shapes, self._near) if near else (self._whole_shapes, 0.0)
+        shape, sizes = np.zeros((max(one.shape[1] for one in every), place.size)), np.empty(place.size)
         beyond = np.flatnonzero(np.abs(place) > _INSIDE)
         basis = chebyshev_values(np.minimum(np.maximum(place, -1.0), 1.0) if beyond.size else place, len(self._peak))
-        for table, series, (first, last) in zip(self._tables, part.series, self._groups, strict=True):
+        for table, series, (first, last) in zip(self._tables, every, self._groups, strict=True):
             _, order, terms = series.shape
             for one, (start, stop) in zip(series, pairwise(stops[first : last + 1]), strict=True):
                 np.matmul(one, basis[:terms, start:stop], out=shape[:order, start:stop])
@@ -146,11 +149,12 @@ class StressFields:
             relative, decay = self._contacts(table, place[whole], condition[whole])
             sizes[whole] = relative**2 / (1.0 + decay)
         if beyond.size:
-            shape[:, beyond] = part.from_whole(self._exact(place[beyond], condition[beyond])[:, 1:])[: len(shape)]
+            exact = self._exact(place[beyond], condition[beyond])[:, 1:]
+            shape[:, beyond] = restricted(self._order, least)[: len(shape)] @ exact.T
         sizes += 1.0
         sizes *= self._finger.receptor_depth**2
         shape *= sizes
-        return Profile(peak, shape, part.start, part.powers)
+        return Profile(peak, shape, least)
 
     def _contacts(self, table: StressTable, place: Array, condition: Index) -> tuple[Array, Array]:
         along = (place - self._fall.take(condition)) / self._rise.take(condition)
@@ -215,32 +219,6 @@ class FieldsAt:
         at = vector * conditions + condition
         stops = found.searchsorted(batch * of._stops).tolist()
         return at, of.profile(self.peak.take(at), self.place.take(at), condition, stops, near)
-
-
-class _Shapes(NamedTuple):
-    """The shapes of all tables as series in y from some value to 1."""
-
-    series: list[Array]
-    """For each table, shape (loads, order, terms)."""
-    start: float
-    """Least y."""
-    powers: bool
-    """True if the series are in powers, which take less time, because none loses 1 % of its tolerance thereby."""
-
-    @classmethod
-    def of(cls, whole: Sequence[Array], tables: Sequence[StressTable], start: float) -> _Shapes:
-        """Return the shapes on a part of the range, from the Chebyshev series on all of it, (loads, order, terms)."""
-        parts = [table.restriction(start) @ series for table, series in zip(tables, whole, strict=True)]
-        powers = [np.swapaxes(in_powers_of(np.swapaxes(part, 1, 2)), 1, 2) for part in parts]
-        allowed = [table.tolerance * np.abs(part).sum(axis=1).max() for table, part in zip(tables, parts, strict=True)]
-        lost = [np.finfo(float).eps * np.abs(part).sum(axis=(1, 2)).max() for part in powers]
-        exact = all(one <= 0.01 * some for one, some in zip(lost, allowed, strict=True))
-        return cls(powers if exact else parts, start, exact)
-
-    def from_whole(self, rows: Array) -> Array:
-        """Return the series of rows (n, order) of coefficients on the whole range, shape (order, n)."""
-        part = rows @ restricted(rows.shape[1], self.start).T
-        return (in_powers_of(part) if self.powers else part).T
 
 
 SKIN_SHARE = 0.03

@@ -321,7 +321,7 @@ class StressTable:
         """Return the matrix from S in T_k(2 y - 1) to its series on [start, 1], cut like the table."""
         matrix = restricted(self.table.shape[-1] - 1, start)
         size = np.abs(self.table[..., 1:] @ matrix.T).max(axis=(0, 1)) / self._scale[-1]
-        return matrix[: _kept(size, self.tolerance)] if start else matrix
+        return matrix[: _kept(size, self.tolerance)]
 
     def series(self, across: Array) -> Array:
         """Return the series along the moduli at scaled coordinates (n,) across, shape (n, terms, 1 + order)."""

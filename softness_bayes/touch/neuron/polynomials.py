@@ -38,15 +38,6 @@ def clenshaw(coefficients: Array, x: Array) -> Array:
     return coefficients[0] + x * ahead - further
 
 
-def in_powers_of(coefficients: Array) -> Array:
-    """Return coefficients of powers from those of T_k, along the last axis."""
-    order = coefficients.shape[-1]
-    matrix = np.eye(order)  # row k: coefficients of the powers in T_k
-    for k in range(2, order):
-        matrix[k] = np.append(0.0, 2.0 * matrix[k - 1, :-1]) - matrix[k - 2]
-    return coefficients @ matrix
-
-
 def horner(coefficients: Array, x: Array) -> Array:
     """Return sum_k coefficients[k] x^k, each coefficients[k] of a shape that broadcasts to that of x.
 
