@@ -1,18 +1,14 @@
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import pytest
 
-from oracles.reference import receptors_per_distance
 from softness_bayes.touch.contact import Finger
 from softness_bayes.touch.readings import ALTERNATIVES
 from softness_bayes.touch.receptors import (
     CONSISTENT,
     PRINTED_DENSITY,
     ReceptorCount,
-    kink_distances,
     receptor_current,
     receptors_within,
 )
@@ -67,20 +63,6 @@ def test_receptors_within_a_distance(finger, density):
     brute = [brute_force(distance, finger, density) for distance in distances]
     np.testing.assert_allclose(found, brute, atol=2e-5)
     assert found[0] == 0
-
-
-@pytest.mark.parametrize("density", DENSITIES, ids=lambda density: density.name)
-def test_arcs_add_up_to_the_count(finger, density):
-    # the reference's own weight, from arcs in closed form, is the derivative of the count
-    node, weight = np.polynomial.legendre.leggauss(60)
-    phi = 0.25 * np.pi * (node + 1)
-    starts = np.concatenate([[0.0], kink_distances(finger)])
-    total = 0.0
-    for start, end in itertools.pairwise(starts):
-        rho = start + (end - start) * np.sin(phi) ** 2
-        step = (end - start) * np.sin(2 * phi) * 0.25 * np.pi * weight
-        total += step @ receptors_per_distance(rho, finger, density)
-        assert total == pytest.approx(float(receptors_within(end, finger, density)), abs=1e-8)
 
 
 @pytest.mark.parametrize("density", DENSITIES, ids=lambda density: density.name)

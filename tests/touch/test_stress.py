@@ -128,18 +128,6 @@ def test_stress_carries_the_pressure(decay):
     assert rings == pytest.approx(ds @ (pressure * s), rel=1e-7)
 
 
-@pytest.mark.parametrize("kernel", [LINE, AXISYMMETRIC], ids=ids([LINE, AXISYMMETRIC]))
-def test_a_small_contact_acts_like_its_resultant(kernel):
-    a, depth = 1e-6, 1e-2
-    rho = np.array([0.0, 0.3e-2, 1e-2, 5e-2])
-    found = unit_stress(rho, depth, a, 0.0, kernel)
-    if kernel is LINE:
-        exact = 2 * depth**3 / np.pi * (0.5 * np.pi * a) / (rho**2 + depth**2) ** 2
-    else:
-        exact = 1.5 * depth**3 / np.pi * (2 / 3 * np.pi * a**2) / (rho**2 + depth**2) ** 2.5
-    np.testing.assert_allclose(found, exact, rtol=1e-7)
-
-
 @pytest.mark.parametrize("kernel", KERNELS, ids=ids(KERNELS))
 def test_agrees_with_extended_precision_at_hard_points(kernel, rng):
     for depth, decay in itertools.product([1e-6, 1e-4, 0.7e-3, 1e-2], [0.0, 1.0, 1e3, 1e6]):
