@@ -78,7 +78,7 @@ def test_arviz_itself_reads_the_file_and_works_on_it(tree, tmp_path):
         assert np.isfinite(float(arviz.ess(data)["b"]))
 
 
-@pytest.mark.parametrize("name", ["ratings", "z-scores", "slider"])
+@pytest.mark.parametrize("name", ["ratings", "slider"])
 def test_arviz_sees_one_observation_for_each_rating_of_a_run(name, report_run, tmp_path):
     import arviz
 
