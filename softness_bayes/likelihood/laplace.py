@@ -12,13 +12,15 @@ because all effects are standard normal a priori. This is what the sampler uses 
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.likelihood.pieces import backward, cholesky, forward
-from softness_bayes.likelihood.rater_effects import Given, Sums, Table
+
+if TYPE_CHECKING:
+    from softness_bayes.likelihood.rater_effects import Given, Sums, Table
 
 FloatArray = NDArray[np.float64]
 
