@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softness_bayes.data import Fabrics, fabrics_csv
+from softness_bayes.files.whole import write_whole
 
 
 class Table(NamedTuple):
@@ -75,7 +76,7 @@ def measured(table: Table) -> tuple[float, float]:
         for path, count in ((few, table.fabrics), (others, table.predicted or 1)):
             moduli = np.geomspace(3e3, 6e5, count)
             cloth = Fabrics(tuple(f"F{k}" for k in range(1, count + 1)), effective_modulus=moduli)
-            path.write_text(fabrics_csv(cloth), encoding="utf-8")
+            write_whole(path, fabrics_csv(cloth).encode())
         timed("simulate", "--fabrics", few, *loads, "--participants", table.raters, "--out", data)
         steps = ("--max-steps", 10, "--processes", 1)
         used = timed("sample", "--data", data / "ratings.csv", "--out", run, "--modulus-cv", 0, *steps)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 from softness_bayes.errors import InputError, WorkersLostError
 from softness_bayes.files.json_text import parse_json
 from softness_bayes.files.outputs import require_directory
+from softness_bayes.files.whole import write_whole
 from softness_bayes.provenance import VERSION, versions
 
 if TYPE_CHECKING:
@@ -204,7 +205,7 @@ def reports(client: Client, directory: Path | None) -> dict[str, Worker | BaseEx
     if directory is not None:
         require_directory(directory)
         path = next(place for place in (directory, *directory.parents) if place.is_dir()).resolve() / f".shared-{token}"
-        path.write_text(token, encoding="ascii")
+        write_whole(path, token.encode("ascii"))
     try:
         with suppress(TimeoutError):
             client.wait_for_workers(1, timeout=JOINING)
