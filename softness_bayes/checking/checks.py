@@ -28,7 +28,7 @@ from softness_bayes import arviz_bridge
 from softness_bayes.checking.quantities import PIT, SUMMARIES
 from softness_bayes.likelihood.contract import Effects, Likelihood, Parameters, RowsLeftOut
 from softness_bayes.likelihood.layout import Layout
-from softness_bayes.likelihood.pieces import part_of, pieces
+from softness_bayes.likelihood.pieces import pieces
 from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.likelihood.scales import STANDARDISED
 from softness_bayes.provenance import Finding
@@ -127,7 +127,7 @@ class Residuals:
         member = csr_array((np.ones(rows) if weight is None else weight, (group, np.arange(rows))), shape=(size, rows))
         found = np.empty((len(self.mean_rate), size))
         for k in pieces(len(found), rows):
-            values = self.observation.residual(self.mean_rate[k], self.parameters.part(k), part_of(self.effects, k))
+            values = self.observation.residual(self.mean_rate[k], self.parameters.part(k), self.effects.part(k))
             values = values**power if regressor is None else values * regressor[k][:, condition]
             found[k] = (member @ values.T).T
         return found

@@ -25,10 +25,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import chndtr, gammaln, ive, logsumexp, ndtri
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.contract import Levels, Likelihood, Parameters, RowsLeftOut, Shape
+from softness_bayes.likelihood.contract import Effects, Levels, Likelihood, Parameters, RowsLeftOut, Shape
 from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
-from softness_bayes.likelihood.magnitude import Effects, LogRatings, RatingModel
+from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.normal_rows import EffectLaw
 from softness_bayes.likelihood.pieces import in_pieces, left_out_in_pieces
 from softness_bayes.likelihood.ratings import RatingsLikelihood
@@ -126,18 +126,12 @@ class AggregatedRatings(LogRatings):
         return self.model.of_one_rater
 
 
-class SpreadEffects(NamedTuple):
-    """Scatter of the raters of each panel, common to all its cells."""
-
-    scatter: FloatArray
-    """u, the sum of squares of the raters' scales about their mean, shape (..., panels)."""
-
-
 @dataclass(frozen=True)
 class SpreadModel:
     """(n - 1) S² = varsigma² noncentral chi-square(n - 1, u / varsigma²), u = tau² chi-square(n - 1).
 
-    S is the standard deviation of a cell's log ratings; u belongs to its panel.
+    S is the standard deviation of a cell's log ratings; u, the sum of squares of raters' scales about their mean,
+    belongs to its panel. The only effects are u as `scatter`, shape (..., panels).
 
     Parameters
     ----------
@@ -160,11 +154,11 @@ class SpreadModel:
         """Return 1: residuals are normal scores."""
         return np.ones_like(np.asarray(parameters.varsigma, float))
 
-    def typical(self, effects: SpreadEffects, drive: FloatArray) -> FloatArray:
+    def typical(self, effects: Effects, drive: FloatArray) -> FloatArray:
         """Return the standard deviation of the raters' scales, shape (..., k)."""
         return np.sqrt(effects.scatter.mean(axis=-1) / self.freedom)[..., None] + 0.0 * drive
 
-    def named_effects(self, effects: SpreadEffects) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
+    def named_effects(self, effects: Effects) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
         """Return the panels' scatter by its name, with its axis after the batch axes."""
         return {"scatter": (effects.scatter, ("participant",))}
 
@@ -256,12 +250,12 @@ class RaterSpreads(Likelihood):
         """Return 0 for each condition."""
         return self.drive(mean_rate, parameters)
 
-    def new_effects(self, rng: Generator, parameters: Parameters, shape: Shape, levels: Levels = None) -> SpreadEffects:
+    def new_effects(self, rng: Generator, parameters: Parameters, shape: Shape, levels: Levels = None) -> Effects:
         """Return the scatter of scales for the same number of new panels, of batch ``shape``."""
         drawn = rng.chisquare(self.model.freedom, (*shape, self.design.n_participants))
-        return SpreadEffects(np.asarray(parameters.tau, float)[..., None] ** 2 * drawn)
+        return Effects(scatter=np.asarray(parameters.tau, float)[..., None] ** 2 * drawn)
 
-    def draw_effects(self, rng: Generator, mean_rate: FloatArray, parameters: Parameters) -> SpreadEffects:
+    def draw_effects(self, rng: Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
         """Return draws of the scatter given the standard deviations, one for each point of the batch.
 
         A node is drawn, and a value about it.
@@ -269,18 +263,16 @@ class RaterSpreads(Likelihood):
         nodes = self._nodes(mean_rate, parameters, finer=8)
         chosen = (nodes.log_density + rng.gumbel(size=nodes.log_density.shape)).argmax(axis=-1)[..., None]
         node = np.take_along_axis(nodes.scatter, chosen, axis=-1)[..., 0]
-        return SpreadEffects(node * nodes.ratio ** rng.uniform(-0.5, 0.5, node.shape))
+        return Effects(scatter=node * nodes.ratio ** rng.uniform(-0.5, 0.5, node.shape))
 
-    def replicate(
-        self, rng: Generator, drive: FloatArray, parameters: Parameters, effects: SpreadEffects
-    ) -> FloatArray:
+    def replicate(self, rng: Generator, drive: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return a standard deviation for every row, shape (..., rows)."""
         variance = _variance(parameters)[..., None]
         noncentrality = effects.scatter[..., self.design.participant] / variance
         squares = variance * rng.noncentral_chisquare(self.model.freedom, noncentrality)
         return np.asarray(np.sqrt(squares / self.model.freedom))
 
-    def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: SpreadEffects) -> FloatArray:
+    def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return the normal score of each standard deviation given its panel's scatter, shape (..., rows)."""
         variance = _variance(parameters)[..., None]
         noncentrality = effects.scatter[..., self.design.participant] / variance

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 from numpy.random import Generator
@@ -19,24 +19,12 @@ from softness_bayes.likelihood.scales import CATEGORIES, Scale
 FloatArray = NDArray[np.float64]
 
 
-class CategoryEffects(NamedTuple):
-    """Values of the common mean, of raters' effects, and of the thresholds of categories."""
-
-    mu: FloatArray
-    """Shape (...)."""
-    participant: FloatArray
-    """Shape (..., participants)."""
-    fabric: FloatArray
-    """Shape (..., fabrics)."""
-    threshold: FloatArray
-    """Upper ends of all categories but the last, shape (..., categories - 1)."""
-
-
 @dataclass(frozen=True)
 class CategoryModel(IntervalModel):
     """An `IntervalModel` for ratings that are category numbers, from 1.
 
-    The first category ends at 0; each further one except the last has the width of its `gap`; mu ~ N(0, spread²).
+    The first category ends at 0; each further one except the last has the width of its `gap`; mu ~ N(0, spread²). The
+    upper ends of all categories but the last are among the effects, as `threshold` (..., categories - 1).
 
     Parameters
     ----------
@@ -72,10 +60,11 @@ class CategoryModel(IntervalModel):
         self, rng: Generator, parameters: Parameters, shape: Shape, people: int, fabrics: int, levels: Levels = None
     ) -> Effects:
         """Return effects of new participants, of batch ``shape``; mu from its prior unless in `levels`."""
-        drawn = super().draw_effects(rng, parameters, shape, people, fabrics, levels)
-        found = self.thresholds(parameters)
-        threshold = np.broadcast_to(found, (*shape, found.shape[-1]))
-        return CategoryEffects(drawn.mu, drawn.participant, drawn.fabric, threshold)
+        drawn, found = (
+            super().draw_effects(rng, parameters, shape, people, fabrics, levels),
+            self.thresholds(parameters),
+        )
+        return drawn.replace(threshold=np.broadcast_to(found, (*shape, found.shape[-1])))
 
     def draw_ratings(
         self,

@@ -9,7 +9,7 @@ one point, or any array of draws; members treat each point independently.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
 import numpy as np
@@ -22,9 +22,6 @@ from softness_bayes.likelihood.scales import Scale
 from softness_bayes.parameters.laws import Prior
 
 FloatArray = NDArray[np.float64]
-Effects = Any
-"""A NamedTuple of arrays: those shared by all observations (...), and those of participants or fabrics (..., k)."""
-
 Shape = tuple[int, ...]
 Levels = Mapping[str, ArrayLike] | None
 """Values of effects that all observations share, by name, each of batch shape (...)."""
@@ -43,23 +40,38 @@ class Parameters:
         vars(self).update(values)
 
     def __getattr__(self, name: str) -> Any:
-        raise AttributeError(f"these parameters have no {name!r}, only {', '.join(vars(self))}")
+        known = ", ".join(vars(self))
+        raise AttributeError(f"these {type(self).__name__.lower()} have no {name!r}, only {known}")
 
-    def replace(self, **values: ArrayLike) -> Parameters:
-        """Return the parameters with some replaced or added."""
-        return Parameters(**{**vars(self), **values})
+    def replace(self, **values: ArrayLike) -> Self:
+        """Return the same with some values replaced or added."""
+        return type(self)(**{**vars(self), **values})
 
-    def each(self, change: Callable[[Any], Any]) -> Parameters:
-        """Return the parameters with a function applied to each value."""
-        return Parameters(**{name: change(value) for name, value in vars(self).items()})
+    def each(self, change: Callable[[Any], Any]) -> Self:
+        """Return the same with a function applied to each value."""
+        return type(self)(**{name: change(value) for name, value in vars(self).items()})
 
-    def part(self, draws: Any) -> Parameters:
-        """Return the parameters of some draws; numbers are unchanged."""
+    def part(self, draws: Any) -> Self:
+        """Return the values at some draws; numbers are unchanged."""
         return self.each(lambda value: np.asarray(value)[draws] if np.ndim(value) else value)
 
     def batch_shape(self, *first: tuple[int, ...]) -> tuple[int, ...]:
         """Return the common shape of all values and of any other shapes; numbers, which are most, have none."""
         return np.broadcast_shapes(*first, *(shape for v in vars(self).values() if (shape := getattr(v, "shape", ()))))
+
+
+class Effects(Parameters):
+    """Effects of a model by name: those shared by all observations (...), those of participants or fabrics (..., k)."""
+
+    @property
+    def first_shape(self) -> Shape:
+        """Shape of the first of them: the batch shape, if it is shared by all observations."""
+        return np.shape(next(iter(vars(self).values())))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Effects]) -> Self:
+        """Return the effects of all draws from those of some draws after another."""
+        return cls(**{name: np.concatenate([vars(part)[name] for part in parts]) for name in vars(parts[0])})
 
 
 class Model(Protocol):
@@ -228,7 +240,7 @@ class Likelihood(ABC):
 
     def with_new_participants(self, rng: Generator, parameters: Parameters, effects: Effects) -> Effects:
         """Return these effects with the same number of new participants; by default no others are needed."""
-        return self.new_effects(rng, parameters, np.shape(effects[0])[:-1])
+        return self.new_effects(rng, parameters, effects.first_shape[:-1])
 
     @abstractmethod
     def draw_effects(self, rng: Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:

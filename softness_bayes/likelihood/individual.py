@@ -42,25 +42,14 @@ MOST_MU_STEPS = 64
 """Largest number of nodes of mu on either side of its mean."""
 
 
-class IndividualEffects(NamedTuple):
-    """Values of the common mean and of the raters' effects."""
-
-    mu: FloatArray
-    """Shape (...)."""
-    participant: FloatArray
-    """Deviations of log ratings, shape (..., participants)."""
-    finger: IndexArray
-    """Each rater's finger, an index into `FingerGrid.z`, shape (..., participants)."""
-    deviation: FloatArray
-    """The finger's deviations from the typical one, shape (..., participants, quantities), as `FingerGrid.names`."""
-
-
 @dataclass(frozen=True)
 class IndividualModel(RatingModel):
     """A `RatingModel` without deviations of fabrics, in which every rater has an individual finger.
 
     The response of finger j in condition c is in column (1 + j) conditions + c of the mean rates, after the columns of
-    the typical finger, over which x is centred.
+    the typical finger, over which x is centred. Effects are mu (...), deviations of log ratings as `participant`
+    (..., participants), each rater's `finger`, an index into `FingerGrid.z`, same shape, and its `deviation` from the
+    typical one, shape (..., participants, quantities) as `FingerGrid.names`.
 
     Parameters
     ----------
@@ -77,8 +66,8 @@ class IndividualModel(RatingModel):
         """Return effects of new raters of batch ``shape``, their fingers from the grid; fabrics have no effects."""
         participant = np.asarray(parameters.tau, float)[..., None] * rng.standard_normal((*shape, people))
         finger = rng.choice(self.grid.size, size=participant.shape, p=np.exp(self.grid.log_weight))
-        mu = self.draw_level(rng, shape, levels)
-        return IndividualEffects(mu, participant, finger, self.deviation(finger, parameters))
+        mu, deviation = self.draw_level(rng, shape, levels), self.deviation(finger, parameters)
+        return Effects(mu=mu, participant=participant, finger=finger, deviation=deviation)
 
     def felt(self, design: Design, drive: FloatArray, effects: Effects) -> FloatArray:
         """Return the drive of every row on its rater's finger, from that of all fingers, shape (..., rows)."""
@@ -225,7 +214,8 @@ class IndividualRatings(LogRatings):
         participant[..., self._present] = expected + width * rng.standard_normal(expected.shape)
         deviation = self._deviation_of(finger, parameters)
         finger = finger + self._block * self.model.grid.size
-        return IndividualEffects(mu + math.log(self.model.centre), participant, finger, deviation)
+        mu = mu + math.log(self.model.centre)
+        return Effects(mu=mu, participant=participant, finger=finger, deviation=deviation)
 
     def _deviation_of(self, finger: NDArray[np.intp], parameters: Parameters) -> FloatArray:
         """Return the deviations of each rater's finger in the grid of that rater, (..., participants, quantities)."""

@@ -12,14 +12,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.contract import Levels, Parameters, RowsLeftOut, Shape
+from softness_bayes.likelihood.contract import Effects, Levels, Parameters, RowsLeftOut, Shape
 from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw, Lapses, RaterRange, WholeScale
 from softness_bayes.likelihood.magnitude import RatingModel
@@ -41,18 +41,6 @@ _LEAST_SPREAD = 1e-8
 _SEED = 0  # seed of the random shares of intervals at which residuals are taken
 
 
-class RaterEffects(NamedTuple):
-    """Effects as in `magnitude.Effects`, and those of raters who differ in exponents or noise."""
-
-    mu: FloatArray
-    participant: FloatArray
-    fabric: FloatArray
-    log_gamma: FloatArray
-    """Deviations of log exponents from the typical rater's, shape (..., participants); 0 if exponents do not differ."""
-    log_varsigma: FloatArray
-    """Deviations of the log noise from the typical rater's, shape (..., participants); 0 if noise does not differ."""
-
-
 @dataclass(frozen=True)
 class IntervalModel(RatingModel):
     """A `RatingModel` for ratings that represent intervals, for other error laws, and for raters who differ.
@@ -62,7 +50,9 @@ class IntervalModel(RatingModel):
     law
         Law of the errors of log ratings.
     differ
-        The quantities in which raters differ: gamma, varsigma, both or none.
+        The quantities in which raters differ: gamma, varsigma, both or none. If any, there are two further effects,
+        `log_gamma` and `log_varsigma`: deviations of log exponents and log noise from the typical rater's, each
+        (..., participants).
     """
 
     law: ErrorLaw = NORMAL
@@ -88,20 +78,21 @@ class IntervalModel(RatingModel):
 
     def draw_effects(
         self, rng: Generator, parameters: Parameters, shape: Shape, people: int, fabrics: int, levels: Levels = None
-    ) -> Any:
+    ) -> Effects:
         """Return effects of new raters and fabrics of batch ``shape``; mu from its prior unless in `levels`."""
         effects = super().draw_effects(rng, parameters, shape, people, fabrics, levels)
         if not self.differ:
             return effects
-        spreads = (spread[..., None] for spread in self.rater_spreads(parameters))
-        return RaterEffects(*effects, *(spread * rng.standard_normal((*shape, people)) for spread in spreads))
+        spreads = zip(("log_gamma", "log_varsigma"), self.rater_spreads(parameters), strict=True)
+        own = {name: spread[..., None] * rng.standard_normal((*shape, people)) for name, spread in spreads}
+        return effects.replace(**own)
 
-    def felt(self, design: Design, drive: FloatArray, effects: Any) -> FloatArray:
+    def felt(self, design: Design, drive: FloatArray, effects: Effects) -> FloatArray:
         """Return the contribution of the response and of the fabric to every row, shape (..., rows)."""
         felt = super().felt(design, drive, effects)
         return np.exp(effects.log_gamma)[..., design.participant] * felt if self.differ else felt
 
-    def error_spread(self, design: Design, parameters: Parameters, effects: Any) -> FloatArray:
+    def error_spread(self, design: Design, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return the spread of every row's error, shape (..., 1), or (..., rows) if raters differ."""
         typical = super().error_spread(design, parameters, effects)
         return typical * np.exp(effects.log_varsigma[..., design.participant]) if self.differ else typical
@@ -112,7 +103,7 @@ class IntervalModel(RatingModel):
         design: Design,
         drive: FloatArray,
         parameters: Parameters,
-        effects: Any,
+        effects: Effects,
         stated: Stated | None = None,
     ) -> FloatArray:
         """Return one number for every row of a design, shape (..., rows), on the grid of `stated`, if given.
@@ -131,7 +122,7 @@ class IntervalModel(RatingModel):
         """Return the distribution of lapses of raters whose numbers represent these intervals, each (..., rows)."""
         return RaterRange.of(low, high, design, self.scale)
 
-    def named_effects(self, effects: Any) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
+    def named_effects(self, effects: Effects) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
         """Return effects by their names in files, each with its axes after the batch axes."""
         values = {"gamma": "log_gamma", "varsigma": "log_varsigma"}
         own = {RATER_EFFECTS[name]: (getattr(effects, values[name]), ("participant",)) for name in self.differ}
@@ -289,7 +280,7 @@ class IntervalRatings(RatingsLikelihood):
         found[..., self._raters] = self._integrals.of_raters(given).reshape(*shape, -1)
         return found - np.bincount(self.design.participant, self._slope, self.design.n_participants)
 
-    def draw_effects(self, rng: Generator, mean_rate: FloatArray, parameters: Parameters) -> Any:
+    def draw_effects(self, rng: Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
         """Return draws of all effects given the ratings, one for each point of the batch."""
         given, shape = self._given(mean_rate, parameters)
         drawn = self._integrals.draw(rng, given)
@@ -303,13 +294,13 @@ class IntervalRatings(RatingsLikelihood):
             own = np.array(getattr(effects, name))  # of participants without ratings, those of new ones
             own[..., self._raters] = (spread * drawn.own[..., k]).reshape(*shape, -1)
             found[name] = own
-        return effects._replace(**found)
+        return effects.replace(**found)
 
-    def replicate(self, rng: Generator, drive: FloatArray, parameters: Parameters, effects: Any) -> FloatArray:
+    def replicate(self, rng: Generator, drive: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return one rating for every row, shape (..., rows), on its rater's grid."""
         return self.model.draw_ratings(rng, self.design, drive, parameters, effects, self._stated)
 
-    def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: Any) -> FloatArray:
+    def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return the residual of each log rating as a normal score times the typical spread, shape (..., rows).
 
         An interval's residual is taken at a random share of its probability, drawn once per row.

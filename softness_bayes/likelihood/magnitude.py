@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 from numpy.random import Generator
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.contract import Levels, Parameters, RowsLeftOut, Shape
+from softness_bayes.likelihood.contract import Effects, Levels, Parameters, RowsLeftOut, Shape
 from softness_bayes.likelihood.design import Design, IndexArray, Stated
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.normal_rows import EffectLaw, LeaveOneOut, NormalRows
@@ -27,23 +27,13 @@ FloatArray = NDArray[np.float64]
 _LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 
 
-class Effects(NamedTuple):
-    """Values of the common mean and of the random effects."""
-
-    mu: FloatArray
-    """Shape (...)."""
-    participant: FloatArray
-    """Deviations of log ratings, shape (..., participants)."""
-    fabric: FloatArray
-    """Fabrics' deviations, shape (..., fabrics); 0 in models without them."""
-
-
 @dataclass(frozen=True)
 class RatingModel(RatingsModel):
     """log y = mu + s_participant ± gamma (x - mean x over the rows) + f_fabric + e, x = log(N/N_ref + eps).
 
     s ~ N(0, tau²), f ~ N(0, omega²), e ~ N(0, varsigma²), mu ~ N(log centre, spread²). N/N_ref is the pad's
-    mean rate [Hz], the total rate over the number of receptors.
+    mean rate [Hz], the total rate over the number of receptors. The effects are mu (...), s as `participant`
+    (..., participants), and f as `fabric` (..., fabrics), 0 in models without it.
 
     Parameters
     ----------
@@ -82,11 +72,11 @@ class RatingModel(RatingsModel):
 
     def draw_effects(
         self, rng: Generator, parameters: Parameters, shape: Shape, people: int, fabrics: int, levels: Levels = None
-    ) -> Any:
+    ) -> Effects:
         """Return effects of new participants and fabrics of batch ``shape``; mu from its prior unless in `levels`."""
         tau, omega = (np.asarray(value, float)[..., None] for value in (parameters.tau, parameters.omega))
         participant, fabric = (rng.standard_normal((*shape, size)) for size in (people, fabrics))
-        return Effects(self.draw_level(rng, shape, levels), tau * participant, omega * fabric)
+        return Effects(mu=self.draw_level(rng, shape, levels), participant=tau * participant, fabric=omega * fabric)
 
     def draw_level(self, rng: Generator, shape: Shape, levels: Levels) -> FloatArray:
         """Return values of mu of batch ``shape``, from its prior unless among `levels`."""
@@ -95,22 +85,22 @@ class RatingModel(RatingsModel):
             mu = math.log(self.centre) + self.spread * rng.standard_normal(shape)
         return np.broadcast_to(np.asarray(mu, float), shape)
 
-    def expected_log(self, design: Design, drive: FloatArray, effects: Any) -> FloatArray:
+    def expected_log(self, design: Design, drive: FloatArray, effects: Effects) -> FloatArray:
         """Return the expected log rating of every row given the effects, shape (..., rows)."""
         own = effects.mu[..., None] + effects.participant[..., design.participant]
         return np.asarray(own + self.felt(design, drive, effects))
 
-    def felt(self, design: Design, drive: FloatArray, effects: Any) -> FloatArray:
+    def felt(self, design: Design, drive: FloatArray, effects: Effects) -> FloatArray:
         """Return the contribution of the response and of the fabric to every row, shape (..., rows)."""
         stated = drive[..., : design.n_conditions]
         return np.asarray((stated + effects.fabric[..., design.fabric])[..., design.condition])
 
-    def error_spread(self, design: Design, parameters: Parameters, effects: Any) -> FloatArray:
+    def error_spread(self, design: Design, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return the spread of every row's error, shape (..., 1), or (..., rows) if raters differ."""
         return self.error_sd(parameters)[..., None]
 
     def draw_attentive(
-        self, rng: Generator, design: Design, drive: FloatArray, parameters: Parameters, effects: Any
+        self, rng: Generator, design: Design, drive: FloatArray, parameters: Parameters, effects: Effects
     ) -> FloatArray:
         """Return one rating for every row without lapses and rounding, shape (..., rows)."""
         expected = self.expected_log(design, drive, effects)
@@ -118,7 +108,7 @@ class RatingModel(RatingsModel):
         return self.scale.natural(expected + self.error_spread(design, parameters, effects) * noise)
 
     def draw_ratings(
-        self, rng: Generator, design: Design, drive: FloatArray, parameters: Parameters, effects: Any
+        self, rng: Generator, design: Design, drive: FloatArray, parameters: Parameters, effects: Effects
     ) -> FloatArray:
         """Return one rating for every row of a design, shape (..., rows), given the effects and `drive`."""
         return self.draw_attentive(rng, design, drive, parameters, effects)
@@ -223,7 +213,7 @@ class LogRatings(RatingsLikelihood):
         density = self._rows.without_participants(self._at(mean_rate, parameters)).log_density
         return density - np.bincount(self.design.participant, self._log, self.design.n_participants)
 
-    def draw_effects(self, rng: Generator, mean_rate: FloatArray, parameters: Parameters) -> Any:
+    def draw_effects(self, rng: Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
         """Return exact draws of mu, participants and fabrics given the ratings, one for each point of the batch."""
         return self._drawn(rng, self._at(mean_rate, parameters), parameters)[0]
 
@@ -232,11 +222,12 @@ class LogRatings(RatingsLikelihood):
         u, participant = self._rows.draw(rng, law)
         mu, others = self.model.level.mean + self.model.spread * u[..., 0], u[..., 1:]
         omega, size = np.asarray(parameters.omega, float)[..., None], self.design.n_fabrics
-        if not (omega > 0).any():
-            return Effects(mu, participant, np.zeros((*mu.shape, size))), others
-        return Effects(mu, participant, omega * others[..., :size]), others[..., size:]
+        fabric = np.zeros((*mu.shape, size))
+        if (omega > 0).any():
+            fabric, others = omega * others[..., :size], others[..., size:]
+        return Effects(mu=mu, participant=participant, fabric=fabric), others
 
-    def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: Any) -> FloatArray:
+    def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return the residual of each log rating given the effects, shape (..., rows)."""
         expected = self.model.expected_log(self.design, self.drive(mean_rate, parameters), effects)
         return self.model.error.normal_scores(self._log - expected, parameters)

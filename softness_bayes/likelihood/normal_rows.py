@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array
 
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.pieces import backward, cholesky, forward, part_of, pieces
+from softness_bayes.likelihood.pieces import backward, cholesky, forward, pieces
 
 FloatArray = NDArray[np.float64]
 
@@ -194,7 +194,7 @@ class NormalRows:
         offset, variance = (np.broadcast_to(v, (*shape, conditions)).reshape(draws, -1) for v in law[:2])
         shared = np.broadcast_to(law.shared, (*shape, *law.shared.shape[-2:])).reshape(draws, conditions, -1)
         flat = EffectLaw(offset, variance, np.broadcast_to(law.participant, shape).reshape(draws), shared)
-        found = [work(_Given(self, part_of(flat, k)), k) for k in pieces(draws, width)]
+        found = [work(_Given(self, EffectLaw(*(value[k] for value in flat))), k) for k in pieces(draws, width)]
         several = isinstance(found[0], tuple)
         parts = zip(*found, strict=True) if several else [found]
         return kind(*(np.concatenate(p).reshape((*shape, *p[0].shape[1:])) for p in parts))

@@ -15,7 +15,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.random import Generator
@@ -51,19 +51,12 @@ LEAST_SPREAD = 1e-8
 _SEED = 0  # seed of the order in which residuals take the touches of a list, and of their randomised scores
 
 
-class OrderEffects(NamedTuple):
-    """Scale of the noise, which converts drives to probabilities; the model has no effects."""
-
-    noise: FloatArray
-    """Value of `OrderModel.noise_of`, shape (...)."""
-
-
 @dataclass(frozen=True)
 class OrderModel(RatingModel):
     """Latent softness ± gamma x + e of a touch, x = log(N/N_ref + eps), e Gumbel with standard deviation varsigma.
 
     Orders determine only the ratio of gamma to varsigma; gamma keeps the prior and the meaning that it has for
-    magnitude estimates.
+    magnitude estimates. There are no effects but `noise` (...), `noise_of` the parameters.
     """
 
     scale: ClassVar[Scale] = RANKS
@@ -83,7 +76,7 @@ class OrderModel(RatingModel):
         self, rng: Generator, parameters: Parameters, shape: Shape, people: int, fabrics: int, levels: Levels = None
     ) -> Effects:
         """Return the scale of the noise, of batch ``shape``: there are no effects to draw."""
-        return OrderEffects(np.broadcast_to(self.noise_of(parameters), shape))
+        return Effects(noise=np.broadcast_to(self.noise_of(parameters), shape))
 
     def draw_ratings(
         self, rng: Generator, design: Design, drive: FloatArray, parameters: Parameters, effects: Effects

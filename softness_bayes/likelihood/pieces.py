@@ -32,11 +32,6 @@ def pieces(draws: int, width: int, room: int | None = None) -> list[slice]:
     return [slice(first, min(first + size, draws)) for first in range(0, draws, size)]
 
 
-def part_of(values: Any, piece: Any) -> Any:
-    """Return a NamedTuple with its arrays (draws, ...) restricted to some draws; numbers are unchanged."""
-    return type(values)(*(value if np.ndim(value) == 0 else np.asarray(value)[piece] for value in values))
-
-
 def over_draws(value: Any, shape: tuple[int, ...]) -> Array:
     """Return a number or array for each of the draws of a batch shape, as one axis; without a copy where possible."""
     if not getattr(value, "shape", ()):

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.contract import NO_RESPONSE, Levels, Likelihood, Parameters, RowsLeftOut, Shape
+from softness_bayes.likelihood.contract import NO_RESPONSE, Effects, Levels, Likelihood, Parameters, RowsLeftOut, Shape
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.pieces import backward, cholesky, forward
@@ -37,15 +37,6 @@ PLATE_PARAMETERS = ("b", "m", "tau_b", "tau_m", "varsigma_f")
 reading); spreads of ln b and m between fingers; standard deviation of a log force about the curve of its finger [-]."""
 
 
-class FingerEffects(NamedTuple):
-    """Deviations of fingers from the typical one, both of shape (..., fingers)."""
-
-    log_b: Array
-    """In ln b."""
-    m: Array
-    """In m."""
-
-
 FORCES = "forces"
 """Name of the forces among the terms of a posterior."""
 
@@ -54,7 +45,8 @@ FORCES = "forces"
 class PlateModel:
     """ln F = ln b_j + m_j u + c + e, with ln b_j ~ N(ln b, tau_b²), m_j ~ N(m, tau_m²) and e ~ N(0, varsigma_f²).
 
-    j is the finger; u and c are defined in `plate_line`.
+    j is the finger; u and c are defined in `plate_line`. The effects are the fingers' deviations `log_b` and `m` from
+    the typical one, both of shape (..., fingers).
 
     Parameters
     ----------
@@ -73,11 +65,11 @@ class PlateModel:
         """Return the standard deviation of a log force about the curve of its finger, shape (...)."""
         return np.asarray(parameters.varsigma_f, float)
 
-    def typical(self, effects: FingerEffects, drive: Array) -> Array:
+    def typical(self, effects: Effects, drive: Array) -> Array:
         """Return the typical finger's force [N], shape (..., k)."""
         return self.scale.natural(drive)
 
-    def named_effects(self, effects: FingerEffects) -> Mapping[str, tuple[Array, tuple[str, ...]]]:
+    def named_effects(self, effects: Effects) -> Mapping[str, tuple[Array, tuple[str, ...]]]:
         """Return the fingers' deviations by their names in files, each with its axes after the batch axes."""
         return {"log_b_effect": (effects.log_b, ("finger",)), "m_effect": (effects.m, ("finger",))}
 
@@ -198,18 +190,20 @@ class CompressionForces(Likelihood):
         """Return u of every row, the regressor of ln F with slope m, shape (rows,)."""
         return self._line.slope
 
-    def new_effects(self, rng: Generator, parameters: Parameters, shape: Shape, levels: Levels = None) -> FingerEffects:
+    def new_effects(self, rng: Generator, parameters: Parameters, shape: Shape, levels: Levels = None) -> Effects:
         """Return deviations of the same number of new fingers, of batch ``shape``; there are no common effects."""
-        spreads = (parameters.tau_b, parameters.tau_m)
-        return FingerEffects(
-            *(np.asarray(v, float)[..., None] * rng.standard_normal((*shape, self.n_fingers)) for v in spreads)
-        )
+        spreads = {"log_b": parameters.tau_b, "m": parameters.tau_m}
+        new = {
+            k: np.asarray(v, float)[..., None] * rng.standard_normal((*shape, self.n_fingers))
+            for k, v in spreads.items()
+        }
+        return Effects(**new)
 
-    def draw_effects(self, rng: Generator, mean_rate: Array, parameters: Parameters) -> FingerEffects:
+    def draw_effects(self, rng: Generator, mean_rate: Array, parameters: Parameters) -> Effects:
         """Return exact draws of the fingers' deviations given their forces, one for each point of the batch."""
         law = self.finger_law(parameters, mean_rate)
         drawn = law.mean + (law.root @ rng.standard_normal((*law.mean.shape, 1)))[..., 0]
-        return FingerEffects(drawn[..., 0], drawn[..., 1])
+        return Effects(log_b=drawn[..., 0], m=drawn[..., 1])
 
     def finger_law(self, parameters: Parameters, mean_rate: Array = NO_RESPONSE) -> FingerLaw:
         """Return the law of each finger's deviations from the typical one given its forces, for batch shape (...)."""
@@ -218,13 +212,13 @@ class CompressionForces(Likelihood):
         root = np.linalg.cholesky(np.swapaxes(inverse, -1, -2) @ inverse)
         return FingerLaw(given.spread * given.likely, given.spread[..., None] * root)
 
-    def replicate(self, rng: Generator, drive: Array, parameters: Parameters, effects: FingerEffects) -> Array:
+    def replicate(self, rng: Generator, drive: Array, parameters: Parameters, effects: Effects) -> Array:
         """Return a force [N] for every row, shape (..., rows)."""
         expected = drive + self._own(effects)
         noise = self.model.error.draw(rng, expected.shape, parameters)
         return self.model.scale.natural(expected + self.model.error_sd(parameters)[..., None] * noise)
 
-    def residual(self, mean_rate: Array, parameters: Parameters, effects: FingerEffects) -> Array:
+    def residual(self, mean_rate: Array, parameters: Parameters, effects: Effects) -> Array:
         """Return each log force minus the expectation for its finger, shape (..., rows)."""
         errors = self._log - self.drive(mean_rate, parameters) - self._own(effects)
         return self.model.error.normal_scores(errors, parameters)
@@ -241,7 +235,7 @@ class CompressionForces(Likelihood):
         total = float(x @ x)
         return np.asarray((y @ x) / total if total > 1e-12 else np.full(y.shape[:-1], np.nan))
 
-    def _own(self, effects: FingerEffects) -> Array:
+    def _own(self, effects: Effects) -> Array:
         """Return the finger's contribution to each log force, shape (..., rows)."""
         return effects.log_b[..., self.finger] + effects.m[..., self.finger] * self._line.slope
 

@@ -55,7 +55,7 @@ class RatingsModel(Model, Protocol):
     ) -> Effects:
         """Return effects of new participants and fabrics, as `Likelihood.new_effects` does.
 
-        A NamedTuple, the first of whose arrays has the batch `shape`; effects of fabrics, if any, are its `fabric`.
+        The first of them has the batch `shape`; effects of fabrics, if any, are named `fabric`.
         """
 
     def for_others(
@@ -71,10 +71,10 @@ class RatingsModel(Model, Protocol):
             Each fabric's index among those of `effects`, shape (fabrics,); -1 stands for a new fabric, which is drawn.
         """
         levels = {name: getattr(effects, name) for name in self.levels}
-        new = self.draw_effects(rng, parameters, np.shape(effects[0]), people, fabric.size, levels)
-        if "fabric" not in new._fields:
+        new = self.draw_effects(rng, parameters, effects.first_shape, people, fabric.size, levels)
+        if "fabric" not in vars(new):
             return new
-        return new._replace(fabric=np.where(fabric >= 0, effects.fabric[..., fabric], new.fabric))
+        return new.replace(fabric=np.where(fabric >= 0, effects.fabric[..., fabric], new.fabric))
 
     def draw_ratings(
         self, rng: Generator, design: Design, drive: FloatArray, parameters: Parameters, effects: Effects

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -41,18 +41,10 @@ VECTORS = 256
 """Number of vectors z in the reference sum over shared errors, a power of two."""
 
 
-class LoadEffects(NamedTuple):
-    """Effects as in `effects.Effects`, and the errors of the loads."""
-
-    mu: FloatArray
-    participant: FloatArray
-    fabric: FloatArray
-    load: FloatArray
-    """z of each shared error, shape (..., loads); without columns if errors are independent."""
-
-
 class UncertainLoads(LogRatings):
     """Positive ratings under a `RatingModel`, with mu, participants, fabrics and errors of loads integrated out.
+
+    A further effect is z of each shared error, `load` of shape (..., loads); without columns if errors are independent.
 
     Parameters
     ----------
@@ -92,19 +84,16 @@ class UncertainLoads(LogRatings):
     def new_effects(self, rng: Generator, parameters: Parameters, shape: Shape, levels: Levels = None) -> Effects:
         """Return effects of new participants, fabrics and loads, of batch ``shape``."""
         effects = super().new_effects(rng, parameters, shape, levels)
-        return LoadEffects(
-            effects.mu, effects.participant, effects.fabric, rng.standard_normal((*shape, len(self.errors.member)))
-        )
+        return effects.replace(load=rng.standard_normal((*shape, len(self.errors.member))))
 
     def with_new_participants(self, rng: Generator, parameters: Parameters, effects: Effects) -> Effects:
         """Return these effects with the same number of new participants, under the same loads."""
-        new = super().with_new_participants(rng, parameters, effects)
-        return LoadEffects(new.mu, new.participant, new.fabric, effects.load)
+        return super().with_new_participants(rng, parameters, effects).replace(load=effects.load)
 
     def draw_effects(self, rng: Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
         """Return exact draws of all effects given the ratings, one for each point of the batch."""
         effects, z = self._drawn(rng, self._at(mean_rate, parameters), parameters)
-        return LoadEffects(*effects, z)
+        return effects.replace(load=z)
 
     def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return the residual of each log rating given the effects, shape (..., rows), scaled for the checks.

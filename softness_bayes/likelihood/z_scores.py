@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_ndtr, ndtr, owens_t
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.contract import Levels, Parameters, RowsLeftOut, Shape
+from softness_bayes.likelihood.contract import Effects, Levels, Parameters, RowsLeftOut, Shape
 from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.normal_rows import EffectLaw, NormalRows
@@ -29,22 +29,13 @@ _LOG_TWO_PI = math.log(2.0 * math.pi)
 _CONSTANT = 1e-9  # relative differences of rates below this are rounding errors
 
 
-class RegressionLine(NamedTuple):
-    """Regression line of rating on response, each field of batch shape (...)."""
-
-    c0: FloatArray
-    """Rating at the mean response."""
-    c1: FloatArray
-    """Absolute change of the rating per standard deviation of the response; the direction gives the sign."""
-
-
 @dataclass(frozen=True)
 class StandardisedModel(RatingsModel):
     """y = c0 ± c1 x + e, x = N/N_ref standardised over the rows (0 if it does not vary).
 
     c0 ~ N(0, 1), c1 ~ HalfNormal(1), e ~ N(0, varsigma²). Standardisation removes the participants' scales and
     origins, so that the model has neither participants nor an exponent. The sign is + under
-    ``rises-with-firing``, - under ``falls-with-firing``.
+    ``rises-with-firing``, - under ``falls-with-firing``. The effects are c0 and c1, each (...).
 
     Parameters
     ----------
@@ -73,27 +64,25 @@ class StandardisedModel(RatingsModel):
 
     def draw_effects(
         self, rng: Generator, parameters: Parameters, shape: Shape, people: int, fabrics: int, levels: Levels = None
-    ) -> RegressionLine:
+    ) -> Effects:
         """Prior draws of the line, of batch ``shape``; c0 and c1 in `levels` are used as given."""
-        c0, c1 = ((levels or {}).get(name) for name in RegressionLine._fields)
-        return RegressionLine(
-            rng.standard_normal(shape) if c0 is None else np.broadcast_to(np.asarray(c0, float), shape),
-            np.abs(rng.standard_normal(shape)) if c1 is None else np.broadcast_to(np.asarray(c1, float), shape),
-        )
+        known = {name: np.broadcast_to(np.asarray(value, float), shape) for name, value in (levels or {}).items()}
+        drawn = {"c0": rng.standard_normal(shape), "c1": np.abs(rng.standard_normal(shape))}
+        return Effects(**{name: known.get(name, value) for name, value in drawn.items()})
 
     def draw_ratings(
-        self, rng: Generator, design: Design, drive: FloatArray, parameters: Parameters, effects: RegressionLine
+        self, rng: Generator, design: Design, drive: FloatArray, parameters: Parameters, effects: Effects
     ) -> FloatArray:
         """Return one rating for every row of a design, shape (..., rows), given the line and `drive`."""
         expected = self.typical(effects, drive)[..., design.condition]
         noise = self.error.draw(rng, expected.shape, parameters)
         return expected + self.error_sd(parameters)[..., None] * noise
 
-    def typical(self, effects: RegressionLine, drive: FloatArray) -> FloatArray:
+    def typical(self, effects: Effects, drive: FloatArray) -> FloatArray:
         """Return the expected rating for a response term ``drive``, shape (..., k)."""
         return effects.c0[..., None] + effects.c1[..., None] * drive
 
-    def named_effects(self, effects: RegressionLine) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
+    def named_effects(self, effects: Effects) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
         """Return effects by their names in files, each with its axes after the batch axes."""
         return {"c0": (effects.c0, ()), "c1": (effects.c1, ())}
 
@@ -186,7 +175,7 @@ class StandardisedRatings(RatingsLikelihood):
         """Return ± x, shape (..., conditions): a slope is in z-scores per standard deviation of the response."""
         return self.drive(mean_rate, parameters)
 
-    def draw_effects(self, rng: Generator, mean_rate: FloatArray, parameters: Parameters) -> RegressionLine:
+    def draw_effects(self, rng: Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
         """Return exact draws of the line given the ratings, one for each point of the batch: c1, then c0."""
         from scipy.stats import truncnorm  # imported here because the import takes a third of a second
 
@@ -195,9 +184,9 @@ class StandardisedRatings(RatingsLikelihood):
         shape, slope = fit.deviate.shape, fit.line[..., 1]
         c1 = truncnorm.rvs(-fit.deviate, np.inf, loc=slope, scale=np.sqrt(c), size=shape, random_state=rng)
         c0 = fit.line[..., 0] + b / c * (c1 - slope) + np.sqrt(a - b**2 / c) * rng.standard_normal(shape)
-        return RegressionLine(np.asarray(c0), np.maximum(c1, 0.0))
+        return Effects(c0=c0, c1=np.maximum(c1, 0.0))
 
-    def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: RegressionLine) -> FloatArray:
+    def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return the residual of each rating, shape (..., rows)."""
         drive = self.drive(mean_rate, parameters)
         errors = self.values - self.model.typical(effects, drive)[..., self.design.condition]

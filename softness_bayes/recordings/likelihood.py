@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import betainc, gammainc, gammaincc, gammaln, log_ndtr, ndtr, ndtri
 
 from softness_bayes.data.measurements import Afferents
-from softness_bayes.likelihood.contract import Likelihood, Parameters, RowsLeftOut
+from softness_bayes.likelihood.contract import Effects, Likelihood, Parameters, RowsLeftOut
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.pieces import in_pieces, left_out_in_pieces, log_sum
@@ -47,13 +47,6 @@ _LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 _NODES = np.linspace(-7.0, 7.0, 15)  # the trapezoidal rule errs by exp(-2 pi²) for a normal integrand
 
 
-class AfferentEffects(NamedTuple):
-    """Sensitivities of the named afferents."""
-
-    log_factor: Array
-    """ln f_j, shape (..., afferents)."""
-
-
 @dataclass(frozen=True)
 class RecordingModel:
     """The model of recorded afferents without data.
@@ -78,11 +71,11 @@ class RecordingModel:
         """Return 1: residuals are standard normal scores."""
         return np.ones(parameters.batch_shape())
 
-    def typical(self, effects: AfferentEffects, drive: Array) -> Array:
+    def typical(self, effects: Effects, drive: Array) -> Array:
         """Return the rate of a typical afferent [Hz], shape (..., k)."""
         return drive
 
-    def named_effects(self, effects: AfferentEffects) -> Mapping[str, tuple[Array, tuple[str, ...]]]:
+    def named_effects(self, effects: Effects) -> Mapping[str, tuple[Array, tuple[str, ...]]]:
         """Return the sensitivities by their name in files."""
         return {"log_rate_effect": (effects.log_factor, ("afferent",))}
 
@@ -218,18 +211,20 @@ class RecordedRates(Likelihood):
         parameters: Parameters,
         shape: tuple[int, ...],
         levels: Mapping[str, ArrayLike] | None = None,
-    ) -> AfferentEffects:
+    ) -> Effects:
         """Return the sensitivities of new afferents, of batch ``shape``."""
         size = self._member.shape[1] if self._named.size else len(self.data.names)
         tau = np.asarray(parameters.tau_afferent if self._named.size else 0.0, float)[..., None]
-        return AfferentEffects(tau * rng.standard_normal((*shape, size)) - 0.5 * tau**2)
+        return Effects(log_factor=tau * rng.standard_normal((*shape, size)) - 0.5 * tau**2)
 
-    def draw_effects(self, rng: np.random.Generator, mean_rate: Array, parameters: Parameters) -> AfferentEffects:
+    def draw_effects(self, rng: np.random.Generator, mean_rate: Array, parameters: Parameters) -> Effects:
         """Return draws of the sensitivities given the rows, one for each point of the batch."""
         rate = self.rate(parameters)
         if not self._named.size:
             return self.new_effects(rng, parameters, rate.shape[:-1])
-        return AfferentEffects(in_pieces(lambda *some: self._drawn(rng, *some), 20 * len(self.data), rate, parameters))
+        return Effects(
+            log_factor=in_pieces(lambda *some: self._drawn(rng, *some), 20 * len(self.data), rate, parameters)
+        )
 
     def _drawn(self, rng: np.random.Generator, rate: Array, parameters: Parameters) -> Array:
         """Return draws of ln f_j at rates (..., rows), shape (..., afferents)."""
@@ -241,18 +236,18 @@ class RecordedRates(Likelihood):
         rng: np.random.Generator,
         drive: Array,
         parameters: Parameters,
-        effects: AfferentEffects,
+        effects: Effects,
         mean_rate: Array | None = None,
     ) -> Array:
         """Return a rate [Hz] or a count for every row, shape (..., rows)."""
         return _law(self, parameters, slice(None)).draw(rng, drive * self.factors(effects))
 
-    def residual(self, mean_rate: Array, parameters: Parameters, effects: AfferentEffects) -> Array:
+    def residual(self, mean_rate: Array, parameters: Parameters, effects: Effects) -> Array:
         """Return the normal score of every row, given the sensitivities, shape (..., rows)."""
         below = _law(self, parameters, slice(None)).below(self.rate(parameters) * self.factors(effects))
         return np.asarray(ndtri(np.clip(below, 1e-12, 1.0 - 1e-12)))
 
-    def factors(self, effects: AfferentEffects) -> Array:
+    def factors(self, effects: Effects) -> Array:
         """Return the factor of every row, shape (..., rows)."""
         found = np.ones((*effects.log_factor.shape[:-1], len(self.data)))
         found[..., self._named] = np.exp(effects.log_factor[..., self.data.afferent[self._named]])

@@ -14,7 +14,7 @@ from softness_bayes import arviz_bridge
 from softness_bayes.checking.exactness import resample
 from softness_bayes.checking.inflection import Inflection
 from softness_bayes.checking.layout import LOAD_GROUP, UNCERTAIN
-from softness_bayes.likelihood.contract import Parameters
+from softness_bayes.likelihood.contract import Effects, Parameters
 from softness_bayes.likelihood.pieces import pieces
 from softness_bayes.likelihood.ratings import RatingsLikelihood, RatingsModel
 from softness_bayes.likelihood.scales import FREE, Scale
@@ -67,8 +67,7 @@ class Subset(NamedTuple):
     theta: Array
     mean_rate: Array
     parameters: Parameters
-    effects: Any
-    """Effects, in the form of the rating model."""
+    effects: Effects
 
 
 @dataclass(frozen=True)
@@ -103,7 +102,7 @@ class RatedDraws:
     kept: Chains
     theta: Array
     mean_rate: Array
-    effects: Any
+    effects: Effects
     prior: Array
     share: float = 1.0
     log_weight: Array | None = None
@@ -130,8 +129,7 @@ class RatedDraws:
             ratings.draw_effects(rng, posterior.response(flat[k]), posterior.rating_parameters(flat[k]))
             for k in pieces(len(flat), width)
         ]
-        joined = (np.concatenate(each) for each in zip(*parts, strict=True))
-        effects = type(parts[0])(*(each.reshape(*theta.shape[:-1], *each.shape[1:]) for each in joined))
+        effects = Effects.joined(parts).each(lambda each: each.reshape(*theta.shape[:-1], *each.shape[1:]))
         prior = posterior.space.draw_prior(rng, int(share * PRIOR_DRAWS))
         return cls(experiment, posterior, scale, kept, theta, posterior.mean_rate(theta), effects, prior, share)
 
@@ -205,7 +203,7 @@ class RatedDraws:
                 theta,
                 self.posterior.response(theta) if self.posterior.fingers else self.mean_rate[index],
                 self.posterior.rating_parameters(theta),
-                type(self.effects)(*(effect[index] for effect in self.effects)),
+                self.effects.part(index),
             )
         return self._subsets[size]
 

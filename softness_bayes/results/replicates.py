@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from softness_bayes.checking.check_table import NEW_PARTICIPANTS
 from softness_bayes.checking.quantities import EXCESS, excess_of_plateau, plateau
 from softness_bayes.likelihood.layout import Layout, merge
-from softness_bayes.likelihood.pieces import part_of, pieces
+from softness_bayes.likelihood.pieces import pieces
 from softness_bayes.results.draws import Groups, RatedDraws, Subset, Variable, named
 
 Array = NDArray[np.float64]
@@ -80,5 +80,5 @@ def _rated(rng: np.random.Generator, draws: RatedDraws, drive: Array, some: Subs
     """Return a rating for every row at each of some draws, drawn a few draws at a time."""
     made = np.empty((len(drive), draws.ratings.design.n_rows))
     for k in pieces(*made.shape):
-        made[k] = draws.ratings.replicate(rng, drive[k], some.parameters.part(k), part_of(some.effects, k))
+        made[k] = draws.ratings.replicate(rng, drive[k], some.parameters.part(k), some.effects.part(k))
     return made

@@ -161,7 +161,7 @@ def simulate(
     observation = observation.of_strangers()  # there are no plate forces for these raters
     effects = observation.new_effects(rng, parameters, ())
     ratings = observation.replicate(rng, observation.drive(rate, parameters), parameters, effects)
-    return observation.with_values(ratings), type(effects)(*(each[None] for each in effects))
+    return observation.with_values(ratings), effects.each(lambda each: each[None])
 
 
 def independent(sampled: Sampled, count: int, rng: np.random.Generator) -> FloatArray:

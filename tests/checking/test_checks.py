@@ -34,10 +34,10 @@ from softness_bayes.checking.checks import (
 from softness_bayes.checking.quantities import uniformity_p_value
 from softness_bayes.checking.sentences import residual_sentence, residual_sentences
 from softness_bayes.likelihood.aggregated import RaterSpreads, SpreadModel
-from softness_bayes.likelihood.contract import NO_RESPONSE, Parameters
+from softness_bayes.likelihood.contract import NO_RESPONSE, Effects, Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.intervals import IntervalModel
-from softness_bayes.likelihood.magnitude import Effects, LogRatings, RatingModel
+from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.scales import RISES
 from softness_bayes.provenance import Finding
 from softness_bayes.touch.contact import Indentation
@@ -141,7 +141,9 @@ def test_p_is_what_the_definition_says(rng):
     layout = Design(rng.integers(4, size=rows), rng.integers(3, size=rows), fabric, 3)
     values, rate = rng.lognormal(3, 1, rows), rng.gamma(2, 1, (draws, 4))
     parameters = rated(*rng.uniform(0.5, 1.5, (5, draws)))
-    effects = Effects(rng.normal(3, 1, draws), rng.normal(size=(draws, 3)), rng.normal(size=(draws, 4)))
+    effects = Effects(
+        mu=rng.normal(3, 1, draws), participant=rng.normal(size=(draws, 3)), fabric=rng.normal(size=(draws, 4))
+    )
     slope = rng.normal(size=(draws, 4))
     expected = {name: [] for name in (FABRICS, CONDITIONS, LOADS, ALONG, EXPONENTS, SKINS)}
     excess, errors, mean = [], [], np.zeros((draws, 4))

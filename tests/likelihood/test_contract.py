@@ -338,7 +338,7 @@ def residuals_are_errors(case):
     first, point = case.at(slice(0, 1))
     residual = np.empty((600, ROWS))
     for k in range(len(residual)):
-        own = type(effects)(*(np.asarray(effect)[k : k + 1] for effect in effects))
+        own = effects.part(slice(k, k + 1))
         table = y.with_values(made[k])
         if case.numbers is not None:
             table._shares = rng.uniform(size=ROWS)  # drawn once for every table
@@ -355,9 +355,9 @@ def effects_are_drawn_given_the_data(case):
     made = y.replicate(rng, y.drive(rate, points), points, before)
     first, point = case.at(slice(0, 1))
     after = [y.with_values(values).draw_effects(rng, first, point) for values in made[:200]]
-    for k, name in enumerate(type(before)._fields):
-        known = np.asarray(before[k]).reshape(DRAWS, -1)
-        drawn = np.array([np.asarray(effects[k]).reshape(-1) for effects in after])
+    for name, values in vars(before).items():
+        known = np.asarray(values).reshape(DRAWS, -1)
+        drawn = np.array([np.asarray(vars(effects)[name]).reshape(-1) for effects in after])
         for column in range(known.shape[1]):
             assert kstest(drawn[:, column], known[200:, column]).pvalue > 1e-4, name
 
@@ -490,7 +490,7 @@ class Displaced(LogRatings):
 
     def draw_effects(self, rng, mean_rate, parameters):
         effects = super().draw_effects(rng, mean_rate, parameters)
-        return effects._replace(participant=effects.participant + 0.5)
+        return effects.replace(participant=effects.participant + 0.5)
 
 
 BROKEN = {

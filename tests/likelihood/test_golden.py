@@ -120,7 +120,7 @@ def effects_drawn(case, p, size):
     observed, rng = likelihood_of(case), np.random.default_rng(11)
     many = {name: np.full(size, value) for name, value in p.items()}
     rate = np.tile(rate_of(case), (size, 1))
-    return observed.draw_effects(rng, rate, parameters_of(observed, many))._asdict()
+    return vars(observed.draw_effects(rng, rate, parameters_of(observed, many)))
 
 
 CASES = json.loads(make_likelihood_goldens.FILE.read_text(encoding="utf-8"))

@@ -33,7 +33,7 @@ def observed(rng, spread=1.0, grid=GRID):
     model, p = IndividualModel(FALLS, grid=grid), points(1)
     drive = model.drive_at(rates[:1], DESIGN, rates[:1], p)
     effects = model.draw_effects(rng, p, (1,), PEOPLE, CONDITIONS, {"mu": 3.0})
-    typical = effects._replace(finger=np.full((1, PEOPLE), grid.size // 2))
+    typical = effects.replace(finger=np.full((1, PEOPLE), grid.size // 2))
     return model.observe(model.draw_ratings(rng, DESIGN, drive, p, typical)[0], DESIGN), rates
 
 

@@ -72,7 +72,7 @@ def test_a_little_room_gives_the_same_numbers(rng, monkeypatch, omega):
         effects = observed.draw_effects(np.random.default_rng(5), rate, points)
         held = Residuals(observed, rate, points, effects)
         return [
-            *effects,
+            *vars(effects).values(),
             observed.log_likelihood_loo(rate, points),
             observed.below_loo(rate, points),
             observed.log_likelihood_participants(rate, points),

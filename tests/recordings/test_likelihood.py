@@ -116,7 +116,7 @@ def test_contract(counts):
         [term.with_values(values).draw_effects(rng, NO_RESPONSE, POINT).log_factor for values in made[:400]]
     )
     assert kstest(again[:, 0], new.log_factor[:, 0]).pvalue > 1e-3
-    residual = term.residual(NO_RESPONSE, POINT, type(new)(new.log_factor[0]))
+    residual = term.residual(NO_RESPONSE, POINT, new.part(0))
     assert residual.shape == (ROWS,)
     assert np.isfinite(residual).all()
 

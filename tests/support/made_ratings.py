@@ -10,7 +10,7 @@ from softness_bayes.checking.check_table import NEW_PARTICIPANTS
 from softness_bayes.checking.quantities import EXCESS, excess_of_plateau, plateau
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.layout import Layout
-from softness_bayes.likelihood.magnitude import Effects, LogRatings, RatingModel
+from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.provenance import Finding, findings_attribute
 from support.points import rated
 
@@ -58,7 +58,7 @@ def replicates(rng, lay, filed, rate=RATE, assumed=PLAIN, new=False):
     """Replicated ratings at one draw of the effects, which the theory makes exchangeable with the data."""
     who = lay.design
     effects = LogRatings(filed, who, MODEL).draw_effects(rng, rate, assumed)
-    effects = Effects(*(np.broadcast_to(e, (REPLICATES, *e.shape)) for e in effects))
+    effects = effects.each(lambda e: np.broadcast_to(e, (REPLICATES, *np.shape(e))))
     if new:
         sizes = who.n_participants, who.n_fabrics
         effects = MODEL.draw_effects(rng, assumed, (REPLICATES,), *sizes, {"mu": effects.mu})
@@ -71,7 +71,7 @@ def tables(rng, lay, filed, assumed, count=COUNT):
     """Replicated tables at one draw of the effects, and the same with a response that levels off at its peak."""
     who = lay.design
     effects = LogRatings(filed, who, MODEL).draw_effects(rng, assumed, PLAIN)
-    effects = Effects(*(np.broadcast_to(e, (count, *e.shape)) for e in effects))
+    effects = effects.each(lambda e: np.broadcast_to(e, (count, *np.shape(e))))
     twin, level = copy.deepcopy(rng), plateau(lay, assumed)
     return tuple(
         MODEL.draw_ratings(noise, who, np.broadcast_to(drive, (count, drive.size)), PLAIN, effects)
