@@ -13,12 +13,11 @@ in both, fitted to SciPy's function, takes a seventh of the time.
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -49,8 +48,8 @@ _LARGE = 100.0  # degrees of freedom beyond which rounding of 1 + u²/nu would m
 
 
 @dataclass(frozen=True)
-class ErrorLaw(ABC):
-    """Law of one observation's error on the additive scale (logs or log odds of ratings).
+class ErrorLaw:
+    """Law of one observation's error on the additive scale (logs or log odds of ratings): normal, or a subclass.
 
     Parameters
     ----------
@@ -62,63 +61,50 @@ class ErrorLaw(ABC):
         Names of the law's own parameters.
     lapses
         True if a share `lapse` of the observations does not depend on the touch (`RaterRange`, `WholeScale`).
-    concave
-        True if the log density is concave and there are no lapses: log probabilities of rows then have one maximum.
-    slow_functions
-        True if distribution functions take several times as long as densities.
     """
 
     name: str
     meaning: str
     needs: tuple[str, ...] = ()
     lapses: bool = False
-    concave: bool = True
-    slow_functions: bool = False
+    slow_functions: ClassVar[bool] = False
+    """True if distribution functions take several times as long as densities."""
 
-    @abstractmethod
+    @property
+    def concave(self) -> bool:
+        """True if the log probability of a row has one maximum: the log density is concave, and there are no lapses."""
+        return not self.lapses
+
     def draw(self, rng: np.random.Generator, shape: tuple[int, ...], parameters: Any) -> FloatArray:
         """Return errors in units of their spread, of a shape (..., rows)."""
+        return rng.standard_normal(shape)
 
-    @abstractmethod
     def normal_scores(self, errors: FloatArray, parameters: Any) -> FloatArray:
         """Return the standard normal quantiles at the errors' cumulative probabilities.
 
         All checks of residuals can thus assume a normal law (Dunn and Smyth, J. Comp. Graph. Stat. 5, 236, 1996).
         """
-
-    @abstractmethod
-    def log_density(self, errors: FloatArray, parameters: Any) -> FloatArray:
-        """Return the log density of errors."""
-
-    @abstractmethod
-    def slopes(self, errors: FloatArray, parameters: Any) -> tuple[FloatArray, FloatArray]:
-        """Return the first two derivatives of `log_density` with respect to the error."""
-
-
-@dataclass(frozen=True)
-class NormalLaw(ErrorLaw):
-    """Normal errors, with or without lapses."""
-
-    def draw(self, rng: np.random.Generator, shape: tuple[int, ...], parameters: Any) -> FloatArray:
-        """Return standard normal errors."""
-        return rng.standard_normal(shape)
-
-    def normal_scores(self, errors: FloatArray, parameters: Any) -> FloatArray:
-        """Return the errors."""
         return errors
 
     def log_density(self, errors: FloatArray, parameters: Any) -> FloatArray:
-        """Return -errors² / 2 - log(2 pi) / 2."""
+        """Return the log density of errors."""
         return -0.5 * errors * errors - _LOG_ROOT_TWO_PI
 
     def slopes(self, errors: FloatArray, parameters: Any) -> tuple[FloatArray, FloatArray]:
-        """Return -errors, and -1."""
+        """Return the first two derivatives of `log_density` with respect to the error."""
         return -errors, np.full(1, -1.0)
 
 
 @dataclass(frozen=True)
 class StudentLaw(ErrorLaw):
     """Student's t with `nu` degrees of freedom."""
+
+    slow_functions: ClassVar[bool] = True
+
+    @property
+    def concave(self) -> bool:
+        """False."""
+        return False
 
     def draw(self, rng: np.random.Generator, shape: tuple[int, ...], parameters: Any) -> FloatArray:
         """Return normal errors over the root of a mean square."""
@@ -143,25 +129,11 @@ class StudentLaw(ErrorLaw):
 
 @dataclass(frozen=True)
 class GumbelLaw(ErrorLaw):
-    """Gumbel's law of largest values, with mean 0 and standard deviation 1."""
+    """Gumbel's law of largest values, with mean 0 and standard deviation 1, for draws; `orders` has all else."""
 
     def draw(self, rng: np.random.Generator, shape: tuple[int, ...], parameters: Any) -> FloatArray:
         """Return standardised draws."""
         return (rng.gumbel(size=shape) - np.euler_gamma) / GUMBEL_SD
-
-    def normal_scores(self, errors: FloatArray, parameters: Any) -> FloatArray:
-        """Return q with Phi(q) = exp(-exp(-z))."""
-        return np.asarray(ndtri_exp(-np.exp(-_gumbel(errors))))
-
-    def log_density(self, errors: FloatArray, parameters: Any) -> FloatArray:
-        """Return log(sd) - z - exp(-z)."""
-        z = _gumbel(errors)
-        return math.log(GUMBEL_SD) - z - np.exp(-z)
-
-    def slopes(self, errors: FloatArray, parameters: Any) -> tuple[FloatArray, FloatArray]:
-        """Return sd (exp(-z) - 1), and -sd² exp(-z)."""
-        t = np.exp(-_gumbel(errors))
-        return GUMBEL_SD * (t - 1.0), -(GUMBEL_SD**2) * t
 
 
 def student_log_density(u: FloatArray, nu: FloatArray) -> FloatArray:
@@ -220,20 +192,11 @@ def _nu(parameters: Any) -> FloatArray:
     return np.maximum(np.asarray(parameters.nu, float), LEAST_FREEDOM)[..., None]
 
 
-def _gumbel(errors: FloatArray) -> FloatArray:
-    """Return standardised errors in units of the law's own scale, about its mode."""
-    return GUMBEL_SD * errors + np.euler_gamma
-
-
-NORMAL = NormalLaw("normal", "normal")
+NORMAL = ErrorLaw("normal", "normal")
 """Normal errors: log-normal about a magnitude estimate or a force, normal about a z-score."""
-STUDENT = StudentLaw(
-    "student", "Student's t with sampled degrees of freedom", ("nu",), concave=False, slow_functions=True
-)
+STUDENT = StudentLaw("student", "Student's t with sampled degrees of freedom", ("nu",))
 """Errors with heavy tails: Student's t with `nu` degrees of freedom."""
-LAPSES = NormalLaw(
-    "lapses", "normal, mixed with a share of lapses over the rater's range", ("lapse",), lapses=True, concave=False
-)
+LAPSES = ErrorLaw("lapses", "normal, mixed with a share of lapses over the rater's range", ("lapse",), lapses=True)
 """Normal errors, but for a share `lapse` of observations that do not depend on the touch."""
 GUMBEL = GumbelLaw("gumbel", "Gumbel's, as in the Plackett-Luce model of orders")
 """Errors of orders."""

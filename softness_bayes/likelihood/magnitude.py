@@ -230,4 +230,4 @@ class LogRatings(RatingsLikelihood):
     def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return the residual of each log rating given the effects, shape (..., rows)."""
         expected = self.model.expected_log(self.design, self.drive(mean_rate, parameters), effects)
-        return self.model.error.normal_scores(self._log - expected, parameters)
+        return self._log - expected

@@ -220,8 +220,7 @@ class CompressionForces(Likelihood):
 
     def residual(self, mean_rate: Array, parameters: Parameters, effects: Effects) -> Array:
         """Return each log force minus the expectation for its finger, shape (..., rows)."""
-        errors = self._log - self.drive(mean_rate, parameters) - self._own(effects)
-        return self.model.error.normal_scores(errors, parameters)
+        return self._log - self.drive(mean_rate, parameters) - self._own(effects)
 
     def exponent(self, force: ArrayLike) -> Array:
         """Return the least-squares exponent of force against indentation within fingers, shape (...).

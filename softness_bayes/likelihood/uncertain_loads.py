@@ -21,7 +21,7 @@ from scipy.special import logsumexp, ndtri
 
 from softness_bayes.likelihood.contract import Effects, Levels, Parameters, Shape
 from softness_bayes.likelihood.design import Design, IndexArray, LoadErrors
-from softness_bayes.likelihood.error_laws import NormalLaw
+from softness_bayes.likelihood.error_laws import ErrorLaw
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.normal_rows import EffectLaw, NormalRows
 from softness_bayes.likelihood.pieces import over_draws
@@ -103,7 +103,7 @@ class UncertainLoads(LogRatings):
         """
         expected, sd = self._given_loads(self.drive(mean_rate, parameters), parameters, effects)
         own = self.model.error_sd(parameters)[..., None]
-        return self.model.error.normal_scores((self._log - expected) * (own / sd), parameters)
+        return (self._log - expected) * (own / sd)
 
     def replicate(self, rng: Generator, drive: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return one rating for every row, shape (..., rows), under loads with errors."""
@@ -207,11 +207,13 @@ class OverLoads(UncertainLoads):
         return np.asarray((np.moveaxis(drives, 0, -1) * share).sum(axis=-1))
 
 
-class _LoadedLaw(NormalLaw):
+class _LoadedLaw(ErrorLaw):
     """Density of errors of exact ratings whose loads err: a normal one, mixed over z.
 
     The parameter `shift`, of shape (draws, rows, points), is d(z) - d(0) in units of varsigma.
     """
+
+    concave = False
 
     def log_density(self, errors: FloatArray, parameters: Any) -> FloatArray:
         """Return the log of the mean density of error - shift."""
@@ -230,4 +232,4 @@ class _LoadedLaw(NormalLaw):
         return np.asarray(logsumexp(logs, b=weight / weight.sum(), axis=-1))
 
 
-_LOADED = _LoadedLaw("loads with errors", "normal, mixed over errors of loads", concave=False)
+_LOADED = _LoadedLaw("loads with errors", "normal, mixed over errors of loads")

