@@ -34,9 +34,6 @@ from softness_bayes.parameters.declared import RATER_EFFECTS, RATER_SPREADS
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
-REFERENCE, LAPLACE, ONLY_REFERENCE = "reference", "laplace", "only reference"
-"""Methods by which effects are integrated out of the density of all ratings."""
-
 _LEAST_SPREAD = 1e-8
 _SEED = 0  # seed of the random shares of intervals at which residuals are taken
 
@@ -170,9 +167,8 @@ class IntervalRatings(RatingsLikelihood):
         Intervals that the ratings represent; by default they are exact.
     lapses
         Distribution of lapses; by default that of raters with these ratings.
-    integrals
-        REFERENCE for the density of all ratings by the reference, LAPLACE by Laplace's method; LAPLACE is what the
-        sampler uses of a likelihood with REFERENCE, but not of one with ONLY_REFERENCE.
+    sampled
+        True for the density of all ratings by Laplace's method, which the sampler uses, instead of the reference.
 
     Raises
     ------
@@ -190,11 +186,11 @@ class IntervalRatings(RatingsLikelihood):
         over: Design | None = None,
         stated: Stated | None = None,
         lapses: Lapses | None = None,
-        integrals: str = REFERENCE,
+        sampled: bool = False,
     ) -> None:
         super().__init__(ratings, design, model, over)
         scale = model.scale
-        self._stated, self._how = self._understood(stated), integrals
+        self._stated, self._sampled = self._understood(stated), sampled
         low, high = self._stated.ends(self.values)
         self._exact = low == high
         self._lapses = lapses or model.lapses(low, high, design)
@@ -229,12 +225,8 @@ class IntervalRatings(RatingsLikelihood):
     def _arguments(self, rows: NDArray[np.bool_] | None = None) -> dict[str, Any]:
         """Return further arguments of the constructor; lapses of some rows are those of all, of new values others."""
         if rows is None:
-            return {"stated": self._stated, "integrals": self._how}
-        return {"stated": self._stated.take(rows), "lapses": self._lapses.take(rows), "integrals": self._how}
-
-    def _by(self, integrals: str) -> Self:
-        """Return the likelihood with effects integrated out by another method."""
-        return type(self)(self.values, self.design, self.model, self._over, self._stated, self._lapses, integrals)
+            return {"stated": self._stated, "sampled": self._sampled}
+        return {"stated": self._stated.take(rows), "lapses": self._lapses.take(rows), "sampled": self._sampled}
 
     @property
     def ends(self) -> tuple[FloatArray, FloatArray] | None:
@@ -246,21 +238,14 @@ class IntervalRatings(RatingsLikelihood):
         """True for ratings that represent an interval, shape (rows,)."""
         return ~self._exact
 
-    def finer(self) -> Self:
-        """Return the likelihood by the reference."""
-        return self._by(REFERENCE) if self._how == LAPLACE else self
-
     def for_sampling(self) -> Self:
-        """Return the likelihood by Laplace's method, unless only the reference serves."""
-        return self._by(LAPLACE) if self._how == REFERENCE else self
-
-    def without_approximation(self) -> Self:
-        """Return the likelihood that the sampler uses by the reference, too."""
-        return self._by(ONLY_REFERENCE)
+        """Return the likelihood by Laplace's method."""
+        how = self.values, self.design, self.model, self._over, self._stated, self._lapses
+        return self if self._sampled else type(self)(*how, sampled=True)
 
     def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of all ratings together, shape (...); arguments as in `Likelihood`."""
-        density = self._integrals.laplace if self._how == LAPLACE else self._integrals.log_density
+        density = self._integrals.laplace if self._sampled else self._integrals.log_density
         given, shape = self._given(mean_rate, parameters)
         return density(given).reshape(shape) - self._log
 

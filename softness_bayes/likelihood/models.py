@@ -63,16 +63,10 @@ RATING_MODELS: Mapping[tuple[Scale, ErrorLaw], Callable[[RatingDirection], Ratin
 )
 """Constructors of observation models, which take a direction, by scale of the ratings and error law."""
 
-OF_INTERVALS: Mapping[tuple[Scale, ErrorLaw], Callable[[RatingDirection], RatingsModel]] = MappingProxyType(
-    {key: model for key, model in RATING_MODELS.items() if key[0] in (MAGNITUDE, SLIDER, RANKS, PAIRS)}
-    | {(MAGNITUDE, NORMAL): IntervalModel}
-)
-"""The same for ratings that represent intervals, or that are places in lists."""
-
 OF_DIFFERENT_RATERS: Mapping[Scale, Callable[..., RatingsModel]] = MappingProxyType(
     {MAGNITUDE: IntervalModel, SLIDER: SliderModel}
 )
-"""Constructors of the models in which raters differ in exponents or noise, by scale."""
+"""Constructors of the models of intervals in which raters may differ in exponents or noise, by scale."""
 
 LIKELIHOODS: tuple[type[Likelihood], ...] = (
     LogRatings,
@@ -91,52 +85,46 @@ LIKELIHOODS: tuple[type[Likelihood], ...] = (
 
 
 def rating_model(
-    scale: Scale, direction: RatingDirection = RISES, error: ErrorLaw | None = None, exact: bool = True
+    scale: Scale,
+    direction: RatingDirection = RISES,
+    error: ErrorLaw | None = None,
+    exact: bool = True,
+    differ: tuple[str, ...] = (),
 ) -> RatingsModel:
-    """Return the observation model of ratings that are exact numbers or represent intervals.
+    """Return the observation model of ratings.
 
-    The default error law is the first one of the scale.
+    Parameters
+    ----------
+    scale, direction
+        Scale of the ratings, and their direction with the response.
+    error
+        Error law; by default the first one of the scale.
+    exact
+        False if ratings represent intervals.
+    differ
+        Quantities in which raters differ: gamma, varsigma or both.
 
     Raises
     ------
     InputError
-        If there is no model for that scale and error law.
+        If there is no model for that scale and error law, or of raters who differ on that scale.
     """
     if scale.model is not None:
         own: RatingsModel = scale.model(direction)
         require_model(scale, own)
         return own
-    models = RATING_MODELS if exact else OF_INTERVALS
-    error = error or next((law for one, law in models if one == scale), NORMAL)
-    if (scale, error) not in models:
-        known = ", ".join(f"{one.name} with {law.name} errors" for one, law in models)
-        raise InputError(f"ratings: no model of {scale.name} with {error.name} errors; expected one of {known}")
-    return models[scale, error](direction)
-
-
-def model_of_different_raters(
-    scale: Scale, differ: tuple[str, ...], direction: RatingDirection = RISES, error: ErrorLaw = NORMAL
-) -> RatingsModel:
-    """Return the observation model of raters who differ in exponents or noise.
-
-    Parameters
-    ----------
-    scale, direction, error
-        As for `rating_model`.
-    differ
-        The quantities that differ: gamma, varsigma or both.
-
-    Raises
-    ------
-    InputError
-        If there is no such model for that scale.
-    """
-    if scale not in OF_DIFFERENT_RATERS:
+    error = error or next((law for one, law in RATING_MODELS if one == scale), NORMAL)
+    if differ and scale not in OF_DIFFERENT_RATERS:
         known = " and ".join(one.name for one in OF_DIFFERENT_RATERS)
         raise InputError(
             f"individual: raters' own exponents or noise are modelled for {known} ratings, not for {scale.name} ratings"
         )
-    return OF_DIFFERENT_RATERS[scale](direction, law=error, differ=differ)
+    if (scale, error) not in RATING_MODELS:
+        known = ", ".join(f"{one.name} with {law.name} errors" for one, law in RATING_MODELS)
+        raise InputError(f"ratings: no model of {scale.name} with {error.name} errors; expected one of {known}")
+    if differ or (not exact and scale == MAGNITUDE):
+        return OF_DIFFERENT_RATERS[scale](direction, law=error, differ=differ)
+    return RATING_MODELS[scale, error](direction)
 
 
 def under_load_errors(observed: RatingsLikelihood, errors: LoadErrors) -> RatingsLikelihood:

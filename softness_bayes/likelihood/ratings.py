@@ -216,12 +216,8 @@ class RatingsLikelihood(Likelihood):
         """Return the laws of the raters' skins given their plate forces; None if there are none."""
         return None
 
-    def finer(self) -> Self:
-        """Return the same likelihood with finer numerical integration, where it uses any."""
-        return self
-
-    def without_approximation(self) -> Self:
-        """Return the same likelihood, of which the sampler uses no approximation."""
+    def finer(self) -> RatingsLikelihood:
+        """Return the reference of a likelihood that approximates in what is reported, too."""
         return self
 
     def replicate(self, rng: Generator, drive: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:

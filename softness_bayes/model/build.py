@@ -19,7 +19,6 @@ from softness_bayes.likelihood.individual import IndividualModel
 from softness_bayes.likelihood.layout import Layout, merge
 from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.models import (
-    model_of_different_raters,
     rating_model,
     try_likelihood,
     under_load_errors,
@@ -204,7 +203,7 @@ class ExperimentModel:
         """
         options, meaning = self.requested, self.interpretation
         if answers := fingers.answers_of(options.individual):
-            return model_of_different_raters(options.scale, answers, direction, meaning.law)
+            return rating_model(options.scale, direction, meaning.law, differ=answers)
         if options.individual:
             if options.scale != MAGNITUDE:
                 what = fingers.differing(options.individual)
@@ -275,8 +274,6 @@ class ExperimentModel:
             stated.values, self.design, None if stated.exact else stated
         )
         observation = _with_load_errors(observation, data, options)
-        if not self.approximate:
-            observation = observation.without_approximation()
         errors, plates = observation.load_errors, []
         if data.compression is not None:
             plates.append(forces_of(data.compression, options))
@@ -292,6 +289,7 @@ class ExperimentModel:
             fingers.family_of(self.scene, fingers.grid_of(options.individual))
             if fingers.fingers_of(options.individual)
             else None,
+            self.approximate,
         )
         if options.scale.model is not None:
             # all members of a custom observation model are tested before a run depends on them

@@ -79,8 +79,9 @@ class Density:
 
     @cached_property
     def for_sampling(self) -> Self:
-        """The same density in the form in which it is sampled, `Likelihood.for_sampling`."""
-        return replace(self, terms=tuple(term.for_sampling() for term in self.terms))
+        """The density in the form in which it is sampled, `Likelihood.for_sampling`; itself if that is no other."""
+        terms = tuple(term.for_sampling() for term in self.terms)
+        return self if terms == self.terms else replace(self, terms=terms)
 
     def mean_rate(self, theta: FloatArray) -> FloatArray:
         """The pad's mean rate N/N_ref [Hz] at points theta, shape (..., conditions); empty without a scene."""
@@ -169,11 +170,19 @@ class Posterior(Density):
     fingers
         Family of fingers over which the likelihood of the ratings integrates; None if all raters have the typical
         finger.
+    approximate
+        Whether the sampler may use the terms in another form than what is reported.
     """
 
     scene: Scene
     other_loads: Scene | None = None
     fingers: FingerFamily | None = None
+    approximate: bool = True
+
+    @cached_property
+    def for_sampling(self) -> Self:
+        """The density in the form in which it is sampled."""
+        return super().for_sampling if self.approximate else self
 
     def mean_rate(self, theta: FloatArray) -> FloatArray:
         """Mean rate N/N_ref [Hz] of the pad at theta, shape (..., conditions), then those at additional loads."""

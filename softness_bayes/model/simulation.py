@@ -18,7 +18,7 @@ from softness_bayes.likelihood import scales
 from softness_bayes.likelihood.contract import NO_RESPONSE, Model, Parameters
 from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.error_laws import GUMBEL, NORMAL, ErrorLaw
-from softness_bayes.likelihood.models import model_of_different_raters, rating_model
+from softness_bayes.likelihood.models import rating_model
 from softness_bayes.likelihood.plate import PLATE_PARAMETERS, CompressionForces
 from softness_bayes.likelihood.ratings import OF_FORCES
 from softness_bayes.model.scenes import scaled, scene_of, touch_parameters
@@ -181,7 +181,7 @@ def _model_of(
         for a scale that does not support them.
     """
     if differ := tuple(name for name, spread in RATER_SPREADS.items() if values.get(spread, 0.0) > 0):
-        return model_of_different_raters(scale, differ, direction, errors)
+        return rating_model(scale, direction, errors, differ=differ)
     model: Any = rating_model(scale, direction, GUMBEL if scale == scales.RANKS and errors == NORMAL else errors)
     if scale == scales.AGGREGATED:
         model = model.of_one_rater

@@ -303,7 +303,7 @@ def outcome(state: RunState, run: RunOptions) -> dict[str, Any]:
 
 def _integrals(posterior: Posterior, sampled: Sampled) -> Exactness | None:
     """Return the comparison of the integrals that the sampler used with their reference; None if they are the same."""
-    if posterior.observation.for_sampling() is posterior.observation:
+    if posterior.for_sampling is posterior:
         return None
     kept = sampled.chains.kept(sampled.verdict.burn_in)
     return compare_exactly(posterior, kept.by_walker(posterior.natural(kept.coordinates)), None)()

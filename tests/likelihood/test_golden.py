@@ -17,7 +17,6 @@ from softness_bayes.likelihood.design import Design, LoadErrors, Stated
 from softness_bayes.likelihood.error_laws import error_law_named
 from softness_bayes.likelihood.individual import IndividualModel
 from softness_bayes.likelihood.models import (
-    model_of_different_raters,
     rating_model,
     under_load_errors,
 )
@@ -58,7 +57,7 @@ def likelihood_of(case):
         stated = Stated(y, step, limit, most, end)
     exact = stated is None or stated.exact
     if "differ" in case:
-        model = model_of_different_raters(scale, tuple(case["differ"]), direction, law)
+        model = rating_model(scale, direction, law, differ=tuple(case["differ"]))
     else:
         model = rating_model(scale, direction, law, exact)
     observed = model.observe(y, design) if exact else model.observe(y, design, stated)

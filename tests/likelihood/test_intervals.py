@@ -128,10 +128,7 @@ def test_the_sampler_has_laplace_s_method_and_all_else_the_reference():
     observed, rate, points = table(13, 8, 4, STUDENT, 1.0)
     sampled = observed.for_sampling()
     assert sampled.for_sampling() is sampled
-    assert observed.finer() is observed
-    reference = sampled.finer().log_likelihood(rate, points)
-    assert_allclose(reference, observed.log_likelihood(rate, points), rtol=1e-12)
-    difference = sampled.log_likelihood(rate, points) - reference
+    difference = sampled.log_likelihood(rate, points) - observed.log_likelihood(rate, points)
     assert (np.abs(difference) > 1e-6).all()
     assert difference.std() < 0.05
 
