@@ -110,9 +110,9 @@ class RowsLeftOut(NamedTuple):
     """Predictive law of each row given all the others, at its observation, each (..., rows)."""
 
     log_density: FloatArray
-    """Log density, as `Likelihood.log_likelihood_loo`."""
+    """Log density."""
     below: FloatArray
-    """Probability of a smaller observation, as `Likelihood.below_loo`."""
+    """Probability of a smaller observation; of discrete ones, half that of an equal one counts."""
 
 
 class Likelihood(ABC):
@@ -167,18 +167,7 @@ class Likelihood(ABC):
 
     @abstractmethod
     def left_out(self, mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
-        """Return the law of each observation given all the others, at the observation.
-
-        For discrete observations, half the probability of an equal one counts as below.
-        """
-
-    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return the log density of each observation given all the others, shape (..., rows)."""
-        return self.left_out(mean_rate, parameters).log_density
-
-    def below_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return the probability of a smaller observation than each one, given all the others, shape (..., rows)."""
-        return self.left_out(mean_rate, parameters).below
+        """Return the law of each observation given all the others, at the observation."""
 
     def log_likelihood_answers(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of each answer given all the others, shape (..., answers).
@@ -186,7 +175,7 @@ class Likelihood(ABC):
         By default every observation is an answer; on scales with a `Scale.answer`, such as lists, several rows form one
         answer.
         """
-        return self.log_likelihood_loo(mean_rate, parameters)
+        return self.left_out(mean_rate, parameters).log_density
 
     def for_sampling(self) -> Self:
         """Return the likelihood in the form in which it is sampled; far from the data it may be less accurate.

@@ -69,16 +69,16 @@ def test_simulated_raters_have_the_law(raters, rng):
     places = []
     for _ in range(150):
         s = table(rng, raters, 3).std(axis=0, ddof=1)
-        places.append(RaterSpreads(s, design, SpreadModel(raters)).below_loo(NONE, p)[0])
+        places.append(RaterSpreads(s, design, SpreadModel(raters)).left_out(NONE, p).below[0])
     assert (np.array(places) > 0).all()
     for column in np.array(places).T:
         assert kstest(column, "uniform").pvalue > 1e-4
     # cells without common raters are refused by the same comparison
     if raters == 12:
         apart = [
-            RaterSpreads([table(rng, raters, 1).std(ddof=1) for _ in range(3)], design, SpreadModel(raters)).below_loo(
-                NONE, p
-            )[0]
+            RaterSpreads([table(rng, raters, 1).std(ddof=1) for _ in range(3)], design, SpreadModel(raters))
+            .left_out(NONE, p)
+            .below[0]
             for _ in range(150)
         ]
         assert min(kstest(column, "uniform").pvalue for column in np.array(apart).T) < 1e-2

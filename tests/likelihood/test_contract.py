@@ -21,7 +21,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.likelihood import error_laws, scales
 from softness_bayes.likelihood.aggregated import AggregatedModel, AggregatedRatings, RaterSpreads, SpreadModel
 from softness_bayes.likelihood.categories import CategoryModel, CategoryRatings
-from softness_bayes.likelihood.contract import NO_RESPONSE, Likelihood, Parameters
+from softness_bayes.likelihood.contract import NO_RESPONSE, Likelihood, Parameters, RowsLeftOut
 from softness_bayes.likelihood.design import Design, LoadErrors
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
 from softness_bayes.likelihood.individual import IndividualModel, IndividualRatings
@@ -35,7 +35,7 @@ from softness_bayes.likelihood.scales import CATEGORIES, FALLS, MAGNITUDE, RATIN
 from softness_bayes.likelihood.uncertain_loads import UncertainLoads
 from softness_bayes.likelihood.z_scores import StandardisedModel, StandardisedRatings
 from softness_bayes.touch.finger_grid import FingerGrid
-from support.points import rated
+from support.points import densities, rated
 
 ROWS = 7
 DESIGN = Design([0, 1, 2, 3, 4, 1, 3], [0, 0, 0, 1, 1, 2, 2], [0, 1, 2, 0, 1], 3)
@@ -194,12 +194,13 @@ CASE_NAMES = [getattr(name, "__name__", name) for name in CASES]
 
 def batched_is_single(case):
     """Every member treats each point by itself."""
-    y = case.observed
-    for member in ("log_likelihood", "log_likelihood_loo", "below_loo", "log_likelihood_participants", "drive"):
-        found = getattr(y, member)(case.rate, case.points)
-        for k in range(3):
-            rate, point = case.at(slice(k, k + 1))
-            assert_allclose(found[k], getattr(y, member)(rate, point)[0], rtol=1e-10, atol=1e-12, err_msg=member)
+    found = densities(case.observed, case.rate, case.points)
+    found["drive"] = case.observed.drive(case.rate, case.points)
+    for k in range(3):
+        rate, point = case.at(slice(k, k + 1))
+        alone = {**densities(case.observed, rate, point), "drive": case.observed.drive(rate, point)}
+        for name, values in found.items():
+            assert_allclose(values[k], alone[name][0], rtol=1e-10, atol=1e-12, err_msg=name)
 
 
 def conditionals_chain(case):
@@ -207,7 +208,7 @@ def conditionals_chain(case):
     y, total = case.observed, 0.0
     for row in range(1, ROWS):
         rest = y.without(np.arange(ROWS) > row)
-        total = total + rest.log_likelihood_loo(case.rate, case.points)[:, row]
+        total = total + rest.left_out(case.rate, case.points).log_density[:, row]
     first = y.without(np.arange(ROWS) > 0).log_likelihood(case.rate, case.points)
     assert_allclose(first + total, y.log_likelihood(case.rate, case.points), rtol=1e-9, atol=ROWS * case.left_out)
 
@@ -215,13 +216,10 @@ def conditionals_chain(case):
 def left_out_is_without(case):
     """What is said of rows and participants given the others is what the likelihood without them lacks."""
     y = case.observed
-    for member, block in (
-        ("log_likelihood_loo", np.arange(ROWS)),
-        ("log_likelihood_participants", y.design.participant),
-    ):
-        found = getattr(y, member)(case.rate, case.points)
+    found = densities(y, case.rate, case.points)
+    for name, block in (("rows", np.arange(ROWS)), ("participants", y.design.participant)):
         expected = y.log_likelihood_blocks(case.rate, case.points, block)
-        assert_allclose(found, expected, rtol=1e-8, atol=case.left_out, err_msg=member)
+        assert_allclose(found[name], expected, rtol=1e-8, atol=case.left_out, err_msg=name)
     only = np.arange(ROWS) == 2
     assert_allclose(y.without(only).values, y.values[~only], rtol=0)
 
@@ -237,19 +235,19 @@ def one_left_out_integrates_to_one(case):
         for number in case.numbers:
             values = y.values.copy()
             values[row] = number
-            chance.append(float(np.exp(y.with_values(values).log_likelihood_loo(rate, point)[0, row])))
+            chance.append(float(np.exp(y.with_values(values).left_out(rate, point).log_density[0, row])))
         below = sum(
             c * (0.5 * (n == y.values[row]) + (n < y.values[row])) for c, n in zip(chance, case.numbers, strict=True)
         )
         assert_allclose(sum(chance), 1.0, atol=case.left_out)
-        assert_allclose(below, y.below_loo(rate, point)[0, row], atol=case.left_out)
+        assert_allclose(below, y.left_out(rate, point).below[0, row], atol=case.left_out)
         return
 
     def density(additive):
         values = y.values.copy()
         values[row] = scale.natural(additive)
         slope = (scale.natural(additive + 1e-5) - scale.natural(additive - 1e-5)) / 2e-5
-        return float(np.exp(y.with_values(values).log_likelihood_loo(rate, point)[0, row]) * slope)
+        return float(np.exp(y.with_values(values).left_out(rate, point).log_density[0, row]) * slope)
 
     error = max(1e-8, 0.1 * case.left_out)
     parts = [
@@ -257,7 +255,7 @@ def one_left_out_integrates_to_one(case):
     ]
     atol = max(1e-6, case.left_out)
     assert_allclose(sum(parts), 1.0, atol=atol)
-    assert_allclose(parts[0], y.below_loo(rate, point)[0, row], atol=atol)
+    assert_allclose(parts[0], y.left_out(rate, point).below[0, row], atol=atol)
 
 
 def order_does_not_matter(case):
@@ -265,8 +263,8 @@ def order_does_not_matter(case):
     y, order, people = case.observed, np.array([4, 2, 6, 0, 5, 1, 3]), np.array([2, 0, 1])
     other = shuffled(y, order, people)
     assert_allclose(other.log_likelihood(case.rate, case.points), y.log_likelihood(case.rate, case.points), rtol=1e-10)
-    found = other.log_likelihood_loo(case.rate, case.points)
-    assert_allclose(found, y.log_likelihood_loo(case.rate, case.points)[:, order], rtol=1e-9, atol=1e-12)
+    found = other.left_out(case.rate, case.points).log_density
+    assert_allclose(found, y.left_out(case.rate, case.points).log_density[:, order], rtol=1e-9, atol=1e-12)
     found = other.log_likelihood_participants(case.rate, case.points)[:, people]
     assert_allclose(found, y.log_likelihood_participants(case.rate, case.points), rtol=1e-9, atol=1e-9)
 
@@ -321,9 +319,9 @@ def replicates_have_uniform_places(case):
     rate, points = many(case)
     made = y.replicate(rng, y.drive(rate, points), points, y.new_effects(rng, points, (DRAWS,)))[:140]
     first, point = case.at(slice(0, 1))
-    places = of_tables(y, made, lambda table: table.below_loo(first, point)[0])
+    places = of_tables(y, made, lambda table: table.left_out(first, point).below[0])
     if case.numbers is not None:
-        chance = np.exp(of_tables(y, made, lambda table: table.log_likelihood_loo(first, point)[0]))
+        chance = np.exp(of_tables(y, made, lambda table: table.left_out(first, point).log_density[0]))
         places = places + (rng.uniform(size=places.shape) - 0.5) * chance
     for row in range(ROWS):
         assert kstest(places[:, row], "uniform").pvalue > 1e-4, row
@@ -460,8 +458,9 @@ class Recentred(LogRatings):
 class Unnormalised(LogRatings):
     """A law of each rating given the others of another mass than 1."""
 
-    def log_likelihood_loo(self, mean_rate, parameters):
-        return super().log_likelihood_loo(mean_rate, parameters) + 1e-4
+    def left_out(self, mean_rate, parameters):
+        density, below = super().left_out(mean_rate, parameters)
+        return RowsLeftOut(density + 1e-4, below)
 
 
 class Ordered(LogRatings):

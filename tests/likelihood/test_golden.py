@@ -105,7 +105,7 @@ def log_likelihood_sampled(case, p):
 def log_density_of_rows(case, p):
     """The log density of each rating given all others, (rows,)."""
     observed = likelihood_of(case)
-    return observed.log_likelihood_loo(rate_of(case)[None], parameters_of(observed, p))[0]
+    return observed.left_out(rate_of(case)[None], parameters_of(observed, p)).log_density[0]
 
 
 def log_density_of_participants(case, p):

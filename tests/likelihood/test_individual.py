@@ -10,7 +10,7 @@ from softness_bayes.likelihood.individual import IndividualModel
 from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.scales import FALLS
 from softness_bayes.touch.finger_grid import FingerGrid
-from support.points import rated
+from support.points import densities, rated
 
 PEOPLE, CONDITIONS = 6, 5
 DESIGN = Design(
@@ -51,9 +51,9 @@ def test_fingers_that_do_not_differ_give_the_closed_form(rng, tau, varsigma):
 def assert_agree(likelihood, closed, rates, p):
     typical = rates[:, :CONDITIONS]
     assert_allclose(likelihood.log_likelihood(rates, p), closed.log_likelihood(typical, p), rtol=1e-11, atol=1e-8)
-    for member in ("log_likelihood_loo", "below_loo", "log_likelihood_participants"):
-        found, expected = getattr(likelihood, member)(rates, p), getattr(closed, member)(typical, p)
-        assert_allclose(found, expected, rtol=1e-7, atol=1e-8, err_msg=member)
+    expected = densities(closed, typical, p)
+    for name, found in densities(likelihood, rates, p).items():
+        assert_allclose(found, expected[name], rtol=1e-7, atol=1e-8, err_msg=name)
 
 
 @pytest.mark.parametrize("varsigma", [0.002, 1e-4])

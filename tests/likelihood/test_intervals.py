@@ -11,6 +11,7 @@ from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings, 
 from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.scales import FALLS, RISES
 from support.interval_tables import POINTS, design_of, on_grid, points_of, rates_of, table
+from support.points import densities
 
 LAWS = NORMAL, STUDENT, LAPSES
 
@@ -22,10 +23,9 @@ def test_normal_errors_of_exact_numbers_are_the_closed_form():
     expected = closed.log_likelihood(rate, points)
     assert_allclose(own.log_likelihood(rate, points), expected, rtol=1e-10)
     assert_allclose(own.for_sampling().log_likelihood(rate, points), expected, rtol=1e-12)
-    for member in ("log_likelihood_loo", "below_loo", "log_likelihood_participants"):
-        assert_allclose(
-            getattr(own, member)(rate, points), getattr(closed, member)(rate, points), atol=1e-7, err_msg=member
-        )
+    known = densities(closed, rate, points)
+    for name, found in densities(own, rate, points).items():
+        assert_allclose(found, known[name], rtol=1e-7, atol=1e-7, err_msg=name)
     assert_allclose(own.residual(rate, points, effects_of(own, rate, points)), residual_by_hand(own, rate, points))
 
 
@@ -81,8 +81,8 @@ def test_silent_raters_and_order_do_not_matter():
     said = observed._stated.take(order)
     other = IntervalRatings(observed.values[order], shuffled, observed.model, stated=said)
     assert_allclose(other.log_likelihood(rate, points), observed.log_likelihood(rate, points), rtol=1e-8)
-    found = other.log_likelihood_loo(rate, points)
-    assert_allclose(found, observed.log_likelihood_loo(rate, points)[:, order], rtol=1e-7, atol=1e-9)
+    found = other.left_out(rate, points).log_density
+    assert_allclose(found, observed.left_out(rate, points).log_density[:, order], rtol=1e-7, atol=1e-9)
     silent = other.log_likelihood_participants(rate, points)[:, 1::2]
     assert (silent == 0).all()
     assert effects_of(other, rate, points).participant.shape == (POINTS, 9)
@@ -113,10 +113,9 @@ def test_hard_tables_have_finite_densities(law):
         observed = IntervalRatings(values, design_of(people, repeats), IntervalModel(FALLS, law=law), stated=said)
         for spread in (1e-3, 0.3, 20.0):
             points = points_of(rng, varsigma=spread, tau=0.0 if people == 1 else 0.5)
-            for member in ("log_likelihood", "log_likelihood_loo", "below_loo", "log_likelihood_participants"):
-                found = getattr(observed, member)(rate, points)
-                assert np.isfinite(found).all(), (member, spread)
-            assert (observed.log_likelihood(rate, points) <= 1e-9).all()  # probabilities
+            found = densities(observed, rate, points)
+            assert all(np.isfinite(values).all() for values in found.values()), spread
+            assert (found["all"] <= 1e-9).all()  # probabilities
 
 
 def test_values_must_be_positive_and_finite():
@@ -152,7 +151,7 @@ def test_a_slider_has_mass_at_its_ends(law):
         values = said.values.copy()
         values[5] = place
         observed = IntervalRatings(values, design, SliderModel(FALLS, law=law), stated=said)
-        total += np.exp(observed.log_likelihood_loo(rate, points)[:, 5])
+        total += np.exp(observed.left_out(rate, points).log_density[:, 5])
     assert_allclose(total, 1.0, atol=1e-2)
     touched = np.concatenate([places[[0, -1]], said.values[2:]])
     ends = IntervalRatings(touched, design, SliderModel(FALLS, law=law), stated=said).ends

@@ -73,8 +73,8 @@ def test_a_little_room_gives_the_same_numbers(rng, monkeypatch, omega):
         held = Residuals(observed, rate, points, effects)
         return [
             *vars(effects).values(),
-            observed.log_likelihood_loo(rate, points),
-            observed.below_loo(rate, points),
+            observed.left_out(rate, points).log_density,
+            observed.left_out(rate, points).below,
             observed.log_likelihood_participants(rate, points),
             *layout.fit(replicates),
             *(
@@ -108,7 +108,7 @@ def test_room_grows_with_the_ratings_and_not_with_their_square(rng):
         held = Residuals(observed, rate, points, effects)
         check_slope(held, EXPONENTS, held.response)
         observed.log_likelihood_participants(rate, points)
-        observed.log_likelihood_loo(rate, points)
+        observed.left_out(rate, points)
         _, most = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()

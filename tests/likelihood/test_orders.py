@@ -72,7 +72,7 @@ def test_extreme_worths_stay_finite():
     against = one_list((4, 3, 2, 1))
     assert -1e8 < float(against.log_likelihood(RATE, precise)) < -1e5
     assert_allclose(one_list((1, 2, 3, 4)).log_likelihood(RATE, precise), 0.0, atol=1e-12)
-    assert np.isfinite(against.log_likelihood_loo(RATE, precise)).all()
+    assert np.isfinite(against.left_out(RATE, precise).log_density).all()
     assert np.isfinite(
         against.residual(RATE, precise, against.draw_effects(np.random.default_rng(0), RATE, precise))
     ).all()
@@ -81,7 +81,7 @@ def test_extreme_worths_stay_finite():
 def test_a_place_among_ties_is_left_out_with_them():
     """The chance of a place given the others is that of the whole list over that of the rest."""
     model = one_list((1, 2, 2, 3))
-    found = model.log_likelihood_loo(RATE, POINT)
+    found = model.left_out(RATE, POINT).log_density
     for k in range(4):
         rest = model.without(np.arange(4) == k)
         assert_allclose(found[k], model.log_likelihood(RATE, POINT) - rest.log_likelihood(RATE, POINT), rtol=1e-10)
@@ -89,7 +89,7 @@ def test_a_place_among_ties_is_left_out_with_them():
     lower = chance((2, 1, 3, 4))
     total = np.exp(model.without(np.arange(4) == 1).log_likelihood(RATE, POINT))
     expected = lower / total + 0.5 * np.exp(found[1])
-    assert_allclose(model.below_loo(RATE, POINT)[1], expected, rtol=1e-10)
+    assert_allclose(model.left_out(RATE, POINT).below[1], expected, rtol=1e-10)
 
 
 def test_replicates_keep_the_places_of_their_list():
@@ -145,5 +145,5 @@ def test_places_of_discrete_ratings_are_uniform(model):
     found = loo_pit(observed.left_out(rate, points), observed.discrete).value
     assert uniformity_p_value(found, np.linspace(0.05, 0.95, 19)) > 1e-3
     # without the drawn share places heap up
-    middle = observed.below_loo(rate[:1], one)[0]
+    middle = observed.left_out(rate[:1], one).below[0]
     assert uniformity_p_value(middle, np.linspace(0.05, 0.95, 19)) < 1e-3

@@ -36,7 +36,7 @@ def ordered(point):
 def test_categories_have_the_probabilities_of_an_ordered_probit(point):
     observed, rates, parameters = ordered(point)
     assert_allclose(observed.log_likelihood(rates, parameters), point["log_likelihood"], rtol=1e-7)
-    assert_allclose(observed.log_likelihood_loo(rates, parameters), point["each"], rtol=1e-6, atol=1e-7)
+    assert_allclose(observed.left_out(rates, parameters).log_density, point["each"], rtol=1e-6, atol=1e-7)
 
 
 @pytest.mark.parametrize("point", STORED["pairs"]["points"])

@@ -89,7 +89,7 @@ def test_each_pair_is_one_answer():
     whole = observed.log_likelihood(RATE, POINT)
     assert observed.log_likelihood_answers(RATE, POINT).shape == (3,)
     assert_allclose(observed.log_likelihood_answers(RATE, POINT).sum(), whole, rtol=1e-12)
-    assert_allclose(observed.log_likelihood_loo(RATE, POINT).sum(), 2.0 * whole, rtol=1e-12)
+    assert_allclose(observed.left_out(RATE, POINT).log_density.sum(), 2.0 * whole, rtol=1e-12)
 
 
 def test_replicated_shares_are_the_chances():

@@ -121,7 +121,7 @@ def test_densities_given_the_others_are_ratios_of_joint_ones():
     likelihood = observed(("b",))
     rate = response(likelihood)
     for found, block in (
-        (likelihood.log_likelihood_loo(rate, P), np.arange(DESIGN.n_rows)),
+        (likelihood.left_out(rate, P).log_density, np.arange(DESIGN.n_rows)),
         (likelihood.log_likelihood_participants(rate, P), DESIGN.participant),
     ):
         assert_allclose(found, likelihood.log_likelihood_blocks(rate, P, block), atol=1e-7)

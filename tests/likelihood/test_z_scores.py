@@ -121,7 +121,7 @@ def test_a_response_that_does_not_vary_says_nothing():
 def test_leave_one_out_is_a_ratio_of_evidences(direction, slope):
     ratings, design, rate = lab(np.random.default_rng(4), rows=12, slope=slope)
     x, everything = standardised(rate, design), np.arange(12)
-    loo = StandardisedRatings(ratings, design, StandardisedModel(direction)).log_likelihood_loo(rate, error(0.4))
+    loo = StandardisedRatings(ratings, design, StandardisedModel(direction)).left_out(rate, error(0.4)).log_density
     whole = evidence(ratings, x, 0.4, direction.sign)
     for i in range(12):
         rest = everything != i

@@ -40,7 +40,7 @@ def chain_density(ratings, means):
     design = Design(ratings.fabric * 2 + ratings.load, ratings.participant, fabric, len(RATERS))
     noise = np.hypot(0.3, np.std(FALLING - means))
     given = Parameters(gamma=1.0, eps=0.0, tau=0.5, varsigma=noise, omega=0.0)
-    return LogRatings(ratings.rating, design, RatingModel()).log_likelihood_loo(np.exp(means.ravel()), given)
+    return LogRatings(ratings.rating, design, RatingModel()).left_out(np.exp(means.ravel()), given).log_density
 
 
 def test_a_chain_that_is_right_keeps_all_and_a_flat_one_nothing(falling):

@@ -121,7 +121,7 @@ def test_a_block_of_one_rating_is_that_rating_left_out(rng):
         (LogRatings(np.exp(noise), design), rated(0.8, 0.5, 0.3)),
         (StandardisedRatings(noise, design), Parameters(varsigma=0.7)),
     ):
-        alone = observed.log_likelihood_loo(rate, point)
+        alone = observed.left_out(rate, point).log_density
         assert_allclose(observed.log_likelihood_blocks(rate, point, each), alone, rtol=1e-7, atol=1e-9)
         # one block of everything leaves nothing to condition on
         whole = observed.log_likelihood_blocks(rate, point, np.zeros(15, int))

@@ -218,7 +218,7 @@ def test_some_draws_say_which_of_the_posterior_they_are(result, posterior):
     loo, constant = result.group("log_likelihood"), result.group("constant_data")
     index = constant["posterior_predictive_chain"].values, constant["posterior_predictive_draw"].values
     theta = theta_of(result.group("posterior"))[index]
-    again = posterior.observation.log_likelihood_loo(posterior.mean_rate(theta), posterior.rating_parameters(theta))
+    again = posterior.observation.left_out(posterior.mean_rate(theta), posterior.rating_parameters(theta)).log_density
     assert_allclose(loo["rating"].values[0], again, rtol=1e-9)
     curves = result.group("predictions")
     index = constant["predictions_chain"].values, constant["predictions_draw"].values
