@@ -268,16 +268,16 @@ class IntervalRatings(RatingsLikelihood):
     def draw_effects(self, rng: Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
         """Return draws of all effects given the ratings, one for each point of the batch."""
         given, shape = self._given(mean_rate, parameters)
-        drawn = self._integrals.draw(rng, given)
+        mu, drawn, fabric = self._integrals.draw(rng, given)
         effects = self.new_effects(rng, parameters, shape)
-        found = {"mu": drawn.mu.reshape(shape)}
+        found = {"mu": mu.reshape(shape)}
         if given.omega is not None:
-            found["fabric"] = (given.omega * drawn.fabric).reshape(effects.fabric.shape)
+            found["fabric"] = (given.omega * fabric).reshape(effects.fabric.shape)
         every = {"participant": given.tau, "log_gamma": given.tau_gamma, "log_varsigma": given.tau_varsigma}
         present = ((name, spread) for name, spread in every.items() if spread is not None)
         for k, (name, spread) in enumerate(present):
             own = np.array(getattr(effects, name))  # of participants without ratings, those of new ones
-            own[..., self._raters] = (spread * drawn.own[..., k]).reshape(*shape, -1)
+            own[..., self._raters] = (spread * drawn[..., k]).reshape(*shape, -1)
             found[name] = own
         return effects.replace(**found)
 
@@ -304,7 +304,6 @@ class IntervalRatings(RatingsLikelihood):
         """Return everything but the effects for a flat batch, and the batch shape."""
         drive = self.drive(mean_rate, parameters)
         shape = parameters.batch_shape(drive.shape[:-1])
-        drive = np.broadcast_to(drive, (*shape, drive.shape[-1])).reshape(-1, drive.shape[-1])
 
         def column(value: ArrayLike) -> FloatArray:
             return over_draws(value, shape)[:, None]
@@ -312,15 +311,14 @@ class IntervalRatings(RatingsLikelihood):
         def present(value: ArrayLike) -> FloatArray | None:
             return column(value) if (np.asarray(value) > 0.0).any() else None
 
+        def flat(values: FloatArray) -> FloatArray:
+            return np.broadcast_to(values, (*shape, values.shape[-1])).reshape(-1, values.shape[-1])
+
         spread = np.maximum(column(parameters.varsigma), _LEAST_SPREAD)
         law = Parameters(**{name: over_draws(getattr(parameters, name), shape) for name in self.model.law.needs})
-        rows = self._rows_at(parameters)
-        exponent, noise = (present(value) for value in self.model.rater_spreads(parameters))
-        flat = Rows(*(part if part.ndim == 1 else _flat(part, shape) for part in rows))
-        given = Given(
-            drive.take(self._condition, axis=1), flat, spread, column(parameters.tau), law, exponent, noise,
-            present(parameters.omega),
-        )  # fmt: skip
+        rows = Rows(*(part if part.ndim == 1 else flat(part) for part in self._rows_at(parameters)))
+        more = (present(value) for value in (*self.model.rater_spreads(parameters), parameters.omega))
+        given = Given(flat(drive).take(self._condition, axis=1), rows, spread, column(parameters.tau), law, *more)
         if isinstance(self._table, NormalTable):
             given = self._table.with_moments(given)
         return given, shape
@@ -328,11 +326,6 @@ class IntervalRatings(RatingsLikelihood):
     def _rows_at(self, parameters: Parameters) -> Rows:
         """Return every row's interval, sorted by rater; in this class independent of the parameters."""
         return self._rows
-
-
-def _flat(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
-    """Return values (..., rows) with one axis for the batch."""
-    return np.broadcast_to(values, (*shape, values.shape[-1])).reshape(-1, values.shape[-1])
 
 
 def _trust(values: FloatArray, rater: IndexArray, condition: IndexArray) -> FloatArray:

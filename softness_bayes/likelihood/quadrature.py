@@ -369,17 +369,6 @@ def log_heavy_tailed(x: FloatArray, freedom: float) -> FloatArray:
     return np.asarray(student_log_density(x, np.array(freedom)).sum(axis=-1))
 
 
-class Drawn(NamedTuple):
-    """Draws of all effects given the rows."""
-
-    mu: FloatArray
-    """Shape (draws,)."""
-    own: FloatArray
-    """Raters' effects in units of their spreads, shape (draws, raters, effects)."""
-    fabric: FloatArray
-    """Fabrics' h, shape (draws, fabrics)."""
-
-
 class _Inner(NamedTuple):
     """Importance draws of fabrics' deviations for draws of everything else: one, of 0, if they have none."""
 
@@ -423,8 +412,12 @@ class Integrals:
         every = self._each(given, lambda marginal: (marginal.levels.given_others,))
         return np.concatenate([_given_others(weight, density)[0] for _, weight, (density,) in every])
 
-    def draw(self, rng: np.random.Generator, given: Given) -> Drawn:
-        """Return draws of all effects given the rows, one for each draw of everything else."""
+    def draw(self, rng: np.random.Generator, given: Given) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return draws of all effects given the rows, one for each draw of everything else.
+
+        They are mu, (draws,), raters' effects in units of their spreads, (draws, raters, effects), and h of fabrics,
+        (draws, fabrics).
+        """
         h = np.zeros((len(given.drive), self.table.n_fabrics))
         if given.omega is not None:
             every = self._each(given, lambda marginal: ())
@@ -437,7 +430,7 @@ class Integrals:
             given = given.with_fabrics(h, self.table.fabric)
         drawn = [found for *_, found in self._each(given, lambda marginal: marginal.draw(rng))]
         mu, own = (np.concatenate(part)[:, 0] for part in zip(*drawn, strict=True))
-        return Drawn(mu, own, h)
+        return mu, own, h
 
     def _law(self, given: Given, start: FloatArray | None = None) -> Laplace:
         """Return Laplace's approximation, in blocks of draws."""

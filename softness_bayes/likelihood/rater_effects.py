@@ -324,15 +324,9 @@ class NormalTable(Table):
         if given.moments is None or given.omega is not None:
             return super().sums(given, effects)
         scale = self.mu(effects.level)[:, None] + given.tau * effects.own[..., 0]
-        k, g, noise = 1, np.ones(1), given.spread
-        if given.tau_gamma is not None:
-            g, k = np.exp(given.tau_gamma * effects.own[..., 1]), 2
-        if given.tau_varsigma is not None:
-            noise = noise * np.exp(given.tau_varsigma * effects.own[..., k])
-        d, products, drives = np.moveaxis(given.moments, -1, 0)
-        n, precision = self.count, noise**-2
-        left = self._mean - scale - g * d
-        squares = n * left**2 + self._squares - 2.0 * g * products + g**2 * drives
+        g, noise, left, squares = self._errors(given, scale[..., None], effects.own[..., None, 1:])
+        g, noise, left, squares = (value[..., 0] for value in (g, noise, left, squares))
+        (d, products, drives), n, precision = np.moveaxis(given.moments, -1, 0), self.count, noise**-2
         mean = n * left * precision
         mean2 = np.broadcast_to(-n * precision, left.shape).copy()
         c, c2 = g * d, g**2 * (drives + n * d**2)
@@ -355,12 +349,17 @@ class NormalTable(Table):
         """Return the log density of each rater's rows at points, (draws, raters, points)."""
         if given.moments is None:
             return super().of_raters(given, points)
+        _, noise, _, squares = self._errors(given, points.scale, points.others)
+        return -0.5 * squares / noise**2 - self.count[:, None] * (np.log(noise) + _LOG_ROOT_TWO_PI)
+
+    def _errors(self, given: Given, scale: FloatArray, others: FloatArray) -> tuple[FloatArray, ...]:
+        """Return each rater's factor g of the drive, noise, y - a - g d and sum of squared errors, at `Points`."""
         k, g, noise = 0, np.ones(1), given.spread[..., None]
         if given.tau_gamma is not None:
-            g, k = np.exp(given.tau_gamma[..., None] * points.others[..., 0]), 1
+            g, k = np.exp(given.tau_gamma[..., None] * others[..., 0]), 1
         if given.tau_varsigma is not None:
-            noise = noise * np.exp(given.tau_varsigma[..., None] * points.others[..., k])
-        d, products, drives = np.moveaxis(given.moments[..., None], -2, 0)
-        left = self._mean[:, None] - points.scale - g * d
+            noise = noise * np.exp(given.tau_varsigma[..., None] * others[..., k])
+        d, products, drives = np.moveaxis(np.asarray(given.moments)[..., None], -2, 0)
+        left = self._mean[:, None] - scale - g * d
         squares = self.count[:, None] * left**2 + self._squares[:, None] - 2.0 * g * products + g**2 * drives
-        return -0.5 * squares / noise**2 - self.count[:, None] * (np.log(noise) + _LOG_ROOT_TWO_PI)
+        return g, noise, left, squares
