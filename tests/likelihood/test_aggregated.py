@@ -108,23 +108,3 @@ def test_what_is_no_standard_deviation_is_refused():
     for values, raters, said in (([0.0], 5, "not a positive"), ([0.1], 1, "expected at least 2"), ([], 5, "shape")):
         with pytest.raises(InputError, match=said):
             RaterSpreads(values, one, SpreadModel(raters))
-
-
-@pytest.mark.slow
-def test_posteriors_of_the_spreads_are_calibrated(rng):
-    """Ranks of tau and varsigma, drawn from a prior, in their posteriors given six standard deviations of 15 raters."""
-    tau, varsigma = (axis.ravel() for axis in np.meshgrid(np.linspace(0.05, 1.5, 40), np.linspace(0.05, 1.0, 40)))
-    p = Parameters(tau=tau, varsigma=varsigma)
-    design = Design(np.arange(6), np.zeros(6, int), np.arange(6), 1)
-    places = []
-    for _ in range(400):
-        k = rng.integers(tau.size)
-        s = table(rng, 15, 6, tau[k], varsigma[k]).std(axis=0, ddof=1)
-        log = RaterSpreads(s, design, SpreadModel(15)).log_likelihood(np.empty((tau.size, 0)), p)
-        weight = np.exp(log - log.max())
-        weight /= weight.sum()
-        places.append(
-            [weight[axis < axis[k]].sum() + rng.random() * weight[axis == axis[k]].sum() for axis in (tau, varsigma)]
-        )
-    for column in np.array(places).T:
-        assert kstest(column, "uniform").pvalue > 1e-3

@@ -39,29 +39,6 @@ def residual_by_hand(observed, rate, points):
     return np.log(observed.values) - expected - effects.participant[:, design.participant]
 
 
-@pytest.mark.parametrize("law", [STUDENT, LAPSES], ids=lambda law: law.name)
-def test_other_laws_have_the_normal_one_as_their_limit(law):
-    observed, rate, points = table(6, 4, 4, law)
-    closed = RatingModel(RISES).observe(observed.values, observed.design)
-    limit = points.replace(nu=np.full(POINTS, 1e12), lapse=np.zeros(POINTS))
-    assert_allclose(observed.log_likelihood(rate, limit), closed.log_likelihood(rate, limit), rtol=1e-9)
-    # and differs from it elsewhere
-    assert (np.abs(observed.log_likelihood(rate, points) - closed.log_likelihood(rate, points)) > 0.1).all()
-
-
-def test_fine_grids_have_exact_numbers_as_their_limit():
-    """Probability over width tends to the density as the grid becomes finer, with the square of its step."""
-    exact, rate, points = table(7, 4, 4)
-    expected, errors = exact.log_likelihood(rate, points), []
-    for step in (1e-4, 1e-5):
-        said = on_grid(exact.values, step)
-        fine = IntervalRatings(exact.values, exact.design, exact.model, stated=said)
-        found = fine.log_likelihood(rate, points) - np.log(step) * exact.values.size
-        errors.append(np.abs(found - expected).max())
-    assert errors[0] < 1e-2
-    assert_allclose(errors[0] / errors[1], 100.0, rtol=0.1)
-
-
 def test_replicates_are_on_the_grid_of_their_rater():
     observed, rate, points = table(10, 3, 4, STUDENT, 0.5)
     rng = np.random.default_rng(3)
@@ -138,24 +115,6 @@ def shares(rng, design, step=0.0):
     latent = 1.0 / (1.0 + np.exp(-(rng.normal(0.3, 1.2, rows))))
     said = Stated(latent, np.full(rows, step), np.full(rows, step / 2), np.full(rows, 1.0 - step / 2), 1.0)
     return said._replace(values=said.rounded(latent))
-
-
-@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
-def test_a_slider_has_mass_at_its_ends(law):
-    """Given the others, the probabilities of all places on a slider of eleven steps sum to 1, ends included."""
-    rng, design = np.random.default_rng(15), design_of(4, 4)
-    said, rate, points = shares(rng, design, 0.1), rates_of(rng), points_of(rng)
-    places = np.concatenate([[0.025], np.arange(1, 10) / 10.0, [0.975]])
-    total = np.zeros(POINTS)
-    for place in places:
-        values = said.values.copy()
-        values[5] = place
-        observed = IntervalRatings(values, design, SliderModel(FALLS, law=law), stated=said)
-        total += np.exp(observed.left_out(rate, points).log_density[:, 5])
-    assert_allclose(total, 1.0, atol=1e-2)
-    touched = np.concatenate([places[[0, -1]], said.values[2:]])
-    ends = IntervalRatings(touched, design, SliderModel(FALLS, law=law), stated=said).ends
-    assert (ends[0].min(), ends[1].max()) == (0.0, 1.0)
 
 
 def test_replicates_on_a_slider_reach_its_ends():

@@ -3,7 +3,7 @@
 import mpmath
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal, norm
+from scipy.stats import multivariate_normal
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
@@ -40,18 +40,6 @@ def dense(ratings, design, rate, p, model=DEFAULT):
 def dense_log_likelihood(ratings, design, rate, p, model=DEFAULT):
     mean, covariance = dense(ratings, design, rate, p, model)
     return multivariate_normal(mean, covariance, allow_singular=False).logpdf(np.log(ratings)) - np.log(ratings).sum()
-
-
-def dense_leave_one_out(ratings, design, rate, p):
-    mean, covariance = dense(ratings, design, rate, p)
-    y, result = np.log(ratings), []
-    for i in range(y.size):
-        rest = np.arange(y.size) != i
-        gain = np.linalg.solve(covariance[np.ix_(rest, rest)], covariance[rest, i])
-        expected = mean[i] + gain @ (y[rest] - mean[rest])
-        variance = covariance[i, i] - gain @ covariance[rest, i]
-        result.append(norm(expected, np.sqrt(variance)).logpdf(y[i]) - y[i])
-    return np.array(result)
 
 
 POINTS = {
@@ -121,30 +109,6 @@ def test_extreme_spreads_stay_numbers():
             for omega in (0.0, 1e-200, 1e3):
                 value = observed.log_likelihood(rate, rated(1.0, tau, varsigma, omega))
                 assert np.isfinite(value)
-
-
-def test_a_perfect_fit_with_a_tiny_error_keeps_its_digits():
-    """Where a difference of sums of squares would lose them: r'r is 1e12 times what is left."""
-    rng = np.random.default_rng(6)
-    _, design, rate = lab(rng)
-    for tau, omega in ((0.0, 0.0), (0.5, 0.0), (0.5, 0.4)):
-        point = rated(1.0, tau, 1e-6, omega)
-        model = RatingModel()
-        effects = model.draw_effects(rng, point, (), design.n_participants, design.n_fabrics)
-        ratings = model.draw_ratings(rng, design, model.drive(design, rate, point), point, effects)
-        value = LogRatings(ratings, design).log_likelihood(rate, point)
-        # in units of varsigma the residuals are standard normal: their sum of squares is about the rows
-        scaled = value + design.n_rows * np.log(1e-6) + np.log(ratings).sum()
-        assert abs(scaled) < 10 * design.n_rows
-
-
-@pytest.mark.parametrize("point", POINTS.values(), ids=POINTS)
-@pytest.mark.parametrize("shape", [s for k, s in SHAPES.items() if k != "one rating"])
-def test_leave_one_out_is_that_of_the_dense_law(shape, point):
-    ratings, design, rate = lab(np.random.default_rng(7), **shape)
-    expected = dense_leave_one_out(ratings, design, rate, point)
-    observed = LogRatings(ratings, design).left_out(rate, point).log_density
-    np.testing.assert_allclose(observed, expected, rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.parametrize("mu", [-1e4, -690.0, 690.0, 1e4])

@@ -92,17 +92,6 @@ def test_each_pair_is_one_answer():
     assert_allclose(observed.left_out(RATE, POINT).log_density.sum(), 2.0 * whole, rtol=1e-12)
 
 
-def test_replicated_shares_are_the_chances():
-    observed, rng = asked([[2, 1]] * 4000, [1] * 4000, LAPSES), np.random.default_rng(1)
-    point = POINT.replace(lapse=np.float64(0.2))
-    made = observed.replicate(rng, observed.drive(RATE, point), point, None).reshape(-1, 2)
-    assert (made.sum(axis=1) == 1.0).all()
-    expected = observed.expected(RATE, point, None)[2]
-    x = np.log(RATE + 0.1)
-    assert_allclose(expected, 0.1 + 0.8 * norm.cdf(0.8 * (x[2] - x[1]) / (np.sqrt(2.0) * 1.5)), rtol=1e-12)
-    assert abs(made[:, 0].mean() - expected) < 4.0 * np.sqrt(expected * (1.0 - expected) / 4000)
-
-
 def test_expected_shares_are_means_over_what_stands_beside():
     """Of a list, the sum of chances against its other touches; of all lists, the mean of replicates."""
     design = Design(np.tile(np.arange(4), 3000), np.repeat(np.arange(3000), 4), np.arange(4), 3000)
@@ -112,20 +101,6 @@ def test_expected_shares_are_means_over_what_stands_beside():
     expected = observed.expected(RATE, POINT, None)
     assert_allclose(made.mean(axis=0), expected, atol=4.0 * 0.4 / np.sqrt(3000))
     assert_allclose(expected.mean(), 0.5, rtol=1e-12)
-
-
-def test_a_psychometric_function_is_recovered():
-    """Constant stimuli against one standard: the most probable ratio of gamma and varsigma is that of the data."""
-    rng, x = np.random.default_rng(3), np.log(RATE + 0.1)
-    condition = np.array([[k, 1] for k in (0, 2, 3)] * 800)
-    told = rng.random(len(condition)) < norm.cdf(0.5 * (x[condition[:, 0]] - x[1]) / (np.sqrt(2.0) * 1.2))
-    observed = asked(condition, told.astype(float))
-
-    def misfit(log_ratio):
-        return -float(observed.log_likelihood(RATE, POINT.replace(gamma=1.5 * np.exp(log_ratio[0]))))
-
-    found = np.exp(minimize(misfit, [0.0], method="Nelder-Mead").x[0])
-    assert_allclose(found, 0.5 / 1.2, rtol=0.08)
 
 
 def test_lists_of_three_are_no_pairs():

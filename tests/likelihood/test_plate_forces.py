@@ -100,22 +100,6 @@ def test_likelihood_under_the_other_reading_of_the_displacement(rng):
     )
 
 
-@pytest.mark.parametrize("point", [POINTS["usual"], POINTS["alike in m"], POINTS["far apart"]])
-def test_fingers_given_their_forces_have_the_dense_moments(rng, point):
-    n, observed = 30_000, forces(rng, fingers=3, rows=9)
-    draws = observed.draw_effects(rng, NO_RESPONSE, point.each(lambda value: np.full(n, value)))
-    mean, covariance = dense(observed, point)
-    own = np.eye(3)[observed.finger]
-    loadings = np.hstack([own, own * np.sqrt(observed.indentation / 8e-3)[:, None]])
-    prior = np.repeat([point.tau_b**2, point.tau_m**2], 3)
-    gain = (prior[:, None] * loadings.T) @ np.linalg.inv(covariance)
-    expected = gain @ (np.log(observed.values) - mean)
-    spread = np.diag(prior) - gain @ loadings * prior
-    drawn, scale = np.hstack([draws.log_b, draws.m]), np.sqrt(np.diag(spread)) + 1e-12
-    assert_allclose((drawn.mean(axis=0) - expected) / scale, 0, atol=0.035)
-    assert_allclose((np.cov(drawn.T) - spread) / np.outer(scale, scale), 0, atol=0.035)
-
-
 def balanced(rng, point, fingers=6, depths=DEPTHS):
     depth, finger = np.tile(depths, fingers), np.repeat(np.arange(fingers), len(depths))
     blank = CompressionForces(depth, np.ones(depth.size), finger, fingers)

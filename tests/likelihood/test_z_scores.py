@@ -116,19 +116,6 @@ def test_a_response_that_does_not_vary_says_nothing():
         assert observed.log_likelihood(rate, error(0.3)) == pytest.approx(expected, rel=1e-10)
 
 
-@pytest.mark.parametrize("direction", RATING_DIRECTIONS.values(), ids=RATING_DIRECTIONS)
-@pytest.mark.parametrize("slope", [0.8, -0.8])
-def test_leave_one_out_is_a_ratio_of_evidences(direction, slope):
-    ratings, design, rate = lab(np.random.default_rng(4), rows=12, slope=slope)
-    x, everything = standardised(rate, design), np.arange(12)
-    loo = StandardisedRatings(ratings, design, StandardisedModel(direction)).left_out(rate, error(0.4)).log_density
-    whole = evidence(ratings, x, 0.4, direction.sign)
-    for i in range(12):
-        rest = everything != i
-        # x stays as all rows standardise it: the rating is left out, not its condition
-        assert loo[i] == pytest.approx(whole - evidence(ratings[rest], x[rest], 0.4, direction.sign), abs=1e-7)
-
-
 def test_drive_elsewhere_is_on_the_scale_of_the_rows(rng):
     _, design, rate = lab(rng)
     rates = np.stack([rate, 3 * rate + 1])
@@ -163,34 +150,6 @@ def simulated(values, direction=RISES, **options):
     rng = np.random.default_rng(5)
     made = simulate_ratings(rng, CLOTH, LOADS, values, direction=direction, scale=STANDARDISED, **options)
     return made, Experiment(made.ratings, CLOTH, ())
-
-
-@pytest.mark.parametrize("direction", RATING_DIRECTIONS.values(), ids=RATING_DIRECTIONS)
-def test_the_posterior_of_simulated_z_scores(values, direction):
-    """Truth lies within reach along varsigma and the line, and the other direction is improbable."""
-    made, experiment = simulated(values, direction, participants=20, slope=0.9)
-    assert made.truth["c1"] == 0.9
-    assert not {"gamma", "tau", "omega", "eps", "mu"} & {*made.truth}
-    assert (made.ratings.rating < 0).any()
-    held = {name: values[name] for name in CHAIN}
-    peak = {}
-    for reading in RATING_DIRECTIONS.values():
-        posterior = build(
-            experiment, ModelOptions(fix=held, direction=reading, scale=STANDARDISED, discretisation=Discretisation())
-        ).posterior
-        assert posterior.names == ("varsigma",)
-        grid = np.linspace(0.2, 0.8, 121)[:, None]
-        log_likelihood = posterior.log_likelihood(grid)
-        peak[reading] = log_likelihood.max()
-        if reading == direction:
-            best = grid[log_likelihood.argmax(), 0]
-            assert best == pytest.approx(0.4, abs=4 * 0.4 / np.sqrt(2 * 200))
-            rng, many = np.random.default_rng(1), np.full((2000, 1), 0.4)
-            line = posterior.observation.draw_effects(rng, posterior.mean_rate(many), posterior.rating_parameters(many))
-            assert line.c1.mean() == pytest.approx(0.9, abs=4 * 0.4 / np.sqrt(200))
-            assert line.c0.mean() == pytest.approx(0.0, abs=4 * 0.4 / np.sqrt(200))
-    (wrong,) = (value for reading, value in peak.items() if reading != direction)
-    assert peak[direction] > wrong + 50
 
 
 def test_the_model_of_z_scores_has_neither_exponent_nor_participants(values):
