@@ -96,7 +96,8 @@ def _search(table: Table, given: Given, start: FloatArray) -> tuple[FloatArray, 
     here, part = sums, given
     for _ in range(MOST_STEPS):
         value = here["value"].reshape(active.size, -1).sum(axis=-1) - 0.5 * (trial[active] ** 2).sum(axis=-1)
-        risen = value >= best[active] - 1e-9 * np.abs(value)
+        # where a spread or the density has overflowed or underflowed there is no rise
+        risen = np.isfinite(value) & (value >= best[active] - 1e-9 * np.abs(value))
         up, down = active[risen], active[~risen]
         point[up], best[up] = trial[up], value[risen]
         for name, whole in sums.items():

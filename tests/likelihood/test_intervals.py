@@ -95,6 +95,21 @@ def test_hard_tables_have_finite_densities(law):
             assert (found["all"] <= 1e-9).all()  # probabilities
 
 
+@pytest.mark.parametrize("differ", [("gamma",), ("varsigma",), ("gamma", "varsigma")], ids=",".join)
+@pytest.mark.parametrize("step", [0.0, 1.0])
+def test_the_sampler_has_a_density_far_from_the_data_of_raters_who_differ(differ, step):
+    """A step of Newton's method to where the density is below the smallest number is no rise."""
+    observed, rate, points = table(14, 6, 2, step=step)
+    model = IntervalModel(RISES, differ=differ)
+    own = IntervalRatings(observed.values, observed.design, model, stated=observed._stated if step else None)
+    for varsigma in (1e-4, 2e-3):
+        far = points.replace(
+            gamma=np.full(POINTS, 19.0), tau=np.full(POINTS, 0.03), varsigma=np.full(POINTS, varsigma),
+            tau_gamma=np.full(POINTS, 0.04), tau_varsigma=np.full(POINTS, 0.04),
+        )  # fmt: skip
+        assert np.isfinite(own.for_sampling().log_likelihood(rate, far)).all()
+
+
 def test_values_must_be_positive_and_finite():
     with pytest.raises(InputError, match="1 of 6 are not positive numbers"):
         IntervalRatings(np.r_[np.ones(5), 0.0], design_of(1, 1))
