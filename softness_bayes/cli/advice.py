@@ -54,10 +54,8 @@ def of_usage(error: click.UsageError, typed: Sequence[str]) -> str:
     extra = re.search(r"unexpected extra arguments? \(([^ ]+)\)", error.format_message())
     if option in LISTS:
         words = [PROGRAM, "list", LISTS[option]]
-    elif verb not in WORKS:
+    elif verb not in WORKS or (option and not isinstance(error, click.MissingParameter)):
         return ""
-    elif isinstance(error, click.BadParameter) and not isinstance(error, click.MissingParameter):
-        words = [PROGRAM, verb, "--help"]
     elif extra and verb in ("check", "sample") and os.path.isfile(extra[1]):
         words = [PROGRAM, verb, "--data", extra[1]]
     else:
@@ -71,7 +69,7 @@ def of_input(
     hints: Sequence[Mapping[str, str]] = (),
     reads: Callable[[Sequence[str]], bool] = lambda words: True,
 ) -> str:
-    """Return the advice for an error in files or values: a suggested command, or else the help of the command.
+    """Return the advice for an error in files or values: a suggested command; empty where none is known to help.
 
     Parameters
     ----------
@@ -91,8 +89,7 @@ def of_input(
         words = complete or [PROGRAM, *typed, *(word for words in advice for word in words), *added]
         if (advice or hint) and reads(words[1:]):
             return TRY + shlex.join(words)
-    verb = next((word for word in typed if word in WORKS), None)
-    return "" if verb is None else f"{TRY}{PROGRAM} {verb} --help"
+    return ""
 
 
 def words_of(hint: Mapping[str, str]) -> list[str]:
