@@ -46,9 +46,6 @@ CASES = {
     "taken as exact": Case("moduli", "moduli off by 15 %, taken as exact"),
     "errors declared": Case("moduli", "moduli off by 15 %, `--modulus-cv 0.15`", {"modulus_cv": MODULUS_ERROR}),
     "common error taken as exact": Case("all moduli", "all moduli off by one factor (sd 20 %), taken as exact"),
-    "common error taken as independent": Case(
-        "all moduli", "all moduli off by one factor (sd 20 %), `--modulus-cv 0.15`", {"modulus_cv": MODULUS_ERROR}
-    ),
     "common error declared": Case(
         "all moduli",
         "all moduli off by one factor (sd 20 %), `--shared-modulus-cv 0.2`",

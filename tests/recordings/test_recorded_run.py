@@ -1,5 +1,6 @@
 """Recorded afferents from their file to a result: alone, beside plates, simulated and real."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -232,10 +233,11 @@ def ranks_of_runs(numbers, names):
     for k in numbers:
         (point,) = density.space.draw_prior(np.random.default_rng([8, k]), 1)
         truth = dict(zip(density.names, point.tolist(), strict=True))
-        made = simulated(k, truth, table)
-        run = sample(
-            Afferents.read(made if names else made.drop(columns="afferent")), max_steps=300, processes=1, seed=k
-        )
+        # not by way of a table, which may hold at most 1000 Hz
+        made = simulate_afferents(np.random.default_rng(k), Afferents.read(table), truth)
+        if not names:
+            made = dataclasses.replace(made, names=(), afferent=np.full(len(made), -1))
+        run = sample(made, max_steps=300, processes=1, seed=k)
         found.append((run.group("posterior")["sd_rate"].values.ravel() < truth["sd_rate"]).mean())
     return found
 
