@@ -34,6 +34,10 @@ RATING_AS_FILED, RATING_LOW, RATING_HIGH = "rating_as_filed", "rating_low", "rat
 """Variables with ranks and answers as in the file, whose ratings are shares of a list, and with the ends of the
 intervals that ratings represent, in the units of the file."""
 
+PEOPLE_ORDERS = "p_people_higher"
+"""Variable of `constant_data` with the probability that people rate one fabric higher than another under a load, or
+group of loads, along `fabric` and `other_fabric`."""
+
 LOAD_GROUP = "load_group"
 """Axis of variables stored for groups of many loads; with few loads, the axis is `load`."""
 

@@ -141,12 +141,13 @@ def pair_lines(ratings: Ratings, modulus: Sequence[float], guess: float | None) 
 
 def people_lines(found: FreeMeans) -> list[str]:
     """Return people's own means, and what is decided by them."""
-    from softness_bayes.people.sentences import highest_sentences, pair_sentences
+    from softness_bayes.people.sentences import highest_sentences, pairs_sentence
     from softness_bayes.readable import chance
 
     table = found.table()
     lines = ["What do people say? (means of these raters, without skin and receptors; 90 % intervals)"]
-    lines += [*highest_sentences(table, found.word, found.scale), *pair_sentences(found)]
+    lines += [*highest_sentences(table, found.word, found.scale)]
+    lines += filter(None, [pairs_sentence(found.loads, found.p_orders)])
     if len(table) <= MOST_ROWS:
         shown = table if any(found.loads) else table.drop(columns="load")
         words = dict.fromkeys(("p_highest", "p_higher_than_next"), chance)

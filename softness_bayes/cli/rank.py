@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import click
 
-from softness_bayes.cli.options import Directory, Force, Loads, Seed, TableFile, Touches, TrustCode, command
+from softness_bayes.cli.options import Directory, Force, Loads, Seed, TableFile, Touches, TrustCode, Words, command
 from softness_bayes.cli.running import rated_run, warn_of_cautions
 from softness_bayes.defaults import ANSWER_DRAWS, SEED
 from softness_bayes.files.run_files import FABRIC_RATINGS
@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from softness_bayes.results.ranking import Ranking
     from softness_bayes.results.result import Result
 
-FIGURE, FORMATS = "ranking", ("png", "pdf")
-FIGURES = tuple(f"{FIGURE}.{suffix}" for suffix in FORMATS)
+FIGURE = "ranking"
 AGREEMENT = "agreement.csv"
 
 
@@ -32,6 +31,7 @@ def rank(
     *,
     touches: Touches,
     against: Path | None = None,
+    format_: Annotated[str, Words("png", "pdf", "svg")] = "png",
     seed: Seed = SEED,
     out: Annotated[Path | None, Directory()] = None,
     force: Force = False,
@@ -54,6 +54,8 @@ def rank(
         Contact force [N] of the touch; by default as rated.
     against
         Observed order to compare with (a table): fabric, and rank (1: softest) or rating (higher: softer).
+    format_
+        Format of the figure.
     out
         Directory to write to; by default DIR/ranking.
     """
@@ -63,7 +65,7 @@ def rank(
     from softness_bayes.plotting.style import files_of
 
     target = out or (directory if directory.is_dir() else directory.parent) / FIGURE
-    names, inputs = ["ranking.csv", "places.csv", "pairs.csv", *FIGURES], touches.inputs
+    names, inputs = ["ranking.csv", "places.csv", "pairs.csv", f"{FIGURE}.{format_}"], touches.inputs
     if against is not None:
         names, inputs = [*names, AGREEMENT], [*inputs, against]
     require_outputs(target, names, "rank", force, inputs)
@@ -76,7 +78,7 @@ def rank(
     contents: dict[str, bytes | str] = {
         name: csv_of(result.labelled(table), index=False) for name, table in tables.items()
     }
-    write_outputs(target, contents | files_of(ranking.figure(), FIGURE, FORMATS), "rank")
+    write_outputs(target, contents | files_of(ranking.figure(), FIGURE, (format_,)), "rank")
     click.echo(f"{ranking.sentence}\n")
     _show(ranking)
     if observed is not None:
@@ -89,7 +91,7 @@ def rank(
         click.echo(agreement.to_string(index=False, float_format="{:.3f}".format, na_rep="–"))
         if left:
             click.echo(f"note: {against}: {some_of(left, len(observed), 'fabric', 'was', 'were')} not ranked", err=True)
-    click.echo(f"written to {target}: {', '.join((*tables, *FIGURES))}", err=True)
+    click.echo(f"written to {target}: {', '.join((*tables, f'{FIGURE}.{format_}'))}", err=True)
 
 
 def _show(ranking: Ranking, most: int = 20) -> None:

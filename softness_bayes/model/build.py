@@ -106,7 +106,7 @@ class ExperimentModel:
         if options.errors is None:
             options = options.decide(errors=self.interpretation.law)
         if options.direction is None:
-            options = options.decide(direction=self.direction.direction)
+            options = options.decide(direction=self.directed)
         if self.resolution is not None:
             options = options.decide(discretisation=self.resolution.discretisation)
         return options
@@ -240,9 +240,14 @@ class ExperimentModel:
         signed = options.scale.model is None and options.scale != STANDARDISED and "gamma" not in options.fix
         return DirectionChoice(options.direction or evidence.direction or (FREE if signed else RISES), asked, evidence)
 
+    @property
+    def directed(self) -> RatingDirection:
+        """The direction of the ratings; the data are asked only if none was requested."""
+        return self.requested.direction or self.direction.direction
+
     @cached_property
     def _space(self) -> ParameterSpace:
-        return self.space(self.direction.direction)
+        return self.space(self.directed)
 
     @cached_property
     def resolution(self) -> ChosenResolution | None:
@@ -270,7 +275,7 @@ class ExperimentModel:
             accuracy, or the data do not suit the options.
         """
         data, options, stated = self.data, self.options, self.interpretation.intervals
-        observation = self.rating_model(self.direction.direction).observe(
+        observation = self.rating_model(self.directed).observe(
             stated.values, self.design, None if stated.exact else stated
         )
         observation = _with_load_errors(observation, data, options)
@@ -282,7 +287,7 @@ class ExperimentModel:
                 names = data.ratings.participants, data.compression.participants
                 observation = observation.with_pressed(PressedRaters.of(plates[0], *names))
         posterior = Posterior(
-            _bent(self._space, self.scene, self.direction.direction).with_moduli(self.moduli),
+            _bent(self._space, self.scene, self.directed).with_moduli(self.moduli),
             (observation, *spreads_between(data.ratings), *plates, *_recorded(data, options)),
             self.scene,
             None if errors is None else scenes.at_other_loads(self.scene, errors),

@@ -101,6 +101,18 @@ class FreeMeans:
         drawn = self.means[:, conditions]
         return np.stack([_chance((drawn[:, [k]] > drawn).sum(axis=0), len(drawn)) for k in range(conditions.size)])
 
+    @property
+    def p_orders(self) -> Array:
+        """Probability that people rate the fabric of the row higher than that of the column, (loads, fabrics, fabrics).
+
+        NaN for pairs that they did not rate both, and if the noise is not known.
+        """
+        found = np.full((len(self.loads), len(self.fabrics), len(self.fabrics)), np.nan)
+        for k in range(len(self.loads) if self.noise_known else 0):
+            own = self.under(k)
+            found[k][np.ix_(self.fabric[own], self.fabric[own])] = self.p_higher(own)
+        return found
+
     def table(self) -> pd.DataFrame:
         """Return a row per load and fabric, the highest first, with 90 % limits and probabilities of the order.
 

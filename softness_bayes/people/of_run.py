@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from softness_bayes.checking.agreement import predicted_ratings
-from softness_bayes.checking.layout import layout_of, values_in
+from softness_bayes.checking.layout import LOAD_GROUP, layout_of, values_in
 from softness_bayes.data.ratings import Ratings
 from softness_bayes.likelihood.scales import PAIRS, RANKS
 from softness_bayes.model.options import ModelOptions
@@ -45,6 +45,23 @@ def people_tables(
     """
     means = found.table().set_index(["load", "fabric"])[["people", "people_low", "people_high", "p_highest"]]
     return means, _ruler_of(found, ratings, options, tree)
+
+
+def orders_of(found: FreeMeans, merged: bool) -> xr.DataArray:
+    """Return the orders of pairs by people's own means (`FreeMeans.p_orders`), as a variable of a result.
+
+    Parameters
+    ----------
+    found
+        People's own means.
+    merged
+        Whether the loads are groups of loads.
+    """
+    import xarray as xr
+
+    fabrics = list(found.fabrics)
+    axes = {LOAD_GROUP if merged else "load": list(found.loads), "fabric": fabrics, "other_fabric": fabrics}
+    return xr.DataArray(found.p_orders.astype(np.float32), axes)
 
 
 def threshold_table(ratings: Ratings, tree: xr.DataTree) -> pd.DataFrame:

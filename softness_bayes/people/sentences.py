@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from softness_bayes.likelihood.scales import Scale
-from softness_bayes.people.free_means import FreeMeans
 from softness_bayes.people.ruler import Fit
 from softness_bayes.readable import chance, number, percent
 
@@ -78,20 +78,16 @@ def _value(value: float, scale: Scale) -> str:
     return percent(value) if scale.answer else number(value)
 
 
-def pair_sentences(free: FreeMeans) -> list[str]:
-    """Return a sentence for each load with several fabrics on how many of their pairs people decided."""
-    said = []
-    for k, load in enumerate(free.loads):
-        own = free.under(k)
-        if own.size < 2 or not free.noise_known:
-            continue
-        sure = free.p_higher(own)[np.triu_indices(own.size, 1)]
+def pairs_sentence(loads: Sequence[str], p_orders: NDArray[np.float64]) -> str:
+    """Return how many pairs of fabrics people tell apart under each load (`FreeMeans.p_orders`); empty without any."""
+    told = []
+    for load, found in zip(loads, p_orders, strict=True):
+        sure = found[np.triu_indices(len(found), 1)]
+        sure = sure[~np.isnan(sure)]
         decided = int((np.maximum(sure, 1.0 - sure) >= DECIDED).sum())
-        where = f" at {load}" if load else ""
-        said.append(
-            f"{decided} of {sure.size} pairs of fabrics{where} are decided ({percent(DECIDED)} sure of the order)"
-        )
-    return said
+        pairs = "" if told else " pairs of fabrics"
+        told += [f"{decided} of {sure.size}{pairs}{f' at {load}' if load else ''}"] if sure.size else []
+    return f"{', '.join(told)} are decided ({percent(DECIDED)} sure of the order)" if told else ""
 
 
 def ruler_sentence(table: pd.DataFrame, scale: Scale) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from softness_bayes.checking.agreement import RATERS_OF_CELLS, HighestRated, highest_rated
 from softness_bayes.checking.check_table import doubts
 from softness_bayes.checking.identifiability import INFORMED
-from softness_bayes.checking.layout import layout_of, ratings_in
+from softness_bayes.checking.layout import PEOPLE_ORDERS, layout_of, ratings_in
 from softness_bayes.checking.modulus_errors import LINEAR, MovedMost
 from softness_bayes.checking.quantities import DOUBTFUL, turns_reproduced
 from softness_bayes.checking.sentences import only_noisy, surprise_sentence, surprises
@@ -22,7 +22,7 @@ from softness_bayes.model.direction import odd_raters
 from softness_bayes.parameters.declared import EVERY_PARAMETER, MODULUS_SCALE, PARAMETERS, RECORDING_PARAMETERS
 from softness_bayes.people.free_means import word_of
 from softness_bayes.people.ruler import UNKNOWN, Following, fit_of
-from softness_bayes.people.sentences import highest_sentences, ruler_sentence
+from softness_bayes.people.sentences import highest_sentences, pairs_sentence, ruler_sentence
 from softness_bayes.readable import chance, counted, number, with_error
 from softness_bayes.report.cards import exactness_of, input_errors_of
 from softness_bayes.results.result import Result
@@ -265,28 +265,13 @@ def _cautions(result: Result) -> tuple[str, ...]:
 
 
 def _people(result: Result) -> tuple[str, ...]:
-    """Return what people said under each load, which fabrics they do not tell apart, and what the chain keeps of it."""
+    """Return what people said under each load, how many pairs they tell apart, and what the chain keeps of it."""
     if RULER not in result.tables:
         return ()  # a custom scale
     table, scale = result.tables[FABRIC_RATINGS].reset_index(), result.scale
     word = word_of(result.provenance.rating_data.rating_column, scale)
-    alike = [said for load, rows in table.groupby("load", sort=False) if (said := _alike(str(load), rows))]
-    together = (f"not told apart, their 90 % intervals overlap: {'; '.join(alike)}",) if alike else ()
-    return (*highest_sentences(table, word, scale), *together, ruler_sentence(result.tables[RULER], scale))
-
-
-def _alike(load: str, rows: pd.DataFrame) -> str:
-    """Return the groups of fabrics whose intervals of people's means overlap, in their order; empty without any."""
-    groups: list[list[str]] = []
-    least = -np.inf
-    for _, row in rows.dropna(subset=["people_low", "people_high"]).sort_values("people").iterrows():
-        if row["people_low"] <= least:
-            groups[-1].append(row["fabric"])
-        else:
-            groups.append([row["fabric"]])
-        least = max(least, row["people_high"])
-    several = [", ".join(group) if len(group) <= 3 else f"{len(group)} fabrics" for group in groups if len(group) > 1]
-    return f"{' and '.join(several)} at {load}" if several else ""
+    told = pairs_sentence(result.load_groups.names, result.group("constant_data")[PEOPLE_ORDERS].values)
+    return (*highest_sentences(table, word, scale), *filter(None, [told]), ruler_sentence(result.tables[RULER], scale))
 
 
 def subject(result: Result) -> str:

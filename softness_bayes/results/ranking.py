@@ -209,16 +209,14 @@ def rank(
     why = rating_table.reasons(fitted, scene, found.rate, modulus)
     unreached = [why[name].to_numpy() >= rating_table.NOTICED for name in ("p_silent", "p_beyond_radius")]
     unreached += [why[name].to_numpy() != "" for name in ("beyond_moduli", "beyond_loads")]
-    people, against, ranked = rating_table.people_of(result), rating_table.rejected(result), []
+    against, ranked = rating_table.rejected(result), []
     for k, load in enumerate(loads):
         here = np.flatnonzero(scene.load == k)
         rating = found.typical[:, here]
         put, two = places(rating), pairs(rating)
         order = np.argsort(put.place.mean(axis=0), kind="stable")
-        at = np.full(len(fabrics), -1) if people is None else rating_table.conditions_of(result, people, fabrics, load)
-        decided = verdicts(
-            rating_table.p_higher_among(people, at), two.softer, [one[here] for one in unreached], against
-        )
+        people = rating_table.people_orders(result, fabrics, load)
+        decided = verdicts(people, two.softer, [one[here] for one in unreached], against)
         means = rating_table.beside(result, fabrics, load)
         ranked.append(Ranked(load, order, put, two, ties(two.tie, order), rating, why.iloc[here], means, decided))
     middle = scene.fabric_modulus if modulus is None else np.median(modulus, axis=0)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from softness_bayes.checking.layout import PEOPLE_ORDERS
 from softness_bayes.data import Fabrics
 from softness_bayes.data.ratings import FREE_TOUCH, load_column
 from softness_bayes.defaults import ANSWER_DRAWS
@@ -18,11 +19,9 @@ from softness_bayes.files.run_files import FABRIC_RATINGS, RULER
 from softness_bayes.likelihood.design import IndexArray
 from softness_bayes.model.prediction import log_rate_slope, prediction_table
 from softness_bayes.parameters.declared import KPA
-from softness_bayes.people.free_means import FreeMeans, free_means
 from softness_bayes.ranges import PANEL
 from softness_bayes.readable import number, percent
-from softness_bayes.results.data_groups import experiment_of
-from softness_bayes.results.fitted import Fitted, options_of, rated_among
+from softness_bayes.results.fitted import Fitted, rated_among
 from softness_bayes.results.stored import Stored
 from softness_bayes.touch.contact import Force, Indentation, Load
 from softness_bayes.touch.load_groups import groups_of
@@ -253,22 +252,6 @@ def _hertz(questionable: float, meaningless: float) -> str:
     return ""
 
 
-def people_of(result: Stored) -> FreeMeans | None:
-    """Return people's own means of the ratings of a run; None for a custom scale."""
-    options = options_of(result)
-    return None if options.scale.model is not None else free_means(experiment_of(result).ratings, options)
-
-
-def conditions_of(result: Stored, people: FreeMeans, fabrics: Fabrics, load: Load) -> IndexArray:
-    """Return the index of people's mean of each fabric under a load, -1 for those that they did not rate."""
-    found = np.full(len(fabrics), -1)
-    if load not in result.loads:
-        return found
-    group = groups_of(result.loads).of[result.loads.index(load)]
-    at = {fabric: c for c, (fabric, where) in enumerate(zip(people.fabric, people.load, strict=True)) if where == group}
-    return np.array([at.get(k, -1) for k in rated_among(result, fabrics)], np.intp)
-
-
 def beside(result: Stored, fabrics: Fabrics, load: Load) -> dict[str, Array]:
     """Return people's own mean of each fabric under a load with its 90 % limits, by column; NaN where there is none."""
     names, table = ["people_low", "people", "people_high"], result.tables[FABRIC_RATINGS]
@@ -281,12 +264,16 @@ def beside(result: Stored, fabrics: Fabrics, load: Load) -> dict[str, Array]:
     return {name: under[name].to_numpy(float) for name in names}
 
 
-def p_higher_among(people: FreeMeans | None, at: IndexArray) -> Array:
-    """Return the probability of each order by people's own means, (fabrics, fabrics); NaN for pairs not both rated."""
-    found = np.full((at.size, at.size), np.nan)
-    here = np.flatnonzero(at >= 0)
-    if people is not None and people.noise_known and here.size:
-        found[np.ix_(here, here)] = people.p_higher(at[here])
+def people_orders(result: Stored, fabrics: Fabrics, load: Load) -> Array:
+    """Return the probability that people rate each fabric (rows) higher than another (columns) under a load.
+
+    NaN for pairs that they did not rate both.
+    """
+    found = np.full((len(fabrics), len(fabrics)), np.nan)
+    stored, among = result.group("constant_data").get(PEOPLE_ORDERS), rated_among(result, fabrics)
+    if stored is not None and load in result.loads:
+        here, group = np.flatnonzero(among >= 0), groups_of(result.loads).of[result.loads.index(load)]
+        found[np.ix_(here, here)] = stored.values[group][np.ix_(among[here], among[here])]
     return found
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from softness_bayes import arviz_bridge, provenance
 from softness_bayes.checking.exactness import HARMLESS, LARGEST_K, Exactness
 from softness_bayes.checking.identifiability import information_table
+from softness_bayes.checking.layout import PEOPLE_ORDERS
 from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.checkpoints.identity import identity, require_density
 from softness_bayes.data import Afferents, Compression, Experiment, Measurements, Ratings
@@ -23,7 +24,7 @@ from softness_bayes.model.build import ExperimentModel, SkinModel, model_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.people.free_means import FreeMeans, free_means
-from softness_bayes.people.of_run import people_tables, threshold_table
+from softness_bayes.people.of_run import orders_of, people_tables, threshold_table
 from softness_bayes.ranges import require_kind
 from softness_bayes.results.assembly import Stage, assembled, assembled_skin
 from softness_bayes.results.draws import FIRST_SHARE
@@ -34,6 +35,7 @@ from softness_bayes.results.stored import SCHEMA
 from softness_bayes.sampler.chains import RunState
 from softness_bayes.sampler.sampling import Progress, Sampled, progress_of, sampled_of, walk
 from softness_bayes.sampler.workers import Workers, one_thread
+from softness_bayes.touch.load_groups import groups_of
 
 Report = Callable[[Progress], None]
 """Function called at least every few seconds while a run is sampled."""
@@ -148,7 +150,10 @@ def sample_model(
             )
             tables = found.tables
             if means is not None:
-                people, tables[RULER] = people_tables(means(), ratings, model.options, found.tree)
+                free = means()
+                people, tables[RULER] = people_tables(free, ratings, model.options, found.tree)
+                merged = groups_of(ratings.loads).merged
+                found.tree[f"constant_data/{PEOPLE_ORDERS}"] = orders_of(free, merged)
                 tables[FABRIC_RATINGS] = tables[FABRIC_RATINGS].join(people)
             if model.options.scale == PAIRS and len(thresholds := threshold_table(ratings, found.tree)):
                 tables[THRESHOLDS] = thresholds.set_index(["load", "reference", "answers"])

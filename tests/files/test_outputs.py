@@ -55,7 +55,7 @@ WRITERS = {
         ["ratings.csv", "fabrics.csv", "truth.json", "compression.csv"],
     ),
     "predict": (TOUCH, True, ["table.csv"]),
-    "rank": (["RUN"], False, ["ranking.csv", "places.csv", "pairs.csv", "ranking.png", "ranking.pdf"]),
+    "rank": (["RUN"], False, ["ranking.csv", "places.csv", "pairs.csv", "ranking.png"]),
     "target": (["RUN", "--rating", "20"], True, ["table.csv"]),
     "design": (["--given", "RUN"], False, ["design.csv", "gain.csv", "design.json", "design.png", "design.pdf"]),
     "claims": (["--draws", "0"], False, ["claims.csv", "claims.md", "claims_loads.csv"]),

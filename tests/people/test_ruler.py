@@ -13,7 +13,7 @@ from softness_bayes.people.ruler import UNKNOWN, Fit, following, ruler
 from softness_bayes.people.sentences import (
     highest_sentences,
     needed_sentences,
-    pair_sentences,
+    pairs_sentence,
     ruler_sentence,
     untestable_sentence,
 )
@@ -89,7 +89,7 @@ def test_people_s_order_is_said_first_and_whole(falling):
     said = highest_sentences(found.table(), found.word, found.scale)
     assert [line.startswith("A is the highest rated at ") for line in said] == [True, True]
     assert "the lowest mean is that of E" in said[0]
-    assert pair_sentences(found)[0].startswith("10 of 10 pairs of fabrics at 1 mm are decided")
+    assert pairs_sentence(found.loads, found.p_orders).startswith("10 of 10 pairs of fabrics at 1 mm, 10 of 10 at ")
     table = pd.DataFrame([[0.57, 0.46, 0.67], [0.3, np.nan, np.nan]], ["share", "misfit"], ["value", "low", "high"])
     kept = ruler_sentence(table, MAGNITUDE)
     assert "keeps 57 % (90 % interval 46 % to 67 %)" in kept
@@ -118,7 +118,7 @@ def test_fabrics_that_people_do_not_tell_apart_are_not_ordered():
     (line, _) = highest_sentences(found.table(), found.word, found.scale)
     assert line.startswith("the highest rated at 1 mm is ")
     assert " or " in line
-    assert not pair_sentences(found)[0].startswith("10 of 10")
+    assert not pairs_sentence(found.loads, found.p_orders).startswith("10 of 10")
 
 
 @pytest.mark.parametrize(
