@@ -179,7 +179,7 @@ def test_every_combination_of_facts_gives_three_sentences_and_trust_only_where_a
 @pytest.mark.parametrize(
     ("fault", "words", "absent"),
     [
-        ({}, "", "repeat the run"),
+        ({}, "", "another --reading"),
         ({"unit": 9.81}, "check the units of moduli and loads", "guesses"),
         ({"readings": CLASSICAL}, "repeat the run with another --reading", "units"),
         ({"guesses": 0.25}, "lapses", "units"),
