@@ -113,7 +113,7 @@ def print_result(result: Result, out: Path, times: str = "", verbose: bool = Tru
     if fit is not None:
         silence = result.provenance.silence
         lines.append(
-            f"in the model's range: receptors fire in {percent(1.0 - fit.silent_conditions)} of draws and conditions, "
+            f"reach of the model: receptors fire in {percent(1.0 - fit.silent_conditions)} of draws and conditions, "
             f"and Hertz's geometry holds (contact below R/2) in {percent(1.0 - silence.contact_beyond_half_radius)}"
         )
         lines += [silence_note(fit)] if verbose else []

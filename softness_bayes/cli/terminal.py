@@ -185,7 +185,8 @@ class Bar(logging.Handler):
                 return ""
             pace = (progress.seconds - start.seconds) / (start.pilot - progress.pilot)
             steps, self._announced = progress.pilot + progress.missing, True
-            said = f"the first check of the chains is {steps} steps away, about {_in_time(pace * steps)}"
+            said = f"the first check of the chains is {steps} steps away, the pilot run's included, about "
+            said += _in_time(pace * steps)
             return said if pace * steps > PATIENCE else ""
         verdict = progress.verdict
         if verdict is None or verdict.converged:

@@ -219,7 +219,9 @@ class Evidence(NamedTuple):
                 "these ratings contain no information about stiffness: moduli or mean ratings do not differ at any load"
             )
         over = f"over {len(self.loads)} loads" if len(self.loads) > 1 else f"at {self.loads[0]}"
-        numbers = f"rank correlation with E_fab {_numbers(mean)} {over}; p = {self.trend.p_value:.2g} if "
+        # none of the random orders drawn was as extreme
+        least = "<=" if math.isclose(self.trend.p_value, 1 / (SHUFFLES + 1)) else "="
+        numbers = f"rank correlation with E_fab {_numbers(mean)} {over}; p {least} {self.trend.p_value:.2g} if "
         numbers += f"{self.trend.shuffled} were random"
         if self.left_out:
             numbers += f"; without {counted(self.left_out, 'fabric')} of unknown modulus"

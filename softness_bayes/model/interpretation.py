@@ -363,7 +363,8 @@ def _numbers_note(ratings: Ratings, intervals: Stated, alone: str, unit: float) 
         )
     if np.isfinite(intervals.end):
         low, high = (intervals.values < intervals.limit).sum(), (intervals.values > intervals.most).sum()
-        parts.append(f"{low} lie at the slider's lower end and {high} at the upper one; these are censored")
+        if low or high:
+            parts.append(f"{low} lie at the slider's lower end and {high} at the upper one; these are censored")
     elif zeros:
         one = "rating of 0 is censored: it counts as a number below the smallest that its participant uses"
         more = "ratings of 0 are censored: they count as numbers below the smallest that their participant uses"

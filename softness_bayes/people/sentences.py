@@ -80,7 +80,7 @@ def _value(value: float, scale: Scale) -> str:
 
 def pairs_sentence(loads: Sequence[str], p_orders: NDArray[np.float64]) -> str:
     """Return how many pairs of fabrics people tell apart under each load (`FreeMeans.p_orders`); empty without any."""
-    told = []
+    told: list[str] = []
     for load, found in zip(loads, p_orders, strict=True):
         sure = found[np.triu_indices(len(found), 1)]
         sure = sure[~np.isnan(sure)]
@@ -99,7 +99,7 @@ def ruler_sentence(table: pd.DataFrame, scale: Scale) -> str:
             "people's answers do not tell the fabrics apart: means of their own predict no better than one for all, so "
             "there is nothing that the chain could keep or lose"
         )
-    units = f"{number(misfit, 2)} units of the ratings"
+    units = f"{percent(misfit)} of the answers" if scale.answer else f"{number(misfit, 2)} units of the ratings"
     size = f"a factor of {number(math.exp(misfit))}" if scale.axis == "log" else units
     kept = "all of it"
     if low < 1.0:

@@ -268,10 +268,12 @@ def _people(result: Result) -> tuple[str, ...]:
     """Return what people said under each load, how many pairs they tell apart, and what the chain keeps of it."""
     if RULER not in result.tables:
         return ()  # a custom scale
-    table, scale = result.tables[FABRIC_RATINGS].reset_index(), result.scale
+    table, ruler, scale = result.tables[FABRIC_RATINGS].reset_index(), result.tables[RULER], result.scale
     word = word_of(result.provenance.rating_data.rating_column, scale)
     told = pairs_sentence(result.load_groups.names, result.group("constant_data")[PEOPLE_ORDERS].values)
-    return (*highest_sentences(table, word, scale), *filter(None, [told]), ruler_sentence(result.tables[RULER], scale))
+    alike = np.isnan(ruler.loc["share", "value"])  # which of fabrics that people do not tell apart is highest is chance
+    highest = () if alike else highest_sentences(table, word, scale)
+    return (*highest, *filter(None, [told]), ruler_sentence(ruler, scale))
 
 
 def subject(result: Result) -> str:
@@ -312,9 +314,11 @@ def _trust(facts: Facts) -> str:
     if facts.follows.rejected:
         return "No: the chain certainly loses a part of what people agree on, so that it cannot speak for them."
     if facts.quick:
+        missing = "" if facts.converged else " The chains have not converged."
+        lost = " The chain loses some of what people agree on." if facts.follows.keeps is False else ""
         return (
-            f"Not yet: this is a first look after {facts.steps} steps. The chains may not have converged, and the "
-            "fast model was not compared with the exact one."
+            f"Not yet: this is a first look after {facts.steps} steps.{missing} The fast model was not compared with "
+            f"the exact one.{lost}"
         )
     if not facts.converged:
         return f"Not yet: the chains have not converged after {facts.steps} steps. All numbers may still change."

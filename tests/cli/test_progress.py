@@ -43,7 +43,7 @@ def test_a_slow_pilot_announces_when_the_first_check_comes(capsys):
     for pilot, seconds in ((300, 5.0), (290, 15.0), (280, 25.0), (0, 305.0)):
         bar.show(Progress(0, 200, seconds, None, pilot=pilot))
         said = capsys.readouterr().err
-        assert ("490 steps away, about 8 minutes" in said) == (pilot == 290)
+        assert ("490 steps away, the pilot run's included, about 8 minutes" in said) == (pilot == 290)
         assert ("pilot run, 290 steps left" in said) == (pilot == 290)
     bar.clear()
 
