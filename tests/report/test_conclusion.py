@@ -125,6 +125,16 @@ def test_what_the_chain_loses_limits_the_trust():
     assert far.trust == "With care: the chains have converged, but data and prior disagree about b (12)."
 
 
+def test_a_first_look_says_what_it_lacks_and_what_it_found():
+    look = GOOD._replace(quick=True, settled=True)
+    compared = "The fast model was not compared with the exact one."
+    assert conclude(look).trust == f"Not yet: this is a first look after 900 steps. {compared}"
+    assert "The chains have not converged." in conclude(look._replace(converged=False)).trust
+    assert conclude(look._replace(follows=Following(False, False))).trust.endswith(
+        "The chain loses some of what people agree on."
+    )
+
+
 def test_a_rejected_model_says_that_its_turning_points_depend_on_it():
     fine, none = GOOD.turns, GOOD.turns[0]._replace(probability=0.02)
     assert "if the model holds" not in conclude(GOOD).learnt
@@ -227,6 +237,16 @@ def test_what_sample_prints_ends_with_the_three_lines_of_the_results_values(runs
         everything = capsys.readouterr().out.splitlines()
         assert tuple(everything[-len(lines) :]) == lines
         assert len(everything) > 2 * len(closing)  # negative control: verbose says more
+
+
+def test_no_highest_fabric_is_named_where_people_do_not_tell_them_apart(runs):
+    result = runs["ratings"]
+    assert any("highest rated" in line or "softest" in line for line in facts_of(result).people)  # the control
+    ruler = result.tables["ruler"].copy()
+    ruler.loc["share"] = np.nan
+    people = facts_of(replace(result, tables={**result.tables, "ruler": ruler})).people
+    assert "do not tell the fabrics apart" in people[-1]
+    assert not any("highest rated" in line or "softest" in line for line in people)
 
 
 def test_facts_follow_the_values_of_the_result(runs):
