@@ -275,6 +275,7 @@ def check_fabrics(
     if alike is not None:
         root = np.sqrt(count)
         size, axes = np.linalg.eigh(root[:, None] * alike[np.ix_(rated, rated)] * root)
+        size = np.maximum(size, 0.0)  # rounding may take one that is 0 below it
         bent = Projection(along / root @ axes * np.sqrt(size), np.broadcast_to(size, along.shape), sd).gain
         if bent > gain:
             remedy, gain = (READINGS,), bent

@@ -47,6 +47,8 @@ MOST_NODES = 3000
 OWN_DRAWS, BROAD = 1024, 4
 """Importance draws of a rater's effects about the mode, if there are several, and their ratio to draws from the law of
 the effects given the other raters: there may be other modes. Both are powers of 2."""
+LARGEST = 38.0
+"""Largest effect with a density in the range of numbers, in its standard deviations."""
 FREEDOM, INFLATION = 6.0, 1.1
 """Degrees of freedom of importance draws about a mode, and their scale [standard deviations without one row]."""
 FABRIC_DRAWS = 64
@@ -213,7 +215,10 @@ class Marginal:
         wider = INFLATION * np.sqrt(1.0 + 1.0 / np.maximum(self.table.count - 1.0, 1.0))
         values, density = importance_draws(centre, factor, wider, OWN_DRAWS, FREEDOM, (aim, broad))
         prior = -0.5 * (values[..., 1:] ** 2).sum(axis=-1) - (size - 1) * _LOG_ROOT_TWO_PI
-        return Points(values[..., 0], values[..., 1:], prior - density)
+        # where the normal density underflows the exponential of an effect may overflow: no weight, at any place
+        far = (np.abs(values[..., 1:]) > LARGEST).any(axis=-1)
+        others = np.clip(values[..., 1:], -LARGEST, LARGEST)
+        return Points(values[..., 0], others, np.where(far, -np.inf, prior - density))
 
     @cached_property
     def levels(self) -> LevelNodes:

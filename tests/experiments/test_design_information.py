@@ -12,7 +12,7 @@ from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.errors import InputError
 from softness_bayes.experiments.design_information import as_it_is, foresee, others
 from softness_bayes.likelihood.error_laws import NORMAL
-from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, PAIRS, RANKS
+from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, PAIRS, RANKS, RISES
 from softness_bayes.model.build import COARSE, build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
@@ -71,7 +71,7 @@ def test_pairs_have_the_width_of_the_closed_form():
     lists = table.participant * 6 + table.load * 3 + table.fabric // 2
     data = experiment()._replace(ratings=replace(table, lists=lists, rating=(table.fabric % 2).astype(float)))
     held = {**CHAIN, "varsigma": 0.4}
-    model = built(held, {"gamma": LogNormal(0.8, 0.02)}, data=data, scale=PAIRS)
+    model = built(held, {"gamma": LogNormal(0.8, 0.02)}, data=data, scale=PAIRS, direction=RISES)
     found, now = foresee(model, as_it_is(model)), as_it_is(model)
     assert (now.n_answers, now.compared.times.tolist()) == (36, [6.0] * 6)
     x = np.log(model.posterior.mean_rate(np.array([0.8])) + 0.1)
