@@ -271,7 +271,7 @@ def _people(result: Result) -> tuple[str, ...]:
     table, ruler, scale = result.tables[FABRIC_RATINGS].reset_index(), result.tables[RULER], result.scale
     word = word_of(result.provenance.rating_data.rating_column, scale)
     told = pairs_sentence(result.load_groups.names, result.group("constant_data")[PEOPLE_ORDERS].values)
-    alike = np.isnan(ruler.loc["share", "value"])  # which of fabrics that people do not tell apart is highest is chance
+    alike = ruler["value"].isna()["share"]  # which of fabrics that people do not tell apart is highest is chance
     highest = () if alike else highest_sentences(table, word, scale)
     return (*highest, *filter(None, [told]), ruler_sentence(ruler, scale))
 
