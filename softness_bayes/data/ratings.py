@@ -429,7 +429,8 @@ def _rated_rows(table: Table, filed: FloatArray, drop_zeros: bool) -> tuple[IntA
             if _is_day(texts[i]):
                 day = date(1899, 12, 30) + timedelta(int(texts[i]))
                 what = f"the day {day}, which a spreadsheet program made of a rating such as {day.day}.{day.month}"
-            problem = f"{texts[i]} looks like {what}; if it is a rating, write it with decimals, as {texts[i]}.0"
+                what += "; write the rating that was given"
+            problem = f"{texts[i]} looks like {what}; if it is the rating, write it with decimals, as {texts[i]}.0"
             table.problem(i, "rating", problem)
     kept = ~np.isnan(filed)
     zeros = int((filed == 0).sum()) if drop_zeros else 0

@@ -259,7 +259,8 @@ WRONG = {
     ),
     "a unit of something else": (
         HEAD.replace("indentation_mm", "Load (mm)") + PLAIN,
-        "column 'Load (mm)' is not read: its unit mm does not fit force_n, expected one such as N",
+        "column 'Load (mm)' is not read: its unit mm does not fit force_n; write the unit that its numbers have, or "
+        "convert them, as to 'Load (N)'",
     ),
     "an unknown unit": (
         HEAD.replace("indentation_mm", "depth (turns)") + PLAIN,

@@ -14,13 +14,15 @@ stiffness.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.errors import NumericalError
-from softness_bayes.touch.neuron.cells import ArrowJacobian, Cells
+
+if TYPE_CHECKING:
+    from softness_bayes.touch.neuron.cells import ArrowJacobian, Cells
 
 FloatArray = NDArray[np.float64]
 
