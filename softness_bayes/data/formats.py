@@ -118,7 +118,7 @@ def _opened(file: _File, what: str, read: Callable[[_File], Any]) -> Any:
     try:
         return read(file)
     except ImportError as error:
-        missing = error.name or "pyarrow"
+        missing = (error.name or "pyarrow").partition(".")[0]
         raise InputError(
             f"{file.path}: {what} files are read with {missing}, which is not installed: {INSTALL}"
         ) from None

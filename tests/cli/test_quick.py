@@ -41,7 +41,7 @@ def test_it_ends_well_and_says_what_it_is(looked, result):
     assert done.returncode == 0, done.stderr
     assert f"A first look (quick), no result. Not converged after {LOOK} steps" in done.stdout
     assert "Trust it?  Not yet: this is a first look" in done.stdout
-    assert "the fast model was not compared with the exact one" in done.stdout
+    assert "The fast model was not compared with the exact one" in done.stdout
     assert "Next:      'softness-bayes resume out' continues to the full run" in done.stdout
     assert (result.attributes["quick"], result.attributes["converged"]) == (1, 0)
     assert result.provenance.ending.steps == LOOK < FIRST_LOOK == 200
