@@ -257,10 +257,8 @@ class Checkpoint:
     def _store(self, state: RunState, status: saved.Status) -> None:
         """Write the file of a state."""
         number = max(saved.saved_states(self.directory), default=0) + 1
-        record, path = (
-            saved.Record(number, status, self._description, self.request),
-            saved.state_path(self.directory, number),
-        )
+        record = saved.Record(number, status, self._description, self.request)
+        path = saved.state_path(self.directory, number)
         try:
             write_whole(path, saved.content_of(state, record))
         finally:  # an interrupt may come after the file is there, when this state is saved

@@ -146,7 +146,7 @@ def people_lines(found: FreeMeans) -> list[str]:
 
     table = found.table()
     lines = ["What do people say? (means of these raters, without skin and receptors; 90 % intervals)"]
-    lines += [*highest_sentences(table, found.word, found.scale)]
+    lines += highest_sentences(table, found.word, found.scale)
     lines += filter(None, [pairs_sentence(found.loads, found.p_orders)])
     if len(table) <= MOST_ROWS:
         shown = table if any(found.loads) else table.drop(columns="load")

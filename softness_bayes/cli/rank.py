@@ -65,7 +65,8 @@ def rank(
     from softness_bayes.plotting.style import files_of
 
     target = out or (directory if directory.is_dir() else directory.parent) / FIGURE
-    names, inputs = ["ranking.csv", "places.csv", "pairs.csv", f"{FIGURE}.{format_}"], touches.inputs
+    figure = f"{FIGURE}.{format_}"
+    names, inputs = ["ranking.csv", "places.csv", "pairs.csv", figure], touches.inputs
     if against is not None:
         names, inputs = [*names, AGREEMENT], [*inputs, against]
     require_outputs(target, names, "rank", force, inputs)
@@ -91,7 +92,7 @@ def rank(
         click.echo(agreement.to_string(index=False, float_format="{:.3f}".format, na_rep="–"))
         if left:
             click.echo(f"note: {against}: {some_of(left, len(observed), 'fabric', 'was', 'were')} not ranked", err=True)
-    click.echo(f"written to {target}: {', '.join((*tables, f'{FIGURE}.{format_}'))}", err=True)
+    click.echo(f"written to {target}: {', '.join((*tables, figure))}", err=True)
 
 
 def _show(ranking: Ranking, most: int = 20) -> None:

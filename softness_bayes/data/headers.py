@@ -231,10 +231,8 @@ class Header:
                     example = quoted("B (gf·cm²/cm)" if stem == "B" else f"{stem} ({NUMBERS[name].unit})")
                     remark = f"column {quoted(text)} is not read: "
                     if unit and is_unit(unit):
-                        remark += (
-                            f"its unit {unit} does not fit {name}; write the unit that its numbers have, or convert "
-                        )
-                        remark += f"them, as to {example}"
+                        remark += f"its unit {unit} does not fit {name}; write the unit that its numbers have, "
+                        remark += f"or convert them, as to {example}"
                     elif unit:
                         remark += f"{quoted(unit)} is no unit known here; convert its numbers, as to {example}"
                     else:

@@ -60,10 +60,8 @@ class CategoryModel(IntervalModel):
         self, rng: Generator, parameters: Parameters, shape: Shape, people: int, fabrics: int, levels: Levels = None
     ) -> Effects:
         """Return effects of new participants, of batch ``shape``; mu from its prior unless in `levels`."""
-        drawn, found = (
-            super().draw_effects(rng, parameters, shape, people, fabrics, levels),
-            self.thresholds(parameters),
-        )
+        drawn = super().draw_effects(rng, parameters, shape, people, fabrics, levels)
+        found = self.thresholds(parameters)
         return drawn.replace(threshold=np.broadcast_to(found, (*shape, found.shape[-1])))
 
     def draw_ratings(

@@ -192,12 +192,9 @@ class CompressionForces(Likelihood):
 
     def new_effects(self, rng: Generator, parameters: Parameters, shape: Shape, levels: Levels = None) -> Effects:
         """Return deviations of the same number of new fingers, of batch ``shape``; there are no common effects."""
-        spreads = {"log_b": parameters.tau_b, "m": parameters.tau_m}
-        new = {
-            k: np.asarray(v, float)[..., None] * rng.standard_normal((*shape, self.n_fingers))
-            for k, v in spreads.items()
-        }
-        return Effects(**new)
+        spreads = (np.asarray(v, float)[..., None] for v in (parameters.tau_b, parameters.tau_m))
+        log_b, m = (spread * rng.standard_normal((*shape, self.n_fingers)) for spread in spreads)
+        return Effects(log_b=log_b, m=m)
 
     def draw_effects(self, rng: Generator, mean_rate: Array, parameters: Parameters) -> Effects:
         """Return exact draws of the fingers' deviations given their forces, one for each point of the batch."""

@@ -295,7 +295,8 @@ class _Law(NamedTuple):
     def log_density(self, rate: Array) -> Array:
         """Return the log density [1/Hz] of mean rates, and the log probability of silence and of counts."""
         means = -0.5 * ((self.observed - rate) / self.sd) ** 2 - np.log(self.sd) - _LOG_ROOT_TWO_PI
-        means = np.where(self.observed > 0.0, means, log_ndtr(-rate / self.sd))
+        silent = self.observed == 0.0
+        means[..., silent] = log_ndtr(-rate[..., silent] / self.sd[..., silent])
         if not self.counted.any():
             return means
         mean = (rate + SILENT) * self.window

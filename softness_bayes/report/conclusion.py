@@ -9,6 +9,7 @@ import numpy as np
 
 from softness_bayes.checking.agreement import RATERS_OF_CELLS, HighestRated, highest_rated
 from softness_bayes.checking.check_table import doubts
+from softness_bayes.checking.checks import OMEGA, READINGS
 from softness_bayes.checking.identifiability import INFORMED
 from softness_bayes.checking.layout import PEOPLE_ORDERS, layout_of, ratings_in
 from softness_bayes.checking.modulus_errors import LINEAR, MovedMost
@@ -427,8 +428,8 @@ def _next(facts: Facts, directory: str | None) -> str:
         return f"{units}repeat the run with {'; or with '.join(facts.remedies)}, and use 'softness-bayes compare'."
     if facts.follows.rejected:
         return (
-            "look for fabrics, units and moduli that do not belong together ('softness-bayes check'); try another "
-            "--reading or --prior omega='halfnormal(0.5)', and rank the runs with 'softness-bayes compare'."
+            "look for fabrics, units and moduli that do not belong together ('softness-bayes check'); try "
+            f"{READINGS} or {OMEGA}, and rank the runs with 'softness-bayes compare'."
         )
     if facts.quick:
         return f"'softness-bayes resume {directory or 'DIR'}' continues to the full run and repeats no step."
@@ -441,12 +442,12 @@ def _next(facts: Facts, directory: str | None) -> str:
     if facts.surprise and not facts.skin:
         return (
             "check the units of moduli and loads; state an error common to all moduli (--shared-modulus-cv 0.3), or "
-            "try another --reading, and rank the runs with 'softness-bayes compare'."
+            f"try {READINGS}, and rank the runs with 'softness-bayes compare'."
         )
     if not facts.exact:
         return "repeat the run with --exact-reweight."
     if facts.contradicted or facts.unreproduced or facts.follows.keeps is False:
-        return "see predictive_checks.csv, try another --reading, and rank the runs with 'softness-bayes compare'."
+        return f"see predictive_checks.csv, try {READINGS}, and rank the runs with 'softness-bayes compare'."
     if facts.moved is not None:
         return (
             "if the moduli were measured with errors, repeat the run with these errors (--modulus-cv 0.1, or "
