@@ -16,7 +16,9 @@ import click
 import pandas as pd
 
 import softness_bayes
-from softness_bayes import errors
+from softness_bayes.base import errors
+from softness_bayes.base.defaults import SIGNALS
+from softness_bayes.base.files.run_files import FILES
 from softness_bayes.claims import CLAIMS
 from softness_bayes.cli import GROUPS, VERBS, main
 from softness_bayes.data.columns import (
@@ -30,8 +32,6 @@ from softness_bayes.data.columns import (
     RATINGS,
     SYNONYMS,
 )
-from softness_bayes.defaults import SIGNALS
-from softness_bayes.files.run_files import FILES
 from softness_bayes.likelihood.scales import RATING_SCALES
 from softness_bayes.parameters.declared import EVERY_PARAMETER, HELD, PRIOR_SETS
 from softness_bayes.parameters.priors import LAWS, form_of
@@ -43,13 +43,13 @@ TOPICS = {
     "data": "Tables",
     "results": "Results",
     "model": "The model",
-    "parameters": "Parameters and priors",
+    "parameters": "Parameters",
     "likelihood": "Scales, errors and directions of ratings",
     "touch": "Touch and neuron",
     "experiments": "The next experiment",
     "plotting": "Figures",
     "claims": "The paper's claims",
-    "errors": "Errors",
+    "base": "Prior laws and errors",
 }
 """Titles of the groups of public names, by the folder that they are from, in the order of the page."""
 

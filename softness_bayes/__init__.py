@@ -13,6 +13,13 @@ from typing import TYPE_CHECKING, Any
 __version__ = "1.0.0"
 
 if TYPE_CHECKING:
+    from softness_bayes.base.errors import InputError as InputError
+    from softness_bayes.base.laws import HalfNormal as HalfNormal
+    from softness_bayes.base.laws import LogNormal as LogNormal
+    from softness_bayes.base.laws import LogUniform as LogUniform
+    from softness_bayes.base.laws import Normal as Normal
+    from softness_bayes.base.laws import Truncated as Truncated
+    from softness_bayes.base.laws import Uniform as Uniform
     from softness_bayes.claims import evaluate_claims as evaluate_claims
     from softness_bayes.claims.report import claims_table as claims_table
     from softness_bayes.data import Afferents as Afferents
@@ -21,7 +28,6 @@ if TYPE_CHECKING:
     from softness_bayes.data import Fabrics as Fabrics
     from softness_bayes.data import Ratings as Ratings
     from softness_bayes.data import read_experiment as read_experiment
-    from softness_bayes.errors import InputError as InputError
     from softness_bayes.experiments.adaptive import Adaptive as Adaptive
     from softness_bayes.experiments.choice import Costs as Costs
     from softness_bayes.experiments.design import design as design
@@ -48,12 +54,6 @@ if TYPE_CHECKING:
     from softness_bayes.model.simulation import simulate_ratings as simulate_ratings
     from softness_bayes.parameters.choice import parameter_space as parameter_space
     from softness_bayes.parameters.declared import PARAMETERS as PARAMETERS
-    from softness_bayes.parameters.laws import HalfNormal as HalfNormal
-    from softness_bayes.parameters.laws import LogNormal as LogNormal
-    from softness_bayes.parameters.laws import LogUniform as LogUniform
-    from softness_bayes.parameters.laws import Normal as Normal
-    from softness_bayes.parameters.laws import Truncated as Truncated
-    from softness_bayes.parameters.laws import Uniform as Uniform
     from softness_bayes.plotting.checks import rank_ecdf_figure as rank_ecdf_figure
     from softness_bayes.plotting.figures import Plots as Plots
     from softness_bayes.plotting.style import Style as Style

@@ -11,7 +11,7 @@ import warnings
 from types import FrameType
 from typing import NoReturn
 
-from softness_bayes.defaults import GARBAGE, SIGNALS
+from softness_bayes.base.defaults import GARBAGE, SIGNALS
 
 THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 """Environment variables with the number of threads of NumPy's and SciPy's linear algebra, read at their import."""

@@ -16,30 +16,27 @@ from support.modules import MODULES, imports
 from support.paths import ROOT
 
 LAYERS = (
-    {"errors"},
-    {"defaults", "files", "ranges", "readable"},
-    {"arviz_bridge", "options", "supplied", "touch.neuron"},
-    {"touch", "sampler"},
-    {"data", "parameters"},
-    {"likelihood"},
-    {"recordings"},
-    {"provenance"},
+    {"base"},
+    {"touch.neuron"},
+    {"sampler", "touch"},
+    {"data", "likelihood", "parameters"},
+    {"model.recordings"},
     {"checking", "model"},
-    {"people", "plotting"},
-    {"bench", "checkpoints", "claims", "results"},
+    {"bench", "claims", "people", "plotting"},
+    {"results"},
     {"experiments", "report", "runs"},
-    {"explore"},
+    {"report.explore"},
     {"cli", "tools"},
     {"__main__"},
 )
-"""The rooms, from the bottom up: folders, and single modules at the package's top."""
+"""The rooms, from the bottom up: folders, and folders in them that the others do not need or that need no other."""
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
 HOMES = {
-    "arviz": {"arviz_bridge"},
+    "arviz": {"base.arviz_bridge"},
     "bokeh": {
-        "explore.charts",
-        "explore.page",
-        "explore.server",
+        "report.explore.charts",
+        "report.explore.page",
+        "report.explore.server",
         "report.charts",
     },
     "dask": {"runs.cluster"},
@@ -47,7 +44,7 @@ HOMES = {
     "emcee": {"bench.tables", "sampler.moves"},
     "jinja2": {"report.page"},
     "openpyxl": {"data.sheets"},
-    "tornado": {"explore.server"},
+    "tornado": {"report.explore.server"},
 }
 """Modules outside of which a library may not be imported."""
 PROGRAMS = {

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
+from softness_bayes.base.readable import percent
 from softness_bayes.data import Fabrics
 from softness_bayes.model.build import COARSE
 from softness_bayes.model.reach import SKINS, reach
 from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
-from softness_bayes.readable import percent
 from softness_bayes.touch.contact import Force, Indentation, Load
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.readings import MENDED

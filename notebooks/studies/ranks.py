@@ -36,8 +36,8 @@ from softness_bayes import (
     calibrate,
     usual_values,
 )
+from softness_bayes.base.laws import Normal, Uniform
 from softness_bayes.checking.calibration import Calibration
-from softness_bayes.parameters.laws import Normal, Uniform
 from softness_bayes.runs.calibrate import replicate_settings
 from softness_bayes.runs.replicate import replicate
 from softness_bayes.touch.readings import MENDED

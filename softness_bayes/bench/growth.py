@@ -18,8 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from softness_bayes.base.files.whole import write_whole
 from softness_bayes.data import Fabrics, fabrics_csv
-from softness_bayes.files.whole import write_whole
 
 
 class Table(NamedTuple):

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.data import Experiment, Fabrics
-from softness_bayes.errors import InputError
 from softness_bayes.model.build import ExperimentModel, build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values

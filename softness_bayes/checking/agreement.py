@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.checking.check_table import posterior_quantities
 from softness_bayes.checking.layout import groups_in, layout_of, values_in
 from softness_bayes.checking.quantities import QUANTITIES, Columns
-from softness_bayes.errors import InputError
 from softness_bayes.likelihood.layout import Layout
 
 if TYPE_CHECKING:

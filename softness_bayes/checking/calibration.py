@@ -25,8 +25,8 @@ from scipy.optimize import brentq
 from scipy.special import chdtr, chdtrc, chdtri, ndtr, ndtri
 from scipy.stats import binom
 
+from softness_bayes.base.readable import percent
 from softness_bayes.checking.quantities import simultaneous_band, uniformity_p_value
-from softness_bayes.readable import percent
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.checking.checks import LOADS
 from softness_bayes.checking.layout import groups_in, layout_of, ratings_in, values_in
+from softness_bayes.checking.provenance import Provenance
 from softness_bayes.checking.quantities import (
     DOUBTFUL,
     DROP,
@@ -29,7 +30,6 @@ from softness_bayes.checking.quantities import (
     uniformity_p_value,
 )
 from softness_bayes.likelihood.layout import Additive, Layout
-from softness_bayes.provenance import Provenance
 
 if TYPE_CHECKING:
     import pandas as pd

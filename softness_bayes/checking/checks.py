@@ -24,14 +24,14 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.special import chdtrc, chdtri, ndtri, polygamma
 
-from softness_bayes import arviz_bridge
+from softness_bayes.base import arviz_bridge
+from softness_bayes.checking.provenance import Finding
 from softness_bayes.checking.quantities import PIT, SUMMARIES
 from softness_bayes.likelihood.contract import Effects, Likelihood, Parameters, RowsLeftOut
 from softness_bayes.likelihood.layout import Layout
 from softness_bayes.likelihood.pieces import pieces
 from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.likelihood.scales import STANDARDISED
-from softness_bayes.provenance import Finding
 
 Array = NDArray[np.float64]
 IndexArray = NDArray[np.intp]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes import arviz_bridge
+from softness_bayes.base import arviz_bridge
 
 Array = NDArray[np.float64]
 

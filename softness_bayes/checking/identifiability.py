@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, ndtri, xlog1py
 
-from softness_bayes.arviz_bridge import SAMPLE_DIMS
+from softness_bayes.base.arviz_bridge import SAMPLE_DIMS
+from softness_bayes.base.laws import Prior, Signed
+from softness_bayes.checking.provenance import Provenance
 from softness_bayes.parameters.declared import EVERY_PARAMETER
-from softness_bayes.parameters.laws import Prior, Signed
-from softness_bayes.provenance import Provenance
 from softness_bayes.sampler.chain_statistics import jackknife
 
 if TYPE_CHECKING:

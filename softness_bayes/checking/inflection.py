@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.readable import chance
+from softness_bayes.base.readable import chance
 from softness_bayes.sampler.chain_statistics import Estimate, quantile, share
 from softness_bayes.touch.contact import Load
 from softness_bayes.touch.parameters import TouchParameters

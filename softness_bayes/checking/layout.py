@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.checking.provenance import Provenance
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.layout import Layout, merge
 from softness_bayes.parameters.declared import FABRIC_MODULUS
-from softness_bayes.provenance import Provenance
 from softness_bayes.touch.contact import Load, loads_at
 from softness_bayes.touch.load_groups import LoadGroups, groups_of
 

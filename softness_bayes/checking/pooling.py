@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp, ndtr
 
-from softness_bayes import arviz_bridge
+from softness_bayes.base import arviz_bridge
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import Prior
 from softness_bayes.checking.exactness import LARGEST_K, largest_pareto_k
-from softness_bayes.errors import InputError
 from softness_bayes.parameters.coordinates import Coordinate
-from softness_bayes.parameters.laws import Prior
 from softness_bayes.sampler.chain_statistics import GROUPS
 
 Array = NDArray[np.float64]

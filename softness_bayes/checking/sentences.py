@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from softness_bayes.base.defaults import shown_of
+from softness_bayes.base.readable import number, percent
 from softness_bayes.checking.check_table import doubts
 from softness_bayes.checking.checks import (
     ALONG,
@@ -36,14 +38,12 @@ from softness_bayes.checking.quantities import (
     Reproduction,
     turns_reproduced,
 )
-from softness_bayes.defaults import shown_of
 from softness_bayes.parameters.declared import PARAMETERS
-from softness_bayes.readable import number, percent
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from softness_bayes.provenance import Finding, PlateData
+    from softness_bayes.checking.provenance import Finding, PlateData
 
 FEW_FORCES = 10
 """Number of forces per finger below which the check of their exponent is called weak."""

@@ -11,15 +11,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import Prior
+from softness_bayes.base.ranges import PRIOR_DRAWS, require_mapping
 from softness_bayes.checking.inflection import LEAST_DROP
 from softness_bayes.claims.numbers import ERROR, Bench, Numbers
 from softness_bayes.data import Fabrics, Ratings
-from softness_bayes.errors import InputError
 from softness_bayes.model.scenes import firing_of
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.declared import SHAPE_PARAMETERS
-from softness_bayes.parameters.laws import Prior
-from softness_bayes.ranges import PRIOR_DRAWS, require_mapping
 from softness_bayes.sampler.workers import Workers
 from softness_bayes.touch.contact import Force, Indentation, Load
 from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS, Membrane

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.checking.inflection import Curves, find_inflection, response_curves
 from softness_bayes.data import USUAL_POISSON_RATIO, Fabrics, Ratings
-from softness_bayes.errors import InputError
 from softness_bayes.touch.contact import Finger, Load
 from softness_bayes.touch.neuron.rate_curve import Firing
 from softness_bayes.touch.parameters import TouchParameters

@@ -14,10 +14,10 @@ from typing import Any
 import click
 
 from softness_bayes import __version__
+from softness_bayes.base.errors import InputError, NumericalError, ResourceError, SoftnessError
 from softness_bayes.cli.advice import of_input, of_usage
 from softness_bayes.cli.interrupts import guarded, tell_kept
 from softness_bayes.cli.terminal import open_closed_streams, tolerant_streams
-from softness_bayes.errors import InputError, NumericalError, ResourceError, SoftnessError
 
 GROUPS: Mapping[str, Mapping[str, str]] = {
     "Start": {"demo": "start", "new": "start", "check": "check", "list": "start"},

@@ -16,8 +16,8 @@ from typing import Any
 
 import click
 
-from softness_bayes.errors import SoftnessError
-from softness_bayes.files.run_files import CHECKPOINT, POSTERIOR
+from softness_bayes.base.errors import SoftnessError
+from softness_bayes.base.files.run_files import CHECKPOINT, POSTERIOR
 
 PROGRAM = "softness-bayes"
 TRY = "try: "

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.cli.options import Force, command
-from softness_bayes.errors import InputError
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.results.run_options import DataFiles
 
@@ -140,7 +140,7 @@ def _read_or_answered(files: DataFiles, model: ModelOptions) -> Experiment | Mea
 
 
 def _require_figure(figure: Path, files: DataFiles, force: bool) -> None:
-    from softness_bayes.files.outputs import require_outputs
+    from softness_bayes.base.files.outputs import require_outputs
     from softness_bayes.plotting.style import METADATA
 
     if figure.suffix.lstrip(".") not in METADATA:
@@ -153,8 +153,8 @@ def _draw(figure: Path, experiment: Experiment, model: ModelOptions, meaning: In
     """Draw data and fabrics with the response predicted by draws of the prior."""
     import numpy as np
 
+    from softness_bayes.base.files.outputs import write_outputs
     from softness_bayes.experiments.understanding import prior_responses
-    from softness_bayes.files.outputs import write_outputs
     from softness_bayes.plotting.rating import design_figure, observed_ratings
     from softness_bayes.plotting.style import files_of
     from softness_bayes.touch.load_groups import groups_of

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from softness_bayes.defaults import MOST_SHOWN
-from softness_bayes.readable import counted, percent
+from softness_bayes.base.defaults import MOST_SHOWN
+from softness_bayes.base.readable import counted, percent
 
 if TYPE_CHECKING:
     from softness_bayes.data import Afferents, Compression, Experiment, Measurements, Ratings
@@ -141,8 +141,8 @@ def pair_lines(ratings: Ratings, modulus: Sequence[float], guess: float | None) 
 
 def people_lines(found: FreeMeans) -> list[str]:
     """Return people's own means, and what is decided by them."""
+    from softness_bayes.base.readable import chance
     from softness_bayes.people.sentences import highest_sentences, pairs_sentence
-    from softness_bayes.readable import chance
 
     table = found.table()
     lines = ["What do people say? (means of these raters, without skin and receptors; 90 % intervals)"]

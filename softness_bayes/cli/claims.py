@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import click
 
+from softness_bayes.base.defaults import SEED
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.options import ByName, Number
+from softness_bayes.base.ranges import PRIOR_DRAWS
 from softness_bayes.cli.options import Dask, Force, Given, Out, Seed, Several, Touches, Words, command
 from softness_bayes.cli.running import executor_of
-from softness_bayes.defaults import SEED
-from softness_bayes.errors import InputError
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.options import ByName, Number
-from softness_bayes.ranges import PRIOR_DRAWS
 
 if TYPE_CHECKING:
     from softness_bayes.data import Fabrics, Ratings
@@ -62,10 +62,10 @@ def claims(
     draws
         Number of draws of each prior for the probabilities; 0 for the medians only.
     """
+    from softness_bayes.base.files.outputs import require_outputs, write_outputs
+    from softness_bayes.base.files.spreadsheet import csv_of
     from softness_bayes.claims import PRIORS, TOUCHES, evaluate_claims
     from softness_bayes.claims.report import claims_table, loads_table, markdown, plain
-    from softness_bayes.files.outputs import require_outputs, write_outputs
-    from softness_bayes.files.spreadsheet import csv_of
     from softness_bayes.touch.contact import Force as OfForce
     from softness_bayes.touch.contact import Indentation
     from softness_bayes.touch.readings import NAMED_READINGS, readings_named

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
+from softness_bayes.base.defaults import SEED
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.options import Kind, Names, Number
+from softness_bayes.base.ranges import PANEL, Count, Range
 from softness_bayes.cli.options import Directory, Force, Given, Loads, Out, Seed, Several, TrustCode, command, typed
 from softness_bayes.cli.running import reading
-from softness_bayes.defaults import SEED
-from softness_bayes.errors import InputError
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.options import Kind, Names, Number
-from softness_bayes.ranges import PANEL, Count, Range
 from softness_bayes.results.run_options import DataFiles
 
 if TYPE_CHECKING:
@@ -126,10 +126,10 @@ def design(
     cost_rating
         Cost of one rating.
     """
+    from softness_bayes.base.files.outputs import require_outputs
     from softness_bayes.data import Fabrics
     from softness_bayes.experiments.choice import FILES, Costs
     from softness_bayes.experiments.design import design as design_of
-    from softness_bayes.files.outputs import require_outputs
 
     if bool(given) == (files.data is not None):
         raise InputError("design: give either --given, a finished run, or --data, before any rating")

@@ -20,7 +20,7 @@ from pathlib import Path
 from types import FrameType
 from typing import NoReturn
 
-from softness_bayes.defaults import SIGNALS
+from softness_bayes.base.defaults import SIGNALS
 
 GRACE = 0.75
 """Time [s] in which a command may end by itself."""

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 import click
 from click.core import ParameterSource
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.options import FilePath, Flag, Kind, Number, Option, Options, described, option
 from softness_bayes.model.options import FIXED_VALUES
-from softness_bayes.options import FilePath, Flag, Kind, Number, Option, Options, described, option
 from softness_bayes.results.run_options import DataFiles, RunOptions
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ class _Word(click.Choice[str]):
         self._kind = kind
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        from softness_bayes.supplied import is_supplied
+        from softness_bayes.base.supplied import is_supplied
 
         if not isinstance(value, str):
             return value
@@ -353,16 +353,16 @@ class TableFile(Options):
 
     def require(self, inputs: Iterable[Path] = ()) -> None:
         """Raise an error if the file cannot be written, or is one of the inputs."""
-        from softness_bayes.files.outputs import require_outputs
+        from softness_bayes.base.files.outputs import require_outputs
 
         if self.out is not None:
             require_outputs(self.out.parent, [self.out.name], self._command, self.force, inputs)
 
     def write(self, table: pd.DataFrame) -> None:
         """Write the table, or print it to five digits."""
-        from softness_bayes.files.outputs import write_outputs
-        from softness_bayes.files.spreadsheet import PRINTED, csv_of
-        from softness_bayes.readable import counted
+        from softness_bayes.base.files.outputs import write_outputs
+        from softness_bayes.base.files.spreadsheet import PRINTED, csv_of
+        from softness_bayes.base.readable import counted
 
         if self.out is None:
             click.echo(csv_of(table, index=False, digits=PRINTED), nl=False)

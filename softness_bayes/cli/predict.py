@@ -12,6 +12,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from softness_bayes import __version__
+from softness_bayes.base.defaults import ANSWER_DRAWS, ERRORS, SEED
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.options import Number
+from softness_bayes.base.ranges import FINGERS, PANEL, PARTICIPANTS, SLOPES, TYPICAL_RATINGS, Range
+from softness_bayes.base.readable import counted, percent
 from softness_bayes.cli.options import (
     Directory,
     Force,
@@ -26,13 +31,8 @@ from softness_bayes.cli.options import (
     typed,
 )
 from softness_bayes.cli.running import rated_run, warn_of_cautions
-from softness_bayes.defaults import ANSWER_DRAWS, ERRORS, SEED
-from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import RATING_DIRECTIONS, RISES
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.options import Number
-from softness_bayes.ranges import FINGERS, PANEL, PARTICIPANTS, SLOPES, TYPICAL_RATINGS, Range
-from softness_bayes.readable import counted, percent
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -221,8 +221,8 @@ def simulate(
     """
     import numpy as np
 
+    from softness_bayes.base.files.outputs import require_outputs, write_outputs
     from softness_bayes.data import SIMULATE, compression_csv, fabrics_csv, ratings_csv
-    from softness_bayes.files.outputs import require_outputs, write_outputs
     from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
     from softness_bayes.model.simulation import simulate_compression, simulate_ratings
     from softness_bayes.parameters.declared import PLATE_PARAMETERS

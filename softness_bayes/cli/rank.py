@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import click
 
+from softness_bayes.base.defaults import ANSWER_DRAWS, SEED
+from softness_bayes.base.files.run_files import FABRIC_RATINGS
+from softness_bayes.base.options import Number
+from softness_bayes.base.ranges import ANY
+from softness_bayes.base.readable import chance, number, percent, some_of
 from softness_bayes.cli.options import Directory, Force, Loads, Seed, TableFile, Touches, TrustCode, Words, command
 from softness_bayes.cli.running import rated_run, warn_of_cautions
-from softness_bayes.defaults import ANSWER_DRAWS, SEED
-from softness_bayes.files.run_files import FABRIC_RATINGS
-from softness_bayes.options import Number
-from softness_bayes.ranges import ANY
-from softness_bayes.readable import chance, number, percent, some_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -59,9 +59,9 @@ def rank(
     out
         Directory to write to; by default DIR/ranking.
     """
+    from softness_bayes.base.files.outputs import require_outputs, write_outputs
+    from softness_bayes.base.files.spreadsheet import csv_of
     from softness_bayes.data.lists import read_order
-    from softness_bayes.files.outputs import require_outputs, write_outputs
-    from softness_bayes.files.spreadsheet import csv_of
     from softness_bayes.plotting.style import files_of
 
     target = out or (directory if directory.is_dir() else directory.parent) / FIGURE

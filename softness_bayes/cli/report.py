@@ -8,6 +8,9 @@ from typing import Annotated
 
 import click
 
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.options import Number
+from softness_bayes.base.ranges import PORTS
 from softness_bayes.cli.options import (
     FIGURES,
     Directory,
@@ -22,10 +25,7 @@ from softness_bayes.cli.options import (
 )
 from softness_bayes.cli.running import reading, warn_of_unconverged
 from softness_bayes.cli.terminal import drawing
-from softness_bayes.errors import InputError
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.options import Number
-from softness_bayes.ranges import PORTS
 
 REPORT = "report.html"
 
@@ -153,9 +153,9 @@ def explore(
     show
         Open the page in the browser.
     """
-    from softness_bayes.explore.picture import picture
-    from softness_bayes.explore.server import listening, serve
-    from softness_bayes.explore.subject import EXAMPLE_LOADS, example_fabrics, of_priors, of_run
+    from softness_bayes.report.explore.picture import picture
+    from softness_bayes.report.explore.server import listening, serve
+    from softness_bayes.report.explore.subject import EXAMPLE_LOADS, example_fabrics, of_priors, of_run
 
     def show_address(address: str) -> None:
         click.echo(address)

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.errors import InputError
-from softness_bayes.files.command_line import portable
-from softness_bayes.readable import number, percent
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.files.command_line import portable
+from softness_bayes.base.readable import number, percent
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -158,9 +158,9 @@ def _turning(result: Result) -> str:
 def _about_ratings(result: Result, fit: Fit) -> Iterator[str]:
     """Yield sentences on the checks of the ratings, and on numerical errors."""
     from softness_bayes.checking.check_table import doubts
+    from softness_bayes.checking.provenance import NOT_ASKED
     from softness_bayes.checking.sentences import check_sentences, residual_sentences
     from softness_bayes.people.sentences import untestable_sentence
-    from softness_bayes.provenance import NOT_ASKED
 
     provenance = result.provenance
     errors, silence, model = provenance.errors, provenance.silence, provenance.rating_model

@@ -11,23 +11,23 @@ from typing import TYPE_CHECKING, Annotated
 
 import click
 
+from softness_bayes.base.errors import InputError, NotConvergedError
+from softness_bayes.base.options import Number
+from softness_bayes.base.ranges import STEPS
+from softness_bayes.base.readable import counted, some_of
 from softness_bayes.cli.interrupts import keeping
 from softness_bayes.cli.options import Force, Given, NoFigures, Out, OwnFigures, TrustCode, Verbose, command, typed
 from softness_bayes.cli.running import command_line
 from softness_bayes.cli.terminal import Bar, in_numbers, needed, telling
-from softness_bayes.errors import InputError, NotConvergedError
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.options import Number
-from softness_bayes.ranges import STEPS
-from softness_bayes.readable import counted, some_of
 from softness_bayes.results.run_options import DataFiles, RunOptions, require_no_ratings_needed
 
 if TYPE_CHECKING:
-    from softness_bayes.checkpoints.checkpoint import Checkpoint
-    from softness_bayes.checkpoints.saved import Status
     from softness_bayes.data import Experiment, Measurements
     from softness_bayes.model.build import ExperimentModel, SkinModel
     from softness_bayes.results.run_options import Request
+    from softness_bayes.runs.checkpoint import Checkpoint
+    from softness_bayes.runs.saved import Status
 
 MOVABLE = ("data", "fabrics", "compression", "afferents")
 """Tables of a run, which may have been moved since."""
@@ -63,9 +63,9 @@ def sample(
     interruption or after its end; the draws are those of a run that was never interrupted. --quick takes a first
     look, from which 'resume' continues to the same draws as well.
     """
-    from softness_bayes.checkpoints.checkpoint import Checkpoint
     from softness_bayes.data import Measurements
     from softness_bayes.results.run_options import Request
+    from softness_bayes.runs.checkpoint import Checkpoint
 
     with telling("reading the tables"):
         data = files.read()
@@ -116,11 +116,11 @@ def resume(
     afferents
         New path of the recorded afferents, if they were moved.
     """
-    from softness_bayes.checkpoints.checkpoint import Checkpoint
-    from softness_bayes.checkpoints.identity import differences
-    from softness_bayes.provenance import VERSION, versions
+    from softness_bayes.base.supplied import require_trusted
+    from softness_bayes.checking.provenance import VERSION, versions
     from softness_bayes.results.run_options import Request
-    from softness_bayes.supplied import require_trusted
+    from softness_bayes.runs.checkpoint import Checkpoint
+    from softness_bayes.runs.identity import differences
 
     checkpoint = Checkpoint.open(directory, salvage=True)
     status, request = checkpoint.status, checkpoint.request
@@ -169,8 +169,8 @@ def _note(text: str) -> None:
 
 def _require_drawn(names: Sequence[str] | None) -> None:
     """Raise InputError for custom figures that cannot be drawn; the argument is None if no figures are requested."""
+    from softness_bayes.base.supplied import installed
     from softness_bayes.plotting.figures import OWN_FIGURES, require_figures
-    from softness_bayes.supplied import installed
 
     if names is not None and (names or installed(OWN_FIGURES)):
         require_figures([*names, *installed(OWN_FIGURES)])
@@ -224,8 +224,8 @@ def _run(
     NotConvergedError
         If a limit was reached before convergence; all results are written nevertheless.
     """
+    from softness_bayes.checking.provenance import versions
     from softness_bayes.cli.running import print_result
-    from softness_bayes.provenance import versions
     from softness_bayes.runs.run import model_of, sample_kept
 
     out = checkpoint.directory
@@ -316,7 +316,7 @@ def status(directory: Path) -> None:
     ----------
     directory : DIR
     """
-    from softness_bayes.files.run_files import CHECKPOINT, RUNS
+    from softness_bayes.base.files.run_files import CHECKPOINT, RUNS
     from softness_bayes.runs.rank_table import is_calibration
 
     if is_calibration(directory):
@@ -330,7 +330,7 @@ def status(directory: Path) -> None:
 
 def _of_a_run(directory: Path) -> list[str]:
     """Return the steps, the state and the last check of a run, in lines."""
-    from softness_bayes.checkpoints.saved import read_status
+    from softness_bayes.runs.saved import read_status
 
     status = read_status(directory)
     verdict, togo = status.verdict, f", about {status.missing} to go" if status.missing else ""
@@ -362,9 +362,9 @@ def _of_a_calibration(directory: Path) -> list[str]:
 
 def _of_a_study(directory: Path) -> list[str]:
     """Return the numbers of tables of a study by their state, and the progress of each run, in lines."""
-    from softness_bayes.checkpoints.saved import read_status, saved_states
-    from softness_bayes.files.run_files import POSTERIOR, RUNS
+    from softness_bayes.base.files.run_files import POSTERIOR, RUNS
     from softness_bayes.runs.batch import read_asked
+    from softness_bayes.runs.saved import read_status, saved_states
     from softness_bayes.runs.study import refused_tables
 
     begun = sorted(path for path in (directory / RUNS).iterdir() if saved_states(path))

@@ -12,8 +12,8 @@ from typing import Annotated, Any
 
 import click
 
+from softness_bayes.base.errors import InputError, NotConvergedError
 from softness_bayes.cli.options import Given, Words, command
-from softness_bayes.errors import InputError, NotConvergedError
 from softness_bayes.results.run_options import RunOptions
 
 EXAMPLE = ("ratings.csv", "fabrics.csv", "analysis.sh", "analysis.py", "README.md")
@@ -50,7 +50,7 @@ def new(directory: Path) -> None:
     ----------
     directory : DIR
     """
-    from softness_bayes.files.outputs import write_outputs
+    from softness_bayes.base.files.outputs import write_outputs
 
     _require_none(directory, *EXAMPLE)
     write_outputs(directory, example(), "new")
@@ -73,10 +73,10 @@ def demo(directory: Path = Path("softness-demo"), *, run: Annotated[RunOptions, 
     ----------
     directory : [DIR]
     """
+    from softness_bayes.base.files.outputs import write_outputs
     from softness_bayes.cli.check import check
     from softness_bayes.cli.report import report
     from softness_bayes.cli.sample import sample
-    from softness_bayes.files.outputs import write_outputs
 
     results, data = directory / "results", directory / "ratings.csv"
     _require_none(directory, *EXAMPLE, results.name)
@@ -203,6 +203,6 @@ def _figures() -> Iterator[Table]:
 
 
 def _installed(group: str) -> list[tuple[str, str]]:
-    from softness_bayes.supplied import installed
+    from softness_bayes.base.supplied import installed
 
     return [(name, f"{point.value}, of an installed package") for name, point in installed(group).items()]

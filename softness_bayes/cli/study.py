@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
+from softness_bayes.base.errors import InputError, NotConvergedError, NumericalError
+from softness_bayes.base.options import Names
+from softness_bayes.base.readable import some_of
 from softness_bayes.cli.interrupts import keeping
 from softness_bayes.cli.options import Dask, Given, Out, command
 from softness_bayes.cli.running import command_line, executor_of
 from softness_bayes.cli.terminal import counting
-from softness_bayes.errors import InputError, NotConvergedError, NumericalError
 from softness_bayes.model.options import Laws, ModelOptions
-from softness_bayes.options import Names
-from softness_bayes.readable import some_of
 from softness_bayes.results.run_options import DataFiles, RunOptions
 
 if TYPE_CHECKING:
@@ -68,8 +68,8 @@ def study(
     out
         Directory to write to; a study there is continued.
     """
+    from softness_bayes.base.files.run_files import RUNS
     from softness_bayes.data.lists import list_tables
-    from softness_bayes.files.run_files import RUNS
     from softness_bayes.runs.study import study as fit
     from softness_bayes.runs.table_fits import Kept
 

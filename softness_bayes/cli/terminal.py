@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, Self
 
 import click
 
-from softness_bayes.readable import counted
+from softness_bayes.base.readable import counted
 
 if TYPE_CHECKING:
     from tqdm import tqdm

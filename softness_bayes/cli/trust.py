@@ -14,16 +14,16 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import click
 
+from softness_bayes.base.defaults import ACCURACY, LEFT_OUT
+from softness_bayes.base.errors import InputError, NotConvergedError, NumericalError
+from softness_bayes.base.options import Number
+from softness_bayes.base.ranges import PARTICIPANTS, REPLICATES, STEPS
+from softness_bayes.base.readable import chance, some_of
 from softness_bayes.cli.interrupts import keeping
 from softness_bayes.cli.options import Dask, Directory, Force, Given, Out, Touches, TrustCode, Words, command, typed
 from softness_bayes.cli.running import executor_of, reading, warn_of_unconverged
 from softness_bayes.cli.terminal import counting
-from softness_bayes.defaults import ACCURACY, LEFT_OUT
-from softness_bayes.errors import InputError, NotConvergedError, NumericalError
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.options import Number
-from softness_bayes.ranges import PARTICIPANTS, REPLICATES, STEPS
-from softness_bayes.readable import chance, some_of
 from softness_bayes.results.run_options import RunOptions
 
 if TYPE_CHECKING:
@@ -68,9 +68,9 @@ def compare(
     out
         Directory to write compare.csv to.
     """
-    from softness_bayes.files.command_line import endings
-    from softness_bayes.files.outputs import require_outputs, write_outputs
-    from softness_bayes.files.spreadsheet import csv_of
+    from softness_bayes.base.files.command_line import endings
+    from softness_bayes.base.files.outputs import require_outputs, write_outputs
+    from softness_bayes.base.files.spreadsheet import csv_of
     from softness_bayes.runs.comparison import REFIT
     from softness_bayes.runs.comparison import compare as compared
     from softness_bayes.runs.left_out import LEAVE
@@ -214,8 +214,8 @@ def calibrate(
 
 def _report(calibrated: Calibrated, out: Path) -> None:
     """Write tables, figure and verdict, and print coverage and verdict."""
+    from softness_bayes.base.files.outputs import write_outputs
     from softness_bayes.checking.calibration import coverage_sentence
-    from softness_bayes.files.outputs import write_outputs
     from softness_bayes.plotting.checks import rank_ecdf_figure
     from softness_bayes.plotting.style import files_of
     from softness_bayes.runs.rank_table import CALIBRATE, FIGURE
@@ -266,8 +266,8 @@ def bench(
     """
     from threadpoolctl import threadpool_limits
 
+    from softness_bayes.base.files.outputs import require_outputs, write_outputs
     from softness_bayes.bench.precision import FULL, QUICK
-    from softness_bayes.files.outputs import require_outputs, write_outputs
 
     if scale and tables:
         raise InputError("bench: --scale and --tables measure different things; give one of them")
@@ -297,8 +297,8 @@ def _rows(measured: Iterable[NamedTuple]) -> pd.DataFrame:
 
 def _tables(quick: bool) -> tuple[bytes | str, ...]:
     """Measure and print the convergence of tables of every kind."""
+    from softness_bayes.base.files.spreadsheet import csv_of
     from softness_bayes.bench.tables import sampled
-    from softness_bayes.files.spreadsheet import csv_of
 
     table = _rows(sampled(quick))
     shown = {
@@ -316,8 +316,8 @@ def _tables(quick: bool) -> tuple[bytes | str, ...]:
 
 def _whole_runs(quick: bool) -> tuple[bytes | str, ...]:
     """Measure and print whole runs on growing tables; a trial run measures the smallest of each kind."""
+    from softness_bayes.base.files.spreadsheet import csv_of
     from softness_bayes.bench.growth import TABLES, grown
-    from softness_bayes.files.spreadsheet import csv_of
 
     smallest = {table.what: table for table in reversed(TABLES)}
     table = _rows(grown([*reversed(smallest.values())] if quick else TABLES))
@@ -335,9 +335,9 @@ def _speed_and_error(effort: Effort) -> dict[str, bytes | str]:
     """Measure and print the likelihood at each accuracy, and its peers."""
     import pandas as pd
 
+    from softness_bayes.base.files.spreadsheet import csv_of
     from softness_bayes.bench.peers import Peer, measure, ratio, receptors
     from softness_bayes.bench.precision import CHANNELS, work_precision
-    from softness_bayes.files.spreadsheet import csv_of
     from softness_bayes.plotting.studies import work_precision_figure
     from softness_bayes.plotting.style import files_of
 

@@ -13,6 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.files.spreadsheet import csv_of
+from softness_bayes.base.ranges import require_kind, require_mapping
 from softness_bayes.data.columns import (
     AFFERENTS,
     FABRICS,
@@ -34,9 +37,6 @@ from softness_bayes.data.ratings import FREE_TOUCH, LOAD_COLUMNS, Ratings, loads
 from softness_bayes.data.reading import check_renames, has_sheet, read_table
 from softness_bayes.data.shapes import Request
 from softness_bayes.data.tables import FloatArray, Table
-from softness_bayes.errors import InputError
-from softness_bayes.files.spreadsheet import csv_of
-from softness_bayes.ranges import require_kind, require_mapping
 
 __all__ = [
     "LOAD_COLUMNS",

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from decimal import MAX_EMAX, MIN_EMIN, Context, Decimal
 from typing import NamedTuple
 
+from softness_bayes.base.errors import quoted
+from softness_bayes.base.ranges import ANY, FORCES, INDENTATIONS, LOAD_ERRORS, RELATIVE_ERRORS, RESOLUTIONS, Range
 from softness_bayes.data.titles import Unit, analysed, bag, is_unit, key
-from softness_bayes.errors import quoted
-from softness_bayes.ranges import ANY, FORCES, INDENTATIONS, LOAD_ERRORS, RELATIVE_ERRORS, RESOLUTIONS, Range
 
 
 @dataclass(frozen=True)

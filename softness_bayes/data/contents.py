@@ -8,6 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from softness_bayes.base.errors import quoted
+from softness_bayes.base.readable import counted
 from softness_bayes.data.columns import (
     NUMBERS,
     PERHAPS_SUMMARIES,
@@ -20,8 +22,6 @@ from softness_bayes.data.decimals import SheetNumber, is_missing, looks_numeric
 from softness_bayes.data.faults import DIFFERENCE, identity, listing, natural, shown_names
 from softness_bayes.data.tables import FloatArray, Table
 from softness_bayes.data.titles import bag, key
-from softness_bayes.errors import quoted
-from softness_bayes.readable import counted
 
 _DESIGN = ("fabric", "fabric_2", "indentation_mm", "force_n", "session", "trial", "list")
 """Columns that say what was touched."""

@@ -7,7 +7,7 @@ import unicodedata
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple, TypeAlias
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
 
 _MISSING = "na|n/a|n.a.|#n/a|nan|null|none|-|–|—|.|--|<na>|n.d.|missing|k.a."
 MISSING = frozenset(("", *_MISSING.split("|")))

@@ -9,6 +9,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from softness_bayes.base.errors import InputError, quoted
+from softness_bayes.base.ranges import RELATIVE_ERRORS, Range, numbers, refuse
 from softness_bayes.data.columns import (
     EFFECTIVE_MODULUS,
     FABRICS,
@@ -27,8 +29,6 @@ from softness_bayes.data.faults import Fault, TableError, listing, natural
 from softness_bayes.data.reading import OneTable
 from softness_bayes.data.tables import FloatArray, IntArray, Table, read_only
 from softness_bayes.data.titles import analysed
-from softness_bayes.errors import InputError, quoted
-from softness_bayes.ranges import RELATIVE_ERRORS, Range, numbers, refuse
 from softness_bayes.touch.contact import PLATE_LENGTH, PRINTED_RIGIDITY, FabricModulus
 
 USUAL_POISSON_RATIO = 0.3

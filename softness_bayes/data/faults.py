@@ -10,7 +10,7 @@ from decimal import Decimal
 from itertools import islice
 from typing import NamedTuple
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
 
 LONGEST = 100
 """Largest number of characters of a name that is compared with others, and that is shown."""

@@ -15,6 +15,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
+from softness_bayes.base.errors import InputError, quoted
+from softness_bayes.base.files.json_text import parse_json
 from softness_bayes.data.decimals import SheetNumber
 from softness_bayes.data.sheets import (
     INSTALL,
@@ -25,8 +27,6 @@ from softness_bayes.data.sheets import (
     text_sheet,
     workbook_sheets,
 )
-from softness_bayes.errors import InputError, quoted
-from softness_bayes.files.json_text import parse_json
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 
+from softness_bayes.base.errors import InputError, quoted
 from softness_bayes.data.columns import (
     ANCHOR,
     KNOWN_BY,
@@ -23,7 +24,6 @@ from softness_bayes.data.columns import (
 from softness_bayes.data.decimals import is_missing, looks_numeric, mostly_numeric
 from softness_bayes.data.faults import listing
 from softness_bayes.data.titles import UNITS, Title, Unit, analysed, bag, is_unit, key, unit_named
-from softness_bayes.errors import InputError, quoted
 
 
 class Header:

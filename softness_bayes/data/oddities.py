@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.base.ranges import CATEGORIES_RANGE
+from softness_bayes.base.readable import counted, percent
 from softness_bayes.data.ratings import LOAD_COLUMNS, Ratings
-from softness_bayes.ranges import CATEGORIES_RANGE
-from softness_bayes.readable import counted, percent
 
 CLOSE = 0.02
 """Relative difference below which two loads may have been intended to be equal."""

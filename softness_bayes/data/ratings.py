@@ -14,6 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from softness_bayes.base.errors import InputError, quoted
+from softness_bayes.base.ranges import LOAD_STEPS
+from softness_bayes.base.readable import counted, some_of
 from softness_bayes.data.columns import FORCE, INDENTATION, LOAD_CV, LOADED, RATINGS, RESOLUTION, Column
 from softness_bayes.data.decimals import Marks, is_missing
 from softness_bayes.data.fabrics import Fabrics, log_sd
@@ -23,9 +26,6 @@ from softness_bayes.data.forms import PANEL, AggregatedCells, cells_of, covariat
 from softness_bayes.data.reading import read_as
 from softness_bayes.data.shapes import Request
 from softness_bayes.data.tables import FloatArray, IntArray, Table, freeze
-from softness_bayes.errors import InputError, quoted
-from softness_bayes.ranges import LOAD_STEPS
-from softness_bayes.readable import counted, some_of
 from softness_bayes.touch.contact import Force, FreeTouch, Indentation, Load
 
 

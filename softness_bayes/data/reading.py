@@ -17,6 +17,8 @@ import numpy as np
 
 import softness_bayes.data.contents as contents
 import softness_bayes.data.shapes as shapes
+from softness_bayes.base.errors import InputError, quoted
+from softness_bayes.base.files.spreadsheet import unescaped
 from softness_bayes.data.columns import NAMES, NUMBERS, Kind, summarises
 from softness_bayes.data.decimals import (
     Cell,
@@ -35,8 +37,6 @@ from softness_bayes.data.shapes import Request
 from softness_bayes.data.sheets import Sheet
 from softness_bayes.data.tables import Table, unused_note
 from softness_bayes.data.titles import key
-from softness_bayes.errors import InputError, quoted
-from softness_bayes.files.spreadsheet import unescaped
 
 ALL = ("ratings", "fabrics", "compression")
 

@@ -9,6 +9,8 @@ from dataclasses import replace
 from decimal import Decimal
 from typing import NamedTuple
 
+from softness_bayes.base.errors import InputError, quoted
+from softness_bayes.base.files.json_text import parse_json
 from softness_bayes.data.columns import (
     DIRECTIONS,
     FORCE,
@@ -27,8 +29,6 @@ from softness_bayes.data.headers import Header
 from softness_bayes.data.sheets import Sheet
 from softness_bayes.data.tables import Table
 from softness_bayes.data.titles import LONGEST_TITLE, UNITS, analysed, bag, is_unit, key, unit_named
-from softness_bayes.errors import InputError, quoted
-from softness_bayes.files.json_text import parse_json
 
 
 class Request(NamedTuple):

@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.files.json_text import as_json
 from softness_bayes.data.decimals import SheetNumber
 from softness_bayes.data.faults import listing
-from softness_bayes.errors import InputError
-from softness_bayes.files.json_text import as_json
 
 if TYPE_CHECKING:
     import pandas as pd

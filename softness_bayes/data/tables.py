@@ -11,12 +11,12 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from softness_bayes.base.errors import InputError, quoted
 from softness_bayes.data.columns import NUMBERS, OWNERS, Column, is_reversed
 from softness_bayes.data.decimals import POINT, Reading, is_missing
 from softness_bayes.data.faults import Fault, Hint, TableError, listing
 from softness_bayes.data.sheets import Sheet
 from softness_bayes.data.titles import Unit, bag, unit_named
-from softness_bayes.errors import InputError, quoted
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.data import Fabrics
-from softness_bayes.errors import InputError
 from softness_bayes.experiments.design import candidates_of, quantities_of, require_run
 from softness_bayes.experiments.information import Histograms, gains_about, rank_bins
 from softness_bayes.experiments.outlook import Outlook, Touches, outlook_of_run
@@ -185,8 +185,8 @@ class Adaptive:
 
     def save(self, path: str | Path) -> None:
         """Write the request and the answers to a small file, from which `load` continues."""
-        from softness_bayes.files.json_text import as_json
-        from softness_bayes.files.whole import write_whole
+        from softness_bayes.base.files.json_text import as_json
+        from softness_bayes.base.files.whole import write_whole
 
         request = self.request | {"loads": [_written(load) for load in self.request["loads"]], "candidates": None}
         answers = [one._asdict() | {"load": _written(one.load)} for one in self.answers]
@@ -209,7 +209,7 @@ class Adaptive:
         InputError
             If the file is of something else, or of another run.
         """
-        from softness_bayes.files.json_text import parse_json
+        from softness_bayes.base.files.json_text import parse_json
 
         kept = parse_json(Path(path).read_bytes())
         if not isinstance(kept, dict) or kept.get("adaptive") != 1:

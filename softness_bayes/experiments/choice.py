@@ -17,7 +17,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.files.json_text import as_json
+from softness_bayes.base.files.outputs import write_outputs
+from softness_bayes.base.files.spreadsheet import csv_of
 from softness_bayes.experiments.information import (
     BINS,
     Bracket,
@@ -28,9 +31,6 @@ from softness_bayes.experiments.information import (
     rank_bins,
     rank_scores,
 )
-from softness_bayes.files.json_text import as_json
-from softness_bayes.files.outputs import write_outputs
-from softness_bayes.files.spreadsheet import csv_of
 from softness_bayes.plotting.studies import gain_figure
 from softness_bayes.plotting.style import USUAL, Style, files_of
 

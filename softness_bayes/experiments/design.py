@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.ranges import PANEL, require_kind
 from softness_bayes.data import Experiment, Fabrics
-from softness_bayes.errors import InputError
 from softness_bayes.experiments.choice import Costs, PanelRatings, Plan, choose
 from softness_bayes.experiments.outlook import DRAWS, Outlook, Touches, outlook_of_prior, outlook_of_run
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.ranges import PANEL, require_kind
 from softness_bayes.touch.contact import Force, Indentation, Load, held, require_loads
 
 Array = NDArray[np.float64]

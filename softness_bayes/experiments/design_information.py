@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.special import ndtr, ndtri
 
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.ranges import Range
+from softness_bayes.base.readable import number
 from softness_bayes.checking.identifiability import prior_moments
 from softness_bayes.checking.inflection import CurveShape, turning_points
-from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.error_laws import STUDENT
@@ -30,8 +32,6 @@ from softness_bayes.likelihood.plate import CompressionForces, plate_line
 from softness_bayes.likelihood.scales import MAGNITUDE, PAIRS, RANKS, SLIDER, STANDARDISED
 from softness_bayes.model.build import ExperimentModel
 from softness_bayes.model.posterior import Posterior
-from softness_bayes.ranges import Range
-from softness_bayes.readable import number
 from softness_bayes.touch.contact import Force, Indentation, Load, held
 from softness_bayes.touch.scene import Scene
 

@@ -21,9 +21,9 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.checking.inflection import CurveShape, turning_points
 from softness_bayes.data import Experiment, Fabrics
-from softness_bayes.errors import InputError
 from softness_bayes.experiments.design_information import heavier, rounding
 from softness_bayes.likelihood.scales import MAGNITUDE, SLIDER
 from softness_bayes.model.build import ExperimentModel, build

@@ -24,7 +24,8 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import chndtr, gammaln, ive, logsumexp, ndtri
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import Prior
 from softness_bayes.likelihood.contract import Effects, Levels, Likelihood, Parameters, RowsLeftOut, Shape
 from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
@@ -33,7 +34,6 @@ from softness_bayes.likelihood.normal_rows import EffectLaw
 from softness_bayes.likelihood.pieces import in_pieces, left_out_in_pieces
 from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.scales import AGGREGATED, LOG_SD, Scale
-from softness_bayes.parameters.laws import Prior
 
 FloatArray = NDArray[np.float64]
 

@@ -10,21 +10,28 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
+from softness_bayes.base.laws import Prior
 from softness_bayes.likelihood.design import Design, IndexArray
 from softness_bayes.likelihood.error_laws import ErrorLaw
 from softness_bayes.likelihood.scales import Scale
-from softness_bayes.parameters.laws import Prior
 
 FloatArray = NDArray[np.float64]
 Shape = tuple[int, ...]
 Levels = Mapping[str, ArrayLike] | None
 """Values of effects that all observations share, by name, each of batch shape (...)."""
+
+RATER_SPREADS: Mapping[str, str] = MappingProxyType({"gamma": "tau_gamma", "varsigma": "tau_varsigma"})
+"""Name of the parameter for the spread between raters, by the quantity that differs."""
+
+RATER_EFFECTS: Mapping[str, str] = MappingProxyType({"gamma": "rater_log_gamma", "varsigma": "rater_log_varsigma"})
+"""Names in files of raters' log deviations from the typical rater, by the quantity that differs."""
 
 NO_RESPONSE: FloatArray = np.empty(0)
 """The mean rate without conditions, for models without receptors: shape (0,), or (..., 0) with a batch shape."""

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]

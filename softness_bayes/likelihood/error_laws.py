@@ -24,7 +24,7 @@ from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 from scipy.special import betaln, ndtri_exp, stdtr
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
 from softness_bayes.likelihood.design import Design
 
 if TYPE_CHECKING:

@@ -18,8 +18,16 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.errors import InputError
-from softness_bayes.likelihood.contract import Effects, Levels, Parameters, RowsLeftOut, Shape
+from softness_bayes.base.errors import InputError
+from softness_bayes.likelihood.contract import (
+    RATER_EFFECTS,
+    RATER_SPREADS,
+    Effects,
+    Levels,
+    Parameters,
+    RowsLeftOut,
+    Shape,
+)
 from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw, Lapses, RaterRange, WholeScale
 from softness_bayes.likelihood.magnitude import RatingModel
@@ -29,7 +37,6 @@ from softness_bayes.likelihood.rater_effects import Given, NormalTable, Table
 from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.row_laws import RowLaw, Rows
 from softness_bayes.likelihood.scales import SLIDER, Scale
-from softness_bayes.parameters.declared import RATER_EFFECTS, RATER_SPREADS
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]

@@ -13,14 +13,14 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import Normal, Prior
 from softness_bayes.likelihood.contract import Effects, Levels, Parameters, RowsLeftOut, Shape
 from softness_bayes.likelihood.design import Design, IndexArray, Stated
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.normal_rows import EffectLaw, LeaveOneOut, NormalRows
 from softness_bayes.likelihood.ratings import RatingsLikelihood, RatingsModel
 from softness_bayes.likelihood.scales import MAGNITUDE, RISES, RatingDirection, Scale
-from softness_bayes.parameters.laws import Normal, Prior
 
 FloatArray = NDArray[np.float64]
 

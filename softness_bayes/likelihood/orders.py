@@ -22,7 +22,8 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, log_ndtr, ndtri
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import Prior
 from softness_bayes.likelihood.contract import Effects, Levels, Parameters, RowsLeftOut, Shape
 from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.error_laws import GUMBEL, GUMBEL_SD, NORMAL, ErrorLaw
@@ -38,7 +39,6 @@ from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.pieces import in_pieces, left_out_in_pieces
 from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.scales import PAIRS, RANKS, Scale
-from softness_bayes.parameters.laws import Prior
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]

@@ -16,13 +16,13 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import Prior
 from softness_bayes.likelihood.contract import NO_RESPONSE, Effects, Levels, Likelihood, Parameters, RowsLeftOut, Shape
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.pieces import backward, cholesky, forward
 from softness_bayes.likelihood.scales import PLATE_FORCE, Scale
-from softness_bayes.parameters.laws import Prior
 from softness_bayes.touch.contact import STRAIN, Finger, SkinDisplacement, plate_line
 from softness_bayes.touch.finger_grid import SkinLaws
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
 from softness_bayes.likelihood.contract import Effects, Levels, Likelihood, Model, Parameters, Shape
 from softness_bayes.likelihood.design import Design, IndexArray, LoadErrors, Stated
 from softness_bayes.likelihood.scales import RatingDirection

@@ -12,9 +12,9 @@ from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
-from softness_bayes.errors import InputError, quoted
-from softness_bayes.readable import some_of
-from softness_bayes.supplied import FORM, installed, is_supplied, reference, require_reference, supplied
+from softness_bayes.base.errors import InputError, quoted
+from softness_bayes.base.readable import some_of
+from softness_bayes.base.supplied import FORM, installed, is_supplied, reference, require_reference, supplied
 
 if TYPE_CHECKING:
     import numpy as np

@@ -13,7 +13,8 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_ndtr, ndtr, owens_t
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import HalfNormal, Normal, Prior
 from softness_bayes.likelihood.contract import Effects, Levels, Parameters, RowsLeftOut, Shape
 from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
@@ -21,7 +22,6 @@ from softness_bayes.likelihood.normal_rows import EffectLaw, NormalRows
 from softness_bayes.likelihood.pieces import left_out_in_pieces
 from softness_bayes.likelihood.ratings import RatingsLikelihood, RatingsModel
 from softness_bayes.likelihood.scales import RISES, STANDARDISED, RatingDirection, Scale
-from softness_bayes.parameters.laws import HalfNormal, Normal, Prior
 
 FloatArray = NDArray[np.float64]
 

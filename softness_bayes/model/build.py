@@ -8,12 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import LogNormal
+from softness_bayes.base.ranges import require_kind
 from softness_bayes.data import Afferents, Compression, Experiment, Measurements, Ratings
 from softness_bayes.data.faults import listing
 from softness_bayes.data.oddities import few_raters_sentence
 from softness_bayes.data.ratings import FREE_TOUCH
-from softness_bayes.errors import InputError
 from softness_bayes.likelihood.aggregated import RaterSpreads, SpreadModel
+from softness_bayes.likelihood.contract import RATER_SPREADS
 from softness_bayes.likelihood.design import Design, LoadErrors
 from softness_bayes.likelihood.individual import IndividualModel
 from softness_bayes.likelihood.layout import Layout, merge
@@ -31,14 +34,12 @@ from softness_bayes.model.direction import DRAWS, DirectionChoice, evidence_of
 from softness_bayes.model.interpretation import Interpretation, interpret
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Density, Posterior
+from softness_bayes.model.recordings.likelihood import RecordedRates, recording_model
+from softness_bayes.model.recordings.response import ProbedTouches
 from softness_bayes.parameters import declared
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.coordinates import Bent, Coordinate, Scaled
-from softness_bayes.parameters.laws import LogNormal
 from softness_bayes.parameters.space import FabricModuli, ParameterSpace
-from softness_bayes.ranges import require_kind
-from softness_bayes.recordings.likelihood import RecordedRates, recording_model
-from softness_bayes.recordings.response import ProbedTouches
 from softness_bayes.touch.accuracy import PRESETS, ChosenResolution, choose
 from softness_bayes.touch.finger_grid import SPREAD_OF
 from softness_bayes.touch.load_groups import groups_of
@@ -169,7 +170,7 @@ class ExperimentModel:
             absent={*RatingModel.needs} - {*needs} | (set() if free else {declared.TOUCH_FORCE}),
             n_fingers=None if data.compression is None else len(data.compression.participants),
             membrane=options.readings.membrane,
-            spreads=[{**SPREAD_OF, **declared.RATER_SPREADS}[name] for name in options.individual],
+            spreads=[{**SPREAD_OF, **RATER_SPREADS}[name] for name in options.individual],
             signed=("gamma",) if direction == FREE else (),
             of_errors=declared.ERROR_PARAMETERS.keys() & {*needs},
             recorded=[name for term in _recorded(data, options) for name in term.model.needs],

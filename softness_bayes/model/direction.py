@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, stdtr
 
+from softness_bayes.base.readable import counted, percent
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.layout import Layout
 from softness_bayes.likelihood.scales import FALLS, FREE, RISES, RatingDirection
-from softness_bayes.readable import counted, percent
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]

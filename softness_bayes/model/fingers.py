@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from softness_bayes.errors import InputError
-from softness_bayes.parameters.declared import EVERY_PARAMETER, RATER_SPREADS, SHAPE_PARAMETERS, TOUCH_FORCE, Parameter
-from softness_bayes.ranges import Range
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.ranges import Range
+from softness_bayes.likelihood.contract import RATER_SPREADS
+from softness_bayes.parameters.declared import EVERY_PARAMETER, SHAPE_PARAMETERS, TOUCH_FORCE, Parameter
 from softness_bayes.touch.contact import Finger, FingerBox
 from softness_bayes.touch.finger_grid import SPREAD_OF, FingerGrid
 from softness_bayes.touch.fingers import FingerFamily

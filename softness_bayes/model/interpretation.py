@@ -10,8 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.ranges import CATEGORIES_RANGE
+from softness_bayes.base.readable import counted, number, some_of
 from softness_bayes.data.ratings import Ratings
-from softness_bayes.errors import InputError
 from softness_bayes.likelihood import scales
 from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.error_laws import GUMBEL, LAPSES, NORMAL, STUDENT, ErrorLaw
@@ -19,8 +21,6 @@ from softness_bayes.likelihood.layout import Layout, merge
 from softness_bayes.likelihood.lists import MOST_TIED, references, shares
 from softness_bayes.model.fingers import differing, fingers_of
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.ranges import CATEGORIES_RANGE
-from softness_bayes.readable import counted, number, some_of
 from softness_bayes.touch.load_groups import groups_of
 
 FloatArray = NDArray[np.float64]

@@ -10,19 +10,19 @@ from functools import partial
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Self
 
-from softness_bayes import options as kinds
-from softness_bayes import ranges
-from softness_bayes.defaults import ACCURACY, ERRORS, NOISE, PRIOR_SET
-from softness_bayes.errors import InputError
-from softness_bayes.files.json_text import parse_json
+from softness_bayes.base import options as kinds
+from softness_bayes.base import ranges
+from softness_bayes.base.defaults import ACCURACY, ERRORS, NOISE, PRIOR_SET
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.files.json_text import parse_json
+from softness_bayes.base.options import AUTO, Options, described, later, option
+from softness_bayes.base.supplied import installed
 from softness_bayes.likelihood import scales
 from softness_bayes.likelihood.scales import require_name as require_scale
-from softness_bayes.options import AUTO, Options, described, later, option
-from softness_bayes.supplied import installed
 
 if TYPE_CHECKING:
+    from softness_bayes.base.laws import Prior
     from softness_bayes.likelihood.error_laws import ErrorLaw
-    from softness_bayes.parameters.laws import Prior
     from softness_bayes.touch.contact import Finger
     from softness_bayes.touch.readings import Readings
     from softness_bayes.touch.scene import Discretisation

@@ -9,7 +9,7 @@ from typing import Any, Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.errors import InputError, NumericalError
+from softness_bayes.base.errors import InputError, NumericalError
 from softness_bayes.likelihood.contract import Likelihood, Parameters
 from softness_bayes.likelihood.plate import FORCES, CompressionForces
 from softness_bayes.likelihood.ratings import RATINGS, RatingsLikelihood

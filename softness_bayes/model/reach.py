@@ -9,14 +9,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.readable import percent
 from softness_bayes.data import Fabrics
 from softness_bayes.data.ratings import FREE_TOUCH
-from softness_bayes.errors import InputError
 from softness_bayes.model.build import COARSE, ExperimentModel
 from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
 from softness_bayes.parameters.declared import EVERY_PARAMETER, SHAPE_PARAMETERS, TOUCH_FORCE
 from softness_bayes.parameters.space import FabricModuli
-from softness_bayes.readable import percent
 from softness_bayes.touch.contact import HERTZ_LIMIT, Finger, Force, FreeTouch, Indentation, Load, Loads
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.parameters import TouchParameters

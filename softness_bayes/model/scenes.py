@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import LEAST_WIDTH, LogNormal, LogUniform, Prior
+from softness_bayes.base.ranges import RELATIVE_ERRORS, require_kind, require_mapping
 from softness_bayes.data.fabrics import log_sd
 from softness_bayes.data.ratings import load_column
-from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import LoadErrors
 from softness_bayes.model.fingers import box_of_values
 from softness_bayes.parameters import declared
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.joint import JOINT_LAWS
-from softness_bayes.parameters.laws import LEAST_WIDTH, LogNormal, LogUniform, Prior
 from softness_bayes.parameters.space import FabricModuli, ParameterSpace
-from softness_bayes.ranges import RELATIVE_ERRORS, require_kind, require_mapping
 from softness_bayes.touch.accuracy import DRAWS, Draws
 from softness_bayes.touch.contact import FabricModulus, Finger, FingerBox, Load
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels

@@ -9,22 +9,22 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes import ranges
+from softness_bayes.base import ranges
+from softness_bayes.base.errors import InputError
 from softness_bayes.data import Afferents, Compression, Fabrics, Ratings
 from softness_bayes.data.fabrics import log_sd
 from softness_bayes.data.forms import PANEL, AggregatedCells
-from softness_bayes.errors import InputError
 from softness_bayes.likelihood import scales
-from softness_bayes.likelihood.contract import NO_RESPONSE, Model, Parameters
+from softness_bayes.likelihood.contract import NO_RESPONSE, RATER_SPREADS, Model, Parameters
 from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.error_laws import GUMBEL, NORMAL, ErrorLaw
 from softness_bayes.likelihood.models import rating_model
 from softness_bayes.likelihood.plate import PLATE_PARAMETERS, CompressionForces
 from softness_bayes.likelihood.ratings import OF_FORCES
+from softness_bayes.model.recordings.likelihood import RecordedRates, recording_model
+from softness_bayes.model.recordings.response import ProbedTouches
 from softness_bayes.model.scenes import scaled, scene_of, touch_parameters
-from softness_bayes.parameters.declared import EVERY_PARAMETER, RATER_SPREADS
-from softness_bayes.recordings.likelihood import RecordedRates, recording_model
-from softness_bayes.recordings.response import ProbedTouches
+from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.touch.contact import Finger, Load, require_loads
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import MENDED, Readings

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence, Set
 from dataclasses import replace
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import Prior, Signed, magnitude
+from softness_bayes.base.ranges import require_mapping
 from softness_bayes.parameters import joint as joint_law
 from softness_bayes.parameters.declared import (
     ANSWER_PARAMETERS,
@@ -23,10 +25,8 @@ from softness_bayes.parameters.declared import (
     Parameter,
 )
 from softness_bayes.parameters.joint import JOINT_LAWS
-from softness_bayes.parameters.laws import Prior, Signed, magnitude
 from softness_bayes.parameters.priors import as_priors
 from softness_bayes.parameters.space import ParameterSpace
-from softness_bayes.ranges import require_mapping
 from softness_bayes.touch.contact import STRAIN, SkinDisplacement
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, Channels, Membrane
 from softness_bayes.touch.neuron.surface import DESIGNS, FiringSurface

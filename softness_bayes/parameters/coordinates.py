@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, log_expit, logit, ndtr, ndtri
 
-from softness_bayes.parameters.laws import LogUniform, Prior
+from softness_bayes.base.laws import LogUniform, Prior
 
 FloatArray = NDArray[np.float64]
 

@@ -8,10 +8,10 @@ from types import MappingProxyType
 
 import numpy as np
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import HalfNormal, LogNormal, Normal, Prior, Truncated, Uniform
+from softness_bayes.base.ranges import CATEGORIES_RANGE, FREE_FORCES, GUESSES, Range
 from softness_bayes.parameters.joint import JOINT_LAWS
-from softness_bayes.parameters.laws import HalfNormal, LogNormal, Normal, Prior, Truncated, Uniform
-from softness_bayes.ranges import CATEGORIES_RANGE, FREE_FORCES, GUESSES, Range
 from softness_bayes.touch.contact import DISPLACEMENT, STRAIN, SkinDisplacement
 from softness_bayes.touch.neuron.rate_curve import LARGEST_CURRENT
 
@@ -204,12 +204,6 @@ ANSWER_PARAMETERS: Mapping[str, Parameter] = _by_name(
     ),
 )
 """Spreads of individual exponents and noise."""
-
-RATER_SPREADS: Mapping[str, str] = MappingProxyType({"gamma": "tau_gamma", "varsigma": "tau_varsigma"})
-"""Name of the parameter for the spread between raters, by the quantity that differs."""
-
-RATER_EFFECTS: Mapping[str, str] = MappingProxyType({"gamma": "rater_log_gamma", "varsigma": "rater_log_varsigma"})
-"""Names in files of raters' log deviations from the typical rater, by the quantity that differs."""
 
 ERROR_PARAMETERS: Mapping[str, Parameter] = _by_name(
     Parameter(

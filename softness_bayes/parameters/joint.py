@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, logit
 
-from softness_bayes.parameters.laws import LogNormal, Prior
+from softness_bayes.base.laws import LogNormal, Prior
 
 Array = NDArray[np.float64]
 

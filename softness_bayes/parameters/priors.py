@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.errors import InputError
-from softness_bayes.parameters.laws import (
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import (
     HalfNormal,
     Law,
     LogNormal,
@@ -25,7 +25,7 @@ from softness_bayes.parameters.laws import (
     magnitude,
     name_of,
 )
-from softness_bayes.supplied import FORM, installed, is_supplied, require_reference, supplied
+from softness_bayes.base.supplied import FORM, installed, is_supplied, require_reference, supplied
 
 FloatArray = NDArray[np.float64]
 

@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import Prior
+from softness_bayes.base.ranges import Range
 from softness_bayes.parameters.coordinates import Coordinate, Coordinates, walked
 from softness_bayes.parameters.declared import (
     EVERY_PARAMETER,
@@ -23,8 +25,6 @@ from softness_bayes.parameters.declared import (
     Parameter,
 )
 from softness_bayes.parameters.joint import NAMES, JointLaw
-from softness_bayes.parameters.laws import Prior
-from softness_bayes.ranges import Range
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.parameters import TouchParameters

@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, logit, logsumexp
 
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import Prior
 from softness_bayes.data.ratings import Ratings
-from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import PAIRS, RANKS, Scale
 from softness_bayes.model.interpretation import Interpretation, interpret
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.declared import EVERY_PARAMETER
-from softness_bayes.parameters.laws import Prior
 from softness_bayes.people.answers import Answers, SingleAnswers, Terms, answers_of, told_pairs
 from softness_bayes.touch.load_groups import groups_of
 

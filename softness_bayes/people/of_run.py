@@ -8,6 +8,7 @@ import numpy as np
 
 from softness_bayes.checking.agreement import predicted_ratings
 from softness_bayes.checking.layout import LOAD_GROUP, layout_of, values_in
+from softness_bayes.checking.provenance import Provenance
 from softness_bayes.data.ratings import Ratings
 from softness_bayes.likelihood.scales import PAIRS, RANKS
 from softness_bayes.model.options import ModelOptions
@@ -15,7 +16,6 @@ from softness_bayes.people.answers import left_out_of_draws, told_pairs
 from softness_bayes.people.free_means import FreeMeans
 from softness_bayes.people.psychometric import psychometric_table
 from softness_bayes.people.ruler import ruler
-from softness_bayes.provenance import Provenance
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 from scipy.special import bdtr, ndtr, ndtri
 
+from softness_bayes.base.readable import counted, number, percent
 from softness_bayes.data.ratings import Ratings
 from softness_bayes.likelihood.lists import references
 from softness_bayes.people.answers import told_pairs
 from softness_bayes.people.free_means import groups_of_loads
-from softness_bayes.readable import counted, number, percent
 
 if TYPE_CHECKING:
     import pandas as pd

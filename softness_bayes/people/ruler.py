@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from softness_bayes.checking.identifiability import prior_moments
 from softness_bayes.checking.individual import modulus_laws
+from softness_bayes.checking.provenance import DirectionTaken, Provenance
 from softness_bayes.people.free_means import FreeMeans
-from softness_bayes.provenance import DirectionTaken, Provenance
 
 if TYPE_CHECKING:
     import pandas as pd

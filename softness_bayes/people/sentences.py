@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.base.readable import chance, number, percent
 from softness_bayes.likelihood.scales import Scale
 from softness_bayes.people.ruler import Fit
-from softness_bayes.readable import chance, number, percent
 
 if TYPE_CHECKING:
     import pandas as pd

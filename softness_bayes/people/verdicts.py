@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.base.readable import counted
 from softness_bayes.people.sentences import DECIDED
-from softness_bayes.readable import counted
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.intp]

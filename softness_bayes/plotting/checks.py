@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.defaults import LEVELS, LIMITS
-from softness_bayes.errors import InputError
+from softness_bayes.base.defaults import LEVELS, LIMITS
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.readable import counted
 from softness_bayes.plotting import stored
 from softness_bayes.plotting.data import name_rows
 from softness_bayes.plotting.panels import (
@@ -24,7 +25,6 @@ from softness_bayes.plotting.panels import (
     short_name,
 )
 from softness_bayes.plotting.style import USUAL, Style, styled
-from softness_bayes.readable import counted
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

@@ -11,13 +11,13 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from softness_bayes.errors import InputError
-from softness_bayes.files.outputs import require_outputs, write_outputs
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.files.outputs import require_outputs, write_outputs
+from softness_bayes.base.ranges import require_kind
+from softness_bayes.base.supplied import FORM, installed, is_supplied, supplied
 from softness_bayes.likelihood.scales import CATEGORIES, PAIRS
 from softness_bayes.plotting import checks, parameters, rating, response, touch
 from softness_bayes.plotting.style import PLOT, USUAL, USUAL_FORMATS, Style, files_of, require_formats
-from softness_bayes.ranges import require_kind
-from softness_bayes.supplied import FORM, installed, is_supplied, supplied
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

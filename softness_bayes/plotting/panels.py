@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.defaults import LEVELS, LIMITS
+from softness_bayes.base.defaults import LEVELS, LIMITS
 from softness_bayes.plotting.data import name_rows
 from softness_bayes.plotting.style import Style
 from softness_bayes.touch.contact import Load

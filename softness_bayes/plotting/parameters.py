@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from softness_bayes.defaults import LEVELS, LIMITS
-from softness_bayes.errors import InputError
+from softness_bayes.base.defaults import LEVELS, LIMITS
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.readable import counted
 from softness_bayes.plotting import stored
 from softness_bayes.plotting.data import carry
 from softness_bayes.plotting.panels import TINTS, Array, make_panels
 from softness_bayes.plotting.style import Style
-from softness_bayes.readable import counted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -195,9 +195,9 @@ def prior(result: stored.Drawable, style: Style) -> Figure:
     Figure
         Artists named ``posterior/k`` (a step patch) and ``prior/k`` (a line, or a step patch of draws), k the column.
     """
+    from softness_bayes.base.laws import Truncated
+    from softness_bayes.checking.provenance import Provenance
     from softness_bayes.parameters.declared import EVERY_PARAMETER
-    from softness_bayes.parameters.laws import Truncated
-    from softness_bayes.provenance import Provenance
 
     names, labels = stored.sampled_parameters(result)
     after, before = (stored.draws_of(result, group, names) for group in ("posterior", "prior"))

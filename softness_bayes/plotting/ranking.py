@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
 from softness_bayes.likelihood.scales import Scale
 from softness_bayes.plotting.panels import LONGEST_ROW, number_ticks, short_name, title
 from softness_bayes.plotting.style import USUAL, Style, styled

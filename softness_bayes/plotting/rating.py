@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.layout import Layout
 from softness_bayes.likelihood.scales import MAGNITUDE, Scale

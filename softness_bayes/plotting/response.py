@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.defaults import LIMITS
+from softness_bayes.base.defaults import LIMITS
+from softness_bayes.base.readable import chance, number
 from softness_bayes.plotting import stored
 from softness_bayes.plotting.panels import (
     MODULUS_LABEL,
@@ -24,7 +25,6 @@ from softness_bayes.plotting.panels import (
     title,
 )
 from softness_bayes.plotting.style import Style
-from softness_bayes.readable import chance, number
 from softness_bayes.touch.contact import HERTZ_LIMIT
 
 if TYPE_CHECKING:

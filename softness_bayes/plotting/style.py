@@ -12,11 +12,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ParamSpec, Self
 
-from softness_bayes.errors import InputError
-from softness_bayes.files.outputs import write_outputs
-from softness_bayes.files.spreadsheet import csv_of
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.files.outputs import write_outputs
+from softness_bayes.base.files.spreadsheet import csv_of
+from softness_bayes.base.ranges import require_kind
 from softness_bayes.plotting.data import data_of
-from softness_bayes.ranges import require_kind
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softness_bayes.defaults import LIMITS
+from softness_bayes.base.defaults import LIMITS
+from softness_bayes.base.readable import number
 from softness_bayes.plotting import stored
 from softness_bayes.plotting.panels import (
     WIDE,
@@ -19,7 +20,6 @@ from softness_bayes.plotting.panels import (
     short_name,
 )
 from softness_bayes.plotting.style import Style, styled
-from softness_bayes.readable import number
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -8,12 +8,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from softness_bayes.arviz_bridge import SAMPLE_DIMS
+from softness_bayes.base.arviz_bridge import SAMPLE_DIMS
+from softness_bayes.base.defaults import in_words, shown_of
+from softness_bayes.base.files.run_files import MODULUS_ERRORS, RULER
+from softness_bayes.base.readable import number, sentence, with_error
 from softness_bayes.checking.check_table import doubts
 from softness_bayes.checking.checks import ALONG, LEVEL
 from softness_bayes.checking.exactness import Exactness, compare_likelihoods
 from softness_bayes.checking.identifiability import INFORMED
 from softness_bayes.checking.modulus_errors import MovedMost, moved_most
+from softness_bayes.checking.provenance import NumericalErrors, PlateData
 from softness_bayes.checking.quantities import Reproduction, turns_reproduced
 from softness_bayes.checking.sentences import (
     information_sentences,
@@ -22,13 +26,9 @@ from softness_bayes.checking.sentences import (
     turn_sentence,
     unreproduced_sentence,
 )
-from softness_bayes.defaults import in_words, shown_of
-from softness_bayes.files.run_files import MODULUS_ERRORS, RULER
+from softness_bayes.model.recordings.findings import RecordedFindings
 from softness_bayes.people.ruler import Fit
 from softness_bayes.people.sentences import fit_faults, ruler_sentence, silence_note, untestable_sentence
-from softness_bayes.provenance import NumericalErrors, PlateData
-from softness_bayes.readable import number, sentence, with_error
-from softness_bayes.recordings.findings import RecordedFindings
 from softness_bayes.results.result import Result
 
 if TYPE_CHECKING:

@@ -15,13 +15,13 @@ from bokeh.plotting import figure
 from bokeh.resources import Resources
 from numpy.typing import NDArray
 
+from softness_bayes.base.readable import chance, number
 from softness_bayes.checking.inflection import PERCENTS
 from softness_bayes.likelihood.scales import Scale
 from softness_bayes.plotting.panels import TINTS, title
 from softness_bayes.plotting.rating import observed_of
 from softness_bayes.plotting.response import modulus_axes
 from softness_bayes.plotting.style import USUAL
-from softness_bayes.readable import chance, number
 from softness_bayes.report.tables import share
 from softness_bayes.results.result import Result
 

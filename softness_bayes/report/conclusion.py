@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from softness_bayes.base.defaults import in_words
+from softness_bayes.base.files.run_files import FABRIC_RATINGS, RULER
+from softness_bayes.base.readable import chance, counted, number, with_error
 from softness_bayes.checking.agreement import RATERS_OF_CELLS, HighestRated, highest_rated
 from softness_bayes.checking.check_table import doubts
 from softness_bayes.checking.checks import OMEGA, READINGS
@@ -16,15 +19,12 @@ from softness_bayes.checking.modulus_errors import LINEAR, MovedMost
 from softness_bayes.checking.quantities import DOUBTFUL, turns_reproduced
 from softness_bayes.checking.sentences import only_noisy, surprise_sentence, surprises
 from softness_bayes.data.oddities import few_raters_sentence
-from softness_bayes.defaults import in_words
-from softness_bayes.files.run_files import FABRIC_RATINGS, RULER
 from softness_bayes.likelihood.scales import FALLS, PAIRS, RISES
 from softness_bayes.model.direction import odd_raters
 from softness_bayes.parameters.declared import EVERY_PARAMETER, MODULUS_SCALE, PARAMETERS, RECORDING_PARAMETERS
 from softness_bayes.people.free_means import word_of
 from softness_bayes.people.ruler import UNKNOWN, Following, fit_of
 from softness_bayes.people.sentences import highest_sentences, pairs_sentence, ruler_sentence
-from softness_bayes.readable import chance, counted, number, with_error
 from softness_bayes.report.cards import exactness_of, input_errors_of
 from softness_bayes.results.result import Result
 

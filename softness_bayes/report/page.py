@@ -13,19 +13,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.files.outputs import require_outputs, write_outputs
+from softness_bayes.base.files.run_files import FABRIC_RATINGS
+from softness_bayes.base.files.spreadsheet import csv_of
+from softness_bayes.base.readable import chance, number, sentence
 from softness_bayes.checking.agreement import fabric_rating_table
 from softness_bayes.checking.check_table import check_table, doubts
 from softness_bayes.checking.identifiability import direction_table
 from softness_bayes.checking.sentences import unreproduced_sentence
-from softness_bayes.errors import InputError
-from softness_bayes.files.outputs import require_outputs, write_outputs
-from softness_bayes.files.run_files import FABRIC_RATINGS
-from softness_bayes.files.spreadsheet import csv_of
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.plotting.figures import announced, figure_named, figures_of, file_of, require_figures
 from softness_bayes.plotting.panels import TINTS
 from softness_bayes.plotting.style import METADATA, USUAL
-from softness_bayes.readable import chance, number, sentence
 from softness_bayes.report import tables
 from softness_bayes.report.cards import cards
 from softness_bayes.report.charts import AXES, TURN_TINT, ChartData, chart_data, charts

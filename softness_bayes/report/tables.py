@@ -12,14 +12,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from softness_bayes.base.files.command_line import storable
+from softness_bayes.base.files.run_files import FABRIC_RATINGS
+from softness_bayes.base.laws import in_short
+from softness_bayes.base.options import Flag
+from softness_bayes.base.readable import counted, number, percent, with_error
 from softness_bayes.checking.check_table import ALL
 from softness_bayes.checking.quantities import DROP, FALL, PLACE
-from softness_bayes.files.command_line import storable
-from softness_bayes.files.run_files import FABRIC_RATINGS
-from softness_bayes.options import Flag
 from softness_bayes.parameters.declared import EVERY_PARAMETER
-from softness_bayes.parameters.laws import in_short
-from softness_bayes.readable import counted, number, percent, with_error
 from softness_bayes.results.result import Result
 from softness_bayes.results.run_options import DataFiles, Request
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.base.files import run_files
 from softness_bayes.checking import individual
 from softness_bayes.checking.agreement import fabric_rating_table
 from softness_bayes.checking.check_table import check_table
@@ -18,10 +19,9 @@ from softness_bayes.checking.checks import loo_pit
 from softness_bayes.checking.exactness import Exactness
 from softness_bayes.checking.identifiability import direction_table
 from softness_bayes.checking.inflection import curve_scene
+from softness_bayes.checking.provenance import PRIOR, Provenance, family_of
 from softness_bayes.data import Experiment, Measurements
-from softness_bayes.files import run_files
 from softness_bayes.model.posterior import Density, Posterior
-from softness_bayes.provenance import PRIOR, Provenance, family_of
 from softness_bayes.results import draws as of_run
 from softness_bayes.results import predictions
 from softness_bayes.results.data_groups import coordinates, data_groups, held_parameters, stored_curves

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.base.files.json_text import as_json, parse_json
+from softness_bayes.base.laws import LogNormal, LogUniform
 from softness_bayes.checking import layout
 from softness_bayes.checking.agreement import RATERS_OF_CELLS
 from softness_bayes.checking.check_table import LOO_PIT, PARETO_K
@@ -17,9 +19,7 @@ from softness_bayes.data import Afferents, Compression, Experiment, Fabrics, Rat
 from softness_bayes.data.columns import EFFECTIVE_MODULUS, GEOMETRIC_SD, LOAD_CV, POISSON_RATIO, RESOLUTION
 from softness_bayes.data.forms import AggregatedCells
 from softness_bayes.data.ratings import loads_by_column
-from softness_bayes.files.json_text import as_json, parse_json
 from softness_bayes.parameters.declared import EVERY_PARAMETER
-from softness_bayes.parameters.laws import LogNormal, LogUniform
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.results.draws import Groups, RatedDraws, Variable
 from softness_bayes.results.stored import Stored

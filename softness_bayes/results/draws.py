@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes import arviz_bridge
+from softness_bayes.base import arviz_bridge
 from softness_bayes.checking.exactness import resample
 from softness_bayes.checking.inflection import Inflection
 from softness_bayes.checking.layout import LOAD_GROUP, UNCERTAIN

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.data import Fabrics
 from softness_bayes.data.ratings import FREE_TOUCH
-from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import name_of_scale
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions

@@ -6,7 +6,7 @@ from typing import Any
 
 import xarray as xr
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
 
 
 class MissingError(InputError, KeyError):

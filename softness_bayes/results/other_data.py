@@ -15,19 +15,19 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from softness_bayes.base.files.run_files import RECORDED_RATES
 from softness_bayes.checking.checks import check_exponent
+from softness_bayes.checking.provenance import PlateData, RecordedData, attributes_of
 from softness_bayes.data import Afferents, Compression, Experiment, Measurements
 from softness_bayes.data.columns import CURVATURE, DISTANCE, FORCE, INDENTATION
 from softness_bayes.data.ratings import loads_by_column
-from softness_bayes.files.run_files import RECORDED_RATES
 from softness_bayes.likelihood.contract import NO_RESPONSE, Likelihood, Parameters
 from softness_bayes.likelihood.plate import FORCES, CompressionForces
 from softness_bayes.model.posterior import Density, Posterior
+from softness_bayes.model.recordings.findings import Agreement, RecordedFindings, log_additive_sd, shifts
+from softness_bayes.model.recordings.likelihood import RecordedRates
 from softness_bayes.parameters.declared import EVERY_PARAMETER, RECORDED, SHAREABLE
 from softness_bayes.parameters.space import ParameterSpace
-from softness_bayes.provenance import PlateData, RecordedData, attributes_of
-from softness_bayes.recordings.findings import Agreement, RecordedFindings, log_additive_sd, shifts
-from softness_bayes.recordings.likelihood import RecordedRates
 from softness_bayes.results.draws import Groups, Part, Points, Variable, joined
 from softness_bayes.touch.contact import plate_force
 from softness_bayes.touch.parameters import TouchParameters

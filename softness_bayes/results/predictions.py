@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.base.defaults import LIMITS
 from softness_bayes.checking.agreement import TYPICAL
 from softness_bayes.checking.checks import MODULUS_STEP
 from softness_bayes.checking.inflection import find_inflection, response_curves, turning_points
 from softness_bayes.checking.modulus_errors import directions, posterior_shift, scores, shift_table
-from softness_bayes.defaults import LIMITS
 from softness_bayes.model.prediction import rates_of_other_moduli
 from softness_bayes.results import draws as of_run
 from softness_bayes.touch.neuron.membrane import Channels

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.base.defaults import ANSWER_DRAWS
+from softness_bayes.base.ranges import RANKED
 from softness_bayes.checking.agreement import Pairs, Places, agreement, pairs, places, ties
 from softness_bayes.data import Fabrics
-from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.likelihood.scales import Scale
 from softness_bayes.people.free_means import word_of
 from softness_bayes.people.verdicts import Verdicts, decided_sentence, verdicts
 from softness_bayes.plotting.style import USUAL, Style
-from softness_bayes.ranges import RANKED
 from softness_bayes.results import rating_table
 from softness_bayes.results.fitted import Fitted
 from softness_bayes.results.stored import Stored

@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from softness_bayes.base.defaults import ANSWER_DRAWS
+from softness_bayes.base.files.run_files import FABRIC_RATINGS, RULER
+from softness_bayes.base.ranges import PANEL
+from softness_bayes.base.readable import number, percent
 from softness_bayes.checking.layout import PEOPLE_ORDERS
 from softness_bayes.data import Fabrics
 from softness_bayes.data.ratings import FREE_TOUCH, load_column
-from softness_bayes.defaults import ANSWER_DRAWS
-from softness_bayes.files.run_files import FABRIC_RATINGS, RULER
 from softness_bayes.likelihood.design import IndexArray
 from softness_bayes.model.prediction import log_rate_slope, prediction_table
 from softness_bayes.parameters.declared import KPA
-from softness_bayes.ranges import PANEL
-from softness_bayes.readable import number, percent
 from softness_bayes.results.fitted import Fitted, rated_among
 from softness_bayes.results.stored import Stored
 from softness_bayes.touch.contact import Force, Indentation, Load

@@ -11,19 +11,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes import arviz_bridge
+from softness_bayes.base import arviz_bridge
+from softness_bayes.base.defaults import ANSWER_DRAWS
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.files.outputs import write_outputs
+from softness_bayes.base.files.run_files import ANSWERS, FINGERS, MODULI, MODULUS_ERRORS, POSTERIOR, RULER, RUN, SUMMARY
+from softness_bayes.base.files.spreadsheet import csv_of
+from softness_bayes.base.ranges import numbers, require_kind, require_mapping
+from softness_bayes.base.readable import number
 from softness_bayes.checking.inflection import Curves, Inflection, turning_table
+from softness_bayes.checking.provenance import is_first_look
 from softness_bayes.data.columns import LOAD_CV
 from softness_bayes.data.ratings import FREE_TOUCH
-from softness_bayes.defaults import ANSWER_DRAWS
-from softness_bayes.errors import InputError
-from softness_bayes.files.outputs import write_outputs
-from softness_bayes.files.run_files import ANSWERS, FINGERS, MODULI, MODULUS_ERRORS, POSTERIOR, RULER, RUN, SUMMARY
-from softness_bayes.files.spreadsheet import csv_of
 from softness_bayes.parameters.declared import TOUCH_FORCE
-from softness_bayes.provenance import is_first_look
-from softness_bayes.ranges import numbers, require_kind, require_mapping
-from softness_bayes.readable import number
 from softness_bayes.results.stored import SUMMARY_TABLE, Stored, content_of, read_file
 from softness_bayes.touch.contact import Load, require_loads
 from softness_bayes.touch.load_groups import LoadGroups, groups_of

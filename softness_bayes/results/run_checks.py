@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes import provenance
-from softness_bayes.checking import checks, exactness
+from softness_bayes.base.errors import InputError
+from softness_bayes.checking import checks, exactness, provenance
 from softness_bayes.checking.inflection import LEAST_DROP
 from softness_bayes.checking.sentences import exactness_sentence
-from softness_bayes.errors import InputError
 from softness_bayes.likelihood.aggregated import SPREADS
+from softness_bayes.likelihood.contract import RATER_EFFECTS
 from softness_bayes.likelihood.error_laws import LAPSES, STUDENT
 from softness_bayes.likelihood.models import OF_DIFFERENT_RATERS
 from softness_bayes.likelihood.scales import PAIRS, RANKS
@@ -22,7 +22,6 @@ from softness_bayes.model.fingers import finer_family_of
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.model.prediction import drive_slope, rates_of_other_moduli, rates_of_other_skins
 from softness_bayes.model.scenes import at_other_loads
-from softness_bayes.parameters.declared import RATER_EFFECTS
 from softness_bayes.results.draws import REWEIGHT_DRAWS, RatedDraws, Variable, evenly
 from softness_bayes.results.replicates import rated_layout
 from softness_bayes.sampler.workers import Workers

@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
-from softness_bayes import defaults
-from softness_bayes import options as kinds
-from softness_bayes.defaults import MAX_STEPS, SEED
-from softness_bayes.errors import InputError, quoted
+from softness_bayes.base import defaults
+from softness_bayes.base import options as kinds
+from softness_bayes.base.defaults import MAX_STEPS, SEED
+from softness_bayes.base.errors import InputError, quoted
+from softness_bayes.base.options import Options, described, option
+from softness_bayes.base.ranges import LOAD_STEPS, PROCESSES, SEEDS, STEPS, STEPS_PER_TAU, Count, require_kind
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.options import Options, described, option
-from softness_bayes.ranges import LOAD_STEPS, PROCESSES, SEEDS, STEPS, STEPS_PER_TAU, Count, require_kind
 
 if TYPE_CHECKING:
     from softness_bayes.data import Experiment, Measurements, Ratings

@@ -16,15 +16,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes import arviz_bridge
+from softness_bayes.base import arviz_bridge
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.files.json_text import as_json, parse_json
+from softness_bayes.base.files.whole import seal_of, unsealed
+from softness_bayes.base.supplied import require_trusted
 from softness_bayes.checking.layout import UNCERTAIN, loads_in
-from softness_bayes.errors import InputError
-from softness_bayes.files.json_text import as_json, parse_json
-from softness_bayes.files.whole import seal_of, unsealed
+from softness_bayes.checking.provenance import Provenance
 from softness_bayes.likelihood.scales import Scale
 from softness_bayes.parameters.declared import FABRIC_MODULUS, PARAMETERS
-from softness_bayes.provenance import Provenance
-from softness_bayes.supplied import require_trusted
 from softness_bayes.touch.contact import Finger, Load
 from softness_bayes.touch.readings import Readings
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from softness_bayes.data import Fabrics
-    from softness_bayes.recordings.findings import RecordedFindings
+    from softness_bayes.model.recordings.findings import RecordedFindings
 
 Array = NDArray[np.float64]
 
@@ -212,7 +212,7 @@ class Stored:
     @property
     def recorded_findings(self) -> RecordedFindings:
         """Findings about the recorded afferents of the run."""
-        from softness_bayes.recordings.findings import RecordedFindings
+        from softness_bayes.model.recordings.findings import RecordedFindings
 
         return RecordedFindings.recorded(self.provenance.recorded.recorded_findings)
 

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.base.defaults import ANSWER_DRAWS
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.readable import number
 from softness_bayes.checking.inflection import RANGE_FACTOR
 from softness_bayes.data import Fabrics
 from softness_bayes.data.columns import EFFECTIVE_MODULUS, POISSON_RATIO, TENSILE_MODULUS, THICKNESS, Column
-from softness_bayes.defaults import ANSWER_DRAWS
-from softness_bayes.errors import InputError
 from softness_bayes.model.prediction import OtherTouches
 from softness_bayes.parameters.declared import KPA
-from softness_bayes.readable import number
 from softness_bayes.results.fitted import Fitted
 from softness_bayes.results.rating_table import limits, reasons
 from softness_bayes.results.stored import Stored

@@ -9,10 +9,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-from softness_bayes.errors import InputError
-from softness_bayes.files.json_text import parse_json
-from softness_bayes.files.lock import Lock
-from softness_bayes.files.whole import write_whole
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.files.json_text import parse_json
+from softness_bayes.base.files.lock import Lock
+from softness_bayes.base.files.whole import write_whole
 
 LOCK, ASKED = "lock", "asked.json"
 """Lock of a batch under way, and the record of the last call."""

@@ -12,11 +12,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes import __version__, ranges
+from softness_bayes import __version__
+from softness_bayes.base import ranges
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.files.outputs import require_outputs
 from softness_bayes.checking.calibration import DRAWS, Replicate
 from softness_bayes.data import Experiment, Fabrics, Ratings
-from softness_bayes.errors import InputError
-from softness_bayes.files.outputs import require_outputs
 from softness_bayes.likelihood.models import rating_model
 from softness_bayes.likelihood.scales import MAGNITUDE, RISES, SLIDER
 from softness_bayes.model.build import COARSE, ExperimentModel, build

@@ -13,11 +13,11 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from softness_bayes.errors import InputError, WorkersLostError
-from softness_bayes.files.json_text import parse_json
-from softness_bayes.files.outputs import require_directory
-from softness_bayes.files.whole import write_whole
-from softness_bayes.provenance import VERSION, versions
+from softness_bayes.base.errors import InputError, WorkersLostError
+from softness_bayes.base.files.json_text import parse_json
+from softness_bayes.base.files.outputs import require_directory
+from softness_bayes.base.files.whole import write_whole
+from softness_bayes.checking.provenance import VERSION, versions
 
 if TYPE_CHECKING:
     from distributed import Client

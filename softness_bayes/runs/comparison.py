@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.ranges import require_kind, require_mapping
 from softness_bayes.checking.exactness import largest_pareto_k
 from softness_bayes.checking.layout import RATING_HIGH, RATING_LOW
-from softness_bayes.errors import InputError
-from softness_bayes.ranges import require_kind, require_mapping
 from softness_bayes.results.data_groups import experiment_of
 from softness_bayes.results.fitted import differences
 from softness_bayes.results.result import Result

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from softness_bayes.files.outputs import write_outputs
+from softness_bayes.base.files.outputs import write_outputs
 from softness_bayes.plotting.figures import FIGURES, drawn, figures_of
 from softness_bayes.plotting.style import PLOT
 from softness_bayes.results.result import Result

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from softness_bayes import arviz_bridge
+from softness_bayes.base import arviz_bridge
+from softness_bayes.base.errors import InputError
 from softness_bayes.checking.exactness import largest_pareto_k
-from softness_bayes.errors import InputError
 from softness_bayes.model.build import build
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.results.data_groups import experiment_of

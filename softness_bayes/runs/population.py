@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import HalfNormal, Prior
 from softness_bayes.checking.pooling import Pooled, PopulationPrior, Separate, pool
-from softness_bayes.errors import InputError
 from softness_bayes.parameters.coordinates import HalfLine, Interval, coordinate_for
 from softness_bayes.parameters.declared import EVERY_PARAMETER, Parameter
-from softness_bayes.parameters.laws import HalfNormal, Prior
 from softness_bayes.results.result import Result
 
 if TYPE_CHECKING:

@@ -16,15 +16,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.files.json_text import as_json, parse_json
+from softness_bayes.base.files.lock import is_held
+from softness_bayes.base.files.outputs import write_outputs
+from softness_bayes.base.files.records import from_json
+from softness_bayes.base.files.spreadsheet import csv_of
+from softness_bayes.base.files.whole import write_whole
+from softness_bayes.base.readable import counted
 from softness_bayes.checking.calibration import DRAWS, Calibration, Replicate, verdict
-from softness_bayes.errors import InputError
-from softness_bayes.files.json_text import as_json, parse_json
-from softness_bayes.files.lock import is_held
-from softness_bayes.files.outputs import write_outputs
-from softness_bayes.files.records import from_json
-from softness_bayes.files.spreadsheet import csv_of
-from softness_bayes.files.whole import write_whole
-from softness_bayes.readable import counted
 from softness_bayes.runs.batch import ASKED, LOCK, read_asked
 
 if TYPE_CHECKING:

@@ -9,29 +9,30 @@ from typing import Any
 
 import numpy as np
 
-from softness_bayes import arviz_bridge, provenance
+from softness_bayes.base import arviz_bridge
+from softness_bayes.base.files.command_line import storable
+from softness_bayes.base.files.run_files import FABRIC_RATINGS, RULER, THRESHOLDS
+from softness_bayes.base.ranges import require_kind
+from softness_bayes.checking import provenance
 from softness_bayes.checking.exactness import HARMLESS, LARGEST_K, Exactness
 from softness_bayes.checking.identifiability import information_table
 from softness_bayes.checking.layout import PEOPLE_ORDERS
-from softness_bayes.checkpoints.checkpoint import Checkpoint
-from softness_bayes.checkpoints.identity import identity, require_density
 from softness_bayes.data import Afferents, Compression, Experiment, Measurements, Ratings
 from softness_bayes.data.fabrics import warn_of_moduli
-from softness_bayes.files.command_line import storable
-from softness_bayes.files.run_files import FABRIC_RATINGS, RULER, THRESHOLDS
 from softness_bayes.likelihood.scales import PAIRS, direction_named
 from softness_bayes.model.build import ExperimentModel, SkinModel, model_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.people.free_means import FreeMeans, free_means
 from softness_bayes.people.of_run import orders_of, people_tables, threshold_table
-from softness_bayes.ranges import require_kind
 from softness_bayes.results.assembly import Stage, assembled, assembled_skin
 from softness_bayes.results.draws import FIRST_SHARE
 from softness_bayes.results.result import Result
 from softness_bayes.results.run_checks import compare_exactly
 from softness_bayes.results.run_options import Request, RunOptions
 from softness_bayes.results.stored import SCHEMA
+from softness_bayes.runs.checkpoint import Checkpoint
+from softness_bayes.runs.identity import identity, require_density
 from softness_bayes.sampler.chains import RunState
 from softness_bayes.sampler.sampling import Progress, Sampled, progress_of, sampled_of, walk
 from softness_bayes.sampler.workers import Workers, one_thread

@@ -11,18 +11,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.files.outputs import require_outputs, write_outputs
+from softness_bayes.base.files.run_files import POSTERIOR, RUNS
+from softness_bayes.base.files.spreadsheet import csv_of
+from softness_bayes.base.laws import Prior
+from softness_bayes.base.readable import some_of
 from softness_bayes.checking.pooling import LEAST_TABLES
 from softness_bayes.data import Afferents, Compression, Experiment, Measurements
-from softness_bayes.errors import InputError
-from softness_bayes.files.outputs import require_outputs, write_outputs
-from softness_bayes.files.run_files import POSTERIOR, RUNS
-from softness_bayes.files.spreadsheet import csv_of
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.parameters.laws import Prior
 from softness_bayes.plotting.studies import Forest, forest_figure
 from softness_bayes.plotting.style import USUAL as USUAL_STYLE
 from softness_bayes.plotting.style import Style, files_of
-from softness_bayes.readable import some_of
 from softness_bayes.results.result import Result
 from softness_bayes.results.run_options import Request, RunOptions
 from softness_bayes.runs import population

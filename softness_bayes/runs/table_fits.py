@@ -18,17 +18,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from softness_bayes.checkpoints.checkpoint import Checkpoint
-from softness_bayes.checkpoints.identity import identity
-from softness_bayes.checkpoints.saved import Status, read_status, saved_states
+from softness_bayes.base.errors import LockedError, ResourceError, SoftnessError
+from softness_bayes.base.files.lock import Lock
+from softness_bayes.base.files.run_files import CHECKPOINT, LOCK, POSTERIOR
+from softness_bayes.base.files.whole import is_part, write_whole
+from softness_bayes.checking.provenance import versions
 from softness_bayes.data import Afferents, Compression, Experiment, Measurements
-from softness_bayes.errors import LockedError, ResourceError, SoftnessError
-from softness_bayes.files.lock import Lock
-from softness_bayes.files.run_files import CHECKPOINT, LOCK, POSTERIOR
-from softness_bayes.files.whole import is_part, write_whole
-from softness_bayes.provenance import versions
 from softness_bayes.results.run_options import Request
+from softness_bayes.runs.checkpoint import Checkpoint
+from softness_bayes.runs.identity import identity
 from softness_bayes.runs.run import model_of, sample_kept
+from softness_bayes.runs.saved import Status, read_status, saved_states
 from softness_bayes.sampler.diagnostics import Verdict
 from softness_bayes.sampler.workers import Workers, shares_files
 

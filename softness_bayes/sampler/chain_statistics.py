@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from softness_bayes import arviz_bridge
+from softness_bayes.base import arviz_bridge
 
 FloatArray = NDArray[np.float64]
 

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.defaults import STEPS_PER_TAU
-from softness_bayes.readable import counted, percent
+from softness_bayes.base.defaults import STEPS_PER_TAU
+from softness_bayes.base.readable import counted, percent
 from softness_bayes.sampler.chain_statistics import (
     autocorrelation_time,
     ess_between,

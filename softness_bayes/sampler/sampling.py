@@ -22,8 +22,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softness_bayes.errors import InputError, NumericalError
-from softness_bayes.ranges import PROCESSES, STEPS
+from softness_bayes.base.errors import InputError, NumericalError
+from softness_bayes.base.ranges import PROCESSES, STEPS
 from softness_bayes.sampler.chains import Chains, RunState
 from softness_bayes.sampler.diagnostics import Verdict
 from softness_bayes.sampler.ensembles import advance

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes import arviz_bridge
-from softness_bayes.errors import NumericalError
+from softness_bayes.base import arviz_bridge
+from softness_bayes.base.errors import NumericalError
 from softness_bayes.sampler.adaptation import TriangularMap
 from softness_bayes.sampler.chains import EnsembleState, RunState, random_state
 from softness_bayes.sampler.diagnostics import Starts

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.errors import NumericalError
+from softness_bayes.base.errors import NumericalError
 
 FloatArray = NDArray[np.float64]
 Value = TypeVar("Value")

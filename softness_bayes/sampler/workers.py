@@ -18,8 +18,8 @@ from typing import Any, Self, TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from softness_bayes.defaults import GARBAGE, SIGNALS
-from softness_bayes.errors import InputError, WorkersLostError
+from softness_bayes.base.defaults import GARBAGE, SIGNALS
+from softness_bayes.base.errors import InputError, WorkersLostError
 
 Result = TypeVar("Result")
 

@@ -1,6 +1,6 @@
 """Diagram of the package's folders ("rooms"): ``python -m softness_bayes.tools.rooms``.
 
-A room is a folder of the package or a module at its top level. The diagram has one row per floor: a room is one
+A room is a folder of the package, with the folders in it. The diagram has one row per floor: a room is one
 floor above the highest room that it imports. Lines implied by other lines are omitted.
 """
 
@@ -30,7 +30,7 @@ def imports() -> Imports:
     for path in sorted(PACKAGE.rglob("*.py")):
         name = ".".join(part for part in path.relative_to(PACKAGE).with_suffix("").parts if part != "__init__")
         if name and name != START:
-            rooms[name] = name if path.name == "__init__.py" else name.rpartition(".")[0] or name
+            rooms[name] = name.partition(".")[0]
             paths[name] = path
     imported: dict[str, set[str]] = {room: set() for room in rooms.values()}
     own = f"{softness_bayes.__name__}."

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from softness_bayes import touch
-from softness_bayes.errors import NumericalError
+from softness_bayes.base.errors import NumericalError
 from softness_bayes.touch import neuron
 from softness_bayes.touch.accuracy import TABLE
 from softness_bayes.touch.neuron.cells import Cells, fold, rest

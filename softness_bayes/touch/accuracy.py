@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.errors import InputError
-from softness_bayes.ranges import ACCURACIES
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.ranges import ACCURACIES
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 from softness_bayes.touch.neuron.membrane import Channels, Membrane
 from softness_bayes.touch.neuron.rate_curve import RateCurve

@@ -9,8 +9,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.errors import InputError, NumericalError
-from softness_bayes.ranges import FORCES, INDENTATIONS, numbers, refuse, require_kind
+from softness_bayes.base.errors import InputError, NumericalError
+from softness_bayes.base.ranges import FORCES, INDENTATIONS, numbers, refuse, require_kind
 
 Array = NDArray[np.float64]
 

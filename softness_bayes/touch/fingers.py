@@ -15,7 +15,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
 from softness_bayes.touch.contact import Indentation, Load, Loads
 from softness_bayes.touch.finger_grid import FingerGrid, FingerSpreads, SkinLaws
 from softness_bayes.touch.neuron.polynomials import clenshaw

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.defaults import MOST_SHOWN
-from softness_bayes.readable import counted
+from softness_bayes.base.defaults import MOST_SHOWN
+from softness_bayes.base.readable import counted
 from softness_bayes.touch.contact import Indentation, Load, held
 
 IntArray = NDArray[np.intp]

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
 from softness_bayes.touch.neuron.membrane import Channels, rows_of
 
 Array = NDArray[np.float64]

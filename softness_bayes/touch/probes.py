@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import lambertw
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
 from softness_bayes.touch.contact import STRAIN, Contact, Finger, Fingertip, Load, Loads, SkinDisplacement
 
 Array = NDArray[np.float64]

@@ -7,9 +7,9 @@ from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
 from typing import Any
 
-from softness_bayes.errors import InputError, quoted
-from softness_bayes.ranges import require_mapping
-from softness_bayes.supplied import FORM, installed, is_supplied, reference, require_reference, supplied
+from softness_bayes.base.errors import InputError, quoted
+from softness_bayes.base.ranges import require_mapping
+from softness_bayes.base.supplied import FORM, installed, is_supplied, reference, require_reference, supplied
 from softness_bayes.touch.contact import (
     DISPLACEMENT,
     PLATE_RIGIDITY,

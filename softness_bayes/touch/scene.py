@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.errors import InputError
-from softness_bayes.ranges import numbers, require_kind, require_members
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.ranges import numbers, require_kind, require_members
 from softness_bayes.touch.contact import (
     HERTZ_LIMIT,
     Contact,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ellipe, ellipkm1
 
-from softness_bayes.ranges import numbers
+from softness_bayes.base.ranges import numbers
 from softness_bayes.touch.contact import Finger, Fingertip, hertz_force
 
 Array = NDArray[np.float64]

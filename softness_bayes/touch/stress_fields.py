@@ -17,7 +17,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from softness_bayes.errors import NumericalError
+from softness_bayes.base.errors import NumericalError
 from softness_bayes.touch.contact import (
     Contact,
     Finger,

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
 from softness_bayes.touch.contact import Finger, FingerBox, Fingertip, Fingertips, Force, Indentation, Load, Loads
 from softness_bayes.touch.neuron.polynomials import chebyshev_values
 from softness_bayes.touch.stress import GAUSS_DENSITY, unit_stress

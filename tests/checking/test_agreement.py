@@ -7,11 +7,11 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import chi2
 
+from softness_bayes.base.files.run_files import RULER
 from softness_bayes.checking.agreement import TYPICAL, HighestRated, fabric_rating_table, highest_rated
 from softness_bayes.checking.check_table import check_table
 from softness_bayes.cli.running import print_result
 from softness_bayes.data.oddities import few_raters_sentence
-from softness_bayes.files.run_files import RULER
 from softness_bayes.likelihood.scales import FALLS, RISES
 from softness_bayes.people.free_means import free_means
 from softness_bayes.report import page

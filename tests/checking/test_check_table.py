@@ -10,10 +10,10 @@ import xarray as xr
 from softness_bayes.checking.check_table import adjusted, check_table
 from softness_bayes.checking.checks import EXPONENTS
 from softness_bayes.checking.layout import layout_of
+from softness_bayes.checking.provenance import Finding, findings_attribute
 from softness_bayes.checking.quantities import FALL, PLACE, QUANTITIES, TURNS_OVER, Reproduction, turns_reproduced
 from softness_bayes.checking.sentences import check_sentences, turn_sentence
 from softness_bayes.parameters.declared import FABRIC_MODULUS
-from softness_bayes.provenance import Finding, findings_attribute
 from support.made_ratings import LAY, MODULUS, SHALLOW, STEEP, tree
 
 FLAT = np.tile([0.2, 0.5, 1.0, 2.0, 3.0, 4.0], 2)

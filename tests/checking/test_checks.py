@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, kstest
 
-from softness_bayes import arviz_bridge
+from softness_bayes.base import arviz_bridge
 from softness_bayes.checking.checks import (
     ALONG,
     CHECKS,
@@ -31,6 +31,7 @@ from softness_bayes.checking.checks import (
     likeness,
     loo_pit,
 )
+from softness_bayes.checking.provenance import Finding
 from softness_bayes.checking.quantities import uniformity_p_value
 from softness_bayes.checking.sentences import residual_sentence, residual_sentences
 from softness_bayes.likelihood.aggregated import RaterSpreads, SpreadModel
@@ -39,7 +40,6 @@ from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.intervals import IntervalModel
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.scales import RISES
-from softness_bayes.provenance import Finding
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import CLASSICAL, MENDED
 from softness_bayes.touch.scene import Scene

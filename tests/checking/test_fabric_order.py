@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import rankdata, spearmanr
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.checking.agreement import agreement, jackknife, pairs, places, rank_correlation, ties
-from softness_bayes.errors import InputError
 
 
 def test_places_share_ties_equally():

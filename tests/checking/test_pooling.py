@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import HalfNormal, LogNormal, Normal
 from softness_bayes.checking.pooling import LIMITS, PopulationPrior, Separate, pool
-from softness_bayes.errors import InputError
 from softness_bayes.parameters.coordinates import HalfLine, coordinate_for
-from softness_bayes.parameters.laws import HalfNormal, LogNormal, Normal
 
 PRIOR = PopulationPrior(Normal(0.0, 2.0), HalfNormal(1.0), coordinate_for((-np.inf, np.inf)))
 SEEN = {"A": (0.9, 0.3), "B": (0.1, 0.5), "C": (1.6, 0.4), "D": (0.4, 0.25), "E": (1.2, 0.6)}

@@ -6,7 +6,8 @@ import pytest
 from scipy import integrate
 from scipy.stats import halfnorm, lognorm, norm, truncnorm, uniform
 
-from softness_bayes import arviz_bridge
+from softness_bayes.base import arviz_bridge
+from softness_bayes.base.laws import HalfNormal, LogNormal, Normal, Signed, Uniform
 from softness_bayes.checking.identifiability import (
     DETERMINED,
     INFORMED,
@@ -22,7 +23,6 @@ from softness_bayes.checking.identifiability import (
     prior_moments,
 )
 from softness_bayes.checking.sentences import direction_sentences, information_sentences, modulus_sentences
-from softness_bayes.parameters.laws import HalfNormal, LogNormal, Normal, Signed, Uniform
 from softness_bayes.sampler.chain_statistics import jackknife
 
 DRAWS = 40_000

@@ -7,14 +7,14 @@ import pandas as pd
 import pytest
 
 from oracles.reference import reference_response
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.files.spreadsheet import table_of
 from softness_bayes.checking.inflection import LEAST_DROP
 from softness_bayes.claims import CLAIMS, CLOTH, TOUCHES, ClaimVerdict, evaluate_claims
 from softness_bayes.claims.numbers import CENTRES, DEPTHS, ERROR, GRID, Bench, Numbers, mean_standardised, pearson
 from softness_bayes.claims.report import COLUMNS, claims_table, loads_table, plain
 from softness_bayes.cli import main
 from softness_bayes.data import Fabrics, Ratings, read_experiment
-from softness_bayes.errors import InputError
-from softness_bayes.files.spreadsheet import table_of
 from softness_bayes.model.scenes import touch_parameters, usual_values
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.touch.contact import Finger, Indentation

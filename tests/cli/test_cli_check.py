@@ -9,12 +9,12 @@ from typing import Annotated
 import click
 import pytest
 
+from softness_bayes.base.errors import InputError, SoftnessError
+from softness_bayes.base.options import Number
+from softness_bayes.base.ranges import Range
 from softness_bayes.cli import FORMER, VERBS, main, short_help
 from softness_bayes.cli.options import Force, Given, Out, Seed, SetValues, Touches, command
-from softness_bayes.errors import InputError, SoftnessError
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.options import Number
-from softness_bayes.ranges import Range
 from support.command_line import HELD, call, run
 from support.paths import ROOT
 

@@ -12,13 +12,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from softness_bayes.checkpoints.checkpoint import Checkpoint
-from softness_bayes.checkpoints.saved import Status, read_record, read_status, saved_states
+from softness_bayes.base.files.lock import Lock
 from softness_bayes.cli.sample import continued
-from softness_bayes.files.lock import Lock
 from softness_bayes.likelihood.magnitude import LogRatings
 from softness_bayes.results.result import Result
 from softness_bayes.results.run_options import RunOptions
+from softness_bayes.runs.checkpoint import Checkpoint
+from softness_bayes.runs.saved import Status, read_record, read_status, saved_states
 from softness_bayes.sampler.diagnostics import Goal
 from softness_bayes.touch import scene
 from support.command_line import FIXED, call, few_ratings, refused
@@ -46,7 +46,7 @@ def begin(directory, *more):
     program = (
         # a shell that runs the tests in the background has interrupts ignored, by its children too
         "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
-        "from softness_bayes.cli import main; from softness_bayes.checkpoints import checkpoint; "
+        "from softness_bayes.cli import main; from softness_bayes.runs import checkpoint; "
         f"import sys; sys.path.append({str(ROOT / 'tests')!r}); "
         "from support.report_runs import quickly; made = quickly(); made.__enter__(); "
         "checkpoint.INTERVAL = 0; "

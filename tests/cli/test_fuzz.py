@@ -14,6 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 from softness_bayes import claims
+from softness_bayes.base.errors import InputError
 from softness_bayes.cli import VERBS, main, sample, trust
 from softness_bayes.data import (
     Compression,
@@ -25,10 +26,9 @@ from softness_bayes.data import (
     read_experiment,
 )
 from softness_bayes.data.faults import SHOWN
-from softness_bayes.errors import InputError
-from softness_bayes.explore import subject
 from softness_bayes.model import build
 from softness_bayes.parameters.declared import EVERY_PARAMETER
+from softness_bayes.report.explore import subject
 from softness_bayes.results import fitted
 from softness_bayes.runs import calibrate
 from softness_bayes.touch import accuracy

@@ -17,10 +17,10 @@ from pathlib import Path
 import pytest
 
 from softness_bayes.__main__ import quieten_libraries
-from softness_bayes.checkpoints.saved import read_status, saved_states
+from softness_bayes.base.errors import WorkersLostError
 from softness_bayes.cli import VERBS, _prints, interrupts
-from softness_bayes.errors import WorkersLostError
 from softness_bayes.results.result import Result
+from softness_bayes.runs.saved import read_status, saved_states
 from softness_bayes.sampler.workers import RENEWALS, Workers
 from support.command_line import FIXED, call, few_ratings
 from support.paths import DATA, ROOT

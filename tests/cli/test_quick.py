@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from softness_bayes.checkpoints.saved import read_status
 from softness_bayes.plotting.figures import FIGURES
 from softness_bayes.plotting.figures import FIRST_LOOK as LABEL
 from softness_bayes.report.page import report_page
@@ -14,6 +13,7 @@ from softness_bayes.report.tables import repetition
 from softness_bayes.results.result import Result
 from softness_bayes.results.run_options import RunOptions
 from softness_bayes.runs.drawing import FIRST_FIGURES
+from softness_bayes.runs.saved import read_status
 from softness_bayes.sampler.sampling import FIRST_LOOK
 from support.command_line import FIXED, call, few_ratings, refused
 from support.report_runs import LOOK, quickly

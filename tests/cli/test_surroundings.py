@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.data import Fabrics
-from softness_bayes.errors import InputError
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.touch.readings import Readings
 from support.paths import DATA, ROOT

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.data import Compression, Fabrics, read_experiment
 from softness_bayes.data.faults import identity
-from softness_bayes.errors import InputError
 from support.paths import SHARED
 
 CASES = SHARED / "cases"

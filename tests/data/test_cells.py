@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.data import Ratings, ratings_csv
-from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import AGGREGATED, MAGNITUDE
 from softness_bayes.model.interpretation import interpret
 from softness_bayes.model.options import ModelOptions

@@ -7,6 +7,7 @@ from dataclasses import FrozenInstanceError
 import numpy as np
 import pytest
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.data import (
     Fabrics,
     Ratings,
@@ -17,7 +18,6 @@ from softness_bayes.data import (
 )
 from softness_bayes.data.columns import NUMBERS, POISSON_RATIO
 from softness_bayes.data.ratings import with_drift
-from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import MAGNITUDE
 from softness_bayes.touch.contact import PLATE_RIGIDITY, PRINTED_RIGIDITY, Force, Indentation
 from support.paths import SHARED

@@ -7,9 +7,9 @@ import unicodedata
 import pytest
 from click.testing import CliRunner
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.cli import main
 from softness_bayes.data import Fabrics, Ratings, read_experiment
-from softness_bayes.errors import InputError
 from support.refusals import refusal
 
 HEADER = ["participant", "fabric", "indentation_mm", "rating"]

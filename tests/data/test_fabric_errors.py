@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.data import Fabrics, fabrics_csv
-from softness_bayes.errors import InputError
 from support.refusals import refusal
 
 ERRORS = """fabric,effective_modulus_kpa,effective_modulus_cv,effective_modulus_sd_kpa,\

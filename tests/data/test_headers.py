@@ -5,10 +5,10 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.data import Fabrics, Ratings, read_experiment
 from softness_bayes.data.columns import NAMES, SYNONYMS
 from softness_bayes.data.titles import UNITS, analysed, key, unit_named
-from softness_bayes.errors import InputError
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.readings import MENDED
 from support.refusals import refusal

@@ -19,9 +19,9 @@ import openpyxl
 import pandas as pd
 import pytest
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.data import read_experiment
 from softness_bayes.data.faults import identity
-from softness_bayes.errors import InputError
 from support.randomness import SEED
 
 FABRICS = ("velvet", "jersey", "poplin", "twill", "denim", "canvas")

@@ -5,8 +5,8 @@ import re
 import numpy as np
 import pytest
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.data import Fabrics, Ratings, read_experiment
-from softness_bayes.errors import InputError
 from support.paths import ROOT, SHARED
 
 

@@ -23,7 +23,7 @@ SHEET = "xl/worksheets/sheet1.xml"
 NOW = """
 import sys
 from softness_bayes.data import Ratings
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
 try:
     read = Ratings.read(sys.argv[1])
     print(len(read), *read.participants, *read.notes)

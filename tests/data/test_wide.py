@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.data import Fabrics, Ratings, read_experiment
-from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import MAGNITUDE
 from softness_bayes.touch.contact import Force
 from support.refusals import refusal

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.cli import main
 from softness_bayes.data import (
     Compression,
@@ -17,7 +18,6 @@ from softness_bayes.data import (
     ratings_csv,
     read_experiment,
 )
-from softness_bayes.errors import InputError
 from softness_bayes.touch.contact import Indentation
 from support.refusals import refusal
 

@@ -10,13 +10,13 @@ import click
 import pytest
 
 from reference_pages import write_pages
+from softness_bayes.base.ranges import LOAD_ERRORS
 from softness_bayes.checking.inflection import LEAST_DROP
 from softness_bayes.cli import VERBS, main
 from softness_bayes.data.columns import NAMES
 from softness_bayes.data.fabrics import USUAL_POISSON_RATIO
 from softness_bayes.likelihood.lists import MOST_TIED
 from softness_bayes.model import direction
-from softness_bayes.ranges import LOAD_ERRORS
 from softness_bayes.touch.contact import HERTZ_LIMIT, PLATE_LENGTH, Finger
 from softness_bayes.touch.finger_grid import REACH
 from softness_bayes.touch.neuron.fixed_channels import LARGEST_CURRENT

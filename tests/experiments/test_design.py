@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.data import Fabrics
-from softness_bayes.errors import InputError
 from softness_bayes.experiments import design as module
 from softness_bayes.experiments import outlook
 from softness_bayes.experiments.adaptive import MOST_IN_A_ROW, Adaptive

@@ -7,9 +7,10 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import norm
 
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import LogNormal
 from softness_bayes.checking.identifiability import prior_moments
 from softness_bayes.data import Experiment, Fabrics, Ratings
-from softness_bayes.errors import InputError
 from softness_bayes.experiments.design_information import as_it_is, foresee, others
 from softness_bayes.likelihood.error_laws import NORMAL
 from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, PAIRS, RANKS, RISES
@@ -17,7 +18,6 @@ from softness_bayes.model.build import COARSE, build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression
-from softness_bayes.parameters.laws import LogNormal
 from softness_bayes.touch.contact import Indentation
 
 CHANNELS = {"c_Na": 1.0, "c_K": 1.0, "c_L": 1.0, "c_A": 1.0}

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from scipy.special import ive
 from scipy.stats import chi2, kstest
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
 from softness_bayes.likelihood.aggregated import LARGE_ORDER, AggregatedModel, RaterSpreads, SpreadModel, log_bessel
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design

@@ -17,7 +17,7 @@ from scipy.integrate import quad
 from scipy.stats import kstest
 
 import softness_bayes
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
 from softness_bayes.likelihood import error_laws, scales
 from softness_bayes.likelihood.aggregated import AggregatedModel, AggregatedRatings, RaterSpreads, SpreadModel
 from softness_bayes.likelihood.categories import CategoryModel, CategoryRatings

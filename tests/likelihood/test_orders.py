@@ -8,9 +8,9 @@ from numpy.testing import assert_allclose
 from scipy.integrate import quad
 from scipy.stats import gumbel_r, kstest
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.checking.checks import loo_pit
 from softness_bayes.checking.quantities import uniformity_p_value
-from softness_bayes.errors import InputError
 from softness_bayes.likelihood.categories import CategoryModel
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import GUMBEL, GUMBEL_SD, error_law_named

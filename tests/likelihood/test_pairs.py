@@ -9,8 +9,8 @@ from numpy.testing import assert_allclose
 from scipy.optimize import minimize
 from scipy.stats import norm
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.data import Fabrics, Ratings
-from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL
 from softness_bayes.likelihood.orders import OrderModel, PairModel, PairRatings

@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.checking.checks import check_exponent
-from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import NO_RESPONSE, Parameters
 from softness_bayes.likelihood.plate import PLATE_PARAMETERS, CompressionForces
 from softness_bayes.touch.contact import (

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import kstest, norm, t
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT, error_law_named
 from softness_bayes.likelihood.row_laws import RowLaw, Rows

@@ -12,8 +12,8 @@ from numpy.testing import assert_allclose
 from scipy import integrate
 from scipy.stats import halfnorm, multivariate_normal
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.data import Experiment, Fabrics, Ratings
-from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.models import rating_model

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.data import Fabrics
-from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import FALLS
 from softness_bayes.model import simulation as study
 from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values

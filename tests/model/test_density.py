@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import integrate
 
-from softness_bayes.errors import InputError, NumericalError
+from softness_bayes.base.errors import InputError, NumericalError
 from softness_bayes.parameters.declared import PARAMETERS
 from support.fake_scene import FakeScene, fake_posterior
 

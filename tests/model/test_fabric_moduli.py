@@ -11,14 +11,14 @@ from numpy.testing import assert_allclose
 from scipy.special import logsumexp
 from scipy.stats import norm
 
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import LogNormal, LogUniform
 from softness_bayes.data import Experiment, Fabrics
-from softness_bayes.errors import InputError
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import fabric_moduli, scene_of, touch_parameters, usual_values
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.parameters.declared import MODULUS_SCALE, PARAMETERS, UNKNOWN_MODULUS
-from softness_bayes.parameters.laws import LogNormal, LogUniform
 from softness_bayes.touch.contact import PRINTED_RIGIDITY, Force, Indentation
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation

@@ -7,7 +7,7 @@ import pytest
 
 from oracles.reference import reference_response
 from softness_bayes import Compression, read_experiment
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
 from softness_bayes.model.build import build, forces_of
 from softness_bayes.model.fingers import finger_of, require_finger, values_of
 from softness_bayes.model.options import ModelOptions

@@ -5,8 +5,8 @@ import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.data import ratings_csv, read_experiment
-from softness_bayes.errors import InputError
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import firing_of, touch_parameters, usual_values

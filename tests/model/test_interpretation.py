@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import HalfNormal
+from softness_bayes.base.readable import counted
 from softness_bayes.data import Experiment, Fabrics, Ratings
-from softness_bayes.errors import InputError
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
 from softness_bayes.likelihood.scales import (
     CATEGORIES,
@@ -26,8 +28,6 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.parameters.declared import PARAMETERS
-from softness_bayes.parameters.laws import HalfNormal
-from softness_bayes.readable import counted
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation

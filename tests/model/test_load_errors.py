@@ -13,8 +13,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.special import logsumexp
 from scipy.stats import norm
 
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import HalfNormal
 from softness_bayes.data import Experiment, Fabrics
-from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design, LoadErrors
 from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.scales import STANDARDISED
@@ -24,7 +25,6 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import scaled, scene_of, touch_parameters, usual_values
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.parameters.declared import PARAMETERS
-from softness_bayes.parameters.laws import HalfNormal
 from softness_bayes.results.run_checks import exact_log_likelihood
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.readings import MENDED

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from softness_bayes.base.readable import percent
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.model.build import COARSE, ExperimentModel
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.reach import DEEP, reach, reach_note, reach_of, reach_of_priors, wide_contacts
 from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
 from softness_bayes.model.simulation import simulate_ratings
-from softness_bayes.readable import percent
 from softness_bayes.touch.contact import Finger, Force, FreeTouch, Indentation
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.readings import MENDED

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.integrate import tanhsinh
 from scipy.optimize import brentq
 
-from softness_bayes.errors import InputError, NumericalError
+from softness_bayes.base.errors import InputError, NumericalError
 from softness_bayes.touch.contact import Contact, Finger, solve_contact
 from softness_bayes.touch.neuron.membrane import Channels, Membrane
 from softness_bayes.touch.neuron.rate import firing_rate, rheobase

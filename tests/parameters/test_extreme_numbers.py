@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import HalfNormal, Normal
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.declared import PARAMETERS
-from softness_bayes.parameters.laws import HalfNormal, Normal
 from softness_bayes.parameters.priors import LAWS, parse_prior
 
 EXTREME = ("0", "1e300", "1e-300", "1.7e308", "5e-324", "-1e300")

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
 from softness_bayes.model.scenes import firing_of, touch_parameters, usual_values
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.joint import JOINT_LAWS, NAMES, coordinates

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import HalfNormal, LogNormal, LogUniform, Normal, Uniform
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.coordinates import Bent, Interval, Scaled, walked
 from softness_bayes.parameters.declared import HELD, PARAMETERS, SHAPE_PARAMETERS
-from softness_bayes.parameters.laws import HalfNormal, LogNormal, LogUniform, Normal, Uniform
 from softness_bayes.touch.neuron.membrane import HODGKIN_HUXLEY, PAPER_CHANNELS
 from softness_bayes.touch.neuron.rate_curve import LARGEST_CURRENT
 from softness_bayes.touch.neuron.surface import DESIGNS

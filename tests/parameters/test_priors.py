@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from softness_bayes.errors import InputError
-from softness_bayes.parameters.laws import (
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import (
     HalfNormal,
     LogNormal,
     LogUniform,

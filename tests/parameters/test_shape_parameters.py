@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import LogNormal, Normal, Uniform
 from softness_bayes.model.fingers import box_of_priors, box_of_values
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.declared import SHAPE_PARAMETERS
-from softness_bayes.parameters.laws import LogNormal, Normal, Uniform
 from softness_bayes.touch.contact import Finger, FingerBox
 
 LAWS = {"radius": Normal(8, 0.5), "receptor_depth": Uniform(0.5, 0.9)}

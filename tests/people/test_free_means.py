@@ -11,9 +11,9 @@ from scipy.optimize import minimize
 from scipy.special import log_ndtr, ndtr
 from scipy.stats import multivariate_normal, norm, t
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.data import Ratings
 from softness_bayes.data.forms import AggregatedCells
-from softness_bayes.errors import InputError
 from softness_bayes.likelihood.error_laws import NORMAL
 from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.scales import AGGREGATED, CATEGORIES, MAGNITUDE, PAIRS, RANKS

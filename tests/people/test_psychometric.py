@@ -7,8 +7,8 @@ import pytest
 from scipy.optimize import minimize
 from scipy.special import expit, ndtr, ndtri
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.data import Ratings
-from softness_bayes.errors import InputError
 from softness_bayes.likelihood.error_laws import NORMAL
 from softness_bayes.likelihood.scales import PAIRS
 from softness_bayes.model.options import ModelOptions

@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from softness_bayes.checking.provenance import DirectionTaken
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
@@ -17,7 +18,6 @@ from softness_bayes.people.sentences import (
     ruler_sentence,
     untestable_sentence,
 )
-from softness_bayes.provenance import DirectionTaken
 from softness_bayes.report.conclusion import Facts, conclude
 from support.laboratories import FABRICS, RATERS, laboratory
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
 from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, PAIRS
 from softness_bayes.plotting.checks import (
     _draw_answers,

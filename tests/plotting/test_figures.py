@@ -9,10 +9,10 @@ import xarray as xr
 from click.testing import CliRunner
 from numpy.testing import assert_allclose
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.checking.check_table import posterior_quantities
 from softness_bayes.checking.quantities import Columns, simultaneous_band
 from softness_bayes.cli import main
-from softness_bayes.errors import InputError
 from softness_bayes.plotting.checks import FEW, loo_pit
 from softness_bayes.plotting.figures import FIGURES, figures_of
 from softness_bayes.plotting.style import USUAL, Style

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from softness_bayes.base.defaults import MOST_SHOWN, in_words, shown_of
 from softness_bayes.checking.layout import LOAD_GROUP
-from softness_bayes.defaults import MOST_SHOWN, in_words, shown_of
 from softness_bayes.plotting.figures import FIGURES
 from softness_bayes.plotting.rating import observed_of
 from softness_bayes.plotting.style import USUAL

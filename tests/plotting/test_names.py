@@ -13,11 +13,11 @@ from matplotlib.font_manager import findfont, get_font
 from matplotlib.text import Annotation
 from numpy.testing import assert_allclose
 
+from softness_bayes.base.laws import LogNormal, Truncated
 from softness_bayes.checking import check_table
 from softness_bayes.checking.check_table import ALL, CheckedQuantity
 from softness_bayes.checking.quantities import DROP, PLACE, QUANTITIES, QuantityCheck
 from softness_bayes.parameters.declared import EVERY_PARAMETER
-from softness_bayes.parameters.laws import LogNormal, Truncated
 from softness_bayes.plotting import style as styles
 from softness_bayes.plotting.checks import FEW, checks
 from softness_bayes.plotting.data import carry, data_of

@@ -10,8 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from numpy.testing import assert_allclose
 
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.readable import chance
 from softness_bayes.checking.inflection import Inflection, find_inflection
-from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import RATING_SCALES, Scale
 from softness_bayes.plotting import rating
 from softness_bayes.plotting.figures import FIGURES, draw_figures
@@ -20,7 +21,6 @@ from softness_bayes.plotting.parameters import MOST_STEPS, corner, prior, rank, 
 from softness_bayes.plotting.rating import Observed, observed_ratings
 from softness_bayes.plotting.response import inflection, response
 from softness_bayes.plotting.style import USUAL, save
-from softness_bayes.readable import chance
 from softness_bayes.touch.contact import Load
 from support.figures import (
     FABRICS,

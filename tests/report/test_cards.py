@@ -6,11 +6,11 @@ import pytest
 
 from softness_bayes.checking.exactness import compare_likelihoods
 from softness_bayes.checking.modulus_errors import MovedMost
+from softness_bayes.checking.provenance import DirectionTaken, NumericalErrors, PlateData
 from softness_bayes.checking.quantities import FALL, PLACE, TURNS_OVER, Reproduction
 from softness_bayes.likelihood.scales import FALLS, MAGNITUDE, RISES
 from softness_bayes.people.ruler import Fit, following
 from softness_bayes.people.sentences import ruler_sentence
-from softness_bayes.provenance import DirectionTaken, NumericalErrors, PlateData
 from softness_bayes.report.cards import (
     MODEL_FAILED,
     NOT_CONVERGED,

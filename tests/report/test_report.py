@@ -17,15 +17,15 @@ import pytest
 from matplotlib.text import Text
 from numpy.testing import assert_allclose
 
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.files.spreadsheet import table_of
+from softness_bayes.base.laws import LogNormal
+from softness_bayes.base.readable import chance, number
 from softness_bayes.checking.sentences import exactness_sentence
 from softness_bayes.cli import main, sample
-from softness_bayes.errors import InputError
-from softness_bayes.files.spreadsheet import table_of
 from softness_bayes.likelihood.scales import FALLS
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.parameters.laws import LogNormal
 from softness_bayes.plotting.figures import figures_of
-from softness_bayes.readable import chance, number
 from softness_bayes.report import page
 from softness_bayes.report.cards import Standing, cards, exactness_of
 from softness_bayes.report.charts import chart_data

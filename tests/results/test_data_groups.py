@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from softness_bayes import arviz_bridge
+from softness_bayes.base import arviz_bridge
 from softness_bayes.results.data_groups import restore_curves, stored_curves
 from softness_bayes.results.result import Result
 from softness_bayes.touch.neuron import fixed_channels as module

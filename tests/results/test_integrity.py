@@ -7,8 +7,8 @@ import h5py
 import pandas as pd
 import pytest
 
-from softness_bayes import arviz_bridge
-from softness_bayes.errors import InputError
+from softness_bayes.base import arviz_bridge
+from softness_bayes.base.errors import InputError
 from softness_bayes.results.data_groups import experiment_of
 from softness_bayes.results.fitted import options_of
 from softness_bayes.results.result import Result

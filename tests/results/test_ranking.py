@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.data import Fabrics
 from softness_bayes.data.lists import read_order
-from softness_bayes.errors import InputError
 from softness_bayes.people.verdicts import REASONS
 from softness_bayes.report.conclusion import conclude, facts_of
 from softness_bayes.results.rating_table import cautions

@@ -8,8 +8,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import norm
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.data import Fabrics
-from softness_bayes.errors import InputError
 from softness_bayes.results import rating_table
 from softness_bayes.results.fitted import Fitted, rated_among
 from softness_bayes.results.rating_table import parts_of

@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.data import Fabrics
-from softness_bayes.errors import InputError
 from softness_bayes.model.prediction import OtherTouches
 from softness_bayes.results.fitted import Fitted
 from softness_bayes.results.target import Cloth, solutions

@@ -9,15 +9,15 @@ from importlib.metadata import EntryPoint, EntryPoints
 import pytest
 import xarray as xr
 
-from softness_bayes import supplied
+from softness_bayes.base import supplied
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.supplied import require_trusted
 from softness_bayes.checking.individual import MODULUS_LAW, modulus_laws
-from softness_bayes.checkpoints.saved import read_record
-from softness_bayes.errors import InputError
-from softness_bayes.provenance import Provenance
+from softness_bayes.checking.provenance import Provenance
 from softness_bayes.results import stored
 from softness_bayes.results.result import Result
 from softness_bayes.results.run_options import Request
-from softness_bayes.supplied import require_trusted
+from softness_bayes.runs.saved import read_record
 from support.command_line import FIXED, QUICK, call, few_ratings, refused
 from support.faults import rewritten
 from support.paths import ROOT

@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 from scipy.special import expit
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.checking.calibration import (
     DRAWS,
     FALSE_ALARM,
@@ -22,7 +23,6 @@ from softness_bayes.checking.calibration import (
 from softness_bayes.checking.inflection import LEAST_DROP, curve_scene
 from softness_bayes.checking.quantities import simultaneous_band
 from softness_bayes.data import Fabrics
-from softness_bayes.errors import InputError
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.scales import FALLS, RATING_SCALES
 from softness_bayes.model.options import ModelOptions

@@ -12,10 +12,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from softness_bayes.base.errors import InputError, LockedError
+from softness_bayes.base.files.lock import Lock
 from softness_bayes.checking.calibration import Replicate
-from softness_bayes.errors import InputError, LockedError
 from softness_bayes.experiments import understanding
-from softness_bayes.files.lock import Lock
 from softness_bayes.likelihood.error_laws import STUDENT
 from softness_bayes.likelihood.scales import SLIDER
 from softness_bayes.model.options import ModelOptions

@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 from distributed.comm import CommClosedError
 
+from softness_bayes.base.errors import InputError, WorkersLostError
+from softness_bayes.base.files.run_files import RUNS
+from softness_bayes.checking.provenance import versions
 from softness_bayes.claims import TOUCHES, evaluate_claims
 from softness_bayes.claims.report import claims_table
 from softness_bayes.data import compression_csv
-from softness_bayes.errors import InputError, WorkersLostError
-from softness_bayes.files.run_files import RUNS
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression
-from softness_bayes.provenance import versions
 from softness_bayes.runs import cluster as clusters
 from softness_bayes.runs.cluster import SCHEDULER, Worker, cluster, require_workers, strangers
 from softness_bayes.runs.rank_table import RANKS, read_replicates

@@ -9,10 +9,11 @@ from numpy.testing import assert_allclose
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
 
-from softness_bayes import arviz_bridge
+from softness_bayes.base import arviz_bridge
+from softness_bayes.base.defaults import LEFT_OUT
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import HalfNormal
 from softness_bayes.data import Experiment, Fabrics
-from softness_bayes.defaults import LEFT_OUT
-from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import ERROR_LAWS
@@ -23,7 +24,6 @@ from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression, simulate_ratings
-from softness_bayes.parameters.laws import HalfNormal
 from softness_bayes.results.data_groups import experiment_of
 from softness_bayes.results.fitted import differences, options_of
 from softness_bayes.runs.comparison import clustered_error, compare, stacking_weights

@@ -7,15 +7,15 @@ import pytest
 from click.testing import CliRunner
 
 from softness_bayes import read_experiment, sample
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import LogNormal
 from softness_bayes.cli import main
 from softness_bayes.cli.options import command
-from softness_bayes.errors import InputError
 from softness_bayes.likelihood.error_laws import LAPSES
 from softness_bayes.likelihood.scales import FALLS, SLIDER
 from softness_bayes.model import build as building
 from softness_bayes.model.fingers import finger_of
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.parameters.laws import LogNormal
 from softness_bayes.results.result import Result
 from softness_bayes.results.run_options import DataFiles, Request, RunOptions
 from softness_bayes.touch.readings import CLASSICAL

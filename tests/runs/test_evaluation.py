@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.cli import main
 from softness_bayes.data import Compression, read_experiment
-from softness_bayes.errors import InputError
 from softness_bayes.model.build import build, build_skin
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.results.run_options import RunOptions

@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.testing import assert_allclose
 
+from softness_bayes.base.laws import Normal, Uniform
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.parameters.laws import Normal, Uniform
 from softness_bayes.results.run_checks import exact_log_likelihood
 from softness_bayes.touch.scene import Discretisation
 from support.report_runs import HELD, experiment

@@ -8,9 +8,9 @@ from numpy.testing import assert_allclose
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
+from softness_bayes.base.errors import InputError
 from softness_bayes.checking.checks import SKINS
 from softness_bayes.checking.individual import POPULATION
-from softness_bayes.errors import InputError
 from softness_bayes.experiments.understanding import warnings
 from softness_bayes.model.build import ExperimentModel, build, people_notes
 from softness_bayes.model.options import ModelOptions

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from softness_bayes.base.laws import Normal
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.parameters.laws import Normal
 from softness_bayes.runs.run import sample
 from support.report_runs import COARSE, HELD, experiment, quickly
 

@@ -6,9 +6,9 @@ import re
 import numpy as np
 import pytest
 
+from softness_bayes.base.files.run_files import MODULUS_ERRORS
 from softness_bayes.checking import inflection
 from softness_bayes.cli.running import print_result
-from softness_bayes.files.run_files import MODULUS_ERRORS
 from softness_bayes.likelihood.scales import FALLS, FREE
 from softness_bayes.model import build
 from softness_bayes.model.options import ModelOptions

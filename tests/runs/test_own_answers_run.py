@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.testing import assert_allclose
 
+from softness_bayes.base.laws import HalfNormal
 from softness_bayes.checking.checks import NOISE
 from softness_bayes.checking.individual import POPULATION
 from softness_bayes.checking.sentences import residual_sentences
 from softness_bayes.likelihood.error_laws import STUDENT
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.parameters.laws import HalfNormal
 from support.command_line import call
 from support.paths import DATA
 from support.report_runs import OPTIONS, experiment, quickly

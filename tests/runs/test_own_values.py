@@ -6,13 +6,13 @@ from importlib.metadata import EntryPoint
 
 import pytest
 
-from softness_bayes.checkpoints.checkpoint import Checkpoint
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import LogNormal
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.parameters.laws import LogNormal
 from softness_bayes.parameters.priors import parse_prior
 from softness_bayes.report.tables import repetition
 from softness_bayes.results.result import Result
+from softness_bayes.runs.checkpoint import Checkpoint
 from softness_bayes.runs.run import sample
 from softness_bayes.sampler import sampling
 from softness_bayes.touch.contact import DISPLACEMENT

@@ -9,15 +9,15 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import kstest
 
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import LogNormal
 from softness_bayes.checking.sentences import plate_sentence
 from softness_bayes.data import Compression, Experiment, Fabrics
-from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import NO_RESPONSE
 from softness_bayes.model.build import build, build_skin
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression, simulate_ratings
-from softness_bayes.parameters.laws import LogNormal
 from softness_bayes.plotting.figures import figures_of
 from softness_bayes.results.result import Result
 from softness_bayes.results.run_options import RunOptions

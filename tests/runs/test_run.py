@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import halfnorm, kstest, lognorm
 
-from softness_bayes import arviz_bridge
+from softness_bayes.base import arviz_bridge
 from softness_bayes.checking.inflection import curve_scene
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.likelihood.error_laws import NORMAL

@@ -10,20 +10,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softness_bayes.arviz_bridge import require_storable
-from softness_bayes.checkpoints.checkpoint import Checkpoint
-from softness_bayes.errors import InputError
-from softness_bayes.files.command_line import storable
-from softness_bayes.files.json_text import as_json
+from softness_bayes.base.arviz_bridge import require_storable
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.files.command_line import storable
+from softness_bayes.base.files.json_text import as_json
+from softness_bayes.checking.provenance import Provenance
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression
-from softness_bayes.provenance import Provenance
 from softness_bayes.report.tables import repetition
 from softness_bayes.results.result import Result
 from softness_bayes.results.run_options import Request, RunOptions
 from softness_bayes.runs import run
+from softness_bayes.runs.checkpoint import Checkpoint
 from softness_bayes.runs.run import requested, sample
 from softness_bayes.touch.readings import MENDED
 from support.paths import DATA

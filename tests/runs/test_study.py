@@ -11,22 +11,22 @@ import pandas as pd
 import pytest
 from scipy.stats import norm
 
+from softness_bayes.base.errors import InputError, LockedError, NotConvergedError, NumericalError
+from softness_bayes.base.files.lock import Lock
+from softness_bayes.base.files.run_files import CHECKPOINT, POSTERIOR, RUNS
+from softness_bayes.base.laws import HalfNormal, LogNormal, Uniform
 from softness_bayes.checking.pooling import LIMITS
-from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.cli.study import require_complete
 from softness_bayes.data.lists import Listed, list_tables
-from softness_bayes.errors import InputError, LockedError, NotConvergedError, NumericalError
-from softness_bayes.files.lock import Lock
-from softness_bayes.files.run_files import CHECKPOINT, POSTERIOR, RUNS
 from softness_bayes.model.build import build_skin
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression
 from softness_bayes.parameters.declared import PRIOR_SETS
-from softness_bayes.parameters.laws import HalfNormal, LogNormal, Uniform
 from softness_bayes.results.result import Result
 from softness_bayes.runs import table_fits
 from softness_bayes.runs.batch import ASKED, LOCK, write_asked
+from softness_bayes.runs.checkpoint import Checkpoint
 from softness_bayes.runs.population import pool_results, population_of
 from softness_bayes.runs.run import sample
 from softness_bayes.runs.study import MADE, Study, study

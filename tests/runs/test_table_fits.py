@@ -4,14 +4,14 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from softness_bayes.checkpoints.saved import read_status
+from softness_bayes.base.files.lock import Lock
+from softness_bayes.base.files.run_files import CHECKPOINT, LOCK, RUNS
 from softness_bayes.data import Compression
-from softness_bayes.files.lock import Lock
-from softness_bayes.files.run_files import CHECKPOINT, LOCK, RUNS
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.results.result import Result
 from softness_bayes.results.run_options import Request, RunOptions
 from softness_bayes.runs import table_fits
+from softness_bayes.runs.saved import read_status
 from softness_bayes.runs.study import study
 from softness_bayes.runs.table_fits import REFUSED, Fit, fit_table, packed, unpack
 from support.report_runs import quickly

@@ -7,9 +7,9 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import kstest
 
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import LogNormal
 from softness_bayes.data import Fabrics
-from softness_bayes.errors import InputError
-from softness_bayes.parameters.laws import LogNormal
 from softness_bayes.results.fitted import Fitted
 from support.command_line import call
 from support.paths import DATA

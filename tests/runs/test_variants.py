@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import HalfNormal, Normal, Uniform
 from softness_bayes.data import Experiment
-from softness_bayes.errors import InputError
 from softness_bayes.likelihood.error_laws import STUDENT
 from softness_bayes.likelihood.scales import AGGREGATED, STANDARDISED
 from softness_bayes.model.build import build
 from softness_bayes.model.fingers import finger_of
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.parameters.laws import HalfNormal, Normal, Uniform
 from softness_bayes.report.page import report_page
 from softness_bayes.results.data_groups import experiment_of
 from softness_bayes.results.fitted import options_of

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import chi2
 
 from oracles.autoregressive import autoregressive, walks
-from softness_bayes import arviz_bridge
+from softness_bayes.base import arviz_bridge
 from softness_bayes.sampler.chain_statistics import ess_between, ess_bulk, r_hat_between
 from softness_bayes.sampler.diagnostics import Goal, look
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from softness_bayes.checkpoints.checkpoint import Checkpoint
-from softness_bayes.checkpoints.saved import read_last
+from softness_bayes.runs.checkpoint import Checkpoint
+from softness_bayes.runs.saved import read_last
 from softness_bayes.sampler.adaptation import TriangularMap
 from softness_bayes.sampler.diagnostics import Starts
 from softness_bayes.sampler.modes import labels, learn_modes

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from softness_bayes.errors import NumericalError
+from softness_bayes.base.errors import NumericalError
 from softness_bayes.sampler.sampling import Settings, progress_of, sample_until, walk
 from softness_bayes.sampler.target import KEPT, Failure, Nonfinite, Watched, watching
 from support.fake_scene import FakeScene, fake_posterior

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from softness_bayes.errors import InputError, NumericalError, SoftnessError
+from softness_bayes.base.errors import InputError, NumericalError, SoftnessError
 from softness_bayes.sampler import sampling, schedule
 from softness_bayes.sampler.adaptation import TriangularMap
 from softness_bayes.sampler.chains import Chains, EnsembleState, Segment

@@ -7,11 +7,11 @@ from contextlib import contextmanager
 
 import pytest
 
-from softness_bayes.checkpoints import checkpoint as storage
-from softness_bayes.checkpoints.checkpoint import Checkpoint
-from softness_bayes.checkpoints.saved import content_of, read_last, saved_states, state_path
-from softness_bayes.errors import InputError
-from softness_bayes.files import whole
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.files import whole
+from softness_bayes.runs import checkpoint as storage
+from softness_bayes.runs.checkpoint import Checkpoint
+from softness_bayes.runs.saved import content_of, read_last, saved_states, state_path
 from support.killable import WHAT, fake_posterior, settings
 
 DAMAGES = ("flip", "cut", "gone", "swap", "empty")

@@ -3,7 +3,7 @@
 import errno
 import os
 
-from softness_bayes.files import whole
+from softness_bayes.base.files import whole
 
 
 def fill_disk(monkeypatch, room):

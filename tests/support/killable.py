@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from softness_bayes.checkpoints import checkpoint as storage
-from softness_bayes.checkpoints.checkpoint import Checkpoint
-from softness_bayes.checkpoints.saved import saved_states
+from softness_bayes.runs import checkpoint as storage
+from softness_bayes.runs.checkpoint import Checkpoint
+from softness_bayes.runs.saved import saved_states
 from softness_bayes.sampler.diagnostics import Goal
 from softness_bayes.sampler.sampling import Settings, walk
 from support.fake_scene import FakeScene, fake_posterior

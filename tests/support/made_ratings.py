@@ -4,14 +4,14 @@ import copy
 
 import numpy as np
 
-from softness_bayes import arviz_bridge
+from softness_bayes.base import arviz_bridge
 from softness_bayes.checking import checks
 from softness_bayes.checking.check_table import NEW_PARTICIPANTS
+from softness_bayes.checking.provenance import Finding, findings_attribute
 from softness_bayes.checking.quantities import EXCESS, excess_of_plateau, plateau
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.layout import Layout
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
-from softness_bayes.provenance import Finding, findings_attribute
 from support.points import rated
 
 MODEL = RatingModel()

@@ -6,9 +6,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import gamma
 
+from softness_bayes.base.laws import Law
 from softness_bayes.likelihood.scales import STANDARDISED
 from softness_bayes.likelihood.z_scores import StandardisedModel
-from softness_bayes.parameters.laws import Law
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS
 from softness_bayes.touch.stress import ATTENUATED, HERTZ, LINE, Pressure
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
 
 
 def refusal(call, *args, **options):

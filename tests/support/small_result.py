@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from softness_bayes import arviz_bridge
+from softness_bayes.base import arviz_bridge
 from softness_bayes.results.result import Result
 from softness_bayes.results.stored import SCHEMA
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from softness_bayes.base.laws import LogNormal, Normal, Uniform
 from softness_bayes.checking.checks import ALONG, EXPONENTS, FABRICS, NOISE, SKINS
 from softness_bayes.data import Experiment
 from softness_bayes.data.ratings import Ratings
@@ -15,7 +16,6 @@ from softness_bayes.likelihood.scales import AGGREGATED, FREE, RANKS
 from softness_bayes.model import fingers as individual
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression, simulate_ratings
-from softness_bayes.parameters.laws import LogNormal, Normal, Uniform
 from softness_bayes.results.result import Result
 from softness_bayes.runs.run import sample
 from softness_bayes.touch.contact import Force

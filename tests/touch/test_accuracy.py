@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
 from softness_bayes.model.scenes import firing_of, prior_draws
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.touch.accuracy import PRESETS, FiringSample, choose, errors, measured

@@ -7,7 +7,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
 from softness_bayes.touch.contact import (
     DISPLACEMENT,
     PLATE_LENGTH,

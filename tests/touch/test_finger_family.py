@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.finger_grid import REACH, FingerGrid, FingerSpreads
 from softness_bayes.touch.fingers import FingerFamily

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from oracles.reference import reference_response
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
 from softness_bayes.model.scenes import touch_parameters, usual_values
 from softness_bayes.touch.contact import Finger, Force, Indentation, solve_contact
 from softness_bayes.touch.parameters import TouchParameters

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from oracles.reference import SimulatedRate, reference_response
-from softness_bayes.errors import InputError, NumericalError, SoftnessError
+from softness_bayes.base.errors import InputError, NumericalError, SoftnessError
 from softness_bayes.touch.contact import Finger, Force, Indentation
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 from softness_bayes.touch.parameters import TouchParameters

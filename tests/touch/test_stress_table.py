@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from oracles.reference import reference_response
-from softness_bayes.errors import InputError, NumericalError
+from softness_bayes.base.errors import InputError, NumericalError
 from softness_bayes.touch.contact import Finger, FingerBox, Fingertips, Force, Indentation, Load, Loads, held
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.population import WIDE

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.errors import InputError, NumericalError
-from softness_bayes.ranges import NOISES, require_kind, require_members
+from softness_bayes.base.errors import InputError, NumericalError
+from softness_bayes.base.ranges import NOISES, require_kind, require_members
 from softness_bayes.touch.neuron.firing import exact_curve, key, known_curve
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane
 from softness_bayes.touch.neuron.rate_curve import LARGEST_CURRENT, CurveError, RateCurve

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.errors import NumericalError
+from softness_bayes.base.errors import NumericalError
 
 if TYPE_CHECKING:
     from softness_bayes.touch.neuron.cells import ArrowJacobian, Cells

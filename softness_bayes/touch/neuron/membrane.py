@@ -20,8 +20,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.errors import InputError
-from softness_bayes.ranges import numbers, require_members
+from softness_bayes.base.errors import InputError
+from softness_bayes.base.ranges import numbers, require_members
 
 FloatArray = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
 from softness_bayes.touch.neuron.membrane import Channels
 
 FloatArray = NDArray[np.float64]

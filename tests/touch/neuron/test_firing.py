@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from softness_bayes.errors import InputError, NumericalError
+from softness_bayes.base.errors import InputError, NumericalError
 from softness_bayes.touch.neuron import firing as module
 from softness_bayes.touch.neuron.firing import exact_curve
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from softness_bayes.errors import NumericalError
+from softness_bayes.base.errors import NumericalError
 from softness_bayes.touch.neuron import limit_cycle
 from softness_bayes.touch.neuron.cells import Cells, fold, rest, steady_state
 from softness_bayes.touch.neuron.limit_cycle import steady_orbit, step

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from softness_bayes.errors import InputError
+from softness_bayes.base.errors import InputError
 from softness_bayes.touch.neuron import fixed_channels as module
 from softness_bayes.touch.neuron.fixed_channels import LEAST_RATE, noisy_curve
 from softness_bayes.touch.neuron.rate import firing_rate

@@ -7,7 +7,7 @@ from importlib import resources
 import numpy as np
 import pytest
 
-from softness_bayes.errors import InputError, NumericalError
+from softness_bayes.base.errors import InputError, NumericalError
 from softness_bayes.tools import surface_build
 from softness_bayes.touch.neuron import firing
 from softness_bayes.touch.neuron import surface as module

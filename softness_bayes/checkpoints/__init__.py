@@ -1,1 +1,0 @@
-"""Checkpoints: files from which an interrupted or killed run can continue."""

@@ -1,0 +1,378 @@
+"""Likelihood of recorded afferents, with the sensitivity of each named afferent integrated out.
+
+With lambda the rate of `response.ProbedTouches` and f_j the factor of afferent j (1 in rows that average several),
+
+    mean rates     y = max(0, z), z ~ N(f_j lambda, sd²), sd stated or `sd_rate`
+    counts         k ~ law of mean f_j lambda window and variance `fano` times the mean
+    factors        ln f_j ~ N(-tau²/2, tau²), tau = `tau_afferent`, of mean 1, with two or more named afferents
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any, ClassVar, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import betainc, gammainc, gammaincc, gammaln, log_ndtr, ndtr, ndtri
+
+from softness_bayes.base.laws import Prior
+from softness_bayes.data.measurements import Afferents
+from softness_bayes.likelihood.contract import Effects, Likelihood, Parameters, RowsLeftOut
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
+from softness_bayes.likelihood.pieces import in_pieces, left_out_in_pieces, log_sum
+from softness_bayes.likelihood.quadrature import draw_on_nodes
+from softness_bayes.likelihood.scales import STANDARDISED, Scale
+from softness_bayes.model.recordings.response import Afferent, ProbedTouches
+from softness_bayes.parameters.declared import RECORDED
+
+Array = NDArray[np.float64]
+
+FIRING = replace(
+    STANDARDISED, name="firing", meaning="firing rates [Hz] or counts", unit="Hz", short="Hz", label="firing rate [Hz]"
+)
+"""Scale of recorded rates and counts; not a scale of ratings."""
+
+SILENT = 0.1
+"""Rate [Hz] added to that of counts, so that a spike of an afferent predicted to be silent has a finite probability."""
+
+STRAY = 1e-6
+"""Share of under-dispersed counts with Poisson's law, whose tails keep the log probability of every count finite."""
+
+_LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
+_NODES = np.linspace(-7.0, 7.0, 15)  # the trapezoidal rule errs by exp(-2 pi²) for a normal integrand
+
+
+@dataclass(frozen=True)
+class RecordingModel:
+    """The model of recorded afferents without data.
+
+    Parameters
+    ----------
+    needs
+        Names of its parameters: those of `RECORDING_PARAMETERS`, and those shared with ratings and plates.
+    """
+
+    needs: tuple[str, ...]
+    scale: ClassVar[Scale] = FIRING
+    error: ClassVar[ErrorLaw] = NORMAL
+    levels: ClassVar[Mapping[str, Prior]] = MappingProxyType({})
+
+    def afferent(self, parameters: Parameters) -> Afferent:
+        """Return the parameters of the response in SI."""
+        named = {name.removesuffix("_rec"): getattr(parameters, name) for name in self.needs}
+        return Afferent(**{name: named[name] for name in Afferent._fields if name in named})
+
+    def error_sd(self, parameters: Parameters) -> Array:
+        """Return 1: residuals are standard normal scores."""
+        return np.ones(parameters.batch_shape())
+
+    def typical(self, effects: Effects, drive: Array) -> Array:
+        """Return the rate of a typical afferent [Hz], shape (..., k)."""
+        return drive
+
+    def named_effects(self, effects: Effects) -> Mapping[str, tuple[Array, tuple[str, ...]]]:
+        """Return the sensitivities by their name in files."""
+        return {"log_rate_effect": (effects.log_factor, ("afferent",))}
+
+
+def recording_model(data: Afferents, shared: tuple[str, ...] = (), freed: tuple[str, ...] = ()) -> RecordingModel:
+    """Return the model of a table.
+
+    Parameters
+    ----------
+    data
+        The table, which decides on the parameters of errors.
+    shared
+        Parameters of the chain, of `SHAREABLE`, that recorded afferents share with ratings and plates.
+    freed
+        Optional parameters, of `OPTIONAL_RECORDING`, that are sampled.
+    """
+    chain = tuple(name if name in shared else f"{name}_rec" for name in ("b", "m", "alpha", "beta"))
+    threshold = "sigma_0" if "sigma_0" in shared else "rest_rec"
+    errors = {
+        "sd_rate": bool((~data.counted & np.isnan(data.sd)).any()),
+        "tau_afferent": len(data.names) > 1,
+        "fano": bool(data.counted.any()),
+    }
+    return RecordingModel((*chain, threshold, *freed, *(name for name, has in errors.items() if has)))
+
+
+class _Given(NamedTuple):
+    """Sensitivities at nodes about each afferent's mode; arrays (nodes, ..., afferents or named rows)."""
+
+    factor: Array
+    """ln f_j."""
+    log_weight: Array
+    """Log of the joint density of sensitivity and rows, times the distance of nodes."""
+    rows: Array
+    """Log density of each named row."""
+
+
+class RecordedRates(Likelihood):
+    """Rates and counts of afferents under a `RecordingModel`.
+
+    Named afferents are the participants of the design, and each mean of several is one more; every row is a separate
+    condition.
+
+    Parameters
+    ----------
+    data
+        The table.
+    touches
+        Its probes on a finger, row by row.
+    model
+        The model.
+    """
+
+    name: ClassVar[str] = RECORDED
+
+    def __init__(self, data: Afferents, touches: ProbedTouches, model: RecordingModel) -> None:
+        self.data, self.touches, self.model = data, touches, model
+        self.values = np.where(data.counted, data.count, data.rate)
+        varies = "tau_afferent" in model.needs
+        self._named = np.flatnonzero((data.afferent >= 0) & varies)
+        self._member = (data.afferent[self._named, None] == np.arange(len(data.names))).astype(float)
+        person = data.afferent.copy()
+        person[person < 0] = len(data.names) + np.arange((person < 0).sum())
+        rows = len(data)
+        self.design = Design(np.arange(rows), person, np.zeros(rows, np.intp), int(person.max()) + 1)
+
+    @property
+    def discrete(self) -> NDArray[np.bool_]:
+        """True for counts and silence, shape (rows,)."""
+        return self.data.counted | (self.values == 0.0)
+
+    def with_values(self, values: ArrayLike) -> Self:
+        """Return the likelihood of other rates and counts in the same rows."""
+        values, counted = np.asarray(values, float), self.data.counted
+        filed = replace(self.data, rate=np.where(counted, np.nan, values), count=np.where(counted, values, np.nan))
+        return type(self)(filed, self.touches, self.model)
+
+    def without(self, rows: NDArray[np.bool_]) -> Self:
+        """Return the likelihood of the other rows of the same afferents."""
+        kept = np.flatnonzero(~rows)
+        return type(self)(self.data.take(kept), self.touches.take(kept), self.model)
+
+    def rate(self, parameters: Parameters) -> Array:
+        """Return the rate of a typical afferent in every row [Hz], shape (..., rows)."""
+        return self.touches.rate(self.model.afferent(parameters))
+
+    def log_likelihood(self, mean_rate: Array, parameters: Parameters) -> Array:
+        """Return the log density of all rows together, shape (...)."""
+        if not self._named.size:
+            return _law(self, parameters, slice(None)).log_density(self.rate(parameters)).sum(axis=-1)
+        return self.log_likelihood_participants(mean_rate, parameters).sum(axis=-1)
+
+    def log_likelihood_participants(self, mean_rate: Array, parameters: Parameters) -> Array:
+        """Return the log density of each afferent's rows, and of each mean of several, shape (..., participants)."""
+        rate = self.rate(parameters)
+        own = _law(self, parameters, slice(None)).log_density(rate)
+        if not self._named.size:
+            return own @ _membership(self.design.participant)
+        joint = log_sum(self._given(rate, parameters).log_weight, axis=0)
+        apart = np.setdiff1d(np.arange(len(self.data)), self._named)
+        return np.concatenate([joint, own[..., apart]], axis=-1)
+
+    def left_out(self, mean_rate: Array, parameters: Parameters) -> RowsLeftOut:
+        """Return the law of each row given all others, at the observation, arrays (..., rows)."""
+        return left_out_in_pieces(self._left_out, 20 * len(self.data), mean_rate, parameters)
+
+    def _left_out(self, mean_rate: Array, parameters: Parameters) -> RowsLeftOut:
+        rate = self.rate(parameters)
+        law = _law(self, parameters, slice(None))
+        density, below = law.log_density(rate), law.below(rate)
+        if self._named.size:
+            given, of = self._given(rate, parameters), self.data.afferent[self._named]
+            weight = given.log_weight[..., of] - log_sum(given.log_weight, axis=0)[..., of] - given.rows
+            named = _law(self, parameters, self._named)
+            density[..., self._named] = -log_sum(weight, axis=0)
+            shares = np.exp(weight + density[..., self._named])
+            below[..., self._named] = (
+                shares * named.below(rate[..., self._named] * np.exp(given.factor[..., of]))
+            ).sum(0)
+        return RowsLeftOut(density, below)
+
+    def drive(self, mean_rate: Array, parameters: Parameters) -> Array:
+        """Return the rate of a typical afferent in every row [Hz], shape (..., rows)."""
+        return self.rate(parameters)
+
+    def predictor(self, mean_rate: Array, parameters: Parameters) -> Array:
+        """Return the rate of a typical afferent, to which expected rates are proportional within afferents."""
+        return self.rate(parameters)
+
+    def new_effects(
+        self,
+        rng: np.random.Generator,
+        parameters: Parameters,
+        shape: tuple[int, ...],
+        levels: Mapping[str, ArrayLike] | None = None,
+    ) -> Effects:
+        """Return the sensitivities of new afferents, of batch ``shape``."""
+        size = self._member.shape[1] if self._named.size else len(self.data.names)
+        tau = np.asarray(parameters.tau_afferent if self._named.size else 0.0, float)[..., None]
+        return Effects(log_factor=tau * rng.standard_normal((*shape, size)) - 0.5 * tau**2)
+
+    def draw_effects(self, rng: np.random.Generator, mean_rate: Array, parameters: Parameters) -> Effects:
+        """Return draws of the sensitivities given the rows, one for each point of the batch."""
+        rate = self.rate(parameters)
+        if not self._named.size:
+            return self.new_effects(rng, parameters, rate.shape[:-1])
+        return Effects(
+            log_factor=in_pieces(lambda *some: self._drawn(rng, *some), 20 * len(self.data), rate, parameters)
+        )
+
+    def _drawn(self, rng: np.random.Generator, rate: Array, parameters: Parameters) -> Array:
+        """Return draws of ln f_j at rates (..., rows), shape (..., afferents)."""
+        given = self._given(rate, parameters)
+        return draw_on_nodes(rng, np.moveaxis(given.factor, 0, -1), np.moveaxis(given.log_weight, 0, -1))
+
+    def replicate(
+        self,
+        rng: np.random.Generator,
+        drive: Array,
+        parameters: Parameters,
+        effects: Effects,
+        mean_rate: Array | None = None,
+    ) -> Array:
+        """Return a rate [Hz] or a count for every row, shape (..., rows)."""
+        return _law(self, parameters, slice(None)).draw(rng, drive * self.factors(effects))
+
+    def residual(self, mean_rate: Array, parameters: Parameters, effects: Effects) -> Array:
+        """Return the normal score of every row, given the sensitivities, shape (..., rows)."""
+        below = _law(self, parameters, slice(None)).below(self.rate(parameters) * self.factors(effects))
+        return np.asarray(ndtri(np.clip(below, 1e-12, 1.0 - 1e-12)))
+
+    def factors(self, effects: Effects) -> Array:
+        """Return the factor of every row, shape (..., rows)."""
+        found = np.ones((*effects.log_factor.shape[:-1], len(self.data)))
+        found[..., self._named] = np.exp(effects.log_factor[..., self.data.afferent[self._named]])
+        return found
+
+    def _given(self, rate: Array, parameters: Parameters) -> _Given:
+        """Return the sensitivities given the rows at nodes around their mode, found by Fisher's scoring in ln f = u."""
+        law, r = _law(self, parameters, self._named), rate[..., self._named]
+        tau2 = np.maximum(np.asarray(parameters.tau_afferent, float), 1e-6)[..., None] ** 2
+        u = np.zeros((*r.shape[:-1], self._member.shape[1])) - 0.5 * tau2
+        for _ in range(12):
+            mean = r * np.exp(u @ self._member.T)
+            weight = mean / law.variance(mean)
+            info = (weight * mean) @ self._member + 1.0 / tau2
+            score = (weight * (law.observed - mean)) @ self._member - u / tau2 - 0.5
+            u = u + np.clip(score / info, -1.0, 1.0)
+        width = 1.0 / np.sqrt(info)  # of the law about the mode, and between nodes
+        factor = u + np.multiply.outer(_NODES, width)
+        rows = law.log_density(r * np.exp(factor @ self._member.T))
+        prior = -0.5 * (factor + 0.5 * tau2) ** 2 / tau2 - 0.5 * np.log(tau2) - _LOG_ROOT_TWO_PI
+        return _Given(factor, rows @ self._member + prior + np.log(width), rows)
+
+
+def _membership(index: NDArray[np.intp]) -> Array:
+    return (index[:, None] == np.arange(index.max() + 1)).astype(float)
+
+
+class _Law(NamedTuple):
+    """Laws of some rows about their expected rate [Hz]; methods take rates (..., rows)."""
+
+    observed: Array
+    """Rates [Hz], shape (rows,); counts over their window."""
+    counted: NDArray[np.bool_]
+    spikes: Array
+    window: Array
+    sd: Array
+    """Of mean rates [Hz], shape (..., rows)."""
+    fano: Array
+    """Variance of counts over their mean, shape (..., 1)."""
+
+    def variance(self, rate: Array) -> Array:
+        """Return the variance of `observed` [Hz²]."""
+        return np.where(self.counted, self.fano * (rate + SILENT) / self.window, self.sd**2)
+
+    def log_density(self, rate: Array) -> Array:
+        """Return the log density [1/Hz] of mean rates, and the log probability of silence and of counts."""
+        means = -0.5 * ((self.observed - rate) / self.sd) ** 2 - np.log(self.sd) - _LOG_ROOT_TWO_PI
+        silent = self.observed == 0.0
+        means[..., silent] = log_ndtr(-rate[..., silent] / self.sd[..., silent])
+        if not self.counted.any():
+            return means
+        mean = (rate + SILENT) * self.window
+        return np.where(self.counted, log_probability(self.spikes, mean, self.fano), means)
+
+    def below(self, rate: Array) -> Array:
+        """Return the probability of a smaller observation, half that of an equal one included."""
+        means = np.where(self.observed > 0.0, 1.0, 0.5) * ndtr((self.observed - rate) / self.sd)
+        if not self.counted.any():
+            return np.asarray(means)
+        mean = (rate + SILENT) * self.window
+        half = 0.5 * np.exp(log_probability(self.spikes, mean, self.fano))
+        return np.where(self.counted, less_probability(self.spikes, mean, self.fano) + half, means)
+
+    def draw(self, rng: np.random.Generator, rate: Array) -> Array:
+        """Return observations: rates [Hz], and counts."""
+        means = np.maximum(rate + self.sd * rng.standard_normal(rate.shape), 0.0)
+        if not self.counted.any():
+            return means
+        return np.where(self.counted, draw_counts(rng, (rate + SILENT) * self.window, self.fano), means)
+
+
+def _law(of: RecordedRates, parameters: Parameters, rows: Any) -> _Law:
+    data, needs = of.data, of.model.needs
+    common = np.asarray(parameters.sd_rate if "sd_rate" in needs else 1.0, float)[..., None]
+    stated = data.sd[rows] / np.sqrt(data.n[rows])
+    return _Law(
+        data.observed[rows],
+        data.counted[rows],
+        np.where(data.counted, data.count, 0.0)[rows],
+        np.where(data.counted, data.window, 1.0)[rows],
+        np.where(np.isnan(stated), common, stated),
+        np.asarray(parameters.fano if "fano" in needs else 1.0, float)[..., None],
+    )
+
+
+def log_probability(count: Array, mean: Array, fano: Array) -> Array:
+    """Return the log probability of counts with a mean and a ratio of variance to mean; arrays broadcast.
+
+    Above a ratio of 1 the law is negative binomial. Below, spikes come at intervals of a gamma law of shape 1/fano and
+    mean 1/mean (Winkelmann, J. Bus. Econ. Stat. 13, 467, 1995), whose counts have that variance, and a mean lower by
+    (1 - fano)/2, in long windows; a share `STRAY` is Poisson's. Both are Poisson's law at a ratio of 1.
+    """
+    excess = np.maximum(fano - 1.0, 1e-9)
+    size = mean / excess
+    over = gammaln(count + size) - gammaln(size) - gammaln(count + 1) - size * np.log1p(excess)
+    over = over + count * (np.log(excess) - np.log1p(excess))
+    poisson = count * np.log(mean) - mean - gammaln(count + 1)
+    shape = 1.0 / np.minimum(fano, 1.0)
+    first, last, x = shape * np.maximum(count, 1e-300), shape * (count + 1), shape * mean
+    upper = gammaincc(last, x) - np.where(count > 0, gammaincc(first, x), 0.0)
+    lower = np.where(count > 0, gammainc(first, x), 1.0) - gammainc(last, x)
+    with np.errstate(divide="ignore"):
+        regular = np.log(np.maximum(np.where(x > last, upper, lower), 0.0))
+    under = np.logaddexp(np.log1p(-STRAY) + regular, math.log(STRAY) + poisson)
+    return np.where(fano > 1.0 + 1e-6, over, np.where(fano < 1.0, under, poisson))
+
+
+def less_probability(count: Array, mean: Array, fano: Array) -> Array:
+    """Return the probability of fewer spikes under the law of `log_probability`, without its stray share."""
+    some, excess = np.maximum(count, 1.0), np.maximum(fano - 1.0, 1e-6)
+    over = betainc(mean / excess, some, 1.0 / (1.0 + excess))
+    shape = 1.0 / np.minimum(fano, 1.0)
+    return np.where(count > 0, np.where(fano > 1.0, over, gammaincc(shape * some, shape * mean)), 0.0)
+
+
+def draw_counts(rng: np.random.Generator, mean: Array, fano: Array) -> Array:
+    """Draw counts of the law of `log_probability`, without its stray share."""
+    fano = np.broadcast_to(fano, mean.shape)
+    excess = np.maximum(fano - 1.0, 1e-6)
+    over = rng.poisson(rng.gamma(mean / excess, excess)).astype(float)
+    under = np.flatnonzero(fano < 1.0)
+    found = over.ravel()
+    for k in np.array_split(under, max(1, under.size // 10_000)):
+        shape, middle = 1.0 / fano.ravel()[k], mean.ravel()[k]
+        most = int(middle.max(initial=0.0) + 10.0 * math.sqrt(middle.max(initial=0.0) + 1.0) + 10.0)
+        intervals = rng.gamma(shape[:, None], 1.0 / shape[:, None], (k.size, most))
+        found[k] = (intervals.cumsum(axis=1) <= middle[:, None]).sum(axis=1)
+    return found.reshape(mean.shape)
