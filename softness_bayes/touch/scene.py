@@ -41,7 +41,7 @@ WITH_CURVES = 256
 CHUNK = 1 << 16
 """Number of quadrature nodes evaluated at once: enough for fast array operations, few enough for the cache."""
 
-LEAST_ROWS = 16
+LEAST_ROWS = 32
 """Vectors that are evaluated at once at least: each load's table is then read for all of them."""
 
 
