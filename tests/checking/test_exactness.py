@@ -7,15 +7,10 @@ from softness_bayes.checking.exactness import HARMLESS, compare_likelihoods, res
 from softness_bayes.checking.sentences import exactness_sentence
 from softness_bayes.results.summary import reweighted, summarise
 from softness_bayes.touch.contact import Indentation
-from softness_bayes.touch.neuron import firing
-from softness_bayes.touch.neuron.firing import exact_curves
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels
-from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels
-from softness_bayes.touch.neuron.rate import Onset, firing_rate, onset
+from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS
 from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.scene import Scene
-from support.fake_scene import fake_posterior
-from support.onsets import CORNER, EXACT_ENOUGH
 
 NAMES = ("x", "y")
 
@@ -76,20 +71,6 @@ def test_a_weighted_summary_is_that_of_the_exact_law() -> None:
     assert moved["mcse_mean"] > table["mcse_mean"].iloc[0]
 
 
-def test_curves_of_many_channels_go_through_exact_rates(corner_onset: Onset, monkeypatch: pytest.MonkeyPatch) -> None:
-    channels = Channels(*np.array([PAPER_CHANNELS, Channels(1.0, 1.2, 1.05, 1.6), CORNER]).T)
-    limit = np.array([21.0, 30.0, 25.0])
-    # the search for the corner's onset takes long
-    begin = Onset(*map(np.append, onset(Channels(*(c[:2] for c in channels)), CONNOR_STEVENS), corner_onset))
-    monkeypatch.setattr(
-        firing, "onset", lambda some, *_, **__: begin if np.ndim(some.c_K) else Onset(*(x[2] for x in begin))
-    )
-    curves = exact_curves(channels, CONNOR_STEVENS, limit)
-    current = np.linspace(curves.rheobase + 0.01, limit, 7, axis=-1)
-    exact = firing_rate(current, Channels(*(c[:, None] for c in channels)), tolerance=EXACT_ENOUGH)
-    np.testing.assert_allclose(curves.rate(current), exact, atol=5e-3)
-
-
 def test_surface_and_exact_rates_give_one_response() -> None:
     """End to end: the scene on the surface against one with exact rates and a finer quadrature."""
     surface = FiringSurface.load(CONNOR_STEVENS)
@@ -105,10 +86,3 @@ def test_surface_and_exact_rates_give_one_response() -> None:
     # negative control: channels held at the paper's values are another model
     held = Scene(np.geomspace(3e3, 3e6, 5), 0.3, (Indentation(1e-3), Indentation(2.5e-3)), FixedChannels())
     assert np.abs(held.total_rate(touch) - exact).max() > 1e-2 * peak
-
-
-def test_differences_of_a_fake_posterior_with_itself_vanish() -> None:
-    posterior = fake_posterior()
-    theta = posterior.natural(posterior.draw_start(np.random.default_rng(4), 50))
-    value = posterior.log_likelihood(theta)
-    assert exactness_sentence(compare_likelihoods(posterior.names, theta, value, value)).startswith("Exact enough")

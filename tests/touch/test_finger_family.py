@@ -81,12 +81,6 @@ def test_a_coarser_series_errs_more(smooth_firing, paper, rng):
     assert error[0] > 10 * error[1] > 10 * error[2]
 
 
-def test_without_spread_every_finger_is_the_typical_one(smooth_firing, paper):
-    of = scene(smooth_firing())
-    found = FingerFamily(of, FingerGrid({"b": 5, "sigma_0": 3}), 32).total_rate(paper(), FingerSpreads())
-    assert_allclose(found, np.broadcast_to(of.total_rate(paper()), found.shape), rtol=1e-4, atol=1e-6 * of.n_receptors)
-
-
 def test_other_moduli_and_an_onset_far_below_every_contact(smooth_firing, paper, rng):
     of, grid = scene(smooth_firing()), FingerGrid({"b": 5})
     moduli = FABRICS * np.exp(0.2 * rng.standard_normal((3, FABRICS.size)))

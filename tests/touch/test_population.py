@@ -9,7 +9,6 @@ import pytest
 
 from oracles.reference import reference_response
 from softness_bayes.touch.contact import Finger, Force, Indentation
-from softness_bayes.touch.readings import ALTERNATIVES, Readings
 from softness_bayes.touch.scene import Discretisation, Scene
 
 FABRICS = np.array([2e3, 3e4, 4e5, 1e7])
@@ -140,20 +139,6 @@ def test_jump_at_the_onset(smooth_firing, paper):
         # every receptor that fires gains the jump, and no other
         np.testing.assert_allclose(b.total_rate - a.total_rate, 12.0 * a.responding, rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(b.responding, a.responding, rtol=1e-12)
-
-
-@pytest.mark.parametrize("kernel", ALTERNATIVES["stress_kernel"])
-@pytest.mark.parametrize("pressure", ALTERNATIVES["pressure"])
-def test_every_reading(pressure, kernel, smooth_firing, paper):
-    firing = smooth_firing()
-    for component in ALTERNATIVES["stress_component"]:
-        if component == "principal" and kernel == "axisymmetric":
-            continue
-        choices = {"pressure": pressure, "stress_kernel": kernel, "stress_component": component}
-        touched = scene(firing, loads=[Indentation(1.5e-3)], readings=Readings().override(choices))
-        for changed in ({}, {"sigma_0": 3e3}):
-            exact = reference_response(touched, paper(**changed), firing.curve)
-            assert_close(touched.respond(paper(**changed)), exact, 2e-4)
 
 
 def test_no_leap_where_the_patch_reaches_an_edge(default_scene, fine_scene, paper):

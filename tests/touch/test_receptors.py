@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import itertools
+
+import mpmath
 import numpy as np
 import pytest
 
@@ -81,3 +84,9 @@ def test_current_against_its_formula(rng):
     formula = 20.3 / (1 + np.exp(beta * (sigma_0 - sigma)))
     np.testing.assert_allclose(receptor_current(sigma, 20.3, beta, sigma_0), formula, rtol=1e-12)
     assert receptor_current(9e3, 20.3, 0.6e-3, 9e3) == 20.3 / 2
+    # at any finite stress and steepness, without a warning
+    for stress, threshold, steep in itertools.product((-1e308, 0.0, 1e308), (-1e308, 9e3, 1e308), (1e-308, 1.0, 1e308)):
+        with mpmath.workdps(60):
+            u = mpmath.mpf(steep) * (mpmath.mpf(stress) - mpmath.mpf(threshold))
+            exact = 20.3 / (1 + mpmath.exp(-u)) if abs(u) < 1e6 else 20.3 * (u > 0)
+        assert float(receptor_current(stress, 20.3, steep, threshold)) == pytest.approx(float(exact), abs=2e-11)

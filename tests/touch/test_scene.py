@@ -219,3 +219,20 @@ def test_a_vector_has_the_same_response_in_any_company():
     assert (together[1] > together[0])[1:].all()
     with pytest.raises(NumericalError, match="depolarisation"):
         scene.total_rate(alone._replace(alpha=1.01 * LARGEST_CURRENT))
+
+
+def test_single_precision_is_computed_in_double(scene, paper):
+    rounded = TouchParameters(*(np.float32(value) for value in paper()))
+    same = TouchParameters(*(float(value) for value in rounded))
+    np.testing.assert_allclose(scene.total_rate(rounded), scene.total_rate(same), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "quiet", [{"alpha": 17.999}, {"alpha": 18.0}, {"sigma_0": 1e9}, {"b": 1e-3, "m": 0.0}, {"sigma_0": 1e300}], ids=str
+)
+def test_where_all_is_silent_means_are_no_numbers(scene, paper, quiet):
+    found = scene.respond(paper(**quiet))
+    assert (found.total_rate == 0).all()
+    assert (found.responding == 0).all()
+    assert np.isnan(found.mean_rate).all()
+    assert np.isnan(found.mean_interval).all()

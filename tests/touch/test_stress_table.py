@@ -14,11 +14,11 @@ from softness_bayes.touch.contact import Finger, FingerBox, Fingertips, Force, I
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.population import WIDE
 from softness_bayes.touch.profiles import touch_profiles
-from softness_bayes.touch.readings import ALTERNATIVES, NAMED_READINGS, Readings
+from softness_bayes.touch.readings import ALTERNATIVES, Readings
 from softness_bayes.touch.scene import Discretisation, Scene
 from softness_bayes.touch.stress import ATTENUATED, Pressure, stress
 from softness_bayes.touch.stress_fields import StressFields
-from softness_bayes.touch.stress_table import MANY_LOADS, Inversion, StressTable, stress_tables
+from softness_bayes.touch.stress_table import MANY_LOADS, StressTable, stress_tables
 
 FINGER, RANGE = Finger(), (1e3, 1e7)
 BOX = FingerBox((6.5e-3, 10e-3), (0.5e-3, 0.9e-3))
@@ -131,17 +131,6 @@ def test_the_series_of_high_stresses_is_shorter_and_the_same_field(load, rng):
     largest = (every.squared_distance(y) * y / (1 - y)).max()
     difference = (near.squared_distance(y) - every.squared_distance(y)) * y / (1 - y)
     assert 0 < np.abs(difference).max() < 2e-5 * largest
-
-
-def test_the_inverse_is_exact_next_to_the_axis():
-    """With the printed kernel the slope changes by orders of magnitude there, and a search with a fixed slope fails."""
-    inversion = Inversion(NAMED_READINGS["printed"], 1e-7)
-    radius, decay = np.array([1.5, 8.0, 20.0]), np.array([0.0, 0.4, 3.0])
-    y = 1.0 - np.geomspace(1e-4, 1e-1, 6)
-    peak = inversion.unit(np.zeros(3), radius, decay)
-    rho = inversion._distance(y, radius, decay, peak)
-    found = (inversion.unit(rho, radius[:, None], decay[:, None]) / peak[:, None]) ** inversion.root
-    assert_allclose((1.0 - found) / (1.0 - y), np.ones((3, 6)), atol=1e-4)
 
 
 def test_a_table_with_too_few_nodes_says_so(monkeypatch):

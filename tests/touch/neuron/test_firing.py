@@ -14,8 +14,6 @@ from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 from softness_bayes.touch.neuron.membrane import (
     HODGKIN_HUXLEY,
     PAPER_CHANNELS,
-    Channels,
-    Membrane,
 )
 from softness_bayes.touch.neuron.rate import Onset, firing_rate
 from softness_bayes.touch.neuron.rate_curve import RateCurve
@@ -59,13 +57,9 @@ def test_curve_of_a_fold_of_orbits(
     born_onset: Onset, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "onset", lambda *_, **__: born_onset)
-    _require_curve(HODGKIN_HUXLEY_OWN, HODGKIN_HUXLEY, 60.0, rng)
-
-
-def _require_curve(channels: Channels, membrane: Membrane, max_current: float, rng: np.random.Generator) -> None:
-    curve = exact_curve(channels, membrane, max_current, nodes=20)
-    current = rng.uniform(curve.rheobase + 1e-3, max_current, 60)
-    error = np.abs(curve.rate(current) - firing_rate(current, channels, membrane, EXACT_ENOUGH))
+    curve = exact_curve(HODGKIN_HUXLEY_OWN, HODGKIN_HUXLEY, 60.0, nodes=20)
+    current = rng.uniform(curve.rheobase + 1e-3, 60.0, 60)
+    error = np.abs(curve.rate(current) - firing_rate(current, HODGKIN_HUXLEY_OWN, HODGKIN_HUXLEY, EXACT_ENOUGH))
     assert error.max() < 0.05
     assert curve.rate(curve.rheobase - 1e-6) == 0.0
 

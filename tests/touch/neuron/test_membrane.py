@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 from softness_bayes.base.errors import NumericalError
 from softness_bayes.touch.neuron import limit_cycle
 from softness_bayes.touch.neuron.cells import Cells, fold, rest, steady_state
-from softness_bayes.touch.neuron.limit_cycle import steady_orbit, step
+from softness_bayes.touch.neuron.limit_cycle import step
 from softness_bayes.touch.neuron.membrane import (
     CONNOR_STEVENS,
     HODGKIN_HUXLEY,
@@ -208,15 +208,6 @@ def test_fold_is_the_maximum_of_the_steady_current() -> None:
     assert np.isnan(fold(_one(), HODGKIN_HUXLEY).current[0])
 
 
-def test_prefactor_is_the_limit_of_exact_rates() -> None:
-    found = fold(_one(), CONNOR_STEVENS)
-    s = np.array([0.04, 0.05, 0.06])
-    channels = Channels(*(np.full(3, c) for c in PAPER_CHANNELS))
-    rate = steady_orbit(Cells.of(CONNOR_STEVENS, channels, found.current + s**2), rest(channels, CONNOR_STEVENS)).rate
-    limit = np.polynomial.polynomial.polyfit(s, s / rate, 2)[0]
-    assert 1.0 / limit == pytest.approx(found.prefactor[0], rel=2e-4)
-
-
 # --- exact rates ----------------------------------------------------------------------------------------------------
 
 
@@ -313,16 +304,13 @@ def test_rheobase_at_a_fold() -> None:
 
 
 def test_rheobase_at_a_fold_of_orbits(born_onset: Onset) -> None:
-    _require_birth(born_onset, HODGKIN_HUXLEY, HODGKIN_HUXLEY_OWN, 6.2603, 50.33)
-
-
-def _require_birth(begin: Onset, membrane: Membrane, channels: Channels, current: float, rate: float) -> None:
-    assert begin.born
-    assert begin.rheobase == pytest.approx(current, abs=1e-4)
-    assert begin.rate == pytest.approx(rate, abs=0.1)  # its slope by the current is infinite there
-    around = firing_rate(begin.rheobase + np.array([-0.02, 0.02]), channels, membrane, EXACT_ENOUGH)
+    assert born_onset.born
+    assert born_onset.rheobase == pytest.approx(6.2603, abs=1e-4)
+    assert born_onset.rate == pytest.approx(50.33, abs=0.1)  # its slope by the current is infinite there
+    current = born_onset.rheobase + np.array([-0.02, 0.02])
+    around = firing_rate(current, HODGKIN_HUXLEY_OWN, HODGKIN_HUXLEY, EXACT_ENOUGH)
     assert around[0] == 0.0
-    assert around[1] == pytest.approx(rate, rel=0.03)
+    assert around[1] == pytest.approx(50.33, rel=0.03)
 
 
 @pytest.mark.slow

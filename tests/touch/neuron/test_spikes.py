@@ -57,46 +57,6 @@ def test_subthreshold_voltage_has_the_variance_of_the_linear_membrane() -> None:
     assert np.var(found) == pytest.approx(expected, rel=0.05)
 
 
-def test_the_scheme_converges_strongly_with_order_three_halves() -> None:
-    """The same Brownian path at halved steps: errors fall by 2^1.5, where Euler's fall by 2."""
-    n, finest, length = 200, 2.5e-3, 2.0
-    rng = np.random.default_rng(4)
-    count = round(length / finest)
-    normal, other = rng.standard_normal((2, count, n))
-    path = np.sqrt(finest) * normal  # increments and time integrals of W on the finest grid
-    area = 0.5 * finest * np.sqrt(finest) * (normal + other / np.sqrt(3.0))
-
-    class Path:
-        """A generator that hands out the standard normals of one path at a coarser step."""
-
-        def __init__(self, many: int) -> None:
-            h = many * finest
-            increments, areas = path.reshape(-1, many, n), area.reshape(-1, many, n)
-            whole = increments.sum(axis=1)
-            before = np.cumsum(increments, axis=1) - increments
-            area_ = (areas + finest * before).sum(axis=1)
-            self.normal = whole / np.sqrt(h)
-            self.other = np.sqrt(3.0) * (2.0 * area_ / h**1.5 - self.normal)
-            self.k = -1
-
-        def standard_normal(self, shape: tuple[int, int]) -> np.ndarray:
-            self.k += 1
-            return np.array([self.normal[self.k], self.other[self.k]])
-
-    channels = Channels(*(np.full(n, c) for c in PAPER_CHANNELS))
-    cells = Cells.of(CONNOR_STEVENS, channels, np.full(n, 10.0))
-
-    def end(many: int) -> np.ndarray:
-        walk = spikes._Walk(cells, rest(channels, CONNOR_STEVENS), 1.0, Path(many), many * finest)
-        for _ in range(count // many):
-            walk.advance(0.0, 0.0)
-        return walk.state[0]
-
-    exact = end(1)
-    coarse, fine = (np.sqrt(np.mean((end(many) - exact) ** 2)) for many in (16, 8))
-    assert 2.5 < coarse / fine < 4.5
-
-
 def test_statistics_under_little_noise_are_those_of_the_exact_rate() -> None:
     current = np.array([[17.0], [30.0]])
     found = firing_statistics(current, 0.1, np.random.default_rng(5), duration=120.0, runs=2, step=0.02)
