@@ -20,10 +20,7 @@ from softness_bayes.data.columns import NUMBERS, POISSON_RATIO
 from softness_bayes.data.ratings import with_drift
 from softness_bayes.likelihood.scales import MAGNITUDE
 from softness_bayes.touch.contact import PLATE_RIGIDITY, PRINTED_RIGIDITY, Force, Indentation
-from support.paths import SHARED
 from support.refusals import refusal
-
-needs_shared = pytest.mark.skipif(not SHARED.is_dir(), reason="the shared data lie beside the project only")
 
 RATINGS = """participant,fabric,indentation_mm,rating
 P2,denim,1.0,5
@@ -60,9 +57,6 @@ def test_ratings_are_indexed_and_in_si(file):
     assert ratings.rows.tolist() == [2, 3, 4]
     assert (len(ratings), ratings.n_missing, ratings.notes) == (3, 0, ())
     assert ratings.digest == hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-SEMICOLONS = RATINGS.replace(",", ";").replace(".", ",")
 
 
 @pytest.mark.parametrize(
@@ -226,46 +220,6 @@ def test_arrays_are_copies_and_read_only(file):
 # what is refused, and where
 
 
-DEPTH = "column 'indentation_mm': expected a number from 1e-06 to 8 (a fingertip's radius is 8 mm), got "
-MODULI = (
-    "expected effective_modulus_kpa, or bending_rigidity_n_m, or both tensile_modulus_mpa and thickness_mm, "
-    "or both effective_modulus_low_kpa and effective_modulus_high_kpa"
-)
-MARKS = "got '1,5'; if commas are decimal marks, add --decimal , and if they group thousands, --decimal ."
-MEAN = "give the mean of repeated measurements"
-FAULTS = [
-    (RATINGS, 2, "5", "five", "column 'rating': expected a finite number, got 'five'"),
-    (RATINGS, 2, "5", "1e999", "column 'rating': expected a finite number, got '1e999'"),
-    (RATINGS, 2, "5", "1_0", "column 'rating': expected a finite number, got '1_0'"),
-    (RATINGS, 4, "1e1", '"1,5"', MARKS),
-    (RATINGS, 3, "2.5", "0", f"{DEPTH}'0'"),
-    (RATINGS, 3, "2.5", "", "column 'indentation_mm': expected a load, got ''"),
-    (RATINGS, 3, "voile", "", "column 'fabric': expected a name, got ''"),
-    (RATINGS, 4, "P2", " ", "column 'participant': expected a name, got ''"),
-    (RATINGS, 4, "1e1", "1e1,2", "'2' is beyond the 4 columns of the header; remove it, or give its column a title"),
-    (FABRICS, 2, "3.2", "0", "column 'tensile_modulus_mpa': expected a finite number above 0, got '0'"),
-    (FABRICS, 3, "33.0", "1e308", "column 'tensile_modulus_mpa': expected a finite number above 0, got '1e308'"),
-    (FABRICS, 4, "0.2", "0.6", "'poisson_ratio': expected a finite number above -1 and at most 0.5, got '0.6'"),
-    (
-        FABRICS,
-        4,
-        "felt",
-        "voile",
-        f"column 'fabric': expected one row for each fabric, got 'voile'; {MEAN}",
-    ),
-    (FABRICS, 4, "felt", "", "column 'fabric': expected a name, got ''"),
-    (FABRICS, 4, "1,1", "1,", f"fabric 'felt': {MODULI}"),
-]
-
-
-@pytest.mark.parametrize(("text", "row", "old", "new", "problem"), FAULTS)
-def test_a_fault_is_named_with_its_row(file, text, row, old, new, problem):
-    path = file(edited(text, row, old, new))
-    message = refusal(Ratings.read if text == RATINGS else Fabrics.read, path)
-    assert message.startswith(f"{path}: row {row}")
-    assert message.endswith(problem)
-
-
 @pytest.mark.parametrize(
     ("content", "problem"),
     [
@@ -422,44 +376,21 @@ def same(first: object, second: object, names: tuple[str, ...]) -> bool:
     return all(np.array_equal(getattr(first, n), getattr(second, n), equal_nan=True) for n in names)
 
 
-ARRAYS = ("participant", "fabric", "load", "rating")
 PROPERTIES = ("tensile_modulus", "thickness", "poisson_ratio", "bending_rigidity", "effective_modulus")
 
 
-def test_files_read_back_to_the_same_values(tmp_path):
+@pytest.mark.parametrize("beside", [True, False])
+def test_files_read_back_to_the_same_values(tmp_path, beside):
+    """Fabrics in a table beside the ratings, and among them."""
     ratings, fabrics = simulated()
     assert (len(ratings), ratings.n_missing) == (35, 1)
-    (tmp_path / "ratings.csv").write_text(ratings_csv(ratings), encoding="utf-8")
-    (tmp_path / "fabrics.csv").write_text(fabrics_csv(fabrics), encoding="utf-8")
+    (tmp_path / "ratings.csv").write_text(ratings_csv(ratings, None if beside else fabrics), encoding="utf-8")
+    if beside:
+        (tmp_path / "fabrics.csv").write_text(fabrics_csv(fabrics), encoding="utf-8")
     experiment = read_experiment(tmp_path / "ratings.csv")
-    assert experiment.fabrics.names == experiment.ratings.fabrics == fabrics.names
     assert experiment.ratings.loads == ratings.loads
-    assert same(experiment.ratings, ratings, (*ARRAYS, "rows"))
-    assert same(experiment.fabrics, fabrics, PROPERTIES)
-
-
-def test_ratings_can_carry_their_fabrics(tmp_path):
-    ratings, fabrics = simulated()
-    (tmp_path / "ratings.csv").write_text(ratings_csv(ratings, fabrics), encoding="utf-8")
-    experiment = read_experiment(tmp_path / "ratings.csv")
-    assert experiment.fabrics.names == ("Köper", "satin", 'tulle, "fine"')
+    names = fabrics.names if beside else ("Köper", "satin", 'tulle, "fine"')
+    assert experiment.ratings.fabrics == experiment.fabrics.names == names
+    assert same(experiment.ratings, ratings, ("participant", "load", "rating", "rows"))
     assert same(experiment.fabrics.take(fabrics.names), fabrics, PROPERTIES)
-    assert same(experiment.ratings, ratings, ("rating", "participant", "load"))
-
-
-# tables from elsewhere
-
-
-@needs_shared
-def test_laboratory_ratings():
-    ratings, fabrics, notes, *_ = read_experiment(
-        SHARED / "data" / "lab_ratings.csv", SHARED / "data" / "lab_fabrics.csv"
-    )
-    assert len(ratings) == 1053
-    assert ratings.participants[:2] == ("P01", "P02")
-    assert len(ratings.participants) == 30
-    assert len(fabrics) == 12
-    assert ratings.loads == (Indentation(0.001), Indentation(0.002), Indentation(0.003))
-    assert len(ratings.conditions.fabric) == 36
-    assert notes == ()
-    np.testing.assert_allclose(fabrics.modulus()[0], 3.2e6 * 0.22e-3**3 / (12 * 0.82) / 1e-9, rtol=1e-14)
+    assert np.array(names)[experiment.ratings.fabric].tolist() == np.array(fabrics.names)[ratings.fabric].tolist()

@@ -69,6 +69,7 @@ def test_between_commas_a_quoted_comma_is_refused_with_the_remedy(tmp_path):
 @pytest.mark.parametrize(
     ("ratings", "options", "problem"),
     [
+        *(([cell], {}, f"row 2, column 'rating': expected a finite number, got '{cell}'") for cell in ("1e999", "1_0")),
         (["5,5", "vs. 2"], {}, "expected a finite number, got 'vs. 2'"),
         (["12,34"], {"decimal": "."}, "got '12,34'"),
         (["12,34"], {"decimal": "x"}, "expected one of ',', '.'"),
