@@ -119,7 +119,6 @@ def test_forward_model_needs_numpy_and_scipy_only():
         ("plotting", {"results", "runs"}),
         ("bench", {"runs"}),
         ("report", {"sampler", "runs"}),
-        ("explore", {"sampler", "runs"}),
     ],
 )
 def test_a_room_knows_nothing_of(room, never):

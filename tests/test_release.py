@@ -18,7 +18,7 @@ from support.paths import ROOT
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 LARGEST = 1_500_000
 """Size of the wheel [bytes]."""
-ROOMS = ("data/test_data.py", "results", "plotting/test_plotting.py", "checkpoints/test_checkpoint.py")
+ROOMS = ("data/test_data.py", "results", "plotting/test_plotting.py", "runs/test_checkpoint.py")
 """Tests of what reads and writes by other libraries."""
 
 pytestmark = pytest.mark.slow

@@ -40,16 +40,6 @@ def tree():
     )
 
 
-def test_a_tree_has_the_groups_in_the_order_of_the_file_with_their_coordinates(tree):
-    assert list(tree.children) == [g for g in arviz_bridge.GROUPS if g in tree.children]
-    assert tree["posterior"]["b"].dims == ("chain", "draw")
-    assert tree["posterior"]["b"].attrs["units"] == tree["prior"]["b"].attrs["units"] == "kPa"
-    assert tree["posterior"]["participant_effect"].sel(participant="Änne").shape == (8, 50)
-    assert tree["observed_data"]["rating"].dims == ("row",)
-    assert tree["observed_data"].coords["row"].values.tolist() == [0, 1]
-    assert tree["constant_data"]["omega"].dims == ()
-
-
 def test_files_read_back_identically(tree, tmp_path):
     path = tmp_path / "posterior.nc"
     path.write_bytes(arviz_bridge.netcdf(tree))

@@ -99,15 +99,6 @@ def test_power_scaling_of_a_conjugate_model(rng, datum, error, component):
     assert power_scaling(model.draws, stranger)[0] < max(0.1 * found, 0.01)
 
 
-def test_sensitivities_tell_prior_from_data(rng):
-    weak, strong, conflict = Conjugate(1.0, 5.0, rng), Conjugate(1.0, 0.1, rng), Conjugate(6.0, 1.0, rng)
-    tell = [[power_scaling(m.draws, c)[0] for c in (m.log_prior, m.log_likelihood)] for m in (weak, strong)]
-    (prior_of_weak, data_of_weak), (prior_of_strong, data_of_strong) = tell
-    assert prior_of_weak > SENSITIVE > data_of_weak
-    assert data_of_strong > SENSITIVE > prior_of_strong
-    assert min(power_scaling(conflict.draws, c)[0] for c in (conflict.log_prior, conflict.log_likelihood)) > SENSITIVE
-
-
 def test_distance_is_none_between_equals_and_largest_far_apart():
     draws = np.linspace(0, 1, 501)
     assert distances(draws, np.full(501, 1 / 501)) == pytest.approx((0, 0), abs=1e-7)
@@ -225,32 +216,6 @@ def test_no_product_holds_a_slight_part():
         for product in find_products(priors, theta, find_directions(priors, theta)):
             parts = np.abs(product.exponents * sd)[list(product.order)] if product else np.ones(2)
             assert (parts[1:] >= 0.095 * parts.max()).all()  # exponents have two digits
-
-
-def test_the_factor_of_a_product_by_weighting_prior_draws(rng):
-    """By another way: importance sampling from the prior instead of draws of the posterior."""
-    theta, _ = told(rng)
-    product = find_products(PRIORS, theta, find_directions(PRIORS, theta))[0]
-    logs = rng.standard_normal((1_000_000, 3)) * [0.5, 0.3, 0.2]
-    weight = np.exp(norm.logpdf(logs @ ROWS.T, 0, ERRORS).sum(1))
-    value = logs @ product.exponents
-    order = np.argsort(value)
-    low, high = np.interp([0.05, 0.95], np.cumsum(weight[order]) / weight.sum(), value[order])
-    assert product.factor == pytest.approx(np.exp((high - low) / 2), rel=0.01)
-
-
-def test_seeds_say_the_same():
-    """The same parameters in the same groups, and factors apart by no more than their errors explain."""
-    found = []
-    for seed in (0, 1, 2):
-        theta, _ = told(np.random.default_rng(seed))
-        found.append([p for p in find_products(PRIORS, theta, find_directions(PRIORS, theta)) if p is not None])
-    for alike in zip(*found, strict=True):
-        assert len({product.order for product in alike}) == 1
-        assert len({product.meaning("bmg").partition(":")[0] for product in alike}) == 1
-        logs = [np.log(product.factor) for product in alike]
-        error = np.hypot.reduce([product.error for product in alike])
-        assert max(logs) - min(logs) < 4 * error + 0.01 * max(logs)  # exponents of two digits may differ in the last
 
 
 def test_a_jackknife_knows_correlation_within_chains(rng):

@@ -52,15 +52,6 @@ def test_means_and_deviations_make_the_law_of_single_ratings(omega, rng):
     assert_allclose(lost, lost[0], atol=1e-8 * np.abs(single).max())
 
 
-def test_one_standard_deviation_is_chi_square(rng):
-    p, _ = points(rng, 30)
-    s, variance = 0.7, p.tau**2 + p.varsigma**2
-    one = Design([0], [0], [0], 1)
-    found = RaterSpreads([s], one, SpreadModel(N)).log_likelihood(np.empty((30, 0)), p)
-    expected = chi2.logpdf((N - 1) * s * s / variance, N - 1) + np.log(2 * (N - 1) * s / variance)
-    assert_allclose(found, expected, atol=1e-6)
-
-
 @pytest.mark.parametrize("raters", [2, 12, 300, *(pytest.param(raters, marks=pytest.mark.slow) for raters in (3, 60))])
 def test_simulated_raters_have_the_law(raters, rng):
     """Standard deviations of simulated single ratings, whose cells share the raters, lie uniformly in it."""

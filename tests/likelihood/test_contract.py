@@ -549,30 +549,6 @@ def trees(*rooms):
     return {path: ast.parse(path.read_text()) for room in rooms for path in sorted((PACKAGE / room).rglob("*.py"))}
 
 
-def classes_of_likelihoods():
-    found = (node for tree in trees("likelihood").values() for node in ast.walk(tree))
-    return {node.name for node in found if isinstance(node, ast.ClassDef)}
-
-
-def asks_for_a_class(node, names):
-    """Whether a call is isinstance, issubclass or type of one of some classes."""
-    if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name)):
-        return False
-    if node.func.id not in ("isinstance", "issubclass"):
-        return False
-    return bool(names & {part.id for part in ast.walk(node.args[1]) if isinstance(part, ast.Name)})
-
-
-def test_no_room_asks_which_likelihood_it_is_given():
-    names = classes_of_likelihoods()
-    assert {"LogRatings", "CompressionForces", "RatingsLikelihood"} <= names
-    for path, tree in trees(*ROOMS, "model").items():
-        for node in ast.walk(tree):
-            assert not asks_for_a_class(node, names), f"{path}: line {getattr(node, 'lineno', 0)}"
-    example = ast.parse("isinstance(y, (LogRatings, int))").body[0].value
-    assert asks_for_a_class(example, names)
-
-
 def test_no_name_of_a_scale_is_written_outside_its_table():
     """The command line's choices, and all else that goes by a scale, come from the tables."""
     names = {*RATING_SCALES, RISES.name, FALLS.name}

@@ -109,10 +109,3 @@ def test_information_is_the_dense_one(fabrics, rng):
     expected = dense(slopes, effects, *given)
     for one in (effects, csr_array(effects)):
         assert_allclose(normal_information(one, slopes, *given), expected, rtol=1e-8)
-
-
-def test_effects_without_spread_change_nothing(rng):
-    slopes = rng.normal(size=(20, 3))
-    effects = np.eye(4)[rng.integers(0, 4, 20)]
-    found = normal_information(effects, slopes, np.zeros(4), 0.5, np.zeros(3))
-    assert_allclose(found, slopes.T @ slopes / 0.25)

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from softness_bayes.base.errors import InputError
-from softness_bayes.likelihood.design import Design, Stated
+from softness_bayes.likelihood.design import Stated
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
 from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings, SliderModel
 from softness_bayes.likelihood.magnitude import RatingModel
@@ -48,21 +48,6 @@ def test_replicates_are_on_the_grid_of_their_rater():
     assert zero.any()
     assert_allclose(made[~zero] / 0.5, np.round(made[~zero] / 0.5), rtol=1e-12)
     assert (made[~zero] >= 0.5).all()
-
-
-def test_silent_raters_and_order_do_not_matter():
-    observed, rate, points = table(11, 4, 4, STUDENT, 1.0)
-    order = np.random.default_rng(1).permutation(observed.values.size)
-    design = observed.design
-    shuffled = Design(design.condition[order], 2 * design.participant[order], design.fabric, 9)
-    said = observed._stated.take(order)
-    other = IntervalRatings(observed.values[order], shuffled, observed.model, stated=said)
-    assert_allclose(other.log_likelihood(rate, points), observed.log_likelihood(rate, points), rtol=1e-8)
-    found = other.left_out(rate, points).log_density
-    assert_allclose(found, observed.left_out(rate, points).log_density[:, order], rtol=1e-7, atol=1e-9)
-    silent = other.log_likelihood_participants(rate, points)[:, 1::2]
-    assert (silent == 0).all()
-    assert effects_of(other, rate, points).participant.shape == (POINTS, 9)
 
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
@@ -113,15 +98,6 @@ def test_the_sampler_has_a_density_far_from_the_data_of_raters_who_differ(differ
 def test_values_must_be_positive_and_finite():
     with pytest.raises(InputError, match="1 of 6 are not positive numbers"):
         IntervalRatings(np.r_[np.ones(5), 0.0], design_of(1, 1))
-
-
-def test_the_sampler_has_laplace_s_method_and_all_else_the_reference():
-    observed, rate, points = table(13, 8, 4, STUDENT, 1.0)
-    sampled = observed.for_sampling()
-    assert sampled.for_sampling() is sampled
-    difference = sampled.log_likelihood(rate, points) - observed.log_likelihood(rate, points)
-    assert (np.abs(difference) > 1e-6).all()
-    assert difference.std() < 0.05
 
 
 def shares(rng, design, step=0.0):

@@ -94,13 +94,6 @@ def test_likelihood_where_double_precision_is_too_short_for_the_dense_law(omega)
     assert observed == pytest.approx(float(expected), rel=1e-9)
 
 
-def test_silence_everywhere_leaves_the_exponent_without_effect():
-    ratings, design, rate = lab(np.random.default_rng(4))
-    observed = LogRatings(ratings, design)
-    low, high = (observed.log_likelihood(0 * rate, rated(g, 0.5, 0.3)) for g in (0.1, 10))
-    assert low == pytest.approx(high, rel=1e-12)
-
-
 def test_extreme_spreads_stay_numbers():
     ratings, design, rate = lab(np.random.default_rng(5))
     observed = LogRatings(ratings, design)

@@ -39,18 +39,6 @@ def test_an_answer_is_a_probit_of_the_difference():
     assert_allclose(asked([[2, 2]], [1]).log_likelihood(RATE, POINT), np.log(0.5), rtol=1e-12)
 
 
-def test_guesses_bound_the_chances():
-    """With a share of lapses no answer is rarer than half of it; without, the probit is the limit."""
-    sure = POINT.replace(varsigma=np.float64(1e-3), lapse=np.float64(0.06))
-    assert_allclose(np.exp(asked([[3, 0]], [0], LAPSES).log_likelihood(RATE, sure)), 0.03, rtol=1e-9)
-    assert_allclose(np.exp(asked([[3, 0]], [1], LAPSES).log_likelihood(RATE, sure)), 0.97, rtol=1e-9)
-    none = POINT.replace(lapse=np.float64(1e-13))
-    pairs = [[0, 1], [2, 1], [3, 0]], [1, 1, 0]
-    assert_allclose(
-        asked(*pairs, LAPSES).log_likelihood(RATE, none), asked(*pairs).log_likelihood(RATE, POINT), atol=1e-10
-    )
-
-
 def test_a_guess_rate_is_the_floor_of_comparisons_alone():
     sure = POINT.replace(varsigma=np.float64(1e-3), guess=np.float64(1 / 3), lapse=np.float64(0.06))
     pairs = [[0, 1], [0, 1], [1, 3], [1, 3], [1, 1]]  # fabric 1 is the reference, in either place

@@ -3,7 +3,6 @@
 import dataclasses
 import functools
 import json
-import os
 from itertools import pairwise
 
 import numpy as np
@@ -32,20 +31,17 @@ from softness_bayes.likelihood.scales import (
 from softness_bayes.likelihood.z_scores import StandardisedModel, StandardisedRatings
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.model.posterior import LEAST_FIRING
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.plotting.figures import FIGURES
 from softness_bayes.plotting.rating import observed_ratings
 from softness_bayes.plotting.style import USUAL
 from softness_bayes.runs.run import sample
-from softness_bayes.sampler.sampling import Settings, sample_until
-from softness_bayes.sampler.workers import Workers
+from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation
 from support.command_line import call, refused
-from support.coverage import BRIEF, ENOUGH, REPLICATES, Case, coverage_holds
 from support.paths import DATA
 from support.report_runs import COARSE
 
@@ -90,20 +86,19 @@ def evidence(y, x, varsigma, sign):
 
 
 @pytest.mark.parametrize("direction", RATING_DIRECTIONS.values(), ids=RATING_DIRECTIONS)
-@pytest.mark.parametrize(("slope", "varsigma"), [(0.7, 0.5), (-1.0, 0.5), (0.0, 2.0), (1.5, 0.05)])
-def test_likelihood_is_the_integral_over_the_line(direction, slope, varsigma):
-    """Also where the slope has the wrong sign, which leaves the line no more than the tail of its prior."""
-    ratings, design, rate = lab(np.random.default_rng(1), slope=slope)
+@pytest.mark.parametrize(
+    ("varsigma", "made"),
+    [
+        *((0.5, {"slope": 0.7}), (0.5, {"slope": -1.0}), (2.0, {"slope": 0.0}), (0.05, {"slope": 1.5})),
+        *((0.4, {"rows": rows, "conditions": conditions}) for rows, conditions in ((1, 1), (1, 3), (2, 2), (9, 1))),
+    ],
+)
+def test_likelihood_is_the_integral_over_the_line(direction, varsigma, made):
+    """Also of hardly any ratings, and where the slope has the wrong sign, in the tail of the line's prior."""
+    ratings, design, rate = lab(np.random.default_rng(1), **made)
     observed = StandardisedRatings(ratings, design, StandardisedModel(direction))
     expected = evidence(ratings, standardised(rate, design), varsigma, direction.sign)
     assert observed.log_likelihood(rate, error(varsigma)) == pytest.approx(expected, rel=1e-8)
-
-
-@pytest.mark.parametrize(("rows", "conditions"), [(1, 1), (1, 3), (2, 2), (9, 1)])
-def test_likelihood_of_hardly_any_ratings(rows, conditions):
-    ratings, design, rate = lab(np.random.default_rng(2), rows=rows, conditions=conditions)
-    expected = evidence(ratings, standardised(rate, design), 0.4, 1.0)
-    assert StandardisedRatings(ratings, design).log_likelihood(rate, error(0.4)) == pytest.approx(expected, rel=1e-8)
 
 
 def test_a_response_that_does_not_vary_says_nothing():
@@ -136,8 +131,6 @@ def test_what_cannot_be_z_scores_is_refused():
 
 CLOTH = Fabrics(("felt", "lawn", "drill", "gauze", "voile"), effective_modulus=np.array([8e4, 2e4, 4e5, 2e5, 5e4]))
 CHAIN = ("b", "m", "alpha", "beta", "sigma_0", "c_Na", "c_K", "c_L", "c_A")
-CHANNELS = {"c_Na": 1.05, "c_K": 1.16, "c_L": 1.0, "c_A": 1.5}
-WEAVES = Fabrics(tuple("abcdefgh"), effective_modulus=np.geomspace(3e3, 6e5, 8))
 LOADS = (Indentation(1.5e-3), Indentation(2.5e-3))
 
 
@@ -262,64 +255,3 @@ def test_z_scores_from_the_command_line(tmp_path):
         done = call(verb, "--data", DATA / "ratings.csv", *standardised)
         refused(done, "expected standardised ratings, of mean 0")
     refused(call(*made, *standardised, "--typical-rating", "20", "--out", tmp_path / "y"), "mu is")
-
-
-# recovery, by the coverage of credible intervals
-
-
-def position(posterior, case, seed):
-    """Simulate at a draw of the prior that fires, fit, and return the truth's place among the draws."""
-    rng = np.random.default_rng([20261121, seed])
-    while True:
-        truth = posterior.space.draw_prior(rng, 1)[0]
-        if (posterior.mean_rate(truth) > 0).sum() >= LEAST_FIRING:
-            break
-    design, model = posterior.observation.design, posterior.observation.model
-    parameters, rate = posterior.rating_parameters(truth), posterior.mean_rate(truth)
-    line = model.draw_effects(rng, parameters, (), 1, 1)
-    ratings = model.draw_ratings(rng, design, model.drive(design, rate, parameters), parameters, line)
-    fitted = posterior.with_term(case.mistake(StandardisedRatings(ratings, design, model)))
-    sampled = sample_until(fitted, case.settings, seed)
-    theta = fitted.natural(sampled.chains.kept(sampled.verdict.burn_in, 100).coordinates)
-    theta = theta.reshape(-1, theta.shape[-1])
-    drawn = fitted.observation.draw_effects(rng, fitted.mean_rate(theta), fitted.rating_parameters(theta))
-    draws = np.column_stack([theta, drawn.c0, drawn.c1])
-    return (draws < np.append(truth, [line.c0, line.c1])).mean(axis=0)
-
-
-class Upside(StandardisedRatings):
-    """Negative control: the line is taken to run the other way."""
-
-    def log_likelihood(self, *arguments):
-        other = StandardisedModel(FALLS)
-        return StandardisedRatings(self.values, self.design, other).log_likelihood(*arguments)
-
-
-def right(observation):
-    return observation
-
-
-def upside_down(observation):
-    return Upside(observation.values, observation.design, observation.model)
-
-
-def coverage_posterior():
-    rng = np.random.default_rng(0)
-    some = simulate_ratings(rng, WEAVES, LOADS, usual_values(MENDED), participants=20, scale=STANDARDISED).ratings
-    return build(
-        Experiment(some, WEAVES, ()), ModelOptions(fix=CHANNELS, scale=STANDARDISED, discretisation=COARSE)
-    ).posterior
-
-
-def test_the_machinery_of_coverage_on_one_replicate():
-    found = position(coverage_posterior(), Case(right, BRIEF), 1)
-    assert found.shape == (8,)
-    assert ((found >= 0) & (found <= 1)).all()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("mistake", "holds"), [(right, True), (upside_down, False)])
-def test_intervals_cover_the_truth_as_often_as_they_say(mistake, holds):
-    with Workers(coverage_posterior(), os.cpu_count() or 1) as workers:
-        positions = workers.map(position, [(Case(mistake, ENOUGH), seed) for seed in range(REPLICATES)])
-    assert coverage_holds(np.array(positions)) == holds

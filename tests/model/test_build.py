@@ -113,14 +113,6 @@ def test_gaps_are_as_many_as_asked_for_and_anywhere(values):
     assert not np.isnan(full).any()
 
 
-def test_equal_seeds_equal_ratings(values):
-    one, same, other = (simulate(seed, values, participants=4, missing=0.1) for seed in (5, 5, 6))
-    assert_array_equal(one.ratings.rating, same.ratings.rating)
-    assert_array_equal(one.participant_effect, same.participant_effect)
-    assert one.ratings.rating.tolist() != other.ratings.rating.tolist()
-    assert_array_equal(one.total_rate, other.total_rate)
-
-
 @pytest.mark.parametrize("wrong", [{"participants": 0}, {"missing": 1.0}, {"missing": -0.1}, {"missing": np.nan}])
 def test_nobody_or_nothing_to_rate_is_refused(values, wrong):
     with pytest.raises(InputError, match="simulate: "):

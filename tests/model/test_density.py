@@ -2,10 +2,8 @@
 
 import numpy as np
 import pytest
-from scipy import integrate
 
 from softness_bayes.base.errors import InputError, NumericalError
-from softness_bayes.parameters.declared import PARAMETERS
 from support.fake_scene import FakeScene, fake_posterior
 
 
@@ -21,26 +19,6 @@ def test_density_is_prior_times_likelihood_times_jacobian(posterior):
     np.testing.assert_allclose(posterior(z), expected)
     one_by_one = np.concatenate([posterior(point[None]) for point in z])
     np.testing.assert_allclose(posterior(z), one_by_one, rtol=1e-12)
-
-
-def test_density_in_sampler_coordinates_is_one_law_with_that_in_natural_units():
-    """One free parameter: the same probability of an interval, integrated on either axis."""
-    fixed = {name: p.prior.median for name, p in PARAMETERS.items() if name not in ("gamma", "omega")}
-    posterior = fake_posterior(fix=fixed)
-    assert posterior.names == ("gamma",)
-    top = float(posterior(np.zeros((1, 1)))[0])
-
-    def in_z(z):
-        return np.exp(posterior(np.array([[z]]))[0] - top)
-
-    def in_gamma(gamma):
-        theta = np.array([[gamma]])
-        return np.exp(posterior.log_prior(theta)[0] + posterior.log_likelihood(theta)[0] - top)
-
-    ratio_z = integrate.quad(in_z, np.log(0.9), np.log(0.95))[0] / integrate.quad(in_z, -4, 3, points=[0])[0]
-    ratio = integrate.quad(in_gamma, 0.9, 0.95)[0] / integrate.quad(in_gamma, 0.02, 20, points=[1])[0]
-    assert ratio_z == pytest.approx(ratio, rel=1e-6)
-    assert 0.01 < ratio < 0.99
 
 
 def test_far_proposals_have_no_density_and_never_reach_the_scene(posterior):

@@ -85,12 +85,6 @@ def unexplained(y):
     return min(shares)
 
 
-def test_few_effective_draws_bend_the_map_less():
-    draws = bent_draws(np.random.default_rng(6), 500)
-    bends = [sum(np.abs(b[1:]).sum() for b in TriangularMap.fit(draws, n).bends) for n in (1.0, 30.0, 1e6)]
-    assert bends[0] < bends[1] < bends[2]
-
-
 def test_a_map_of_too_few_or_of_equal_draws_still_maps():
     rng = np.random.default_rng(7)
     flat = rng.standard_normal((50, 4)) * [1, 1, 0, 1]

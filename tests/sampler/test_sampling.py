@@ -11,12 +11,12 @@ from scipy import stats
 from softness_bayes.base.errors import InputError, NumericalError, SoftnessError
 from softness_bayes.sampler import sampling, schedule
 from softness_bayes.sampler.adaptation import TriangularMap
-from softness_bayes.sampler.chains import Chains, EnsembleState, Segment
+from softness_bayes.sampler.chains import Chains, EnsembleState
 from softness_bayes.sampler.diagnostics import Goal
 from softness_bayes.sampler.ensembles import advance
 from softness_bayes.sampler.moves import MOVES, Student
 from softness_bayes.sampler.sampling import Settings, sample_until, walk
-from softness_bayes.sampler.starts import Optimum, find_optimum, scatter, worth_starting_from
+from softness_bayes.sampler.starts import Optimum, find_optimum, scatter
 from softness_bayes.sampler.workers import Workers
 from support.fake_scene import fake_posterior
 
@@ -54,22 +54,6 @@ def two_modes(z):
 def state(target, seed=1, walkers=12):
     points = np.random.default_rng(seed).standard_normal((walkers, 2))
     return EnsembleState(points, target(points), np.random.RandomState(seed).get_state())
-
-
-def test_a_walk_in_two_parts_is_bit_by_bit_the_walk_in_one():
-    target, map = Target(normal), TriangularMap.identity(2)
-    ((end, whole),) = advance(target, [state(target)], 60, MOVES, map)
-    ((middle, first),) = advance(target, [state(target)], 25, MOVES, map)
-    ((again, second),) = advance(target, [middle], 35, MOVES, map)
-    joined = Segment.join([first, second])
-    for one, other in zip(whole, joined, strict=True):
-        np.testing.assert_array_equal(one, other)
-    np.testing.assert_array_equal(end.coordinates, again.coordinates)
-    np.testing.assert_array_equal(end.random[1], again.random[1])
-    np.testing.assert_array_equal(whole.log_density[-1], target(whole.coordinates[-1]))
-    # every second step of the whole is what a walk with stride 2 stores
-    ((_, strided),) = advance(target, [state(target)], 60, MOVES, map, stride=2)
-    np.testing.assert_array_equal(strided.coordinates, whole.every(2).coordinates)
 
 
 def test_numpys_global_generator_is_neither_used_nor_moved():
@@ -304,14 +288,6 @@ def test_walkers_that_land_outside_are_drawn_in():
     points, density = scatter(target, np.random.default_rng(9), [wide], 30)
     assert np.isfinite(density).all()
     assert np.unique(points[:, 0]).size == 30
-
-
-def test_hopeless_optima_are_left_out():
-    def optimum(height):
-        return Optimum(np.zeros(2), height, np.eye(2))
-
-    groups = worth_starting_from([[optimum(0.0), optimum(-5.0)], [optimum(-300.0)], [optimum(-200.0), optimum(-1.0)]])
-    assert [[o.log_density for o in group] for group in groups] == [[0.0, -5.0], [0.0, -5.0, -1.0], [-1.0]]
 
 
 def test_chains_are_thinned_evenly_up_to_the_last_step():

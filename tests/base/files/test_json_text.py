@@ -1,6 +1,5 @@
 """JSON that anyone may have written: nested a million deep, it is refused wherever it is read."""
 
-import ast
 import os
 import subprocess
 import sys
@@ -10,7 +9,6 @@ import pytest
 
 from softness_bayes.base.files.json_text import as_json, parse_json
 from support.command_line import call, refused
-from support.modules import MODULES
 from support.paths import DATA, ROOT
 
 DEEP = "[" * 10**6 + "]" * 10**6
@@ -47,19 +45,6 @@ def test_what_cannot_be_json_is_named():
     with pytest.raises(ValueError, match=r"options: 'fix'.*cannot be stored"):
         as_json({"seed": np.int64(3), "fix": object()}, "options")
     assert as_json({"seed": np.int64(3)}, "options") == '{"seed": 3}'
-
-
-def reads_json(tree):
-    """Return whether a module calls `json.load` or `json.loads`."""
-    return any(
-        isinstance(node, ast.Attribute) and node.attr in ("load", "loads") and ast.unparse(node.value) == "json"
-        for node in ast.walk(tree)
-    )
-
-
-def test_one_module_reads_json():
-    found = {name for name, tree in MODULES.items() if reads_json(tree) and not name.startswith("tools.")}
-    assert found == {"base.files.json_text"}
 
 
 @pytest.mark.parametrize("run", [within_limits, call])
