@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from softness_bayes.data import Ratings as Ratings
     from softness_bayes.data import read_experiment as read_experiment
     from softness_bayes.experiments.adaptive import Adaptive as Adaptive
-    from softness_bayes.experiments.choice import Costs as Costs
+    from softness_bayes.experiments.design import Costs as Costs
     from softness_bayes.experiments.design import design as design
     from softness_bayes.likelihood.error_laws import LAPSES as LAPSES
     from softness_bayes.likelihood.error_laws import NORMAL as NORMAL

@@ -17,7 +17,7 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.results.run_options import DataFiles
 
 if TYPE_CHECKING:
-    from softness_bayes.experiments.choice import Plan
+    from softness_bayes.experiments.design import Plan
 
 
 class Grid(Kind):
@@ -48,9 +48,7 @@ class LargestLoad(Kind):
         """Return the load of a text such as 2mm or 1N."""
         from softness_bayes.experiments.design import load_named
 
-        if (load := load_named(text)) is None:
-            raise InputError(f"expected a load such as 2mm or 1N, got {text!r}")
-        return load
+        return load_named(text)
 
 
 class Raters(Kind):
@@ -128,7 +126,7 @@ def design(
     """
     from softness_bayes.base.files.outputs import require_outputs
     from softness_bayes.data import Fabrics
-    from softness_bayes.experiments.choice import FILES, Costs
+    from softness_bayes.experiments.design import FILES, Costs
     from softness_bayes.experiments.design import design as design_of
 
     if bool(given) == (files.data is not None):

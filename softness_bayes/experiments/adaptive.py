@@ -17,11 +17,11 @@ from scipy.special import logsumexp
 
 from softness_bayes.base.errors import InputError
 from softness_bayes.data import Fabrics
-from softness_bayes.experiments.design import candidates_of, quantities_of, require_run
-from softness_bayes.experiments.information import Histograms, gains_about, rank_bins
-from softness_bayes.experiments.outlook import Outlook, Touches, outlook_of_run
+from softness_bayes.experiments.design import candidates_of, load_named, quantities_of
+from softness_bayes.experiments.information import rank_bins, single_gains
+from softness_bayes.experiments.outlook import Outlook, Touches, outlook_of_run, touches_within
 from softness_bayes.likelihood.row_laws import RowLaw, Rows
-from softness_bayes.touch.contact import Force, Indentation, Load, held
+from softness_bayes.touch.contact import Load
 
 Array = NDArray[np.float64]
 Key = tuple[str, str]
@@ -45,8 +45,7 @@ class Answer(NamedTuple):
     rating: float
 
 
-@dataclass(frozen=True)
-class Suggestion:
+class Suggestion(NamedTuple):
     """The touch to present next."""
 
     fabric: str
@@ -92,24 +91,19 @@ class Adaptive:
         InputError
             As `design` does.
         """
-        require_run(result)
         outlook = outlook_of_run(result)
-        pressed = tuple(outlook.model.data.ratings.loads if loads is None else loads)
-        touches = outlook.touches(candidates_of(outlook, candidates, moduli), pressed, modulus_cv)
-        if not touches.table["within"].any():
-            raise InputError("adaptive: no candidate is within the model's range; choose smaller loads")
-        quantities = quantities_of(outlook, about)
+        pressed = outlook.model.data.ratings.loads if loads is None else loads
+        touches = touches_within([outlook], candidates_of(outlook, candidates, moduli), pressed, modulus_cv)
+        bins = [rank_bins(quantities_of([outlook], about)[name]) for name in about]
         request = {
             "about": tuple(about),
             "candidates": candidates,
             "moduli": None if moduli is None else [float(value) for value in moduli],
-            "loads": pressed,
+            "loads": loads,
             "modulus_cv": modulus_cv,
         }
         origin = {"source": str(result.source), "digest": result.provenance.rating_data.digest_ratings}
-        bins = [rank_bins(quantities[name]) for name in about]
-        kept = touches.take(touches.table["within"].to_numpy())
-        return cls(outlook, kept, bins, request, origin, log_weight=np.zeros(len(outlook.theta)))
+        return cls(outlook, touches, bins, request, origin, log_weight=np.zeros(len(outlook.theta)))
 
     @property
     def weight(self) -> Array:
@@ -129,10 +123,9 @@ class Adaptive:
     def next(self, rater: str) -> Suggestion:
         """Return the touch of which one rating by this rater would tell most."""
         table = self.touches.table
-        expected = [self._expected(rater, self.touches, k) for k in range(len(table))]
+        expected = [self._effects(rater, self.touches, k)[1:] for k in range(len(table))]
         mean, variance = (np.stack(part, axis=1) for part in zip(*expected, strict=True))
-        histograms = Histograms(mean, np.sqrt(variance + self.outlook.noise[:, None] ** 2), self.weight)
-        gain = gains_about(histograms, self.bins)
+        gain = single_gains(mean, np.sqrt(variance + self.outlook.noise[:, None] ** 2), self.bins, self.weight)
         last = [(one.fabric, one.load) for one in self.answers if one.rater == rater][-MOST_IN_A_ROW:]
         often = [last.count(touch) for touch in zip(table["fabric"], table["load"], strict=True)]
         k = int(np.where(np.array(often) < MOST_IN_A_ROW, gain, -np.inf).argmax())
@@ -159,7 +152,7 @@ class Adaptive:
         """
         touches, k = self._touch(fabric, load)
         rows, parameters = self._rows(rating), self.outlook.parameters
-        mean, variance = self._expected(rater, touches, k)
+        effects, mean, variance = self._effects(rater, touches, k)
         at, weights = np.polynomial.hermite_e.hermegauss(NODES)
         expected = mean[:, None] + np.sqrt(variance)[:, None] * at
         law = self.outlook.posterior.observation.model.error
@@ -171,26 +164,27 @@ class Adaptive:
         share = np.exp(likely - total[:, None])
         moved = share @ at
         left = np.maximum(share @ at**2 - moved**2, 1e-12)
-        for key, loading in _effects(rater, touches, k):
-            own, own_variance = self._law(key, touches, k)
+        for key, (loading, own, own_variance) in effects.items():
             pull = own_variance * loading / np.sqrt(variance)
             self._laws[key] = own + pull * moved, own_variance - pull**2 * (1.0 - left)
-        self.answers.append(Answer(rater, fabric, load, float(rating)))
+        self.answers.append(Answer(rater, fabric, touches.table["load"][k], float(rating)))
 
     def refresh(self, result: Any) -> Self:
-        """Return an experiment with the draws of a new run of all ratings, these answers among them."""
-        again = type(self).start(result, **self.request)
-        again.answers = list(self.answers)
-        return again
+        """Return an experiment with the draws of a new run, whose ratings include the answers so far."""
+        return type(self).start(result, **self.request)
 
     def save(self, path: str | Path) -> None:
         """Write the request and the answers to a small file, from which `load` continues."""
         from softness_bayes.base.files.json_text import as_json
         from softness_bayes.base.files.whole import write_whole
 
-        request = self.request | {"loads": [_written(load) for load in self.request["loads"]], "candidates": None}
-        answers = [one._asdict() | {"load": _written(one.load)} for one in self.answers]
-        kept = {"adaptive": 1, **self.origin, "request": request, "answers": answers}
+        loads = self.request["loads"] and [str(load) for load in self.request["loads"]]
+        kept = {
+            "adaptive": 1,
+            **self.origin,
+            "request": self.request | {"loads": loads, "candidates": None},
+            "answers": [one._asdict() | {"load": str(one.load)} for one in self.answers],
+        }
         write_whole(Path(path), as_json(kept, "adaptive experiment", indent=1).encode())
 
     @classmethod
@@ -217,9 +211,9 @@ class Adaptive:
         if kept["digest"] != result.provenance.rating_data.digest_ratings:
             raise InputError(f"{path}: the experiment began with {kept['source']}, a run of other ratings")
         request = kept["request"] | {"candidates": candidates}
-        again = cls.start(result, **request | {"loads": [_load(one) for one in request["loads"]]})
+        again = cls.start(result, **request | {"loads": request["loads"] and [*map(load_named, request["loads"])]})
         for one in kept["answers"]:
-            again.tell(**one | {"load": _load(one["load"])})
+            again.tell(**one | {"load": load_named(one["load"])})
         return again
 
     def _rows(self, rating: float) -> Rows:
@@ -238,22 +232,23 @@ class Adaptive:
         lapse = -np.log(max(np.ptp(known), 1.0) + np.log(4.0)) + (np.log(min(high - low, 1e3)) if high > low else 0.0)
         return Rows(*(np.full(NODES, part) for part in (low, high, lapse)))
 
-    def _law(self, key: Key, touches: Touches, k: int) -> tuple[Array, Array]:
-        """Return mean and variance at each draw of a rater's level, or of a fabric's error or deviation."""
-        if key in self._laws:
-            return self._laws[key]
-        zero = np.zeros(self.log_weight.size)
-        if key[0] == "modulus":
-            return zero, zero + touches.table["modulus_sd"][k] ** 2
-        return (zero, touches.deviation[:, k]) if key[0] == "deviation" else self.outlook.level(key[1])
+    def _effects(
+        self, rater: str, touches: Touches, k: int
+    ) -> tuple[dict[Key, tuple[Array, Array, Array]], Array, Array]:
+        """Return what a rating of a touch shares with others, and its mean and variance without its own error.
 
-    def _expected(self, rater: str, touches: Touches, k: int) -> tuple[Array, Array]:
-        """Return mean and variance of a rating without its own error; effects are independent given the draw."""
-        mean, variance = touches.response[:, k], np.zeros(self.log_weight.size)
-        for key, loading in _effects(rater, touches, k):
-            own, own_variance = self._law(key, touches, k)
-            mean, variance = mean + loading * own, variance + loading**2 * own_variance
-        return mean, variance
+        Shared are the rater's level, the error of the fabric's modulus and the fabric's deviation: independent given
+        the draw, each with its loading, mean and variance at the draws.
+        """
+        zero, fabric = np.zeros(self.log_weight.size), touches.table["fabric"][k]
+        first = {
+            ("rater", rater): (zero + 1.0, *self.outlook.level(rater)),
+            ("modulus", fabric): (touches.slope[:, k], zero, zero + touches.table["modulus_sd"][k] ** 2),
+            ("deviation", fabric): (zero + 1.0, zero, touches.deviation[:, k]),
+        }
+        found = {key: (loading, *self._laws.get(key, law)) for key, (loading, *law) in first.items()}
+        mean = touches.response[:, k] + sum(loading * own for loading, own, _ in found.values())
+        return found, mean, np.asarray(sum(loading**2 * variance for loading, _, variance in found.values()))
 
     def _touch(self, fabric: str, load: Load) -> tuple[Touches, int]:
         """Return the touches that contain one of a fabric under a load, and its index among them."""
@@ -263,21 +258,7 @@ class Adaptive:
             known = ", ".join(sorted(set(table["fabric"])))
             raise InputError(f"adaptive: {fabric!r} is no candidate, expected one of {known}")
         for k in here:
-            if table["load"][k] == load:
+            if str(table["load"][k]) == str(load):
                 return self.touches, int(k)
         alone = Fabrics((fabric,), effective_modulus=1e3 * table["e_fab_kpa"].to_numpy()[here[:1]])
         return self.outlook.touches(alone, (load,), self.request["modulus_cv"]), 0
-
-
-def _effects(rater: str, touches: Touches, k: int) -> list[tuple[Key, Array]]:
-    """Return what a rating of a touch shares with others, by name, with its loadings at the draws."""
-    one, fabric = np.ones(len(touches.slope)), touches.table["fabric"][k]
-    return [(("rater", rater), one), (("modulus", fabric), touches.slope[:, k]), (("deviation", fabric), one)]
-
-
-def _written(load: Load) -> list[Any]:
-    return ["force_n" if isinstance(load, Force) else "indentation_m", float(held(load))]
-
-
-def _load(written: Sequence[Any]) -> Load:
-    return (Force if written[0] == "force_n" else Indentation)(written[1])

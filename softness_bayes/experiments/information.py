@@ -3,8 +3,8 @@
 An observation y of touch c is normal given draw s: its mean is m[s, c], its standard deviation that of the errors of
 draw s. The information about everything that the draws hold is I = H(y) - mean over s of H(y | s). The information
 about a quantity is H(y) - mean over its bins of H(y | bin): the draws of a bin form a mixture of normal laws. Entropies
-of mixtures of one observation come from histograms that are convolved with the errors; those of several observations,
-from nested sums over draws, which bracket the true value.
+of mixtures of one observation are sums over a grid of y; those of several observations, nested sums over draws, which
+bracket the true value.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp, ndtri
-from scipy.stats import rankdata
+from scipy.special import logsumexp, ndtri, xlogy
+from scipy.stats import multivariate_normal, rankdata
 
 Array = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
@@ -23,12 +23,9 @@ IndexArray = NDArray[np.intp]
 BINS = 20
 """Number of rank bins of a quantity; draws without the quantity form a further one."""
 
-LOG_2PI_E = float(np.log(2.0 * np.pi * np.e))
-
-_MARGIN = 6.0  # standard deviations of the errors beyond the outermost means
-_CLASSES = 12  # classes of draws with about equal errors
-_STEP = 0.5  # width of a cell of the histogram, relative to the smallest error
-_MOST_CELLS = 1 << 14
+_REACH = 6.0  # standard deviations of the errors beyond the outermost means
+_ROOT_TWO_PI = float(np.sqrt(2.0 * np.pi))
+_CELLS = 320  # largest number of cells of a grid, which otherwise are at most one smallest error wide
 
 
 def rank_bins(quantity: Array, bins: int = BINS) -> IndexArray:
@@ -53,116 +50,56 @@ def rank_scores(quantity: Array) -> Array:
     return found
 
 
-class Histograms:
-    """Histograms of the means of each touch over the draws, from which mixtures of any groups of draws follow.
+def single_gains(mean: Array, sd: Array, quantities: Sequence[IndexArray] = (), weight: Array | None = None) -> Array:
+    """Return the information that one observation of each touch gives, shape (touches,).
+
+    The sum over a grid with steps of one standard deviation errs by less than 1e-6. Where the range of the means has
+    more steps than the grid may have, errors below a step count as a step, which understates the information.
 
     Parameters
     ----------
     mean
         Mean of the observation of each touch at each draw, shape (draws, touches).
     sd
-        Standard deviation of its errors, the same shape, or (draws, 1).
+        Standard deviation of its errors, the same shape, or (draws, 1) or (1, 1).
+    quantities
+        Bins of the draws (draws,) by the quantities of interest, whose information is summed; by default the
+        information is about all that the draws hold.
     weight
         Weights of the draws, shape (draws,); equal by default.
     """
-
-    def __init__(self, mean: Array, sd: Array, weight: Array | None = None) -> None:
-        self.mean, self.sd = mean, np.broadcast_to(sd, mean.shape)
-        self.weight = np.full(len(mean), 1.0 / len(mean)) if weight is None else weight / weight.sum()
-        low, high = (mean - _MARGIN * self.sd).min(axis=0), (mean + _MARGIN * self.sd).max(axis=0)
-        cells = float(((high - low) / (_STEP * self.sd.min(axis=0))).max())
-        self.n = int(min(2 ** np.ceil(np.log2(max(cells, 64.0))), _MOST_CELLS))
-        self.step = (high - low) / (self.n - 1)
-        place = (mean - low) / self.step
-        cell = np.clip(np.rint(place).astype(np.intp), 1, self.n - 2)
-        self._beside = place - cell
-        # draws in classes of about equal errors, each with its own convolution
-        log_sd = np.log(self.sd)
-        least, most = log_sd.min(axis=0), log_sd.max(axis=0)
-        width = np.maximum(most - least, 1e-12) / _CLASSES
-        self._class = np.minimum(((log_sd - least) / width).astype(np.intp), _CLASSES - 1)
-        column = np.arange(mean.shape[1])
-        self._cell = (column * _CLASSES + self._class) * self.n + cell
-        weighted = self.weight[:, None]
-        flat = (column * _CLASSES + self._class).ravel()
-        size = column.size * _CLASSES
-        mass = np.bincount(flat, np.broadcast_to(weighted, mean.shape).ravel(), size)
-        squares = np.bincount(flat, (weighted * self.sd**2).ravel(), size)
-        with np.errstate(invalid="ignore"):
-            self._variance = np.where(mass > 0, squares / mass, 1.0).reshape(-1, _CLASSES)
-        # the quadratic spline that shares a draw between three cells widens its law by step² / 4
-        self._kernel_variance = np.maximum(self._variance - self.step[:, None] ** 2 / 4.0, 0.0)
-
-    def entropy(self, some: NDArray[np.bool_] | None = None) -> Array:
-        """Return the entropy of each touch's mixture [nats], over all draws or a group of them, shape (touches,)."""
-        weight = self.weight if some is None else np.where(some, self.weight, 0.0)
-        weight = weight / weight.sum()
-        columns = self.mean.shape[1]
-        size, every = columns * _CLASSES * self.n, np.broadcast_to(weight[:, None], self.mean.shape)
-        shares = 0.5 * (0.5 - self._beside) ** 2, 0.75 - self._beside**2, 0.5 * (0.5 + self._beside) ** 2
-        parts = [
-            np.bincount((self._cell + k).ravel(), (every * share).ravel(), size)
-            for k, share in zip((-1, 0, 1), shares, strict=True)
-        ]
-        histogram = np.sum(parts, axis=0)
-        spectrum = np.fft.rfft(histogram.reshape(columns, _CLASSES, self.n), axis=-1)
-        frequency = np.fft.rfftfreq(self.n)[None, None, :] / self.step[:, None, None]
-        spectrum *= np.exp(-2.0 * (np.pi * frequency) ** 2 * self._kernel_variance[..., None])
-        density = np.fft.irfft(spectrum.sum(axis=1), self.n, axis=-1) / self.step[:, None]
-        positive = np.maximum(density, 1e-300)
-        return np.asarray(-(np.where(density > 0, density * np.log(positive), 0.0)).sum(axis=-1) * self.step)
-
-
-def single_gains(histograms: Histograms, bins: IndexArray | None = None) -> Array:
-    """Return the information that one observation of each touch gives, shape (touches,).
-
-    Parameters
-    ----------
-    histograms
-        Means and errors of the touches over the draws.
-    bins
-        Bin of each draw, if the information about one quantity is wanted; by default about all that the draws hold.
-    """
-    if bins is None:
-        return np.asarray(histograms.entropy() - 0.5 * LOG_2PI_E - histograms.weight @ np.log(histograms.sd))
+    draws, touches = mean.shape
+    share = np.full(draws, 1.0 / draws) if weight is None else weight / weight.sum()
     # the mixture of few draws has too little entropy, also if the bins have nothing to do with the touches
-    unrelated = np.random.default_rng(0).permutation(bins)
-    return _entropy_within(histograms, unrelated) - _entropy_within(histograms, bins)
+    unrelated = [np.random.default_rng(0).permutation(bins) for bins in quantities]
+    groups = [*quantities, *unrelated] or [np.zeros(draws, np.intp)]
+    member = np.concatenate([np.eye(int(bins.max()) + 1)[bins] for bins in groups], axis=1)
+    mass = share @ member
+    sign = np.repeat([-1.0] * len(quantities) + [1.0] * (len(unrelated) or 1), [bins.max() + 1 for bins in groups])
+    found = np.empty(touches)
+    for k, (m, s) in enumerate(zip(mean.T, np.broadcast_to(sd, mean.shape).T, strict=True)):
+        low, high = (m - _REACH * s).min(), (m + _REACH * s).max()
+        at, step = np.linspace(low, high, int(min((high - low) / s.min(), _CELLS)) + 2, retstep=True)
+        s = np.maximum(s, step)
+        density = np.exp(-0.5 * ((at[:, None] - m) / s) ** 2) @ (member * (share / s)[:, None]) / _ROOT_TWO_PI
+        mixed = density / np.maximum(mass, 1e-300)
+        entropy = -xlogy(mixed, mixed).sum(axis=0) * step
+        found[k] = (sign * mass) @ entropy
+        if not quantities:
+            found[k] -= share @ np.log(s * _ROOT_TWO_PI) + 0.5
+    return found
 
 
-def gains_about(histograms: Histograms, quantities: Sequence[IndexArray]) -> Array:
-    """Return `single_gains` about the bins of several quantities, summed; about all that the draws hold if none."""
-    if not quantities:
-        return single_gains(histograms)
-    return np.asarray(sum(single_gains(histograms, bins) for bins in quantities))
-
-
-def _entropy_within(histograms: Histograms, bins: IndexArray) -> Array:
-    """Return the mean entropy of each touch's mixture within the bins, shape (touches,)."""
-    within = np.zeros(histograms.mean.shape[1])
-    for one in range(int(bins.max()) + 1):
-        chosen = bins == one
-        mass = float(histograms.weight[chosen].sum())
-        if mass > 0:
-            within += mass * histograms.entropy(chosen)
-    return within
-
-
-def linear_gain(covariance: Array, errors: Array, with_scores: Array | None = None) -> float:
-    """Return the information of several observations by the normal law with their covariance.
+def linear_gain(whole: Array, rest: Array) -> float:
+    """Return the information of several observations by a normal law.
 
     Parameters
     ----------
-    covariance
-        Covariance of the means over the draws, shape (k, k).
-    errors
-        Covariance of the observations given a draw, shape (k, k).
-    with_scores
-        Covariances of the means with uncorrelated scores of unit variance, shape (k, scores), if only these are to be
-        learnt.
+    whole
+        Covariance of the observations, shape (k, k).
+    rest
+        Their covariance once that which is to be learnt is known.
     """
-    whole = covariance + errors
-    rest = errors if with_scores is None else whole - with_scores @ with_scores.T
     return float(0.5 * (np.linalg.slogdet(whole)[1] - np.linalg.slogdet(rest)[1]))
 
 
@@ -223,26 +160,29 @@ def nested_gain(
     for row, y in enumerate(outcome):
         log_density[row] = -0.5 * ((np.einsum("sij,j->si", inverse, y) - white_mean) ** 2).sum(axis=1) - log_det
     itself = origin[:, None] == np.arange(draws)
-    marginal = _log_mean(log_density, ~itself), _log_mean(log_density, np.ones_like(itself))
-    if bins is None:
-        known = -0.5 * k - log_det[origin]
-        low, high = known - marginal[1], known - marginal[0]
-    else:
-        same = bins[origin][:, None] == bins
-        low = _log_mean(log_density, same & ~itself) - marginal[1]
-        high = _log_mean(log_density, same) - marginal[0]
-    control = _normal_excess(mean, errors.mean(axis=0), outcome, None if bins is None else scores, origin)
-    control *= np.cov(control, 0.5 * (low + high))[0, 1] / control.var(ddof=1)
     others = np.where(itself, -np.inf, log_density)
+    alike = itself if bins is None else bins[origin][:, None] == bins
+    given = _log_mean(log_density, alike)
+    low, high = given - _log_mean(log_density, np.ones_like(itself)), given - _log_mean(log_density, ~itself)
+    if bins is not None:
+        low += _log_mean(log_density, alike & ~itself) - given
+    centred = mean - mean.mean(axis=0)
+    whole, known, rest = centred.T @ centred / draws + errors.mean(axis=0), centred, errors.mean(axis=0)
+    if scores is not None:
+        slope = centred.T @ scores / draws
+        known, rest = scores @ slope.T, whole - slope @ slope.T
+    from_mean = outcome - mean.mean(axis=0)
+    control = multivariate_normal.logpdf(from_mean - known[origin], cov=rest) - linear_gain(whole, rest)
+    control -= multivariate_normal.logpdf(from_mean, cov=whole)
+    control *= np.cov(control, 0.5 * (low + high))[0, 1] / (control.var(ddof=1) or 1.0)
     weight = np.exp(others - logsumexp(others, axis=1, keepdims=True))
-    ratios = {name: _sd_ratio(weight, values) for name, values in quantities.items()}
     middle = 0.5 * (low + high) - control
     return Bracket(
         float((low - control).mean()),
         float((high - control).mean()),
         float(np.std(middle, ddof=1) / np.sqrt(origin.size)),
         float(np.median(1.0 / (weight**2).sum(axis=1))),
-        ratios,
+        {name: _sd_ratio(weight, values) for name, values in quantities.items()},
     )
 
 
@@ -251,25 +191,13 @@ def _log_mean(log_density: Array, chosen: NDArray[np.bool_]) -> Array:
     return np.asarray(logsumexp(np.where(chosen, log_density, -np.inf), axis=1) - np.log(chosen.sum(axis=1)))
 
 
-def _normal_excess(mean: Array, errors: Array, outcome: Array, scores: Array | None, origin: IndexArray) -> Array:
-    """Return each outcome's information under the normal law less its expectation, which is `linear_gain`."""
-    centred = outcome - mean.mean(axis=0)
-    whole = np.atleast_2d(np.cov(mean.T, bias=True)) + errors
-    excess = 0.5 * ((centred @ np.linalg.inv(whole)) * centred).sum(axis=1) - 0.5 * centred.shape[1]
-    if scores is None:
-        return np.asarray(excess)
-    slope = (mean - mean.mean(axis=0)).T @ scores / len(mean)
-    rest = centred - scores[origin] @ slope.T
-    inverse = np.linalg.inv(whole - slope @ slope.T)
-    return np.asarray(excess + 0.5 * rest.shape[1] - 0.5 * ((rest @ inverse) * rest).sum(axis=1))
-
-
 def _sd_ratio(weight: Array, quantity: Array) -> float:
     """Return the root mean square of the posterior sd over outcomes, relative to that of the draws."""
     there = np.isfinite(quantity)
-    value = quantity[there] - quantity[there].mean()
-    share = weight[:, there]
-    total = share.sum(axis=1)
-    mean, square = share @ value / total, share @ value**2 / total
-    variance = (total @ (square - mean**2)) / total.sum()
-    return float(np.sqrt(variance / value.var())) if value.var() > 0 else 1.0
+    value, share = quantity[there], weight[:, there]
+    total = share.sum(axis=1)  # of an outcome, the probability that the quantity exists
+    if not (total.sum() > 0 and np.ptp(value) > 0):
+        return 1.0
+    value = (value - value.mean()) / value.std()
+    mean, square = (share @ value**power / np.where(total > 0, total, 1.0) for power in (1, 2))
+    return float(np.sqrt(total @ (square - mean**2) / total.sum()))

@@ -11,7 +11,7 @@ rating. Levels and errors of moduli are integrated out. Errors of ratings count 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -22,18 +22,18 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from softness_bayes.base.errors import InputError
+from softness_bayes.base.ranges import require_kind
 from softness_bayes.checking.inflection import CurveShape, turning_points
-from softness_bayes.data import Experiment, Fabrics
+from softness_bayes.data import Fabrics
 from softness_bayes.experiments.design_information import heavier, rounding
 from softness_bayes.likelihood.scales import MAGNITUDE, SLIDER
-from softness_bayes.model.build import ExperimentModel, build
-from softness_bayes.model.options import ModelOptions
+from softness_bayes.model.build import ExperimentModel
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.model.scenes import fabric_moduli, scene_of
 from softness_bayes.parameters.declared import MODULUS_SCALE
 from softness_bayes.parameters.space import FabricModuli
 from softness_bayes.results.fitted import Fitted, same_fabrics
-from softness_bayes.touch.contact import HERTZ_LIMIT, Force, Load, held
+from softness_bayes.touch.contact import HERTZ_LIMIT, Force, Indentation, Load
 from softness_bayes.touch.parameters import TouchParameters
 
 Array = NDArray[np.float64]
@@ -69,6 +69,28 @@ class Touches:
         return Touches(table, self.response[:, index], self.slope[:, index], self.deviation[:, index])
 
 
+def touches_within(
+    outlooks: Sequence[Outlook], fabrics: Fabrics, loads: Sequence[Load], modulus_cv: float | None
+) -> Touches:
+    """Return the touches within the model's range, at the draws of all outlooks; arguments as for `Outlook.touches`.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    parts = [one.touches(fabrics, tuple(loads), modulus_cv) for one in outlooks]
+    within = np.all([part.table["within"] for part in parts], axis=0)
+    if not within.any():
+        raise InputError(
+            "design: no candidate is within the model's range: under every load the contact radius exceeds half the "
+            "fingertip's radius; choose smaller loads"
+        )
+    table = parts[0].table.assign(p_silent=np.mean([part.table["p_silent"] for part in parts], axis=0))
+    fields = ("response", "slope", "deviation")
+    return Touches(table, *(np.concatenate([getattr(part, name) for part in parts]) for name in fields)).take(within)
+
+
 @dataclass(frozen=True)
 class Outlook:
     """A posterior, or a prior, at draws, with the ratings that it expects of further touches.
@@ -83,12 +105,27 @@ class Outlook:
         Every parameter by name in natural units: draws, or a number if it is fixed.
     rated
         True if the draws are given the ratings, False for those of the prior.
+
+    Raises
+    ------
+    InputError
+        If the ratings are not normal about a level and a response.
     """
 
     model: ExperimentModel
     theta: Array
     named: Mapping[str, Any]
     rated: bool
+
+    def __post_init__(self) -> None:
+        options, posterior = self.model.options, self.model.posterior
+        if options.scale not in (MAGNITUDE, SLIDER):
+            raise InputError(
+                f"design: expected magnitude estimates or positions on a slider, got {options.scale.name}: only "
+                "these have a level and an error for each touch"
+            )
+        if posterior.fingers is not None or posterior.other_loads is not None or options.individual:
+            raise InputError("design: expected raters with the typical finger and answers, under loads without errors")
 
     @property
     def posterior(self) -> Posterior:
@@ -116,7 +153,30 @@ class Outlook:
     @cached_property
     def levels(self) -> tuple[Array, Array, Array, Array]:
         """Laws of levels given each draw: mean and variance of each rater, (draws, raters), and of new raters' mean."""
-        return _levels(self)
+        model, posterior, draws = self.model, self.posterior, len(self.theta)
+        design, tau2 = posterior.observation.design, self.spread**2
+        if not self.rated:
+            law = posterior.observation.model.level
+            mean, variance = np.full(draws, law.mean), np.full(draws, law.sd**2)
+            shape = (draws, design.n_participants)
+            every = np.broadcast_to(mean[:, None], shape), np.broadcast_to((variance + tau2)[:, None], shape)
+            return *every, mean, variance
+        stated = model.interpretation.intervals
+        with np.errstate(divide="ignore"):
+            low, high = (model.options.scale.additive(end) for end in stated.ends(stated.values))
+        middle = np.where(np.isneginf(low), high, np.where(np.isposinf(high), low, 0.5 * (low + high)))
+        drive = posterior.observation.drive(posterior.mean_rate(self.theta), self.parameters)
+        count = np.bincount(design.participant, minlength=design.n_participants)
+        member = np.eye(design.n_participants)[design.participant]
+        mean = (middle - drive[:, design.condition]) @ member / count
+        own_variance = self.noise[:, None] ** 2 / count
+        # the common level, and each rater's drawn towards it
+        weight = 1.0 / (tau2[:, None] + own_variance)
+        total = weight.sum(axis=1)
+        common = (weight * mean).sum(axis=1) / total
+        pull = own_variance * weight
+        drawn = mean + pull * (common[:, None] - mean)
+        return drawn, own_variance * (1.0 - pull) + pull**2 / total[:, None], common, 1.0 / total
 
     @property
     def spread(self) -> Array:
@@ -173,15 +233,13 @@ class Outlook:
         deviation = omega2[:, None] / (1.0 + omega2[:, None] * count / self.noise[:, None] ** 2)
         radius = np.median(np.asarray(scene.contact(self.touch, modulus).radius), axis=0)
         pressed = [scene.loads[k] for k in scene.load]
-        forces = np.array([isinstance(load, Force) for load in pressed])
-        value = np.array([held(load) for load in pressed])
         table = pd.DataFrame(
             {
                 "fabric": [fabrics.names[k] for k in scene.fabric],
                 "to_obtain": rated[scene.fabric] < 0,
                 "e_fab_kpa": scene.modulus * 1e-3,
-                "indentation_mm": np.where(forces, np.nan, value * 1e3),
-                "force_n": np.where(forces, value, np.nan),
+                "indentation_mm": [load.depth * 1e3 if isinstance(load, Indentation) else np.nan for load in pressed],
+                "force_n": [load.newton if isinstance(load, Force) else np.nan for load in pressed],
                 "p_silent": (rates[0] == 0).mean(axis=0),
                 "load": pressed,
                 "modulus_sd": modulus_sd[scene.fabric],
@@ -219,62 +277,22 @@ def outlook_of_run(result: Any, draws: int = DRAWS) -> Outlook:
     Raises
     ------
     InputError
-        If its ratings are not levels of single touches.
+        If it is no run on ratings, has not converged, or its ratings are not levels of single touches.
     """
+    require_run(result)
     fitted = Fitted(result, draws)
-    _require(fitted.model)
     return Outlook(fitted.model, fitted.theta, fitted.named, rated=True)
 
 
-def outlook_of_prior(experiment: Experiment, options: ModelOptions, rng: np.random.Generator) -> Outlook:
-    """Return the outlook before any rating: draws of the prior, and raters whose levels are unknown.
+def require_run(result: Any) -> None:
+    """Raise an error for a run whose draws would mislead the choice: one without ratings, or not converged."""
+    from softness_bayes.results.result import Result
 
-    Raises
-    ------
-    InputError
-        If the ratings of the experiment are not levels of single touches.
-    """
-    model = build(experiment, options)
-    _require(model)
-    theta = model.posterior.space.draw_prior(rng, DRAWS)
-    return Outlook(model, theta, model.posterior.space.values(theta), rated=False)
-
-
-def _require(model: ExperimentModel) -> None:
-    """Raise an error for models whose further ratings are not normal about a level and a response."""
-    posterior = model.posterior
-    if model.options.scale not in (MAGNITUDE, SLIDER):
+    require_kind("design", result, Result, "a Result, two of them, or an Experiment")
+    if not result.has_ratings:
+        raise InputError(f"{result.source}: a run without ratings cannot tell what ratings would add")
+    if result.is_first_look or not result.provenance.ending.converged:
         raise InputError(
-            f"design: expected magnitude estimates or positions on a slider, got {model.options.scale.name}: only "
-            "these have a level and an error for each touch"
+            f"{result.source}: the run has not converged, and its draws would mislead the choice; continue it with "
+            "'resume'"
         )
-    if posterior.fingers is not None or posterior.other_loads is not None or model.options.individual:
-        raise InputError("design: expected raters with the typical finger and answers, under loads without errors")
-
-
-def _levels(outlook: Outlook) -> tuple[Array, Array, Array, Array]:
-    """Return the laws of levels at each draw, given the ratings or of the prior; fields as `Outlook.levels`."""
-    model, posterior, draws = outlook.model, outlook.posterior, len(outlook.theta)
-    design, tau2 = posterior.observation.design, outlook.spread**2
-    if not outlook.rated:
-        law = posterior.observation.model.level
-        mean, variance = np.full(draws, law.mean), np.full(draws, law.sd**2)
-        shape = (draws, design.n_participants)
-        every = np.broadcast_to(mean[:, None], shape), np.broadcast_to((variance + tau2)[:, None], shape)
-        return *every, mean, variance
-    stated = model.interpretation.intervals
-    with np.errstate(divide="ignore"):
-        low, high = (model.options.scale.additive(end) for end in stated.ends(stated.values))
-    middle = np.where(np.isneginf(low), high, np.where(np.isposinf(high), low, 0.5 * (low + high)))
-    drive = posterior.observation.drive(posterior.mean_rate(outlook.theta), outlook.parameters)
-    count = np.bincount(design.participant, minlength=design.n_participants)
-    member = np.eye(design.n_participants)[design.participant]
-    mean = (middle - drive[:, design.condition]) @ member / count
-    own_variance = outlook.noise[:, None] ** 2 / count
-    # the common level, and each rater's drawn towards it
-    weight = 1.0 / (tau2[:, None] + own_variance)
-    total = weight.sum(axis=1)
-    common = (weight * mean).sum(axis=1) / total
-    pull = own_variance * weight
-    drawn = mean + pull * (common[:, None] - mean)
-    return drawn, own_variance * (1.0 - pull) + pull**2 / total[:, None], common, 1.0 / total

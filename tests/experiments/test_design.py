@@ -11,8 +11,7 @@ from softness_bayes.data import Fabrics
 from softness_bayes.experiments import design as module
 from softness_bayes.experiments import outlook
 from softness_bayes.experiments.adaptive import MOST_IN_A_ROW, Adaptive
-from softness_bayes.experiments.choice import MOST_REPEATS, Costs
-from softness_bayes.experiments.design import candidates_of, design
+from softness_bayes.experiments.design import MOST_REPEATS, Costs, candidates_of, design
 from softness_bayes.experiments.outlook import USUAL_CV, outlook_of_run
 from softness_bayes.likelihood.design import Design
 from softness_bayes.touch.contact import Force, Indentation
@@ -32,8 +31,7 @@ def few_draws(monkeypatch):
     monkeypatch.setattr(module, "DRAWS", DRAWS)
     monkeypatch.setattr(outlook, "DRAWS", DRAWS)
     monkeypatch.setattr(outlook.outlook_of_run, "__defaults__", (DRAWS,))
-    monkeypatch.setattr(module, "require_run", lambda result: None)
-    monkeypatch.setattr("softness_bayes.experiments.adaptive.require_run", lambda result: None)
+    monkeypatch.setattr(outlook, "require_run", lambda result: None)
 
 
 def test_answers_weight_the_draws_as_the_joint_density_of_all_ratings_does(result, rng):
@@ -81,11 +79,11 @@ def test_what_is_chosen(result):
     plan = design(result, conditions=6)
     assert plan.table.shape[0] == 6
     assert plan.gains["chosen"].max() <= MOST_REPEATS
-    assert (plan.step > 0).all()
+    assert (plan.table["step_nats"] > 0).all()
     assert plan.bracket.low <= plan.bracket.high
     assert all(0 < ratio < 1.1 for ratio in plan.sd_ratio.values())
     one = design(result, conditions=1)
-    assert one.bracket.low - 4 * one.bracket.se < one.gain[one.chosen[0]] < one.bracket.high + 4 * one.bracket.se
+    assert one.bracket.low - 4 * one.bracket.se < one.table["gain_nats"][0] < one.bracket.high + 4 * one.bracket.se
 
 
 def test_errors_of_moduli_are_those_of_the_request(result):
@@ -112,20 +110,21 @@ def test_a_largest_load_leaves_loads_of_the_other_kind_alone(result):
 
 def test_errors_of_moduli_lower_the_gain(result):
     exact, wrong = (design(result, ("sigma_0",), conditions=4, modulus_cv=cv) for cv in (0.0, 0.3))
-    assert wrong.step.sum() < exact.step.sum()
+    assert wrong.table["step_nats"].sum() < exact.table["step_nats"].sum()
     assert wrong.sd_ratio["sigma_0"] > exact.sd_ratio["sigma_0"]
 
 
 def test_new_raters_tell_less_than_known_ones(result):
     n = len(result.group("log_likelihood_participant")["participant"])
     known, new = design(result, conditions=1), design(result, conditions=1, raters=n)
-    assert new.gain[known.chosen[0]] < known.gain[known.chosen[0]]
+    best = int(known.gains["chosen"].argmax())
+    assert new.gains["gain_nats"][best] < known.gains["gain_nats"][best]
 
 
 def test_a_budget_pays_for_owned_fabrics_first(result):
     n = len(result.group("log_likelihood_participant")["participant"])
     plan = design(result, conditions=8, costs=Costs(budget=3.0 * n, fabric=1000.0))
-    assert len(plan.chosen) == 3
+    assert len(plan.table) == 3
     assert not plan.table["to_obtain"].any()
     assert plan.record["cost"] == pytest.approx(3.0 * n)
     with pytest.raises(InputError, match="pays for no touch; the cheapest costs"):
@@ -136,7 +135,7 @@ def test_a_budget_pays_for_owned_fabrics_first(result):
     ("asked", "message"),
     [
         ({"about": ("sigma",)}, "'sigma' is no quantity of this run"),
-        ({"about": ("turning@2",)}, "expected a load such as turning@2mm"),
+        ({"about": ("turning@2",)}, "about: turning@: expected a load such as 2mm"),
         ({"loads": [Indentation(7.9e-3)]}, "contact radius exceeds half"),
         ({"loads": [Indentation(2e-3)], "largest_load": Indentation(1e-6)}, "every load is larger"),
         ({"conditions": 0}, "conditions: expected 1 or more"),
@@ -180,9 +179,12 @@ def test_an_experiment_is_continued_with_the_same_suggestions(result, tmp_path):
     begun.save(tmp_path / "kept.json")
     again = Adaptive.load(tmp_path / "kept.json", result)
     assert_allclose(again.weight, begun.weight, rtol=1e-10)
+    assert again.answers == begun.answers
     for rater in ("new", "other"):
         assert again.next(rater) == begun.next(rater)
     assert 0 < begun.effective <= 1
+    # answers that a new run has are not told again
+    assert (begun.refresh(result).answers, begun.refresh(result).effective) == ([], pytest.approx(1.0))
 
 
 def test_answers_on_a_slider_are_numbers_of_its_file(report_run):
@@ -202,6 +204,8 @@ def test_what_an_experiment_refuses(result, tmp_path):
     with pytest.raises(InputError, match="is no candidate"):
         experiment.tell("one", "no such cloth", Indentation(1e-3), 3.0)
     fabric = experiment.touches.table["fabric"][0]
+    with pytest.raises(InputError, match="'sigma' is no quantity of this run"):
+        Adaptive.start(result, ("sigma",))
     with pytest.raises(InputError, match="expected a rating above 0"):
         experiment.tell("one", fabric, Indentation(1e-3), -1.0)
     (tmp_path / "other.json").write_text(json.dumps({"a": 1}))

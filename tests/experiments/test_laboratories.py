@@ -14,8 +14,7 @@ from scipy.stats import multivariate_t
 from softness_bayes.checking.inflection import CurveShape, turning_points
 from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.experiments import design as module
-from softness_bayes.experiments.choice import PanelRatings
-from softness_bayes.experiments.design import design
+from softness_bayes.experiments.design import PanelRatings, design
 from softness_bayes.experiments.information import nested_gain
 from softness_bayes.experiments.outlook import Outlook
 from softness_bayes.model.build import build

@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 from scipy.special import ndtr
 from scipy.stats import norm
 
-from softness_bayes.experiments.information import Histograms, gains_about
+from softness_bayes.experiments.information import single_gains
 
 TRIALS, NOISE = 60, 0.4
 STIMULI = np.linspace(-3.0, 3.0, 13)
@@ -111,7 +111,7 @@ def test_every_choice_is_that_of_a_peer(peer, rng, monkeypatch):
     means, weight = mean(STIMULI[:, None], place, width).T, np.full(place.size, 1.0 / place.size)
     same = 0
     for _ in range(TRIALS):
-        gains, theirs = gains_about(Histograms(means, np.array([[NOISE]]), weight), []), other.gains
+        gains, theirs = single_gains(means, np.array([[NOISE]]), weight=weight), other.gains
         known = np.isfinite(theirs)
         assert_allclose(gains[known], theirs[known], atol=1e-4)
         k = int(theirs.argmax())
@@ -127,5 +127,5 @@ def test_a_wrong_noise_chooses_otherwise():
     """The control: gains within 1e-4 are those of this noise alone."""
     place, width = (part.ravel() for part in np.meshgrid(PLACES, WIDTHS, indexing="ij"))
     means = mean(STIMULI[:, None], place, width).T
-    gains = gains_about(Histograms(means, np.array([[1.05 * NOISE]])), [])
+    gains = single_gains(means, np.array([[1.05 * NOISE]]))
     assert np.abs(gains - Dense().gains).max() > 1e-2
