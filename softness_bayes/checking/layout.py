@@ -11,6 +11,7 @@ from softness_bayes.checking.provenance import Provenance
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.layout import Layout, merge
 from softness_bayes.parameters.declared import FABRIC_MODULUS
+from softness_bayes.parameters.space import scales_of
 from softness_bayes.touch.contact import Load, loads_at
 from softness_bayes.touch.load_groups import LoadGroups, groups_of
 
@@ -23,6 +24,9 @@ IndexArray = NDArray[np.intp]
 
 RATING_VALUE = "rating_value"
 """Variable of `constant_data` with `ratings_in`, where these are not the ratings as filed."""
+
+BATCH = "batch"
+"""Variable of `constant_data` with the batch of each fabric, whose moduli share an error."""
 
 UNCERTAIN = "uncertain_fabric"
 """Axis of the fabrics whose modulus is sampled."""
@@ -85,10 +89,14 @@ def ratings_in(tree: xr.DataTree) -> FloatArray:
 def _moduli(tree: xr.DataTree) -> FloatArray:
     """Return the modulus [Pa] of each fabric (fabrics,): of one that was sampled the median of its draws."""
     constant = tree["constant_data"].to_dataset()
-    modulus = np.array(constant["effective_modulus_kpa"].values, float)
-    if "posterior" in tree.children and FABRIC_MODULUS in tree["posterior"]:
-        drawn = tree["posterior"].to_dataset()[FABRIC_MODULUS]
+    modulus = np.array(constant["effective_modulus_kpa"].values, float)[:, None, None]
+    posterior = tree["posterior"].to_dataset() if "posterior" in tree.children else {}
+    if FABRIC_MODULUS in posterior:
+        drawn = posterior[FABRIC_MODULUS]
         names = constant["fabric"].values.tolist()
         places = [names.index(name) for name in drawn[drawn.dims[-1]].values.tolist()]
-        modulus[places] = np.median(drawn.values, axis=(0, 1))
-    return modulus * 1e3
+        modulus = np.tile(modulus, (1, *drawn.shape[:2]))
+        modulus[places] = np.moveaxis(drawn.values, -1, 0)
+    batch = constant[BATCH].values.tolist() if BATCH in constant else [""] * len(modulus)
+    factors = {of: posterior[name].values for of, name in scales_of(batch).items() if name in posterior}
+    return np.array([np.median(own * factors.get(of, 1.0)) for own, of in zip(modulus, batch, strict=True)]) * 1e3

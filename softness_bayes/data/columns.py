@@ -180,6 +180,7 @@ LABELS: Mapping[str, str] = {
     "list": "list to which a rank or a touch of a pair belongs; otherwise a participant's touches under one load",
     "indentor": "shape that was pressed; only rows of a flat plate are used",
     "direction": "warp or weft, whose geometric mean is used",
+    "batch": "laboratory, tester or delivery whose moduli share one error",
     "recording": "source of the rates; sources are compared",
     "afferent": "name of the nerve fibre; blank for a mean of several",
     "species": "species of the afferents",
@@ -471,7 +472,7 @@ RATINGS = LOADED._replace(columns=LOADED.columns | _HELD, enough=((_LOADS, _HELD
 """Ratings with a load in each row."""
 FABRICS = Kind(
     "fabrics",
-    _named("fabric direction") | {column.name for column in (*PROPERTIES.values(), *STANDARD_ERRORS.values())},
+    _named("fabric direction batch") | {column.name for column in (*PROPERTIES.values(), *STANDARD_ERRORS.values())},
     _MODULI,
     enough=(
         # a measured rigidity takes precedence over tensile modulus and thickness, and is compared with them

@@ -101,8 +101,9 @@ class Fabrics(OneTable):
 
     Columns of a table, one row per fabric: `fabric`; in each row `effective_modulus_kpa`, or `bending_rigidity_n_m`,
     or `tensile_modulus_mpa` and `thickness_mm`, or `effective_modulus_low_kpa` and `effective_modulus_high_kpa`, or
-    nothing if the modulus is unknown; `poisson_ratio` where known; standard errors of the measured properties where
-    known, relative to their values (`effective_modulus_cv`) or in their units (`effective_modulus_sd_kpa`).
+    nothing if the modulus is unknown; `poisson_ratio` where known; `batch` if several
+    laboratories measured; standard errors of the measured properties where known, relative to their values
+    (`effective_modulus_cv`) or in their units (`effective_modulus_sd_kpa`).
 
     Parameters
     ----------
@@ -120,6 +121,8 @@ class Fabrics(OneTable):
         Standard errors relative to the values; 0 for exact values.
     effective_modulus_low, effective_modulus_high
         Limits of an E_fab that was not measured [Pa].
+    batch
+        Batch of each fabric, whose moduli share one error; "" for all by default.
     source, rows, digest, notes
         File, line of each fabric in it, SHA-256 of its bytes, and notes for the user.
 
@@ -144,6 +147,7 @@ class Fabrics(OneTable):
     effective_modulus_cv: FloatArray = field(default_factory=_unmeasured)
     effective_modulus_low: FloatArray = field(default_factory=_unmeasured)
     effective_modulus_high: FloatArray = field(default_factory=_unmeasured)
+    batch: tuple[str, ...] = ()
     source: str = "fabrics"
     rows: tuple[int, ...] = ()
     digest: str = ""
@@ -155,6 +159,11 @@ class Fabrics(OneTable):
         object.__setattr__(self, "names", tuple(self.names))
         if len(set(self.names)) < len(self.names):
             raise InputError(f"{self.source}: two fabrics have the same name")
+        object.__setattr__(self, "batch", tuple(map(str, self.batch)) or ("",) * len(self.names))
+        if len(self.batch) != len(self.names):
+            raise InputError(
+                f"{self.source}: {len(self.batch)} batches of {len(self.names)} fabrics, expected one each"
+            )
         for name, column in PROPERTIES.items():
             values = np.broadcast_to(numbers(f"fabrics: {name}", getattr(self, name)), len(self.names))
             if column is POISSON_RATIO:
@@ -238,14 +247,14 @@ class Fabrics(OneTable):
         index = [place[name] for name in names]
         properties = {name: getattr(self, name)[index] for name in PROPERTIES}
         rows = tuple(self.rows[i] for i in index) if self.rows else ()
-        return replace(self, names=names, rows=rows, **properties)
+        return replace(self, names=names, rows=rows, batch=tuple(self.batch[i] for i in index), **properties)
 
     def cells(self) -> dict[str, list[str]]:
         """Return the nonempty columns as text for a file."""
         columns = {
             column.name: [column.write(value) for value in getattr(self, name)] for name, column in PROPERTIES.items()
         }
-        return {name: texts for name, texts in columns.items() if any(texts)}
+        return {name: texts for name, texts in {**columns, "batch": [*self.batch]}.items() if any(texts)}
 
     def _spot(self, i: int) -> str:
         row = f"row {self.rows[i]}, " if self.rows else ""
@@ -276,6 +285,11 @@ class Fabrics(OneTable):
         }
         for name in STANDARD_ERRORS:
             _take_standard_errors(table, fabric, first, name, properties)
+        batch = table.labels("batch") if "batch" in table else [""] * len(table)
+        for i in np.flatnonzero(fabric >= 0).tolist():
+            if batch[i] != (one := batch[first[fabric[i]]]):
+                problem = f"{quoted(labels[i])} is of {quoted(batch[i])} here and of {quoted(one)} elsewhere"
+                table.problem(i, "batch", f"{problem}; if it is no batch of moduli, give the column another title")
         faulty = fabric[np.isin(table.rows, [row for row, _ in table.faults])]
         sound = np.setdiff1d(np.arange(len(names)), faulty)
         some = {name: values[sound] for name, values in properties.items()}
@@ -300,7 +314,8 @@ class Fabrics(OneTable):
                 f"poisson_ratio {USUAL_POISSON_RATIO} is used for {usual} of {len(names)} fabrics without a value"
             )
         lines = tuple(int(row) for row in table.rows[first])
-        found = cls(tuple(names), **properties, source=table.place, rows=lines, digest=table.digest)
+        batches = tuple(batch[i] for i in first)
+        found = cls(tuple(names), **properties, batch=batches, source=table.place, rows=lines, digest=table.digest)
         if unknown := [name for name, basis in zip(found.names, found.basis, strict=True) if not basis]:
             notes.append(f"fabrics of unknown modulus: {listing(unknown)}")
         return replace(found, notes=tuple(f"{table.label}: {note}" for note in (*notes, *found.implausible())))

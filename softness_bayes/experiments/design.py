@@ -317,7 +317,7 @@ def candidates_of(outlook: Outlook, candidates: Fabrics | None, moduli: Sequence
     unknown = np.full(wanted.size, np.nan)
     arrays: dict[str, Any] = {k: np.append(v, unknown) for k, v in measured.items() if isinstance(v, np.ndarray)}
     arrays["effective_modulus"][len(base) :] = wanted
-    return replace(base, names=names, rows=(), **arrays)
+    return replace(base, names=names, rows=(), batch=(*base.batch, *[""] * wanted.size), **arrays)
 
 
 def quantities_of(outlooks: Sequence[Outlook], about: Sequence[str]) -> dict[str, Array]:

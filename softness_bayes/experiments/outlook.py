@@ -30,7 +30,6 @@ from softness_bayes.likelihood.scales import MAGNITUDE, SLIDER
 from softness_bayes.model.build import ExperimentModel
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.model.scenes import fabric_moduli, scene_of
-from softness_bayes.parameters.declared import MODULUS_SCALE
 from softness_bayes.parameters.space import FabricModuli
 from softness_bayes.results.fitted import Fitted, same_fabrics
 from softness_bayes.touch.contact import HERTZ_LIMIT, Force, Indentation, Load
@@ -254,15 +253,17 @@ class Outlook:
         Errors of rated fabrics that the model samples are parameters; those of other fabrics are errors of ratings.
         """
         sampled = self.posterior.space.modulus(self.theta)
-        common = np.reshape(self.named.get(MODULUS_SCALE, 1.0), (-1, 1))
-        modulus = np.broadcast_to(np.array(laws.middle) * common, (len(self.theta), rated.size))
+        own = self.model.moduli
+        batch = [own.batch[k] if k >= 0 else one for k, one in zip(rated, laws.batch, strict=True)]
+        shared = own.factor(self.named, batch, np.random.default_rng(0))
+        modulus = np.broadcast_to(np.array(laws.middle) * shared, (len(self.theta), rated.size))
         # half the width of the middle 68 %: the standard deviation if the law is log-normal
         ends = [np.ones(2) if law is None else law.quantile(ndtr([-1.0, 1.0])) for law in laws.laws]
         errors = 0.5 * np.diff(np.log(ends), axis=1)[:, 0]
         if sampled is None:
             return modulus, errors
         drawn = np.where(rated >= 0, sampled[:, rated], modulus)
-        varies = np.ptp(np.log(drawn / common), axis=0) > 1e-9  # more than by rounding
+        varies = np.ptp(np.log(drawn / shared), axis=0) > 1e-9  # more than by rounding
         return drawn, np.where((rated >= 0) & varies, 0.0, errors)
 
     def turning(self, load: Load) -> Array:

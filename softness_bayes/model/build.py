@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from softness_bayes.base.errors import InputError
+from softness_bayes.base.errors import InputError, quoted
 from softness_bayes.base.laws import LogNormal
 from softness_bayes.base.ranges import require_kind
+from softness_bayes.base.readable import counted
 from softness_bayes.data import Afferents, Compression, Experiment, Measurements, Ratings
 from softness_bayes.data.faults import listing
 from softness_bayes.data.oddities import few_raters_sentence
@@ -39,7 +40,7 @@ from softness_bayes.model.recordings.response import ProbedTouches
 from softness_bayes.parameters import declared
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.coordinates import Bent, Coordinate, Scaled
-from softness_bayes.parameters.space import FabricModuli, ParameterSpace
+from softness_bayes.parameters.space import FabricModuli, ParameterSpace, scales_of
 from softness_bayes.touch.accuracy import PRESETS, ChosenResolution, choose
 from softness_bayes.touch.finger_grid import SPREAD_OF
 from softness_bayes.touch.load_groups import groups_of
@@ -130,14 +131,23 @@ class ExperimentModel:
         options = self.requested
         reading = options.readings.fabric_modulus
         found = scenes.fabric_moduli(self.data.fabrics, reading, options.modulus_cv, options.unknown_modulus)
-        return replace(found, common=self._priors.get(declared.MODULUS_SCALE))
+        priors = self._priors
+        return replace(
+            found, factors={of: priors[name] for of, name in scales_of(found.batch).items() if name in priors}
+        )
 
     @property
     def _priors(self) -> dict[str, Any]:
-        """The priors given, and those of an error common to all moduli and of the force of a free touch, if any."""
+        """The priors given, and those of errors that moduli share and of the force of a free touch, if any."""
         options, own = self.requested, dict[str, Any]()
-        if options.shared_modulus_cv:
-            own[declared.MODULUS_SCALE] = LogNormal(1.0, float(np.sqrt(np.log1p(options.shared_modulus_cv**2))))
+        law = options.priors.get(declared.MODULUS_SCALE)
+        if law is None and options.shared_modulus_cv:
+            law = LogNormal(1.0, float(np.sqrt(np.log1p(options.shared_modulus_cv**2))))
+        if law is not None:
+            batch, most = self.data.fabrics.batch, len(declared.MODULUS_SCALES)
+            if len(set(batch)) > most:
+                raise InputError(f"{len(set(batch))} batches of moduli with an error each, expected at most {most}")
+            own |= dict.fromkeys(scales_of(batch).values(), law)
         if FREE_TOUCH in self.data.ratings.loads and declared.TOUCH_FORCE not in options.fix:
             own[declared.TOUCH_FORCE] = declared.EVERY_PARAMETER[declared.TOUCH_FORCE].prior
         return {**own, **options.priors}
@@ -167,7 +177,8 @@ class ExperimentModel:
             prior_set=options.prior_set,
             skin_displacement=options.readings.skin_displacement,
             n_participants=raters_told(data.ratings),
-            absent={*RatingModel.needs} - {*needs} | (set() if free else {declared.TOUCH_FORCE}),
+            absent={*RatingModel.needs, *declared.MODULUS_SCALES} - {*needs, *scales_of(data.fabrics.batch).values()}
+            | (set() if free else {declared.TOUCH_FORCE}),
             n_fingers=None if data.compression is None else len(data.compression.participants),
             membrane=options.readings.membrane,
             spreads=[{**SPREAD_OF, **RATER_SPREADS}[name] for name in options.individual],
@@ -383,7 +394,7 @@ def build_skin(data: Compression | Afferents | Measurements, options: ModelOptio
         priors=options.priors,
         prior_set=options.prior_set,
         skin_displacement=options.readings.skin_displacement,
-        absent={*declared.PARAMETERS, *declared.SHAPE_PARAMETERS, declared.MODULUS_SCALE} - used,
+        absent={*declared.PARAMETERS, *declared.SHAPE_PARAMETERS, *declared.MODULUS_SCALES} - used,
         n_fingers=None if data.compression is None else len(data.compression.participants),
         recorded=used,
     )
@@ -472,7 +483,7 @@ def sharing_note(data: Afferents, shared: tuple[str, ...]) -> str:
 
 
 def people_notes(experiment: Experiment, options: ModelOptions) -> list[str]:
-    """Describe what too few raters do not show, and which raters have plate forces and how these are used.
+    """Describe what too few raters do not show, whose moduli share an error, and who has plate forces and their use.
 
     Parameters
     ----------
@@ -481,8 +492,20 @@ def people_notes(experiment: Experiment, options: ModelOptions) -> list[str]:
     """
     ratings = experiment.ratings
     raters = len(ratings.participants) if ratings.cells is None else ratings.cells.raters
-    few = few_raters_sentence(raters)
-    return [*([few] if few else []), *([] if experiment.compression is None else [_forces_note(experiment, options)])]
+    notes = [few_raters_sentence(raters), _batch_note(experiment.fabrics.batch, options)]
+    if experiment.compression is not None:
+        notes.append(_forces_note(experiment, options))
+    return [note for note in notes if note]
+
+
+def _batch_note(batch: tuple[str, ...], options: ModelOptions) -> str:
+    if not any(batch):
+        return ""
+    scales = scales_of(batch)
+    if not options.shared_modulus_cv and not {*scales.values()} & options.priors.keys():
+        return "the column batch of the fabrics is not used without --shared-modulus-cv, the error that a batch shares"
+    told = [f"{name} of {quoted(of)} ({counted(batch.count(of), 'fabric')})" for of, name in scales.items()]
+    return f"moduli of a batch share a factor: {', '.join(told)}"
 
 
 def _forces_note(experiment: Experiment, options: ModelOptions) -> str:

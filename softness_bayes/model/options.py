@@ -363,7 +363,7 @@ class ModelOptions(Options):
         None,
         "--shared-modulus-cv",
         "Relative standard error that all moduli share, such as 0.15 for one tester that may read too high or too low: "
-        "one factor, sampled as modulus_scale.",
+        "one factor for each batch of the table of fabrics, sampled as modulus_scale.",
     )
     unknown_modulus: Prior = option(
         ModulusLaw(),

@@ -273,7 +273,7 @@ def fabric_moduli(
             laws.append(LogNormal(float(middle[k] / declared.KPA), float(errors[k])))
         else:
             laws.append(None)
-    return FabricModuli(fabrics.names, tuple(middle.tolist()), tuple(laws))
+    return FabricModuli(fabrics.names, tuple(middle.tolist()), tuple(laws), fabrics.batch)
 
 
 def at_other_loads(stated: Scene, errors: LoadErrors) -> Scene:

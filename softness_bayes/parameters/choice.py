@@ -15,7 +15,7 @@ from softness_bayes.parameters.declared import (
     EVERY_PARAMETER,
     FINGER_PARAMETERS,
     HELD,
-    MODULUS_SCALE,
+    MODULUS_SCALES,
     PARAMETERS,
     PLATE_PARAMETERS,
     PRIOR_SETS,
@@ -96,7 +96,7 @@ def parameter_space(
     absent |= (ERROR_PARAMETERS.keys() - {*of_errors}) | (ANSWER_PARAMETERS.keys() - {*spreads})
     absent |= RECORDING_PARAMETERS.keys() - {*recorded}
     _require_free_to_choose(freed, fix, absent, prior_set)
-    absent |= {*SHAPE_PARAMETERS, MODULUS_SCALE, TOUCH_FORCE} - freed
+    absent |= {*SHAPE_PARAMETERS, *MODULUS_SCALES, TOUCH_FORCE} - freed
     forced = _not_identifiable(freed, n_participants, n_fingers, membrane)
     fix |= {name: value for name, value in forced.items() if name not in {*fix, *absent}}
     held = {name: value for name, value in HELD.items() if name not in (*freed, *absent)} | fix
@@ -139,7 +139,7 @@ def _require_free_to_choose(freed: Set[str], fix: Mapping[str, float], absent: C
                 f"{name} is a value of the finger: set it with --finger {name}_mm=VALUE (in Python a Finger), "
                 "or give it a prior to sample it"
             )
-        if name in fix and name == MODULUS_SCALE:
+        if name in fix and name in MODULUS_SCALES:
             raise InputError(f"{name} cannot be fixed: multiply the moduli of the table by it, or give it a prior")
         if name in absent:
             raise InputError(f"{name}: the model of these data has no such parameter; omit it")

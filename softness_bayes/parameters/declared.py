@@ -224,7 +224,23 @@ ERROR_PARAMETERS: Mapping[str, Parameter] = _by_name(
 """Parameters of error laws other than normal, and of the thresholds of categories."""
 
 MODULUS_SCALE = "modulus_scale"
-"""Name of the factor between true and stated moduli that all fabrics share: the error of one tester."""
+"""Name of the factor between true and stated moduli that all fabrics share, or those of the first batch."""
+
+MODULUS_SCALES: Mapping[str, Parameter] = _by_name(
+    Parameter(MODULUS_SCALE, "$k_E$", "–", "common factor of moduli", LogNormal(1, 0.15), range=_MULTIPLIER),
+    *(
+        Parameter(
+            f"{MODULUS_SCALE}_{k}",
+            f"$k_{{E{k}}}$",
+            "–",
+            f"common factor of moduli, batch {k}",
+            LogNormal(1, 0.15),
+            range=_MULTIPLIER,
+        )
+        for k in range(2, 10)
+    ),
+)
+"""Factors between true and stated moduli that the fabrics of a batch share: the error of one tester."""
 
 TOUCH_FORCE = "touch_force"
 """Name of the force of free touches, which all ratings share."""
@@ -237,9 +253,7 @@ EVERY_PARAMETER: Mapping[str, Parameter] = MappingProxyType(
         **ANSWER_PARAMETERS,
         **FINGER_PARAMETERS,
         **RECORDING_PARAMETERS,
-        MODULUS_SCALE: Parameter(
-            MODULUS_SCALE, "$k_E$", "–", "factor common to all moduli", LogNormal(1, 0.15), range=_MULTIPLIER
-        ),
+        **MODULUS_SCALES,
         TOUCH_FORCE: Parameter(
             TOUCH_FORCE, "$F$", "N", "force of free touches", LogNormal(1, 0.7), range=FREE_FORCES, cut_below=True
         ),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -19,7 +19,7 @@ from softness_bayes.parameters.declared import (
     EVERY_PARAMETER,
     FABRIC_MODULUS,
     KPA,
-    MODULUS_SCALE,
+    MODULUS_SCALES,
     PARAMETERS,
     UNKNOWN_MODULUS,
     Parameter,
@@ -44,14 +44,18 @@ class FabricModuli:
         Measured modulus, or the median of the law [Pa], of each fabric.
     laws
         Law of each modulus [kPa]; None if it is known exactly.
-    common
-        Prior of the factor between true and stated moduli that all fabrics share; None without such an error.
+    batch
+        Batch of each fabric.
+    factors
+        Prior of the factor between true and stated moduli that the fabrics of a batch share, by batch; without it the
+        factor is 1.
     """
 
     names: tuple[str, ...]
     middle: tuple[float, ...]
     laws: tuple[Prior | None, ...]
-    common: Prior | None = None
+    batch: tuple[str, ...]
+    factors: Mapping[str, Prior] = field(default_factory=dict)
 
     @property
     def uncertain(self) -> tuple[int, ...]:
@@ -61,7 +65,7 @@ class FabricModuli:
     @property
     def known(self) -> bool:
         """True if every modulus is known exactly."""
-        return not self.uncertain and self.common is None
+        return not self.uncertain and not self.factors
 
     @property
     def extent(self) -> tuple[float, float]:
@@ -72,8 +76,9 @@ class FabricModuli:
             assert law is not None
             low, high = (np.asarray(law.quantile([3e-5, 1.0 - 3e-5])) * KPA).tolist()
             ends[k] = low, high
-        least, most = (1.0, 1.0) if self.common is None else self.common.quantile(np.array([3e-5, 1.0 - 3e-5])).tolist()
-        return least * min(low for low, _ in ends), most * max(high for _, high in ends)
+        of = {one: law.quantile(np.array([3e-5, 1.0 - 3e-5])).tolist() for one, law in self.factors.items()}
+        every = np.array(ends) * [of.get(one, (1.0, 1.0)) for one in self.batch]
+        return float(every[:, 0].min()), float(every[:, 1].max())
 
     def at(self, sampled: FloatArray) -> FloatArray:
         """Return E_fab [Pa] of every fabric, shape (..., fabrics), at sampled moduli [kPa], (..., uncertain)."""
@@ -81,6 +86,23 @@ class FabricModuli:
         found[...] = self.middle
         found[..., list(self.uncertain)] = sampled * KPA
         return found
+
+    def factor(
+        self, values: Mapping[str, Any], batch: Sequence[str], rng: np.random.Generator | None = None
+    ) -> FloatArray | float:
+        """Return the factor between true and stated moduli of fabrics of some batches, shape (..., fabrics).
+
+        `values` are those of the parameters that `scales_of` names. The factor of a batch that these fabrics do not
+        have is drawn from the prior, once for each of the values.
+        """
+        if not self.factors:
+            return 1.0
+        found = {one: np.asarray(values.get(name, 1.0)) for one, name in scales_of(self.batch).items()}
+        shape, law = np.broadcast_shapes(*(one.shape for one in found.values())), next(iter(self.factors.values()))
+        for one in dict.fromkeys(batch):
+            if one not in found and rng is not None:
+                found[one] = law.draw(rng, shape)
+        return np.stack([np.broadcast_to(found[one], shape) for one in batch], axis=-1)
 
 
 def require_law(name: str, law: Prior) -> None:
@@ -95,6 +117,11 @@ def require_law(name: str, law: Prior) -> None:
         raise InputError(
             f"{name}: {law} allows moduli below 0, expected a distribution above 0 [kPa], such as {UNKNOWN_MODULUS}"
         )
+
+
+def scales_of(batch: Sequence[str]) -> dict[str, str]:
+    """Return the parameter of the factor of each batch of moduli, in the order of the fabrics."""
+    return dict(zip(dict.fromkeys(batch), MODULUS_SCALES, strict=False))
 
 
 _REDRAWS = 1000
@@ -309,8 +336,8 @@ class ParameterSpace:
         """Return E_fab [Pa] of every fabric at points ``theta``, shape (..., fabrics); None if all are known."""
         if self.moduli is None:
             return None
-        found = self.moduli.at(theta[..., self.n_chain :])
-        return found if self.moduli.common is None else found * np.asarray(self.value(MODULUS_SCALE, theta))[..., None]
+        scales = {name: self.value(name, theta) for name in MODULUS_SCALES if self.knows(name)}
+        return self.moduli.at(theta[..., self.n_chain :]) * self.moduli.factor(scales, self.moduli.batch)
 
     def with_moduli(self, moduli: FabricModuli) -> ParameterSpace:
         """Return the space with uncertain moduli among the sampled parameters."""

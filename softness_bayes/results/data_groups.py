@@ -79,6 +79,8 @@ def data_groups(draws: RatedDraws, pit: LooPit) -> Groups:
     }
     for column, held in loads_by_column(ratings.loads).items():
         constant[column.name] = Variable(held / column.factor, ("load",), column.unit)
+    if any(fabrics.batch):
+        constant[layout.BATCH] = Variable(np.array(fabrics.batch), ("fabric",))
     if laws:
         constant[MODULUS_LAW] = Variable(np.array(laws), (layout.UNCERTAIN,))
     if cells is not None:

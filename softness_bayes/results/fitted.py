@@ -19,7 +19,7 @@ from softness_bayes.model.prediction import OtherTouches
 from softness_bayes.model.scenes import fabric_moduli, scene_of
 from softness_bayes.parameters import joint
 from softness_bayes.parameters.choice import require_values
-from softness_bayes.parameters.declared import EVERY_PARAMETER, FABRIC_MODULUS, KPA, MODULUS_SCALE
+from softness_bayes.parameters.declared import EVERY_PARAMETER, FABRIC_MODULUS, KPA
 from softness_bayes.parameters.space import FabricModuli
 from softness_bayes.results.data_groups import experiment_of
 from softness_bayes.results.run_options import Request
@@ -132,21 +132,23 @@ class Fitted:
     def modulus(self, rng: np.random.Generator, fabrics: Fabrics) -> Array | None:
         """Return E_fab [Pa] of each fabric at each draw, (draws, fabrics); None if all are known exactly.
 
-        Moduli of rated fabrics come from the posterior; those of other, uncertain fabrics are drawn from their laws.
+        Moduli of rated fabrics come from the posterior; those of other, uncertain fabrics are drawn from their laws, as
+        is the factor of a batch of which none was rated.
         """
         moduli, size = moduli_of(self.result, fabrics), len(self.theta)
         drawn = {k: law.draw(rng, size) for k, law in enumerate(moduli.laws) if law is not None}
+        batch, own = [*fabrics.batch], self.model.moduli
         for k, rated in enumerate(rated_among(self.result, fabrics)):
+            batch[k] = own.batch[rated] if rated >= 0 else batch[k]
             name = f"{FABRIC_MODULUS}[{fabrics.names[k]}]"
             if rated >= 0 and name in self.named:
                 drawn[k] = self.named[name]
-        if not drawn and MODULUS_SCALE not in self.named:
+        if not drawn and not own.factors:
             return None
         found = np.tile(moduli.middle, (size, 1))
         for k, values in drawn.items():
             found[:, k] = values * KPA
-        # the same tester is taken to have measured all cloth
-        return found * np.reshape(self.named.get(MODULUS_SCALE, 1.0), (-1, 1))
+        return found * own.factor(self.named, batch, rng)
 
 
 def options_of(result: Stored) -> ModelOptions:

@@ -21,7 +21,7 @@ from softness_bayes.base.errors import InputError
 from softness_bayes.base.files.json_text import as_json, parse_json
 from softness_bayes.base.files.whole import seal_of, unsealed
 from softness_bayes.base.supplied import require_trusted
-from softness_bayes.checking.layout import UNCERTAIN, loads_in
+from softness_bayes.checking.layout import BATCH, UNCERTAIN, loads_in
 from softness_bayes.checking.provenance import Provenance
 from softness_bayes.likelihood.scales import Scale
 from softness_bayes.parameters.declared import FABRIC_MODULUS, PARAMETERS
@@ -255,6 +255,7 @@ class Stored:
             tuple(str(name) for name in constant["fabric"].values),
             effective_modulus=constant["effective_modulus_kpa"].values * 1e3,
             poisson_ratio=constant["poisson_ratio"].values,
+            batch=tuple(constant[BATCH].values) if BATCH in constant else (),
             digest=self.provenance.rating_data.digest_fabrics,
         )
 

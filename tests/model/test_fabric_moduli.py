@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.special import logsumexp
-from scipy.stats import norm
+from scipy.stats import multivariate_normal, norm
 
 from softness_bayes.base.errors import InputError
 from softness_bayes.base.laws import LogNormal, LogUniform
@@ -94,22 +94,26 @@ def test_without_errors_all_moduli_are_known():
 
 
 @pytest.mark.parametrize("of_each", [None, 0.1])
-def test_an_error_common_to_all_moduli_is_one_factor(of_each):
-    """The posterior at a factor is that of moduli multiplied by it, with or without errors of each."""
-    cloth, free = fabrics(), ("b", "sigma_0", "gamma")
+@pytest.mark.parametrize("batch", ["", "ABA"])
+def test_an_error_that_moduli_share_is_one_factor_of_each_batch(of_each, batch):
+    """The posterior at factors is that of moduli multiplied by them, with or without errors of each."""
+    cloth, free = fabrics(batch=tuple(batch)), ("b", "sigma_0", "gamma")
+    scales = [MODULUS_SCALE, f"{MODULUS_SCALE}_2"][: len({*batch}) or 1]
+    factors = np.array([1.2, 0.9, 1.2] if batch else 3 * [1.2])
     ratings = made(cloth)
     options = ModelOptions(fix=held(*free), shared_modulus_cv=0.15, modulus_cv=of_each, discretisation=FINE)
     posterior = build(Experiment(ratings, cloth, ()), options).posterior
     names = posterior.names
     assert [name for name in names if "modulus" not in name] == [*free]
-    assert MODULUS_SCALE in names
-    (law,) = (p.prior for p in posterior.space.sampled if p.name == MODULUS_SCALE)
-    drawn = law.draw(np.random.default_rng(0), 200_000)
-    assert_allclose(drawn.std() / drawn.mean(), 0.15, rtol=0.01)
-    at = dict(zip(free, posterior.space.median, strict=False)) | {MODULUS_SCALE: 1.2}
+    laws = {p.name: p.prior for p in posterior.space.sampled if MODULUS_SCALE in p.name}
+    assert [*laws] == scales
+    for law in laws.values():
+        drawn = law.draw(np.random.default_rng(0), 200_000)
+        assert_allclose(drawn.std() / drawn.mean(), 0.15, rtol=0.01)
+    at = dict(zip(free, posterior.space.median, strict=False)) | dict(zip(scales, factors, strict=False))
     theta = np.array([at.get(name, p.prior.median) for name, p in zip(names, posterior.space.sampled, strict=True)])
     higher = fabrics()
-    object.__setattr__(higher, "effective_modulus", 1.2 * higher.effective_modulus)
+    object.__setattr__(higher, "effective_modulus", factors * higher.effective_modulus)
     stated = ModelOptions(fix=held(*free), modulus_cv=of_each, discretisation=FINE)
     other = build(Experiment(ratings, higher, ()), stated).posterior
     same = np.array([at.get(name, p.prior.median) for name, p in zip(other.names, other.space.sampled, strict=True)])
@@ -117,6 +121,45 @@ def test_an_error_common_to_all_moduli_is_one_factor(of_each):
     # negative control: the stated moduli give another density
     theta[names.index(MODULUS_SCALE)] = 1.0
     assert abs(posterior.log_likelihood(theta) - other.log_likelihood(same)) > 0.05
+
+
+def test_log_moduli_of_a_batch_are_correlated_and_those_of_others_are_not():
+    """The prior, summed over the factors, is the normal law with the covariance of shared and own errors."""
+    cloth, free = fabrics(batch=("A", "B", "A")), ("b",)
+    options = ModelOptions(fix=held(*free), shared_modulus_cv=0.3, modulus_cv=0.2, discretisation=FINE)
+    space = build(Experiment(made(cloth), cloth, ()), options).posterior.space
+    own, shared = np.log1p(0.2**2), np.log1p(0.3**2)
+    covariance = np.diag(np.full(3, own)) + shared * np.array([[1, 0, 1], [0, 1, 0], [1, 0, 1]])
+    place = [space.names.index(name) for name in (MODULUS_SCALE, f"{MODULUS_SCALE}_2")]
+    log, step = np.linspace(-1.8, 1.8, 121, retstep=True)
+    first, second = np.exp(np.meshgrid(log, log, indexing="ij"))
+    for shift in ([0.0, 0.0, 0.0], [0.3, -0.2, 0.4], [0.4, 0.1, -0.4]):
+        true = np.log(cloth.effective_modulus / KPA) + shift
+        theta = np.tile(space.median, (*first.shape, 1))
+        theta[..., place[0]], theta[..., place[1]] = first, second
+        theta[..., -3:] = np.exp(true) / np.stack([first, second, first], axis=-1)
+        assert_allclose(space.modulus(theta) / KPA, np.broadcast_to(np.exp(true), theta[..., -3:].shape))
+        joint = space.log_prior(theta)[..., [*place, -3, -2, -1]] + np.log(theta[..., [*place, -3, -2, -1]])
+        found = logsumexp(joint.sum(axis=-1)) + 2 * np.log(step)
+        assert found == pytest.approx(multivariate_normal.logpdf(shift, cov=covariance), abs=1e-6)
+    # negative control: errors that all fabrics share, or none do, have other densities
+    for other in (own * np.eye(3) + shared, (own + shared) * np.eye(3)):
+        assert abs(multivariate_normal.logpdf(shift, cov=other) - found) > 0.3
+
+
+def test_a_batch_may_be_exact_and_too_many_are_refused():
+    cloth = fabrics(batch=("A", "B", "A"))
+    options = ModelOptions(fix=held("b"), priors={f"{MODULUS_SCALE}_2": LogNormal(1, 0.1)}, discretisation=FINE)
+    space = build(Experiment(made(cloth), cloth, ()), options).posterior.space
+    assert space.names == ("b", f"{MODULUS_SCALE}_2")
+    assert_allclose(space.modulus(np.array([80.0, 1.5])), cloth.effective_modulus * [1.0, 1.5, 1.0])
+    with pytest.raises(InputError, match="modulus_scale_3: the model of these data has no such parameter"):
+        build(Experiment(made(cloth), cloth, ()), replace(options, priors={f"{MODULUS_SCALE}_3": LogNormal(1, 0.1)}))
+    many = Fabrics(tuple("abcdefghij"), effective_modulus=np.geomspace(4e4, 5e5, 10), batch=tuple("abcdefghij"))
+    with pytest.raises(InputError, match="10 batches of moduli with an error each, expected at most 9"):
+        build(Experiment(made(many), many, ()), ModelOptions(fix=held("b"), shared_modulus_cv=0.1, discretisation=FINE))
+    with pytest.raises(InputError, match="2 batches of 3 fabrics"):
+        fabrics(batch=("A", "B"))
 
 
 def test_the_factor_of_all_moduli_is_no_fixed_value():

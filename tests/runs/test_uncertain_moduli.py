@@ -1,6 +1,7 @@
 """Runs on moduli that are not known exactly, from the data to the files, the report and the command line."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,14 +10,19 @@ from scipy.stats import kstest
 
 from softness_bayes.base.errors import InputError
 from softness_bayes.base.laws import LogNormal
+from softness_bayes.checking.layout import layout_of
 from softness_bayes.data import Fabrics
+from softness_bayes.report.conclusion import facts_of
+from softness_bayes.results.data_groups import experiment_of
 from softness_bayes.results.fitted import Fitted
 from support.command_line import call
 from support.paths import DATA
-from support.report_runs import CLOTH, quickly
+from support.report_runs import CLOTH, converged, quickly
 from support.variants import vague_moduli
 
 NAMES = tuple(f"fabric_modulus[{name}]" for name in CLOTH.names)
+
+SCALES = ("modulus_scale", "modulus_scale_2")
 
 
 @pytest.fixture(scope="module")
@@ -91,9 +97,46 @@ def test_an_unknown_fabric_that_no_one_rated_has_the_law_of_unknown_moduli(resul
     assert rows.loc[CLOTH.names[3], "e_fab_kpa"] == pytest.approx(posterior)
 
 
+def test_fabrics_of_a_batch_are_predicted_with_its_factor_and_those_of_a_new_one_with_a_fresh_draw(variant_run):
+    result, size = variant_run("batches"), 400
+    names = (CLOTH.names[3], "a", "b", "c", "d", "e")
+    modulus = np.array([CLOTH.effective_modulus[3], *[5e4] * 5])
+    fabrics = Fabrics(names, effective_modulus=modulus, batch=("", "mill A", "mill B", "mill C", "mill C", ""))
+    with quickly():
+        fitted = Fitted(result, size)
+        factor = fitted.modulus(np.random.default_rng(3), fabrics) / modulus
+        table = result.predict(fabrics, draws=50).groupby("fabric", sort=False).first()
+    first, second = (fitted.named[name] for name in SCALES)
+    # a rated fabric keeps its batch, even if the table does not repeat it
+    assert_allclose(factor[:, :3], np.stack([second, first, second], axis=-1))
+    assert_allclose(factor[:, 3], factor[:, 4])
+    fresh = np.log(factor[:, [3, 5]])
+    assert_allclose(fresh.std(axis=0), np.sqrt(np.log1p(0.2**2)), rtol=0.2)
+    assert_allclose(
+        np.corrcoef(fresh, np.log([first, second]).T, rowvar=False)[np.triu_indices(4, 1)][:5], 0, atol=0.25
+    )
+    assert (table["e_fab_kpa_low"] < table["e_fab_kpa_high"]).all()
+    # the order of fabrics by stiffness is that of the draws, and batches come back from the file
+    assert experiment_of(result).fabrics.batch == ("mill A", "mill A", "mill B", "mill B")
+    expected = CLOTH.effective_modulus * np.median(np.repeat([result.values()[n] for n in SCALES], 2, axis=0), axis=1)
+    layout = layout_of(result.tree)
+    assert_allclose(layout.modulus, expected[layout.design.fabric])
+
+
 def test_sentences_and_page_say_what_became_of_the_moduli(result):
     assert any(line.startswith("fabric moduli: the ratings narrow") for line in result.learnt())
     assert not result.moduli_assumed
+
+
+def test_a_factor_of_moduli_is_said_with_its_batch(variant_run):
+    result = variant_run("batches")
+    facts = facts_of(converged(result))
+    assert [one.words for one in facts.parameters][-2:] == [
+        "common factor of moduli (modulus_scale: mill A)",
+        "common factor of moduli, batch 2 (modulus_scale_2: mill B)",
+    ]
+    assert not any("common to all moduli" in line for line in facts.cautions)
+    assert any("--shared-modulus-cv" in line for line in facts_of(variant_run("loads")).cautions)  # the control
 
 
 @pytest.mark.parametrize(
@@ -110,6 +153,28 @@ def test_impossible_errors_are_refused(tmp_path, typed, problem):
     assert ended.returncode == 2
     assert problem in ended.stderr
     assert not (tmp_path / "run").exists()
+
+
+def test_check_and_sample_say_which_batches_share_an_error(tmp_path):
+    fabrics = Path(DATA / "fabrics.csv").read_text(encoding="utf-8").splitlines()
+    batch = ["batch", *("mill A" if k % 3 else "mill B" for k in range(len(fabrics) - 1))]
+    file = tmp_path / "cloth.csv"
+    file.write_text("\n".join(f"{row},{one}" for row, one in zip(fabrics, batch, strict=True)), encoding="utf-8")
+    typed = ("check", "--data", DATA / "ratings.csv", "--fabrics", file)
+    unused = [line for line in call(*typed).stdout.splitlines() if "batch" in line]
+    assert unused == [
+        "note: the column batch of the fabrics is not used without --shared-modulus-cv, the error that a batch shares"
+    ]
+    used = [line for line in call(*typed, "--shared-modulus-cv", "0.2").stdout.splitlines() if "batch" in line]
+    counts = (batch.count("mill B"), batch.count("mill A"))
+    assert used == [
+        "note: moduli of a batch share a factor: modulus_scale of 'mill B' ({} fabrics), modulus_scale_2 of 'mill A' "
+        "({} fabrics)".format(*counts)
+    ]
+    file.write_text(file.read_text(encoding="utf-8").replace("mill A", "", 1), encoding="utf-8")
+    ended = call(*typed)
+    assert ended.returncode == 2
+    assert "row 3, column 'batch': expected a name" in ended.stderr
 
 
 def test_check_says_which_moduli_have_no_errors():

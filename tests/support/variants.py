@@ -65,6 +65,11 @@ def vague_moduli() -> Experiment:
     return experiment()._replace(fabrics=fabrics)
 
 
+def batches() -> Experiment:
+    """Return fabrics of two mills, the second of which measured the last two."""
+    return experiment()._replace(fabrics=replace(CLOTH, batch=("mill A", "mill A", "mill B", "mill B")))
+
+
 MEANT, TOUCHES = (0.5, 1.0, 2.0), 8
 """Forces that were meant [N], and the touches at each, each with another force."""
 
@@ -143,6 +148,7 @@ VARIANTS = {
         (),
         ("fabric_moduli.csv", "modulus_errors.csv"),
     ),
+    "batches": Variant(batches, {"shared_modulus_cv": 0.2}, {"modulus_scale", "modulus_scale_2"}),
     "measured loads": Variant(measured_loads, {}, set(), ("24 loads in 3 groups",)),
     "whole numbers": Variant(
         whole_numbers, {"errors": STUDENT, "direction": FREE, "max_steps": 6}, {"nu"}, ("censored",)
