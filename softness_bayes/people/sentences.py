@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,7 +24,9 @@ MOST_NAMED = 4
 """Largest number of fabrics that are named as possibly the highest."""
 
 
-def highest_sentences(table: pd.DataFrame, word: str, scale: Scale) -> list[str]:
+def highest_sentences(
+    table: pd.DataFrame, word: str, scale: Scale, chain: Mapping[str, str] = MappingProxyType({})
+) -> list[str]:
     """Return a sentence for each load on the fabric that people rated highest.
 
     Parameters
@@ -34,14 +37,16 @@ def highest_sentences(table: pd.DataFrame, word: str, scale: Scale) -> list[str]
         `FreeMeans.word`.
     scale
         Scale of the ratings.
+    chain
+        The fabric that a chain predicts to be highest, by load, in place of people's lowest.
     """
     return [
-        _highest(rows.sort_values("people", ascending=False), word, scale)
-        for _, rows in table.groupby("load", sort=False)
+        _highest(rows.sort_values("people", ascending=False), word, scale, chain.get(str(load), ""))
+        for load, rows in table.groupby("load", sort=False)
     ]
 
 
-def _highest(rows: pd.DataFrame, word: str, scale: Scale) -> str:
+def _highest(rows: pd.DataFrame, word: str, scale: Scale, chain: str) -> str:
     load = str(rows["load"].iloc[0])
     at, top = f" at {load}" if load else "", rows.iloc[0]
     if math.isnan(top["p_highest"]):
@@ -49,23 +54,18 @@ def _highest(rows: pd.DataFrame, word: str, scale: Scale) -> str:
             f"{top['fabric']} has the highest mean{at}, {_value(top['people'], scale)}; the table does not show how "
             "uncertain the means are"
         )
-    last = f"; the lowest mean is that of {_named(rows.iloc[-1], scale)}" if len(rows) > 1 else ""
+    lowest = rows.iloc[-1]
+    last = f"; the lowest mean is that of {lowest['fabric']}, {_interval(lowest, scale)}" if len(rows) > 1 else ""
+    last = f"; chain: {chain}" if chain else last
     first = rows.sort_values("p_highest", ascending=False)
     best = first.iloc[0]
     if best["p_highest"] >= CLEAR or len(rows) == 1:
         sure = f" (probability {chance(best['p_highest'])})" if len(rows) > 1 else ""
         return f"{best['fabric']} is the {word}{at}{sure}, {_interval(best, scale)}{last}"
     count = min(int(np.searchsorted(first["p_highest"].cumsum(), CLEAR)) + 1, MOST_NAMED)
-    named = [
-        f"{row['fabric']} ({chance(row['p_highest'])}; {_interval(row, scale)})"
-        for _, row in first.head(count).iterrows()
-    ]
+    named = [f"{row['fabric']} ({chance(row['p_highest'])})" for _, row in first.head(count).iterrows()]
     others = " or another one" if first["p_highest"].head(count).sum() < CLEAR else ""
     return f"the {word}{at} is {' or '.join(named)}{others}{last}"
-
-
-def _named(row: pd.Series, scale: Scale) -> str:
-    return f"{row['fabric']}, {_interval(row, scale)}"
 
 
 def _interval(row: pd.Series, scale: Scale) -> str:

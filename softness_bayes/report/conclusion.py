@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,21 +21,23 @@ from softness_bayes.checking.sentences import only_noisy, surprise_sentence, sur
 from softness_bayes.data.oddities import few_raters_sentence
 from softness_bayes.likelihood.scales import FALLS, PAIRS, RISES
 from softness_bayes.model.direction import odd_raters
-from softness_bayes.parameters.declared import EVERY_PARAMETER, MODULUS_SCALE, PARAMETERS, RECORDING_PARAMETERS
+from softness_bayes.parameters.declared import EVERY_PARAMETER, MODULUS_SCALES, PARAMETERS, RECORDING_PARAMETERS
+from softness_bayes.parameters.space import scales_of
 from softness_bayes.people.free_means import word_of
 from softness_bayes.people.ruler import UNKNOWN, Following, fit_of
 from softness_bayes.people.sentences import highest_sentences, pairs_sentence, ruler_sentence
 from softness_bayes.report.cards import exactness_of, input_errors_of
+from softness_bayes.results.rating_table import rises_with_stiffness
 from softness_bayes.results.result import Result
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 LIKELY = 0.9
 """Probability above which a turning point is reported; below one minus this, its absence is reported."""
 
 _AGREE, _ENOUGH = 1.05, 200.0
 """Largest R-hat and smallest bulk effective sample size at which the findings of a first look are reported."""
+
+_NARROWED = 1.0 - INFORMED**2
+"""Contraction from which the interval of a parameter is clearly narrower than its prior's."""
 
 
 class Turn(NamedTuple):
@@ -57,8 +59,8 @@ class Turn(NamedTuple):
         return self.probability <= 1.0 - LIKELY or (self.probability >= LIKELY and self.reproduced is not None)
 
 
-class Skin(NamedTuple):
-    """The posterior of one parameter of a run without ratings."""
+class Learnt(NamedTuple):
+    """The posterior of one parameter."""
 
     name: str
     low: float
@@ -66,6 +68,20 @@ class Skin(NamedTuple):
     """90 % interval, in natural units."""
     informed: bool
     """True if the interval is clearly narrower than the prior's."""
+    unit: str = "–"
+    of: str = ""
+    """Batch of moduli that it belongs to."""
+
+    @property
+    def words(self) -> str:
+        """Meaning of the parameter with its name, and whose it is."""
+        return f"{EVERY_PARAMETER[self.name].meaning} ({self.name}{f': {self.of}' if self.of else ''})"
+
+    @property
+    def interval(self) -> str:
+        """The parameter with its interval and unit."""
+        unit = f" {self.unit}" if self.unit != "–" else ""
+        return f"{self.words} {number(self.low)} to {number(self.high)}{unit}"
 
 
 class Facts(NamedTuple):
@@ -84,12 +100,12 @@ class Facts(NamedTuple):
     unreproduced: tuple[str, ...] = ()
     """Failed predictive checks other than the turning point."""
     turns: tuple[Turn, ...] = ()
-    skin: tuple[Skin, ...] = ()
-    """Parameters of a run without ratings; empty for one with ratings."""
+    rated: bool = True
+    """False for a run without ratings."""
+    parameters: tuple[Learnt, ...] = ()
+    """Parameters that the data inform or not."""
     fabrics: tuple[float, float] = (np.nan, np.nan)
     """Range of E_fab of the rated fabrics [kPa]."""
-    highest: tuple[HighestRated, ...] = ()
-    """The fabric under each load that is most probably the highest rated."""
     moved: MovedMost | None = None
     """Largest shift due to errors of moduli assumed to be exact, if relevant."""
     quick: bool = False
@@ -97,7 +113,7 @@ class Facts(NamedTuple):
     settled: bool = False
     """True if the ensembles of a first look agree well enough to report its findings."""
     people: tuple[str, ...] = ()
-    """Sentences on people's own means, and on how much of them the chain keeps."""
+    """Sentences on people's own means with what the chain predicts, and on how much of them the chain keeps."""
     follows: Following = UNKNOWN
     """Answer to whether the chain follows the ratings, by its ruler."""
     odd: str = ""
@@ -110,10 +126,6 @@ class Facts(NamedTuple):
     """Sentence on parameters whose posterior is far from their prior; empty if none is."""
     noisy: bool = False
     """True if these are the spread of ratings alone."""
-    known: tuple[str, ...] = ()
-    """Parameters that the data inform, with their 90 % intervals."""
-    unknown: tuple[str, ...] = ()
-    """Names of the parameters that they do not inform."""
     cautions: tuple[str, ...] = ()
     """Errors that no check of this run can show."""
 
@@ -174,7 +186,6 @@ def facts_of(result: Result) -> Facts:
     ending, summary = result.provenance.ending, result.summary()
     settled = summary["r_hat"].max() <= _AGREE and summary["ess_bulk"].min() >= _ENOUGH
     recorded = result.recorded_findings.faults if result.has_afferents else ()
-    parameters = _skin(summary)
     facts = Facts(
         ending.converged,
         ending.steps,
@@ -182,15 +193,17 @@ def facts_of(result: Result) -> Facts:
         settled=bool(ending.quick and settled),
         surprise=surprise_sentence(summary) if surprises(summary).size else "",
         noisy=only_noisy(summary),
+        rated=result.has_ratings,
+        parameters=_parameters(result),
     )
     if not result.has_ratings:
         failed = result.has_compression and result.provenance.plate.force_p_value < DOUBTFUL  # NaN is not
         wrong = ("growth of the plate's force with indentation",) if failed else ()
-        return facts._replace(unreproduced=(*wrong, *recorded), skin=parameters)
+        return facts._replace(unreproduced=(*wrong, *recorded))
     ruler = result.tables.get(RULER)
     fit, checks, inputs = fit_of(result.tree, ruler), result.tables["predictive_checks"], input_errors_of(result)
     other = next(one.name for one in (RISES, FALLS) if one is not fit.direction.direction)
-    modulus = result.fabrics.effective_modulus
+    fabrics, speaks = result.fabrics, (ending.converged or settled) and not fit.failed
     reproduced = {one.load: one.reproduced for one in turns_reproduced(checks)}
     turns = result.inflection()[["p_interior", "e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high"]]
     return facts._replace(
@@ -206,22 +219,29 @@ def facts_of(result: Result) -> Facts:
             Turn(load, probability, low, middle, high, reproduced.get(load))
             for load, probability, low, middle, high in turns.itertuples(name=None)
         ),
-        fabrics=(float(modulus.min()) / 1e3, float(modulus.max()) / 1e3),
-        highest=highest_rated(result.tree),
+        fabrics=(float(fabrics.effective_modulus.min()) / 1e3, float(fabrics.effective_modulus.max()) / 1e3),
         moved=inputs.largest if inputs.sensitive else None,
-        people=_people(result),
+        people=_people(result, highest_rated(result.tree) if speaks else ()),
         follows=fit.follows if ending.converged or settled else UNKNOWN,
-        known=tuple(f"{one.name} {number(one.low)} to {number(one.high)}" for one in parameters if one.informed),
-        unknown=tuple(one.name for one in parameters if not one.informed),
         cautions=_cautions(result),
     )
 
 
-def _skin(summary: pd.DataFrame) -> tuple[Skin, ...]:
-    rows = summary[summary.index.isin({**PARAMETERS, **RECORDING_PARAMETERS})]
-    informed = rows["contraction"] >= 1.0 - INFORMED**2
-    columns = (rows.index, rows["hdi_low"], rows["hdi_high"], informed)
-    return tuple(Skin(str(name), *row) for name, *row in zip(*columns, strict=True))
+def _parameters(result: Result) -> tuple[Learnt, ...]:
+    of = {name: batch for batch, name in scales_of(result.fabrics.batch).items()} if result.has_ratings else {}
+    posterior, summary = result.group("posterior"), result.summary()
+    rows = summary[summary.index.isin({**PARAMETERS, **RECORDING_PARAMETERS, **MODULUS_SCALES})]
+    return tuple(
+        Learnt(
+            str(name),
+            row.hdi_low,
+            row.hdi_high,
+            row.contraction >= _NARROWED,
+            posterior[name].units,
+            of.get(str(name), ""),
+        )
+        for name, row in rows.iterrows()
+    )
 
 
 def _remedies(result: Result) -> tuple[str, ...]:
@@ -252,28 +272,33 @@ def _odd(result: Result) -> str:
 
 
 def _cautions(result: Result) -> tuple[str, ...]:
-    """Return what no check of a run can show: errors common to all moduli, and people who were not asked."""
+    """Return what no check of a run can show: people who were not asked, a reversed scale, errors that moduli share."""
     raters = result.group("constant_data").get(RATERS_OF_CELLS)
     people = result.group("log_likelihood_participant").sizes["participant"] if raters is None else int(raters)
-    stated = [one for one in (few_raters_sentence(people), result.said_of_force()) if one]
-    if MODULUS_SCALE in result.group("posterior"):
-        return tuple(stated)
+    scale = "stiffer fabrics get the higher ratings: does higher mean softer on this scale?"
+    scale = scale if rises_with_stiffness(result) else ""
     common = (
         "an error common to all moduli (a tester that reads 20 % high) moves b, sigma_0 and beta together, and no "
-        "rating shows it: state its size with --shared-modulus-cv; turning points as E_fab / E_skin do not depend on it"
+        "rating shows it: state its size with --shared-modulus-cv (a column batch: one error for each laboratory); "
+        "turning points as E_fab / E_skin do not depend on it"
     )
-    return (*stated, common)
+    common = "" if MODULUS_SCALES.keys() & result.group("posterior").keys() else common
+    return tuple(one for one in (few_raters_sentence(people), result.said_of_force(), scale, common) if one)
 
 
-def _people(result: Result) -> tuple[str, ...]:
-    """Return what people said under each load, how many pairs they tell apart, and what the chain keeps of it."""
+def _people(result: Result, chain: Sequence[HighestRated]) -> tuple[str, ...]:
+    """Return what people said under each load beside the chain, which pairs differ, and what it keeps of this."""
     if RULER not in result.tables:
         return ()  # a custom scale
     table, ruler, scale = result.tables[FABRIC_RATINGS].reset_index(), result.tables[RULER], result.scale
     word = word_of(result.provenance.rating_data.rating_column, scale)
     told = pairs_sentence(result.load_groups.names, result.group("constant_data")[PEOPLE_ORDERS].values)
     alike = ruler["value"].isna()["share"]  # which of fabrics that people do not tell apart is highest is chance
-    highest = () if alike else highest_sentences(table, word, scale)
+    beside = {}
+    for one in chain:
+        likely = with_error(100 * one.probability, 100 * one.error, " %") if one.error else chance(one.probability)
+        beside[one.load] = f"{'' if one.clear else 'none clear, '}{one.fabric} ({likely})"
+    highest = () if alike else highest_sentences(table, word, scale, beside)
     return (*highest, *filter(None, [told]), ruler_sentence(ruler, scale))
 
 
@@ -356,34 +381,18 @@ def _learnt(facts: Facts) -> str:
         return "nothing about skin or receptors, because the model does not fit these ratings."
     if not facts.converged and not facts.settled:
         return "nothing yet. The draws so far are for inspection only."
-    if facts.skin:
-        clauses = [_known(one) for one in facts.skin]
-    elif facts.differ:
-        clauses = [*_highest(facts.highest), *(_turned(turn, facts.rejected, facts.fabrics) for turn in facts.turns)]
-    else:
+    clauses = [_turned(turn, facts.rejected, facts.fabrics) for turn in facts.turns]
+    if not facts.differ:
         clauses = [
             "the ratings do not differ between fabrics by more than noise, so they show little about the turning point"
         ]
     if facts.direction:
         clauses.insert(0, facts.direction)
-    if facts.known:
-        clauses.append(f"learnt (90 % intervals): {', '.join(facts.known)}")
-    if facts.unknown:
-        clauses.append(f"not learnt, as wide as their priors: {', '.join(facts.unknown)}")
+    known = [one.interval for one in facts.parameters if one.informed]
+    unknown = [one.words for one in facts.parameters if not one.informed]
+    clauses += [f"learnt (90 % intervals): {', '.join(known)}"] if known else []
+    clauses += [f"not learnt, as wide as their priors: {', '.join(unknown)}"] if unknown else []
     return f"{'preliminary: ' * facts.quick}{'; '.join(clauses)}."
-
-
-def _highest(highest: tuple[HighestRated, ...]) -> list[str]:
-    """Return clauses on the fabric that the chain predicts to be rated highest, and on loads without a clear one."""
-    clear, unclear = [], []
-    for one in highest:
-        likely = with_error(100 * one.probability, 100 * one.error, " %") if one.error else chance(one.probability)
-        if one.clear:
-            clear.append(f"{one.fabric} at {one.load} (probability {likely})")
-        else:
-            unclear.append(f"{one.load} (most probable: {one.fabric}, {likely} among {one.fabrics})")
-    clauses = [f"the chain predicts the highest rating for {_listed(clear)}"] if clear else []
-    return [*clauses, f"the chain predicts no single highest rating at {_listed(unclear)}"] if unclear else clauses
 
 
 def _turned(turn: Turn, rejected: bool, fabrics: tuple[float, float]) -> str:
@@ -403,15 +412,6 @@ def _turned(turn: Turn, rejected: bool, fabrics: tuple[float, float]) -> str:
     if not fabrics[0] <= turn.middle <= fabrics[1]:
         alone += ", which is an extrapolation beyond the fabrics rated"
     return f"{at} turns over at E_fab = {number(turn.middle)} kPa {limits}{alone}"
-
-
-def _known(one: Skin) -> str:
-    declared = EVERY_PARAMETER[one.name]
-    name = f"the {declared.meaning} ({one.name})"
-    if not one.informed:
-        return f"{name} is weakly identified: its posterior is nearly as wide as its prior"
-    unit = f" {declared.unit}" if declared.unit != "–" else ""
-    return f"{name} lies between {one.low:.3g} and {one.high:.3g}{unit} (90 % interval)"
 
 
 def _next(facts: Facts, directory: str | None) -> str:
@@ -435,11 +435,11 @@ def _next(facts: Facts, directory: str | None) -> str:
         return f"'softness-bayes resume {directory or 'DIR'}' continues to the full run and repeats no step."
     if not facts.converged:
         return f"continue the run with 'softness-bayes resume {directory or 'DIR'}'."
-    if (facts.contradicted or facts.unreproduced) and facts.skin:
+    if (facts.contradicted or facts.unreproduced) and not facts.rated:
         return "look in the figures of the data for fingers or probes that differ from the others, and check units."
     if facts.noisy:
         return "look for guesses and outliers: try --errors lapses, and rank the runs with 'softness-bayes compare'."
-    if facts.surprise and not facts.skin:
+    if facts.surprise and facts.rated:
         return (
             "check the units of moduli and loads; state an error common to all moduli (--shared-modulus-cv 0.3), or "
             f"try {READINGS}, and rank the runs with 'softness-bayes compare'."
@@ -460,8 +460,8 @@ def _next(facts: Facts, directory: str | None) -> str:
 
 def _helpful(facts: Facts) -> str:
     """Return which further data would help most; empty if every turning point is decided."""
-    if facts.skin:
-        weak = [one.name for one in facts.skin if not one.informed]
+    if not facts.rated:
+        weak = [one.name for one in facts.parameters if not one.informed]
         if weak:
             return f"forces of more fingers, or rates under more probes and loads, would narrow {_listed(weak)}"
         return "ratings (--data) would show where the response turns over"

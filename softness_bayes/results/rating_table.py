@@ -21,6 +21,7 @@ from softness_bayes.data.ratings import FREE_TOUCH, load_column
 from softness_bayes.likelihood.design import IndexArray
 from softness_bayes.model.prediction import log_rate_slope, prediction_table
 from softness_bayes.parameters.declared import KPA
+from softness_bayes.people.free_means import word_of
 from softness_bayes.results.fitted import Fitted, rated_among
 from softness_bayes.results.stored import Stored
 from softness_bayes.touch.contact import Force, Indentation, Load
@@ -50,6 +51,9 @@ NOTICED = 0.05
 
 KEPT = 0.9
 """Share of what people's own means predict; a chain that keeps less for certain does not follow the ratings."""
+
+_RISES = 0.5
+"""Mean rank correlation of ratings with stiffness above which they clearly rise with it."""
 
 _SAME = 1e-6  # relative difference below which a value is at the end of a range
 _HELD = {Indentation: "indentation", Force: "force"}  # field of the contact held constant by a load
@@ -292,10 +296,15 @@ def cautions(result: Stored, fabrics: Fabrics | None) -> list[str]:
     said = []
     if result.provenance.rating_data.simulated:
         said.append("the ratings of this run were simulated: nobody rated them, and they say nothing about real cloth")
-    table = result.tables[FABRIC_RATINGS]
+    if rises_with_stiffness(result):
+        said.append("in this run stiffer fabrics were rated higher, which is not what softness means for cloth")
+    return said
+
+
+def rises_with_stiffness(result: Stored) -> bool:
+    """Return whether stiffer fabrics were clearly rated higher, on a scale that is not one of hardness."""
+    table, data = result.tables[FABRIC_RATINGS], result.provenance.rating_data
     trend = [
         rows["e_fab_kpa"].rank().corr(rows["rated"].rank()) for _, rows in table.groupby(level="load") if len(rows) > 2
     ]
-    if trend and np.mean(trend) > 0 and "hard" not in result.provenance.rating_data.rating_column.casefold():
-        said.append("in this run stiffer fabrics were rated higher, which is not what softness means for cloth")
-    return said
+    return bool(trend) and bool(np.mean(trend) > _RISES) and word_of(data.rating_column, result.scale) != "hardest"

@@ -15,7 +15,7 @@ from softness_bayes.likelihood.error_laws import NORMAL
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.people.ruler import Following
-from softness_bayes.report.conclusion import Facts, Skin, Turn, conclude, facts_of
+from softness_bayes.report.conclusion import Facts, Learnt, Turn, conclude, facts_of
 from softness_bayes.runs.run import sample
 from softness_bayes.touch.contact import Force
 from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
@@ -32,22 +32,6 @@ def test_a_converged_run_whose_turning_point_is_reproduced():
     assert found.trust.startswith("Yes: ")
     assert found.learnt == "at 1 mm the response turns over at E_fab = 85 kPa (90 % interval 60 to 120 kPa)."
     assert found.next_step == "read the page that 'softness-bayes report results' writes."
-
-
-def test_the_highest_rated_fabric_is_named_only_where_it_is_clear():
-    softest = (HighestRated("1 mm", "gauze", 0.93, 0.02, 4), HighestRated("2 mm", "lawn", 1.0, 0.0, 4))
-    told = conclude(GOOD._replace(highest=softest)).learnt
-    assert told.startswith(
-        "the chain predicts the highest rating for gauze at 1 mm (probability 93 ± 2 %) and lawn "
-        "at 2 mm (probability >99 %); at 1 mm the response"
-    )
-    # more probable than not by less than its error: not said
-    unclear = conclude(GOOD._replace(highest=(HighestRated("1 mm", "gauze", 0.53, 0.02, 4),))).learnt
-    assert unclear.startswith(
-        "the chain predicts no single highest rating at 1 mm (most probable: gauze, 53 ± 2 % among 4)"
-    )
-    for failed in ({"converged": False}, {"follows": Following(False, True)}, {"differ": False}):
-        assert "highest" not in conclude(GOOD._replace(highest=softest, **failed)).learnt
 
 
 def test_a_load_that_cannot_tell_asks_for_the_fabrics_that_would():
@@ -144,9 +128,12 @@ def test_a_rejected_model_says_that_its_turning_points_depend_on_it():
 
 
 def test_a_run_on_plate_forces_alone_says_what_is_known_of_the_skin():
-    found = conclude(Facts(True, 500, skin=(Skin("b", 70.0, 90.0, True), Skin("m", 1.0, 4.0, False))), "results")
-    assert "the skin modulus at rest (b) lies between 70 and 90 kPa (90 % interval)" in found.learnt
-    assert "the stiffening of the skin (m) is weakly identified" in found.learnt
+    known = (Learnt("b", 70.0, 90.0, True, "kPa"), Learnt("m", 1.0, 4.0, False))
+    found = conclude(Facts(True, 500, rated=False, parameters=known), "results")
+    assert found.learnt == (
+        "learnt (90 % intervals): skin modulus at rest (b) 70 to 90 kPa; not learnt, as wide as their priors: "
+        "stiffening of the skin (m)."
+    )
     assert "would narrow m" in found.next_step
     assert "turn" not in found.learnt
 
@@ -225,7 +212,7 @@ def test_what_sample_prints_ends_with_the_three_lines_of_the_results_values(runs
     for one, ended in ((result, False), (converged(result), True)):
         facts = facts_of(one)
         assert facts.converged is ended
-        assert bool(facts.skin) is (name == "skin")
+        assert facts.rated is (name == "ratings")
         assert [turn.load for turn in facts.turns] == ([*map(str, one.loads)] if name == "ratings" else [])
         print_result(one, tmp_path, "took 1 s", verbose=False)
         closing = capsys.readouterr().out.splitlines()
@@ -237,6 +224,40 @@ def test_what_sample_prints_ends_with_the_three_lines_of_the_results_values(runs
         everything = capsys.readouterr().out.splitlines()
         assert tuple(everything[-len(lines) :]) == lines
         assert len(everything) > 2 * len(closing)  # negative control: verbose says more
+
+
+def test_what_the_chain_predicts_stands_beside_what_people_say_under_each_load(runs, monkeypatch):
+    first, second = map(str, runs["ratings"].loads)
+    found = (HighestRated(first, "gauze", 0.93, 0.02, 4), HighestRated(second, "lawn", 0.53, 0.02, 4))
+    monkeypatch.setattr("softness_bayes.report.conclusion.highest_rated", lambda _: found)
+    result = converged(runs["ratings"])
+    clear, unclear, *others = facts_of(result).people
+    assert f" at {first} " in clear
+    assert clear.endswith("; chain: gauze (93 ± 2 %)")
+    # more probable than not by less than its error
+    assert unclear.endswith("; chain: none clear, lawn (53 ± 2 %)")
+    assert not any("; chain: " in line for line in others)
+    # negative controls: a run that has not converged, or whose direction contradicts the data, says nothing of it
+    against = result.tree.copy()
+    against.attrs = {**result.tree.attrs, "direction": "falls-with-firing", "direction_asked": 1}
+    for silent in (runs["ratings"], replace(result, tree=against)):
+        people = facts_of(silent).people
+        assert not any("; chain: " in line for line in people)
+        assert "; the lowest mean is that of " in people[0]
+
+
+@pytest.mark.parametrize(
+    ("sign", "title", "asked"),
+    [(1, "rating", True), (1, "softness", True), (0, "rating", False), (-1, "softness", False), (1, "hardness", False)],
+)
+def test_where_stiffer_cloth_is_called_softer_the_scale_is_asked_about(runs, sign, title, asked):
+    result = runs["ratings"]
+    tree, table = result.tree.copy(), result.tables["fabric_ratings"].copy()
+    tree.attrs = {**tree.attrs, "rating_column": title}
+    # ranks 1, 3, 4, 2 do not rise clearly
+    table["rated"] = sign * table["e_fab_kpa"] if sign else table["e_fab_kpa"].map({20: 1, 80: 3, 200: 4, 400: 2})
+    said = facts_of(replace(result, tree=tree, tables={**result.tables, "fabric_ratings": table})).cautions
+    assert ("stiffer fabrics get the higher ratings: does higher mean softer on this scale?" in said) == asked
 
 
 def test_no_highest_fabric_is_named_where_people_do_not_tell_them_apart(runs):
