@@ -9,7 +9,6 @@ import os
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.special import expit
 
 from softness_bayes.base.errors import InputError
 from softness_bayes.checking.calibration import (
@@ -74,11 +73,6 @@ def line(rng, count, noise=1.0, sign=1.0, width=1.0):
     return Calibration(("slope", "intercept", LOG_LIKELIHOOD), np.array(found))
 
 
-def test_a_right_model_passes_nearly_always(rng):
-    alarms = [bool(line(rng, 60).faults()) for _ in range(60)]
-    assert np.mean(alarms) <= 0.05
-
-
 @pytest.mark.parametrize(
     ("mistake", "word"),
     [
@@ -86,12 +80,13 @@ def test_a_right_model_passes_nearly_always(rng):
         ({"noise": 0.7}, "too narrow"),
         ({"noise": 1.4}, "too wide"),
         ({"sign": -1.0}, "slope"),
+        ({}, ""),
     ],
-    ids=["posterior narrowed by 20 %", "variance too small", "variance too large", "wrong sign"],
+    ids=["posterior narrowed by 20 %", "variance too small", "variance too large", "wrong sign", "right"],
 )
-def test_a_wrong_model_does_not(rng, mistake, word):
+def test_a_wrong_model_raises_the_alarm_and_a_right_one_does_not(rng, mistake, word):
     found = [line(rng, 200, **mistake).faults() for _ in range(8)]
-    assert all(found)
+    assert all(found) if mistake else sum(map(bool, found)) <= 1
     assert word in " ".join(found[0])
 
 
@@ -101,6 +96,10 @@ def test_judgement_of_exact_ranks():
     assert judged.uniform_p > 0.999
     assert judged.spread == pytest.approx(1)
     assert judged.spread_p > 0.5
+    # a density that rises leaves the mean of squared scores as it is
+    rising = (100 * np.sqrt((np.arange(300) + 0.5) / 300)).astype(int)[:, None]
+    for rank, side in ((rising, "too low: "), (DRAWS - rising, "too high: ")):
+        assert Calibration(("x",), rank).fault_of()["x"].startswith(side)
 
 
 def alarms(rank, threshold):
@@ -290,23 +289,6 @@ def test_a_fit_over_a_posterior_is_of_both_data(truths, monkeypatch):
     assert not np.array_equal(made.values, own.values)
 
 
-@pytest.mark.parametrize(
-    ("mistake", "seen"),
-    [({}, False), ({"forget": True}, True), ({"width": 0.7}, True)],
-    ids=["none", "first data", "width"],
-)
-def test_a_second_look_at_the_data(rng, mistake, seen):
-    """Ranks of a draw of a posterior of a normal mean; the second fit may forget the first data, or be too narrow."""
-    first, found = 0.7, []
-    for _ in range(400):
-        truth = 0.5 * first + math.sqrt(0.5) * rng.standard_normal()  # prior N(0, 1), one look with error 1
-        again = truth + rng.standard_normal()
-        precision, total = (2.0, again) if mistake.get("forget") else (3.0, first + again)
-        spread = mistake.get("width", 1.0) / math.sqrt(precision)
-        found.append(ranks(np.array([truth]), total / precision + spread * rng.standard_normal((DRAWS, 1)), rng))
-    assert bool(Calibration(("mean",), np.array(found)).faults()) == seen
-
-
 # what is ranked
 
 
@@ -351,17 +333,6 @@ def test_turns_and_their_places_have_uniform_ranks_where_some_have_none(pool, rn
     kept = np.array([each[0, turn] == 1 for each in picked])
     assert 50 < kept.sum() < 250
     assert Calibration(("place",), rank[kept][:, [place]]).faults()
-
-
-@pytest.mark.parametrize("wrong", [0.0, 1.2], ids=["right", "odds too high"])
-def test_the_probability_of_a_turn_is_held_against_turns(rng, wrong):
-    log_odds = rng.normal(0, 1.5, 300)
-    truth = rng.random(300) < expit(log_odds)
-    draws = rng.random((300, DRAWS)) < expit(log_odds + wrong)[:, None]
-    rank = np.array([ranks(np.array([t]), d[:, None], rng) for t, d in zip(truth, draws, strict=True)])
-    faults = Calibration(("turns",), rank).faults()
-    assert bool(faults) == bool(wrong)
-    assert not wrong or faults[0].startswith("turns (too high")
 
 
 # figure

@@ -103,8 +103,10 @@ def kept(home, directory, *indices):
     write_replicates(directory, {k: one for k, one in read_replicates(home).items() if k in indices})
 
 
-def test_an_interrupted_calibration_continues(whole, tmp_path):
-    first, fitted = run(tmp_path, 2)
+def test_an_interrupted_calibration_continues(home, whole, tmp_path):
+    """To the same ranks, whatever runs them."""
+    with ThreadPoolExecutor(2) as executor:
+        first, fitted = run(tmp_path, 2, executor=executor)
     assert fitted == [1, 2]
     leftover = tmp_path / f".softness-bayes-{0:032x}.part"
     leftover.write_text("{")  # of a process that was killed
@@ -112,16 +114,11 @@ def test_an_interrupted_calibration_continues(whole, tmp_path):
     assert fitted == [3]
     assert not leftover.exists()
     assert more.replicates == whole.replicates
+    assert (tmp_path / RANKS).read_bytes() == (home / RANKS).read_bytes()
     assert [more.replicates[k] for k in (0, 1)] == [*first.replicates.values()]
     assert len({one.rank for one in more.replicates.values()}) == 3
     fewer, fitted = run(tmp_path, 1)
     assert (fitted, [*fewer.replicates]) == ([], [0])
-
-
-def test_ranks_do_not_depend_on_what_runs_them(home, whole, tmp_path):
-    with ThreadPoolExecutor(2) as executor:
-        assert run(tmp_path, 3, executor=executor)[0].replicates == whole.replicates
-    assert (tmp_path / RANKS).read_bytes() == (home / RANKS).read_bytes()
 
 
 def test_another_calibration_is_not_continued(home, tmp_path):
@@ -208,14 +205,11 @@ def test_replicates_of_other_fits_are_named_in_the_verdict(stored, whole, tmp_pa
 
 
 def test_another_problem_is_refused(stored, tmp_path):
-    for options, said in (
-        ({"seed": 1}, r"seed was 0 and is now 1, so its replicates are of another problem"),
-        ({"scene": FakeCalibration(participants=3)}, "participants was 20 and is now 3"),
-        # the manifest of the fake scene does not show its prior: the true values do
-        ({"scene": FakeCalibration(prior="lognormal(3,0.5)")}, "the true gamma of replicate 0 was"),
-    ):
-        with pytest.raises(InputError, match=said):
-            run(tmp_path / said[:6], 3, earlier=stored, **options)
+    """The manifest of the fake scene does not show its prior: the true values do."""
+    with pytest.raises(InputError, match=r"seed was 0 and is now 1, so its replicates are of another problem"):
+        run(tmp_path / "a", 3, earlier=stored, seed=1)
+    with pytest.raises(InputError, match="the true gamma of replicate 0 was"):
+        run(tmp_path / "b", 3, earlier=stored, scene=FakeCalibration(prior="lognormal(3,0.5)"))
 
 
 @pytest.mark.parametrize(

@@ -3,12 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from softness_bayes.base.errors import InputError
 from softness_bayes.checking.checks import SKINS
 from softness_bayes.checking.individual import POPULATION
 from softness_bayes.experiments.understanding import warnings
@@ -86,10 +84,3 @@ def test_the_notes_say_who_was_pressed():
     assert any("2 of 5 raters" in line for line in said)
     others = replace(whole.compression, participants=("F1", "F2", "F3", "F4"))
     assert "treated as different people" in people_notes(whole._replace(compression=others), alike)[-1]
-
-
-def test_names_of_own_values_are_checked():
-    with pytest.raises(InputError, match="expected some of b, m, sigma_0, gamma, varsigma, each once"):
-        ModelOptions(individual=("b", "alpha"))
-    with pytest.raises(InputError, match=r"own fingers .* and their own answers .* cannot be combined"):
-        ModelOptions(individual=("b", "gamma"))

@@ -12,8 +12,6 @@ from softness_bayes.cli.running import print_result
 from softness_bayes.likelihood.scales import FALLS, FREE
 from softness_bayes.model import build
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.plotting.figures import FIGURES
-from softness_bayes.plotting.style import USUAL
 from softness_bayes.results import predictions
 from softness_bayes.results.data_groups import experiment_of
 from softness_bayes.results.fitted import options_of
@@ -88,13 +86,6 @@ def test_a_group_is_shown_as_its_middle_load_among_curves_of_every_load(run):
     shown = result.curves().total_rate[:5]
     np.testing.assert_allclose(every[:, at], shown, rtol=1e-5)
     assert not np.allclose(every[:, at - 1], shown, rtol=1e-3)  # control: another load of the group
-
-
-@pytest.mark.parametrize("name", ["response", "rating_ratio", "inflection"])
-def test_a_figure_has_a_panel_for_each_group(run, name):
-    figure = FIGURES[name](run[0], USUAL)
-    titles = {axes.get_title(where) for axes in figure.axes for where in ("left", "center")}
-    assert {f"Force {name}" for name in run[0].load_groups.names} <= titles
 
 
 def test_falling_ratings_of_single_measured_loads_are_taken_as_falling(monkeypatch):

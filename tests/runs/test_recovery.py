@@ -27,7 +27,7 @@ from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation
-from support.coverage import BRIEF, ENOUGH, MASS, REPLICATES, Case, coverage_holds, covered
+from support.coverage import ENOUGH, MASS, REPLICATES, Case, coverage_holds, covered
 
 SEED = 20261121
 
@@ -116,15 +116,6 @@ def test_the_criterion_accepts_exact_intervals_and_refuses_wrong_ones(rng):
     # and twice as wide
     wide = 0.5 * (1 + np.vectorize(math.erf)(0.5 * z / math.sqrt(2)))
     assert not any(coverage_holds(positions) for positions in wide)
-
-
-def test_the_machinery_on_two_replicates():
-    found = fit(Case(overweighted, BRIEF), 2, processes=1)
-    assert found[0].names == ("b", "m", "alpha", "beta", "sigma_0", "gamma", "tau", "varsigma", "eps", "mu")
-    positions = np.array([one.position for one in found])
-    assert positions.shape == (2, 10)
-    assert ((positions >= 0) & (positions <= 1)).all()
-    assert (positions[0] != positions[1]).any()
 
 
 # the fits: slow

@@ -2,8 +2,7 @@
 
 import pytest
 
-from softness_bayes.base.errors import InputError, LockedError
-from softness_bayes.base.files.lock import Lock
+from softness_bayes.base.errors import InputError
 from softness_bayes.runs import checkpoint as storage
 from softness_bayes.runs.checkpoint import Checkpoint
 from softness_bayes.sampler.sampling import walk
@@ -75,12 +74,6 @@ def test_where_nothing_is_whole_the_run_is_refused_by_name(run):
     with pytest.raises(InputError, match=r"state-\d+\.npz: damaged or missing; no intact state is left") as error:
         Checkpoint.open(run, salvage=True)
     assert all(str(path) in str(error.value) for path in (run / "checkpoint").glob("state-*"))
-
-
-def test_a_run_that_another_process_holds_is_not_looked_at(run):
-    flip(run / "checkpoint" / named(run)[-1])
-    with Lock(run / "checkpoint" / "lock"), pytest.raises(LockedError):
-        Checkpoint.open(run, salvage=True)
 
 
 def test_the_last_two_states_are_kept_and_nothing_else(run):

@@ -4,7 +4,6 @@ import json
 import os
 import shlex
 import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -26,6 +25,7 @@ from softness_bayes.runs import run
 from softness_bayes.runs.checkpoint import Checkpoint
 from softness_bayes.runs.run import requested, sample
 from softness_bayes.touch.readings import MENDED
+from support.command_line import call, refused
 from support.paths import DATA
 from support.report_runs import OPTIONS, experiment, quickly
 
@@ -117,28 +117,17 @@ def test_nothing_is_computed_or_left_of_a_run_that_could_not_be_stored(tmp_path,
     assert list(tmp_path.iterdir()) == []
 
 
-def command(*arguments, cwd):
-    program = "from softness_bayes.cli import main; main(prog_name='softness-bayes')"
-    return subprocess.run(
-        [sys.executable, "-W", "error", "-c", program, *map(str, arguments)], cwd=cwd, capture_output=True, check=False
-    )
-
-
 def test_a_table_whose_name_is_not_utf8_is_read(tmp_path):
     (tmp_path / FOREIGN).write_bytes((DATA / "ratings.csv").read_bytes())
-    done = command("check", "--data", FOREIGN, cwd=tmp_path)
+    done = call("check", "--data", FOREIGN, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert b"1059" in done.stdout
+    assert "1059" in done.stdout
 
 
 def test_a_name_with_nul_is_refused_at_the_command_line(tmp_path):
     header, row, *rows = (DATA / "ratings.csv").read_text().splitlines(keepends=True)
     wide = "".join([header, row.replace("P01", "P\x0001"), *rows])
     (tmp_path / "wide.csv").write_bytes(wide.encode("utf-16"))
-    done = command("sample", "--data", "wide.csv", "--out", "out", "--processes", 1, cwd=tmp_path)
-    assert done.returncode == 2, done.stderr
-    assert b"Traceback" not in done.stderr
-    assert (
-        b"wide.csv: not a text file, expected a table saved as CSV: control character '\\x00' in line 2" in done.stderr
-    )
+    done = call("sample", "--data", "wide.csv", "--out", "out", "--processes", 1, cwd=tmp_path)
+    refused(done, "wide.csv: not a text file, expected a table saved as CSV: control character '\\x00' in line 2")
     assert not (tmp_path / "out").exists()

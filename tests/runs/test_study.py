@@ -188,14 +188,6 @@ def test_status_of_a_study(done):
         write_asked(done.directory, 3, 0)
 
 
-def test_status_names_refused_tables(tmp_path):
-    (tmp_path / RUNS).mkdir()
-    (tmp_path / "tables.csv").write_text("table,outcome,run,said\nA,refused,,no\nB,converged,runs/B,yes\n")
-    write_asked(tmp_path, 2, 0)
-    said = call("status", tmp_path).stdout
-    assert "0 runs ended (0 converged), 0 running, 0 interrupted, 1 not begun; 1 table was refused (A)" in said
-
-
 def test_a_study_under_way_is_not_disturbed(done):
     with Lock(done.directory / LOCK), pytest.raises(LockedError):
         study(TABLES, done.directory, OPTIONS, **LIMITED)
@@ -207,19 +199,19 @@ def test_a_study_under_way_is_not_disturbed(done):
 def test_a_folder_of_tables(tmp_path):
     for name in ("P02.csv", "P01.csv", "fabrics.csv", "compression.csv", ".hidden.csv", "notes.pdf"):
         (tmp_path / name).write_text("")
-    (tmp_path / "site").mkdir()
-    (tmp_path / "site" / "ratings.csv").write_text("")
-    (tmp_path / "empty").mkdir()
+    for name in ("site/ratings.csv", "one/P01.csv", "empty/notes.pdf"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("")
     assert [one.name for one in list_tables(tmp_path)] == ["P01", "P02", "site"]
     with pytest.raises(InputError, match="no table in this folder"):
         list_tables(tmp_path / "empty")
+    refused(call("study", tmp_path / "one"), "P01", "at least two")
 
 
 @pytest.mark.parametrize(
     ("text", "said"),
     [
         ("table,ratings\nA,a.csv\n", "column 'ratings'"),
-        ("table\nA\n", "no column 'data'"),
         ("table,data\nA,a.csv\nB,\n", "row 3, column 'data'"),
         ("table,data\nA,a.csv\na,b.csv\n", "'a' is listed twice"),
         ("table,data\n../A,a.csv\n", "expected a name of letters"),
@@ -252,6 +244,7 @@ def test_a_folder_with_a_bad_table(tmp_path):
     assert found.returncode == 2
     assert "1 of 2 tables was refused (P03)" in found.stderr
     assert "P03: refused" in found.stdout
+    assert "1 table was refused (P03)" in call("status", out).stdout
     kept = pd.read_csv(out / "tables.csv").set_index("table")
     assert kept["outcome"].to_dict() == {"P01": UNCONVERGED, "P03": REFUSED}
     assert "rating" in kept.loc["P03", "said"]
@@ -278,8 +271,3 @@ def test_a_population_whose_weights_fail_is_refused(done, tmp_path):
     assert found.population["median"].isna().all()
     with pytest.raises(NumericalError, match="not pooled: b"):
         require_complete(found)
-
-
-def test_one_table_is_no_study(tmp_path):
-    (tmp_path / "P01.csv").write_text("")
-    refused(call("study", tmp_path), "P01", "at least two")

@@ -11,9 +11,8 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.results.result import Result
 from softness_bayes.results.run_options import Request, RunOptions
 from softness_bayes.runs import table_fits
-from softness_bayes.runs.saved import read_status
 from softness_bayes.runs.study import study
-from softness_bayes.runs.table_fits import REFUSED, Fit, fit_table, packed, unpack
+from softness_bayes.runs.table_fits import REFUSED, Fit, fit_table, packed
 from support.report_runs import quickly
 
 OPTIONS = ModelOptions(fix={"m": 2.0, "tau_b": 0.3, "tau_m": 0.5, "varsigma_f": 0.1}, prior_set="wide")
@@ -75,17 +74,6 @@ def test_a_directory_in_use_is_named(tables, here, tmp_path):
         found = there(tables, tmp_path)
     assert found.named(REFUSED) == ["P1"]
     assert "another run is using it" in found.outcomes[0].said
-
-
-def test_archives(here, tmp_path):
-    """They are whole, without the lock."""
-    source, copy = here.directory / RUNS / "P1", tmp_path / "copy"
-    assert packed(tmp_path) == b""
-    unpack(b"", copy)
-    assert not copy.exists()
-    unpack(packed(source), copy)
-    assert packed(copy) == packed(source)
-    assert read_status(copy)[:9] == read_status(source)[:9]
 
 
 def test_messages_name_the_directory_of_the_client(tables, here):

@@ -42,9 +42,7 @@ def test_the_table_keeps_its_errors(tmp_path):
     assert "load_cv" not in ratings_csv(experiment().ratings)
 
 
-@pytest.mark.parametrize(
-    ("cell", "most"), [("-0.1", "0.3"), ("5 kPa", "0.3"), ("0.4", "0.3"), ("inf", "0.3"), ("40 %", "30 %")]
-)
+@pytest.mark.parametrize(("cell", "most"), [("-0.1", "0.3"), ("5 kPa", "0.3"), ("40 %", "30 %")])
 def test_impossible_errors_are_named(tmp_path, cell, most):
     path = tmp_path / "ratings.csv"
     path.write_text(f"fabric,force_n,load_cv,rating\nchiffon,1,,3\nchiffon,1,{cell},4\n", encoding="utf-8")
@@ -52,11 +50,12 @@ def test_impossible_errors_are_named(tmp_path, cell, most):
     refused(ended, "ratings.csv", "row 3", "'load_cv'", f"from 0 to {most}")
 
 
-@pytest.mark.parametrize("typed", ["-1", "nan", "0.5"])
-def test_impossible_options_are_refused(tmp_path, typed):
-    ended = call("sample", "--data", DATA / "ratings.csv", "--load-cv", typed, "--out", tmp_path / "run")
-    assert ended.returncode == 2
-    assert "from 0 to 0.3" in ended.stderr
+@pytest.mark.parametrize(
+    ("typed", "most"), [(["--load-cv", "nan"], 0.3), (["--load-cv", "0.5"], 0.3), (["--shared-load-cv", "0.2"], 0.1)]
+)
+def test_impossible_options_are_refused(tmp_path, typed, most):
+    ended = call("sample", "--data", DATA / "ratings.csv", *typed, "--out", tmp_path / "run")
+    refused(ended, f"from 0 to {most}")
 
 
 def test_the_command_line_simulates_samples_and_resumes(tmp_path, brief_pilot, monkeypatch):
@@ -73,9 +72,3 @@ def test_the_command_line_simulates_samples_and_resumes(tmp_path, brief_pilot, m
     more = call("resume", home, "--more-steps", "20")
     assert more.returncode == 3
     assert Result.load(home).provenance.ending.steps == 40
-
-
-def test_a_shared_error_that_is_too_large_is_refused(tmp_path):
-    ended = call("sample", "--data", DATA / "ratings.csv", "--shared-load-cv", "0.2", "--out", tmp_path / "run")
-    assert ended.returncode == 2
-    assert "from 0 to 0.1" in ended.stderr

@@ -16,6 +16,7 @@ from softness_bayes.likelihood.scales import AGGREGATED, FREE, RANKS
 from softness_bayes.model import fingers as individual
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression, simulate_ratings
+from softness_bayes.results import draws
 from softness_bayes.results.result import Result
 from softness_bayes.runs.run import sample
 from softness_bayes.touch.contact import Force
@@ -87,7 +88,7 @@ def measured_loads() -> Experiment:
 
 def whole_numbers() -> Experiment:
     """Return whole numbers from 0 on, one of them ten times too large."""
-    rated = experiment(participants=3)
+    rated = experiment(participants=2)
     whole = np.maximum(np.round(rated.ratings.rating / 6.0), 0.0)
     whole[3] *= 10.0
     whole[5] = 0.0
@@ -151,7 +152,7 @@ VARIANTS = {
     "batches": Variant(batches, {"shared_modulus_cv": 0.2}, {"modulus_scale", "modulus_scale_2"}),
     "measured loads": Variant(measured_loads, {}, set(), ("24 loads in 3 groups",)),
     "whole numbers": Variant(
-        whole_numbers, {"errors": STUDENT, "direction": FREE, "max_steps": 6}, {"nu"}, ("censored",)
+        whole_numbers, {"errors": STUDENT, "direction": FREE, "max_steps": 4}, {"nu"}, ("censored",)
     ),
     "orders": Variant(orders, {"fix": WITHOUT_TAU, "scale": RANKS}, {"varsigma"}, ("places in",)),
 }
@@ -162,4 +163,6 @@ def fitted(name: str) -> Result:
     one = VARIANTS[name]
     with quickly(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(individual, "NODES", {**individual.NODES, 1: {"b": 9}})
+        if one.options.get("errors") is STUDENT:  # whose integrals take longest
+            patch.setattr(draws, "REPLICATES", 30)
         return sample(one.data(), **OPTIONS | one.options)
