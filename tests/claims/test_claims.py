@@ -401,12 +401,7 @@ def test_command_takes_loads_and_fabrics(tmp_path, quick):
     ("arguments", "message"),
     [
         (["--readings", "mine"], "no set 'mine'"),
-        (["--reading", "pressure=round"], "pressure has no 'round'"),
-        (["--priors", "mine"], "prior set 'mine'"),
-        (["--fix", "bee=1"], "no parameter 'bee'"),
         (["--prior", "c_K=lognormal(1.16,0.03)"], "channel multipliers are fixed here"),
-        (["--indentation-mm", "-1"], "--indentation-mm"),
-        (["--data", "nowhere.csv"], "nowhere.csv"),
         (["--fabrics", "nowhere.csv"], "nowhere.csv"),
         (["--column", "fabric=cloth"], "--column"),
         (["--data", ROOT / "data" / "ratings.csv", "--force-n", "1", "--force-n", "2"], "its own loads"),

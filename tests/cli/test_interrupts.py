@@ -5,7 +5,6 @@ import logging
 import os
 import random
 import re
-import shlex
 import shutil
 import signal
 import subprocess
@@ -18,7 +17,7 @@ import pytest
 
 from softness_bayes.__main__ import quieten_libraries
 from softness_bayes.base.errors import WorkersLostError
-from softness_bayes.cli import VERBS, _prints, interrupts
+from softness_bayes.cli import VERBS, interrupts
 from softness_bayes.results.result import Result
 from softness_bayes.runs.saved import read_status, saved_states
 from softness_bayes.sampler.workers import RENEWALS, Workers
@@ -399,13 +398,6 @@ def test_a_full_output_is_told(tmp_path, verb, code, kind):
     assert (tmp_path / "simulated" / "ratings.csv").exists() == (verb == "simulate")
 
 
-def test_verbs_whose_result_is_printed_are_known():
-    assert {verb for verb in VERBS if _prints([verb])} == {"check", "status", "list", "predict", "target"}
-    assert not _prints(["predict", "--posterior", "results", "--out=table.csv"])
-    assert _prints(["sample", "--help"])
-    assert _prints(["--version"])
-
-
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="closes streams as a shell does")
 @pytest.mark.parametrize(("verb", "code"), [("simulate", 0), ("nothing", 2)])
 def test_streams_that_were_closed_before_the_start_change_no_exit_code(tmp_path, verb, code):
@@ -416,16 +408,3 @@ def test_streams_that_were_closed_before_the_start_change_no_exit_code(tmp_path,
     assert done.returncode == code
     if verb == "simulate":
         assert (tmp_path / "simulated" / "ratings.csv").read_text().startswith("participant,")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("streams", [">&- 2>&-", ">&- 2>&- <&-", "> /dev/full", "2> /dev/full", "| head -1"])
-def test_a_run_ends_alike_whatever_reads_its_output(tmp_path, streams):
-    few_ratings(tmp_path)
-    asked = ["sample", "--data", "ratings.csv", "--out", "out", *FIXED, "--max-steps", "20", "--accuracy", "0.01"]
-    command = [sys.executable, "-m", "softness_bayes", *map(str, asked), "--processes", "2", "--no-figures"]
-    line = f"{shlex.join(command)} {streams.replace('|', '; echo $? > code; } |')}"
-    shell = ["sh", "-c", f"{{ {line}" if "|" in streams else f"{line}; echo $? > code"]
-    subprocess.run(shell, cwd=tmp_path, env=ENVIRONMENT, timeout=240, check=False, capture_output=True)
-    assert (tmp_path / "code").read_text().strip() == "3"
-    assert (tmp_path / "out" / "summary.csv").exists()

@@ -40,8 +40,6 @@ def test_it_ends_well_and_says_what_it_is(looked, result):
     directory, done = looked
     assert done.returncode == 0, done.stderr
     assert f"A first look (quick), no result. Not converged after {LOOK} steps" in done.stdout
-    assert "Trust it?  Not yet: this is a first look" in done.stdout
-    assert "The fast model was not compared with the exact one" in done.stdout
     assert "Next:      'softness-bayes resume out' continues to the full run" in done.stdout
     assert (result.attributes["quick"], result.attributes["converged"]) == (1, 0)
     assert result.provenance.ending.steps == LOOK < FIRST_LOOK == 200
@@ -60,8 +58,6 @@ def test_its_figures_are_few_and_each_is_labelled(looked, result):
 def test_its_report_is_labelled_and_repeats_it(result):
     page = report_page(result)
     assert "This is a first look" in page
-    assert "Not checked" in page
-    assert "largest error" in page
     assert ">nan<" not in page
     assert "--quick" in repetition(result).commands[0]
 

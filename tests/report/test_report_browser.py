@@ -112,15 +112,6 @@ def test_a_pointed_at_curve_tells_its_values(opened):
     assert opened.complaints() == []
 
 
-def test_the_first_chart_is_on_the_first_screen(opened):
-    opened.resize(1280)
-    opened.wait(DRAWN)
-    place = "document.querySelector('.chart').getBoundingClientRect()"
-    top, bottom = opened.script(f"(({{top, bottom}}) => [top + scrollY, bottom + scrollY])({place})")
-    assert 0 < top < bottom < 900
-    opened.resize(1200)
-
-
 @pytest.mark.parametrize("width", [1200, 400, 320])
 def test_it_fits_the_width_of_a_desk_and_of_a_phone(opened, width):
     opened.resize(width)

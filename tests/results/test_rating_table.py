@@ -1,7 +1,5 @@
 """Ratings that a finished run predicts, as a table: their columns, and the reasons that it gives for them."""
 
-from dataclasses import replace
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -171,18 +169,6 @@ def test_z_scores(report_run):
         table = report_run("z-scores").predict(draws=40)
     assert (table["typical_rating_low"] < 0).any()
     assert (table["mean_rating_low"] <= table["mean_rating"]).all()
-
-
-def test_forces_alone_say_nothing_of_ratings(report_run):
-    with pytest.raises(InputError, match="without ratings"):
-        report_run("skin").predict()
-
-
-def test_a_run_that_lacks_its_options_is_refused(result):
-    tree = result.tree.copy()
-    tree.attrs = {name: value for name, value in result.tree.attrs.items() if name != "options"}
-    with quickly(), pytest.raises(InputError, match="options"):
-        replace(result, tree=tree).predict(draws=10)
 
 
 def test_two_touches_apart_by_the_weber_fraction_are_ordered_three_times_in_four(result, table):

@@ -21,7 +21,6 @@ FABRICS = np.array([3e3, 4e4, 5e5])
 LOADS: dict[str, tuple[Load, ...]] = {
     "one": (Force(1.0),),
     "mixture": (Indentation(1e-3), Indentation(3e-3), Force(0.5)),
-    "five": tuple(Indentation(depth * 1e-3) for depth in (1, 1.5, 2, 2.5, 3)),
 }
 
 

@@ -6,7 +6,6 @@ import socket
 import urllib.parse
 from html import escape
 
-import numpy as np
 import pytest
 from bokeh.document import Document
 from bokeh.events import ButtonClick
@@ -14,7 +13,6 @@ from bokeh.events import ButtonClick
 from softness_bayes.base.errors import InputError
 from softness_bayes.cli import report
 from softness_bayes.report.explore import server
-from softness_bayes.report.explore.charts import axis_ends, step_above
 from softness_bayes.report.explore.page import ANY, Page
 from softness_bayes.report.explore.picture import picture
 from softness_bayes.report.explore.server import listening
@@ -122,17 +120,6 @@ def test_what_the_model_refuses_is_said_and_the_charts_stay(page, monkeypatch):
     page.load.value = "0"
     assert page.said.text == "<p>This cannot be drawn: b &lt;1&gt;</p>"
     assert page.charts.sources["curve"].data is before
-
-
-def test_ends_of_axes_hold_the_values():
-    assert [step_above(value) for value in (0.0, 73.0, 79.0, 81.0, 1.2e-3)] == pytest.approx([1, 80, 80, 100, 1.5e-3])
-    values = np.array([1.0, 100.0, np.nan])
-    for ends in (axis_ends(values), axis_ends(values, logarithmic=True), axis_ends(values, from_zero=True)):
-        assert ends["start"] < 1.0
-        assert ends["end"] >= 100.0
-    assert axis_ends(values, logarithmic=True)["start"] > 0.0
-    flat = axis_ends(np.array([3.0]))
-    assert flat["start"] < 3.0 < flat["end"]
 
 
 # the command
