@@ -4,7 +4,7 @@ For each of several true parameter vectors drawn from the prior, the observation
 whose mean and covariance are linear in the parameters, with the effects of participants and fabrics integrated out.
 Parameters are expressed as normal scores of their priors, so that the prior is standard normal. Slopes are secants over
 the width of the posterior, found by iteration, because tangents would mislead where the response is silent or has a
-turning point nearby.
+turning point nearby. The direction of ratings counts as known: of an exponent of either sign, it is the magnitude.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from scipy.sparse import csr_array
 from scipy.special import ndtr, ndtri
 
 from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import magnitude
 from softness_bayes.base.ranges import Range
 from softness_bayes.base.readable import number
 from softness_bayes.checking.identifiability import prior_moments
@@ -237,6 +238,8 @@ class _Foresight:
         self.model, self.planned = model, planned
         self.posterior: Posterior = model.posterior
         self.space = self.posterior.space
+        # widths are alike for either sign of an exponent; a normal law would reach across the gap at 0
+        self.priors = [magnitude(p.prior) for p in self.space.sampled]
         self.rounding = rounding(model.interpretation.intervals, model.options.scale.additive)
         rng = np.random.default_rng(0)
         few = TRUTHS * CONDITIONS // max(model.scene.n_conditions, CONDITIONS)
@@ -249,14 +252,14 @@ class _Foresight:
         self.before = self.space.draw_prior(rng, PRIOR_DRAWS)
 
     def _scores(self, theta: Array) -> Array:
-        columns = zip(self.space.sampled, theta.T, strict=True)
-        return np.clip(np.stack([ndtri(p.prior.cumulative(x)) for p, x in columns], axis=-1), -_REACH, _REACH)
+        columns = zip(self.priors, np.abs(theta.T), strict=True)
+        return np.clip(np.stack([ndtri(prior.cumulative(x)) for prior, x in columns], axis=-1), -_REACH, _REACH)
 
     def _natural(self, scores: Array) -> Array:
         share = ndtr(np.clip(scores, -_REACH, _REACH))
         columns = [
-            np.minimum(p.prior.quantile(share[..., k]), p.largest * (1.0 - 1e-9))
-            for k, p in enumerate(self.space.sampled)
+            np.minimum(prior.quantile(share[..., k]), p.largest * (1.0 - 1e-9))
+            for k, (p, prior) in enumerate(zip(self.space.sampled, self.priors, strict=True))
         ]
         return np.stack(columns, axis=-1)
 
@@ -272,7 +275,7 @@ class _Foresight:
         root = np.linalg.cholesky(covariance)
         theta = self._natural(centre[:, None] + np.einsum("tij,nj->tni", root, self.noise))
         kept = [k for k, p in enumerate(self.space.sampled) if p.name not in NOT_FORESEEN]
-        prior_sd = np.array([prior_moments(p.prior)[1] for p in self.space.sampled])
+        prior_sd = np.array([prior_moments(prior)[1] for prior in self.priors])
         # compared with the same normal numbers under the prior, so that their sampling error cancels
         alone = self._natural(self.noise).std(axis=0) / prior_sd
         ratio = theta.std(axis=1) / prior_sd / alone

@@ -5,15 +5,13 @@ Each function draws in a fixed order, so that the seed determines the numbers.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from softness_bayes.base.files.run_files import RECORDED_RATES
 from softness_bayes.checking.checks import check_exponent
@@ -29,6 +27,7 @@ from softness_bayes.model.recordings.likelihood import RecordedRates
 from softness_bayes.parameters.declared import EVERY_PARAMETER, RECORDED, SHAREABLE
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.results.draws import Groups, Part, Points, Variable, joined
+from softness_bayes.sampler.starts import Optimum, climb
 from softness_bayes.touch.contact import plate_force
 from softness_bayes.touch.parameters import TouchParameters
 
@@ -172,20 +171,8 @@ def _table(data: Afferents, expected: Array, again: Array) -> pd.DataFrame:
 CHAIN = ("b", "m", "alpha", "beta", "rest", "sigma_0", "spread", "radius", "depth")
 """Parameters of which sources may have a common value, without the suffix of recordings."""
 
-STEP = 1e-3
-"""Step of differences in the sampler's coordinates, where parameters have sds of about 0.1."""
-
 STARTS = 5
 """Prior draws from which a mode is sought, beside the prior's median."""
-
-
-class _Mode(NamedTuple):
-    """The mode of one source's posterior in the sampler's coordinates, by parameter, and its covariance."""
-
-    source: str
-    names: tuple[str, ...]
-    place: Array
-    covariance: Array
 
 
 def agreements(density: Density, near: Array | None = None) -> tuple[Agreement, ...]:
@@ -202,16 +189,15 @@ def agreements(density: Density, near: Array | None = None) -> tuple[Agreement, 
         A point (dimension,) from which modes are sought too, such as the mean of the run's draws.
     """
     sources = _sources(density)
-    modes = [_mode(name, one, _part(density.space, one.space, near)) for name, one in sources if len(sources) > 1]
+    modes = [(name, *_mode(one, density.space, near)) for name, one in sources if len(sources) > 1]
     found = []
-    for one, other in combinations(modes, 2):
-        common = [name for name in CHAIN if name in one.names and name in other.names]
+    for (first, one, here), (second, other, there) in combinations(modes, 2):
+        common = [name for name in CHAIN if name in one and name in other]
         if common:
-            i, j = ([mode.names.index(name) for name in common] for mode in (one, other))
-            apart = one.place[i] - other.place[j]
-            spread = one.covariance[np.ix_(i, i)] + other.covariance[np.ix_(j, j)]
-            distance = float(apart @ np.linalg.solve(spread, apart))
-            found.append(Agreement(one.source, other.source, distance, len(common)))
+            i, j = ([names.index(name) for name in common] for names in (one, other))
+            apart = here.point[i] - there.point[j]
+            spread = sum((mode.root @ mode.root.T)[np.ix_(k, k)] for mode, k in ((here, i), (there, j)))
+            found.append(Agreement(first, second, float(apart @ np.linalg.solve(spread, apart)), len(common)))
     return tuple(found)
 
 
@@ -245,44 +231,15 @@ def _alone(space: ParameterSpace, term: Likelihood) -> Density:
     return Density(ParameterSpace(tuple(p for p in space.sampled if p.name in needs), held), (term,))
 
 
-def _part(whole: ParameterSpace, part: ParameterSpace, theta: Array | None) -> Array:
-    """Return some of the parameters of a point, shape (1, dimension); no points without one."""
-    if theta is None:
-        return np.empty((0, part.dimension))
-    return np.array([[theta[whole.names.index(name)] for name in part.names]])
-
-
-def _mode(source: str, density: Density, near: Array) -> _Mode:
+def _mode(density: Density, whole: ParameterSpace, near: Array | None) -> tuple[list[str], Optimum]:
+    """Return the names of a source's parameters, without the suffix of recordings, and its posterior's mode."""
     space = density.space
     # a response takes its time
-    draws = 0 if isinstance(density, Posterior) else STARTS
-    starts = np.vstack([space.median, near, space.draw_prior(np.random.default_rng(0), draws)])
-
-    def loss(z: Array) -> Array:
-        return -np.nan_to_num(density(z), nan=-1e12, neginf=-1e12)
-
-    n = space.dimension
-    ends = [minimize(_both(loss, n), start, jac=True, method="BFGS") for start in space.coordinates(starts)]
-    z = min(ends, key=lambda end: float(end.fun)).x
-    steps = STEP * np.eye(n)
-    pairs = steps[:, None] + steps, steps[:, None] - steps
-    points = np.stack([z + pairs[0], z - pairs[0], z + pairs[1], z - pairs[1]]).reshape(-1, n)
-    plus, minus, across, back = loss(points).reshape(4, n, n)
-    curvature = (plus + minus - across - back) / (4.0 * STEP**2)
-    return _Mode(
-        source,
-        tuple(name.removesuffix("_rec") for name in space.names),
-        z,
-        np.asarray(np.linalg.pinv(curvature), float),
-    )
-
-
-def _both(loss: Callable[[Array], Array], n: int) -> Callable[[Array], tuple[float, Array]]:
-    """Return a function that gives a loss at a point and its gradient by central differences, in one batch."""
-    steps = STEP * np.eye(n)
-
-    def both(z: Array) -> tuple[float, Array]:
-        values = loss(np.vstack([z, z + steps, z - steps]))
-        return float(values[0]), (values[1 : n + 1] - values[n + 1 :]) / (2.0 * STEP)
-
-    return both
+    starts = [
+        space.median,
+        *space.draw_prior(np.random.default_rng(0), 0 if isinstance(density, Posterior) else STARTS),
+    ]
+    if near is not None:
+        starts.append(np.array([near[whole.names.index(name)] for name in space.names]))
+    modes = [climb(density, start) for start in space.coordinates(np.array(starts))]
+    return [name.removesuffix("_rec") for name in space.names], max(modes, key=lambda mode: mode.log_density)

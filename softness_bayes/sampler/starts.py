@@ -77,25 +77,31 @@ def find_optimum(target: TargetDensity, rng: np.random.Generator, best: bool = T
     NumericalError
         If all those draws have density zero.
     """
-    from scipy.optimize import minimize  # imported here because it takes a quarter of a second
-
     candidates = target.draw_start(rng, CANDIDATES)
     density = target(candidates)
     if not np.isfinite(density).any():
         raise NumericalError(f"all of {CANDIDATES} starting points have probability zero")
-    offsets = _STEP * np.vstack([np.zeros(len(target.names)), np.eye(len(target.names)), -np.eye(len(target.names))])
+    order = np.where(np.isfinite(density), density, -np.inf) if best else np.isfinite(density)
+    # within one and a half times the range of the candidates, because a line search is not limited by the prior
+    low, high = candidates.min(axis=0), candidates.max(axis=0)
+    bounds = list(zip(low - 0.5 * (high - low), high + 0.5 * (high - low), strict=True))
+    return climb(target, candidates[order.argmax()], bounds, {"maxiter": _ITERATIONS, "ftol": _TOLERANCE})
+
+
+def climb(
+    target: Callable[[FloatArray], FloatArray], start: FloatArray, bounds: Any = None, options: Any = None
+) -> Optimum:
+    """Return the optimum uphill from a point; bounds and options as for L-BFGS-B of `scipy.optimize.minimize`."""
+    from scipy.optimize import minimize  # imported here because it takes a quarter of a second
+
+    steps = _STEP * np.eye(start.size)
+    offsets = np.vstack([np.zeros(start.size), steps, -steps])
 
     def downhill(z: FloatArray) -> tuple[float, FloatArray]:
         values = np.maximum(target(z + offsets), -1e12)  # finite, so that a line search can return from zero density
         forward, backward = np.split(values[1:], 2)
         return -values[0], (backward - forward) / (2.0 * _STEP)
 
-    order = np.where(np.isfinite(density), density, -np.inf) if best else np.isfinite(density)
-    start = candidates[order.argmax()]
-    # within one and a half times the range of the candidates, because a line search is not limited by the prior
-    low, high = candidates.min(axis=0), candidates.max(axis=0)
-    bounds = list(zip(low - 0.5 * (high - low), high + 0.5 * (high - low), strict=True))
-    options = {"maxiter": _ITERATIONS, "ftol": _TOLERANCE}
     found = minimize(downhill, start, jac=True, bounds=bounds, method="L-BFGS-B", options=options)
     return Optimum(found.x, -float(found.fun), _inverse_root(_curvature(target, found.x)))
 
@@ -162,7 +168,7 @@ def _joined(target: TargetDensity, one: Optimum, other: Optimum) -> bool:
     return bool(between.min() > min(one.log_density, other.log_density) - _BARRIER)
 
 
-def _curvature(target: TargetDensity, point: FloatArray) -> FloatArray:
+def _curvature(target: Callable[[FloatArray], FloatArray], point: FloatArray) -> FloatArray:
     """Minus the Hessian of the log density by central differences, shape (dimension, dimension)."""
     steps = _CURVATURE_STEP * np.eye(point.size)
     pairs = steps[:, None] + steps, steps[:, None] - steps

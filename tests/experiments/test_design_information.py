@@ -8,12 +8,12 @@ from numpy.testing import assert_allclose
 from scipy.stats import norm
 
 from softness_bayes.base.errors import InputError
-from softness_bayes.base.laws import LogNormal
+from softness_bayes.base.laws import LogNormal, Signed, magnitude
 from softness_bayes.checking.identifiability import prior_moments
 from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.experiments.design_information import as_it_is, foresee, others
 from softness_bayes.likelihood.error_laws import NORMAL
-from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, PAIRS, RANKS, RISES
+from softness_bayes.likelihood.scales import CATEGORIES, FREE, MAGNITUDE, PAIRS, RANKS, RISES
 from softness_bayes.model.build import COARSE, build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
@@ -82,6 +82,21 @@ def test_pairs_have_the_width_of_the_closed_form():
     assert_allclose(found.ratio[0, 0], 1.0 / np.sqrt(1.0 + (0.8 * 0.02) ** 2 * information), rtol=5e-3)
 
 
+def test_an_exponent_of_either_sign_is_as_wide_as_one_of_a_known_sign():
+    """Ratings of the same design in a stated direction are the same model, but for the sign."""
+    free, risen = (built(errors=NORMAL, resolution=0.0, direction=one) for one in (FREE, RISES))
+    truth = risen.posterior.space.median[None]
+    k = risen.posterior.names.index("gamma")
+    assert isinstance(free.posterior.space.sampled[k].prior, Signed)
+    expected = foresee(risen, as_it_is(risen), truth)
+    for sign in (1.0, -1.0):
+        found = foresee(free, as_it_is(free), np.where(np.arange(truth.size) == k, sign, 1.0) * truth)
+        # the prior of an exponent without a direction is wider
+        sd = [prior_moments(magnitude(one.posterior.space.sampled[k].prior))[1] for one in (free, risen)]
+        assert found.ratio[0, k] * sd[0] == pytest.approx(expected.ratio[0, k] * sd[1], rel=0.1)
+        assert_allclose(np.delete(found.ratio, k, 1), np.delete(expected.ratio, k, 1), rtol=0.1)
+
+
 def test_more_ratings_tell_more(model):
     now = foresee(model, as_it_is(model))
     assert (now.bits > 0).all()
@@ -145,7 +160,7 @@ def test_foreseen_widths_are_those_of_posteriors(seed, scale, factor):
     expected = foresee(model, as_it_is(model), truth)
     draws = result.tree["posterior"].to_dataset()
     widths = [float(draws[name].values.std()) for name in expected.names]
-    of_prior = {p.name: prior_moments(p.prior)[1] for p in posterior.space.sampled}
+    of_prior = {p.name: prior_moments(magnitude(p.prior))[1] for p in posterior.space.sampled}
     apart = np.log(expected.ratio[0] * [of_prior[name] for name in expected.names] / widths)
     assert np.abs(apart).max() < np.log(factor), dict(zip(expected.names, np.exp(apart), strict=True))
     assert np.abs(np.median(apart)) < np.log(1.15)

@@ -10,10 +10,10 @@ With lambda the rate of `response.ProbedTouches` and f_j the factor of afferent 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -136,11 +136,14 @@ class RecordedRates(Likelihood):
         self.values = np.where(data.counted, data.count, data.rate)
         varies = "tau_afferent" in model.needs
         self._named = np.flatnonzero((data.afferent >= 0) & varies)
-        self._member = (data.afferent[self._named, None] == np.arange(len(data.names))).astype(float)
+        self._varying = data.take(self._named)
+        self._member = np.eye(len(data.names))[self._varying.afferent]
         person = data.afferent.copy()
         person[person < 0] = len(data.names) + np.arange((person < 0).sum())
         rows = len(data)
         self.design = Design(np.arange(rows), person, np.zeros(rows, np.intp), int(person.max()) + 1)
+        self._apart = np.eye(self.design.n_participants)[person]
+        self._apart[self._named] = 0.0
 
     @property
     def discrete(self) -> NDArray[np.bool_]:
@@ -164,19 +167,15 @@ class RecordedRates(Likelihood):
 
     def log_likelihood(self, mean_rate: Array, parameters: Parameters) -> Array:
         """Return the log density of all rows together, shape (...)."""
-        if not self._named.size:
-            return _law(self, parameters, slice(None)).log_density(self.rate(parameters)).sum(axis=-1)
         return self.log_likelihood_participants(mean_rate, parameters).sum(axis=-1)
 
     def log_likelihood_participants(self, mean_rate: Array, parameters: Parameters) -> Array:
         """Return the log density of each afferent's rows, and of each mean of several, shape (..., participants)."""
         rate = self.rate(parameters)
-        own = _law(self, parameters, slice(None)).log_density(rate)
-        if not self._named.size:
-            return own @ _membership(self.design.participant)
-        joint = log_sum(self._given(rate, parameters).log_weight, axis=0)
-        apart = np.setdiff1d(np.arange(len(self.data)), self._named)
-        return np.concatenate([joint, own[..., apart]], axis=-1)
+        found = self._law(parameters, self.data).log_density(rate) @ self._apart
+        if self._named.size:
+            found[..., : len(self.data.names)] += log_sum(self._given(rate, parameters).log_weight, axis=0)
+        return found
 
     def left_out(self, mean_rate: Array, parameters: Parameters) -> RowsLeftOut:
         """Return the law of each row given all others, at the observation, arrays (..., rows)."""
@@ -184,12 +183,12 @@ class RecordedRates(Likelihood):
 
     def _left_out(self, mean_rate: Array, parameters: Parameters) -> RowsLeftOut:
         rate = self.rate(parameters)
-        law = _law(self, parameters, slice(None))
+        law = self._law(parameters, self.data)
         density, below = law.log_density(rate), law.below(rate)
         if self._named.size:
             given, of = self._given(rate, parameters), self.data.afferent[self._named]
             weight = given.log_weight[..., of] - log_sum(given.log_weight, axis=0)[..., of] - given.rows
-            named = _law(self, parameters, self._named)
+            named = self._law(parameters, self._varying)
             density[..., self._named] = -log_sum(weight, axis=0)
             shares = np.exp(weight + density[..., self._named])
             below[..., self._named] = (
@@ -213,9 +212,8 @@ class RecordedRates(Likelihood):
         levels: Mapping[str, ArrayLike] | None = None,
     ) -> Effects:
         """Return the sensitivities of new afferents, of batch ``shape``."""
-        size = self._member.shape[1] if self._named.size else len(self.data.names)
         tau = np.asarray(parameters.tau_afferent if self._named.size else 0.0, float)[..., None]
-        return Effects(log_factor=tau * rng.standard_normal((*shape, size)) - 0.5 * tau**2)
+        return Effects(log_factor=tau * rng.standard_normal((*shape, len(self.data.names))) - 0.5 * tau**2)
 
     def draw_effects(self, rng: np.random.Generator, mean_rate: Array, parameters: Parameters) -> Effects:
         """Return draws of the sensitivities given the rows, one for each point of the batch."""
@@ -240,11 +238,11 @@ class RecordedRates(Likelihood):
         mean_rate: Array | None = None,
     ) -> Array:
         """Return a rate [Hz] or a count for every row, shape (..., rows)."""
-        return _law(self, parameters, slice(None)).draw(rng, drive * self.factors(effects))
+        return self._law(parameters, self.data).draw(rng, drive * self.factors(effects))
 
     def residual(self, mean_rate: Array, parameters: Parameters, effects: Effects) -> Array:
         """Return the normal score of every row, given the sensitivities, shape (..., rows)."""
-        below = _law(self, parameters, slice(None)).below(self.rate(parameters) * self.factors(effects))
+        below = self._law(parameters, self.data).below(self.rate(parameters) * self.factors(effects))
         return np.asarray(ndtri(np.clip(below, 1e-12, 1.0 - 1e-12)))
 
     def factors(self, effects: Effects) -> Array:
@@ -253,16 +251,25 @@ class RecordedRates(Likelihood):
         found[..., self._named] = np.exp(effects.log_factor[..., self.data.afferent[self._named]])
         return found
 
+    def _law(self, parameters: Parameters, data: Afferents) -> _Law:
+        """Return the law of some rows."""
+        needs, stated = self.model.needs, data.sd / np.sqrt(data.n)
+        common, fano = (
+            np.asarray(getattr(parameters, name) if name in needs else 1.0, float)[..., None]
+            for name in ("sd_rate", "fano")
+        )
+        return _Law(data, np.where(np.isnan(stated), common, stated), fano)
+
     def _given(self, rate: Array, parameters: Parameters) -> _Given:
         """Return the sensitivities given the rows at nodes around their mode, found by Fisher's scoring in ln f = u."""
-        law, r = _law(self, parameters, self._named), rate[..., self._named]
+        law, r = self._law(parameters, self._varying), rate[..., self._named]
         tau2 = np.maximum(np.asarray(parameters.tau_afferent, float), 1e-6)[..., None] ** 2
         u = np.zeros((*r.shape[:-1], self._member.shape[1])) - 0.5 * tau2
         for _ in range(12):
             mean = r * np.exp(u @ self._member.T)
             weight = mean / law.variance(mean)
             info = (weight * mean) @ self._member + 1.0 / tau2
-            score = (weight * (law.observed - mean)) @ self._member - u / tau2 - 0.5
+            score = (weight * (law.data.observed - mean)) @ self._member - u / tau2 - 0.5
             u = u + np.clip(score / info, -1.0, 1.0)
         width = 1.0 / np.sqrt(info)  # of the law about the mode, and between nodes
         factor = u + np.multiply.outer(_NODES, width)
@@ -271,66 +278,49 @@ class RecordedRates(Likelihood):
         return _Given(factor, rows @ self._member + prior + np.log(width), rows)
 
 
-def _membership(index: NDArray[np.intp]) -> Array:
-    return (index[:, None] == np.arange(index.max() + 1)).astype(float)
-
-
 class _Law(NamedTuple):
     """Laws of some rows about their expected rate [Hz]; methods take rates (..., rows)."""
 
-    observed: Array
-    """Rates [Hz], shape (rows,); counts over their window."""
-    counted: NDArray[np.bool_]
-    spikes: Array
-    window: Array
+    data: Afferents
     sd: Array
     """Of mean rates [Hz], shape (..., rows)."""
     fano: Array
     """Variance of counts over their mean, shape (..., 1)."""
 
     def variance(self, rate: Array) -> Array:
-        """Return the variance of `observed` [Hz²]."""
-        return np.where(self.counted, self.fano * (rate + SILENT) / self.window, self.sd**2)
+        """Return the variance of the observed rates [Hz²]."""
+        return np.where(self.data.counted, self.fano * (rate + SILENT) / self.data.window, self.sd**2)
 
     def log_density(self, rate: Array) -> Array:
         """Return the log density [1/Hz] of mean rates, and the log probability of silence and of counts."""
-        means = -0.5 * ((self.observed - rate) / self.sd) ** 2 - np.log(self.sd) - _LOG_ROOT_TWO_PI
-        silent = self.observed == 0.0
+        observed = self.data.observed
+        means = -0.5 * ((observed - rate) / self.sd) ** 2 - np.log(self.sd) - _LOG_ROOT_TWO_PI
+        silent = observed == 0.0
         means[..., silent] = log_ndtr(-rate[..., silent] / self.sd[..., silent])
-        if not self.counted.any():
-            return means
-        mean = (rate + SILENT) * self.window
-        return np.where(self.counted, log_probability(self.spikes, mean, self.fano), means)
+        return self._or_counts(means, rate, log_probability)
 
     def below(self, rate: Array) -> Array:
         """Return the probability of a smaller observation, half that of an equal one included."""
-        means = np.where(self.observed > 0.0, 1.0, 0.5) * ndtr((self.observed - rate) / self.sd)
-        if not self.counted.any():
-            return np.asarray(means)
-        mean = (rate + SILENT) * self.window
-        half = 0.5 * np.exp(log_probability(self.spikes, mean, self.fano))
-        return np.where(self.counted, less_probability(self.spikes, mean, self.fano) + half, means)
+
+        def of_counts(count: Array, mean: Array, fano: Array) -> Array:
+            return less_probability(count, mean, fano) + 0.5 * np.exp(log_probability(count, mean, fano))
+
+        observed = self.data.observed
+        means = np.where(observed > 0.0, 1.0, 0.5) * ndtr((observed - rate) / self.sd)
+        return self._or_counts(means, rate, of_counts)
 
     def draw(self, rng: np.random.Generator, rate: Array) -> Array:
         """Return observations: rates [Hz], and counts."""
         means = np.maximum(rate + self.sd * rng.standard_normal(rate.shape), 0.0)
-        if not self.counted.any():
-            return means
-        return np.where(self.counted, draw_counts(rng, (rate + SILENT) * self.window, self.fano), means)
+        return self._or_counts(means, rate, lambda count, mean, fano: draw_counts(rng, mean, fano))
 
-
-def _law(of: RecordedRates, parameters: Parameters, rows: Any) -> _Law:
-    data, needs = of.data, of.model.needs
-    common = np.asarray(parameters.sd_rate if "sd_rate" in needs else 1.0, float)[..., None]
-    stated = data.sd[rows] / np.sqrt(data.n[rows])
-    return _Law(
-        data.observed[rows],
-        data.counted[rows],
-        np.where(data.counted, data.count, 0.0)[rows],
-        np.where(data.counted, data.window, 1.0)[rows],
-        np.where(np.isnan(stated), common, stated),
-        np.asarray(parameters.fano if "fano" in needs else 1.0, float)[..., None],
-    )
+    def _or_counts(self, means: Array, rate: Array, of_counts: Callable[[Array, Array, Array], Array]) -> Array:
+        """Return values of mean rates, and those of counts by a function of count, mean and dispersion."""
+        rows = np.flatnonzero(self.data.counted)
+        if rows.size:
+            window, fano = self.data.window[rows], np.broadcast_to(self.fano, (*rate.shape[:-1], 1))
+            means[..., rows] = of_counts(self.data.count[rows], (rate[..., rows] + SILENT) * window, fano)
+        return means
 
 
 def log_probability(count: Array, mean: Array, fano: Array) -> Array:

@@ -17,7 +17,6 @@ from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
 from softness_bayes.touch.neuron.rate_curve import LARGEST_CURRENT, RateCurve
 from softness_bayes.touch.probes import Probe, rigid_contact
 from softness_bayes.touch.readings import Readings
-from softness_bayes.touch.receptors import receptor_current
 from softness_bayes.touch.stress import stress
 
 if TYPE_CHECKING:
@@ -106,21 +105,20 @@ class ProbedTouches:
         """Loads and curvatures of distinct contacts, and the contact of each row."""
         pairs = [*zip(self.loads, self.curvature.tolist(), strict=True)]
         distinct = list(dict.fromkeys(pairs))
-        place = {pair: k for k, pair in enumerate(distinct)}
-        return (
-            Loads([load for load, _ in distinct]),
-            np.array([k for _, k in distinct]),
-            np.array([place[p] for p in pairs]),
-        )
+        loads, curvature = zip(*distinct, strict=True)
+        return Loads(loads), np.array(curvature), np.array([distinct.index(pair) for pair in pairs])
 
     def contacts(self, at: Afferent) -> tuple[Contact, Fingertips]:
-        """Return the distinct contacts, fields of shape (..., contacts), and fingers with their relative radii R*."""
-        loads, curvature, _ = self._presses
+        """Return the contact of each row, fields of shape (..., rows), and fingers with their relative radii R*."""
+        loads, curvature, of_row = self._presses
         radius, depth, b, m = (np.asarray(value, float)[..., None] for value in (at.radius, at.depth, at.b, at.m))
         radius = 1.0 / (1.0 / np.where(radius > 0, radius, self.finger.radius) + curvature)
         depth = np.where(depth > 0, depth, self.finger.receptor_depth)
         tips = Fingertips(radius, depth, self.finger.poisson_ratio)
-        return rigid_contact(loads, b, m, tips, self.readings.skin_displacement), tips
+        found = rigid_contact(loads, b, m, tips, self.readings.skin_displacement)
+        shape = found.skin_modulus.shape
+        contact = Contact(*(np.broadcast_to(value, shape)[..., of_row] for value in found))
+        return contact, tips._replace(radius=tips.radius[..., of_row])
 
     def stress(self, at: Afferent) -> Array:
         """Return the stress at the receptive field [Pa], shape (..., rows).
@@ -128,15 +126,11 @@ class ProbedTouches:
         For a point at the finger's own radius and depth it is read from a table; otherwise it is integrated.
         """
         found, tips = self.contacts(at)
-        of_row = self._presses[2]
         if not any(np.any(value) for value in (at.spread, at.radius, at.depth)):
             low, high = np.log(TABULATED)
             place = np.clip(np.log(found.reduced_modulus), low, high - 1e-9)
             # the splines of all rows follow each other along one axis
-            return np.asarray(self._table(place[..., of_row] + (high - low) * np.arange(of_row.size)))
-        shape = found.skin_modulus.shape
-        contact = Contact(*(np.broadcast_to(value, shape)[..., of_row] for value in found))
-        tips = tips._replace(radius=tips.radius[..., of_row])
+            return np.asarray(self._table(place + (high - low) * np.arange(self.distance.size)))
         spread = np.asarray(at.spread, float)[..., None]
         node, weight = np.polynomial.hermite_e.hermegauss(BLUR_NODES if np.any(spread) else 1)
         weight = weight / weight.sum()
@@ -145,7 +139,7 @@ class ProbedTouches:
             for across, part in zip(node, weight, strict=True):
                 if across >= 0:  # the other half mirrors this one
                     rho = np.hypot(self.distance + spread * along, spread * across)
-                    total = total + share * part * (1 + (across > 0)) * self._integrated(rho, contact, tips)
+                    total = total + share * part * (1 + (across > 0)) * self._integrated(rho, found, tips)
         return np.asarray(total)
 
     def _integrated(self, rho: ArrayLike, contact: Contact, tips: Fingertips) -> Array:
@@ -174,14 +168,17 @@ class ProbedTouches:
     def at_rest(self, at: Afferent) -> tuple[Array, Array]:
         """Return the current at rest over the rheobase, and sigma_0 [Pa], from whichever is given; shapes (...).
 
-        sigma_0 is NaN where alpha is below the current at rest.
+        sigma_0 is negative where the current at rest is more than half of alpha.
         """
-        limit = self.curve(at.alpha).rheobase
+        curve = self.curve(at.alpha)
+        start = self._start(at, curve)
+        return at.alpha * expit(start) / curve.rheobase, -start / np.asarray(at.beta, float)
+
+    def _start(self, at: Afferent, curve: RateCurve) -> Array:
+        """Return the log odds of the current without stress, as a share of alpha."""
         if at.sigma_0 is not None:
-            return receptor_current(0.0, at.alpha, at.beta, at.sigma_0) / limit, np.asarray(at.sigma_0, float)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            sigma_0 = np.log(at.alpha / (at.rest * limit) - 1.0) / at.beta
-        return np.asarray(at.rest, float), np.asarray(sigma_0)
+            return np.asarray(-np.asarray(at.beta, float) * at.sigma_0)
+        return np.asarray(logit(np.minimum(at.rest * curve.rheobase / at.alpha, 1.0 - 1e-12)))
 
     def rate(self, at: Afferent) -> Array:
         """Return the firing rate [Hz] of each row, shape (..., rows); 0 below the rheobase.
@@ -189,11 +186,6 @@ class ProbedTouches:
         The current is alpha / (1 + exp(beta (sigma_0 - sigma))). With `rest` it is given by its value without stress,
         rest times the rheobase; where alpha is below that, no stress makes the membrane fire.
         """
-        felt, curve = self.stress(at), self.curve(at.alpha)
-        alpha, beta = (np.asarray(value, float)[..., None] for value in (at.alpha, at.beta))
-        if at.sigma_0 is not None:
-            current = receptor_current(felt, alpha, beta, np.asarray(at.sigma_0, float)[..., None])
-        else:
-            share = np.asarray(at.rest, float)[..., None] * curve.rheobase[..., None] / alpha
-            current = alpha * expit(beta * felt + logit(np.minimum(share, 1.0 - 1e-12)))
-        return curve.rate(current)
+        curve = self.curve(at.alpha)
+        alpha, beta, start = (np.asarray(v, float)[..., None] for v in (at.alpha, at.beta, self._start(at, curve)))
+        return curve.rate(alpha * expit(beta * self.stress(at) + start))
