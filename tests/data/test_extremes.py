@@ -39,7 +39,7 @@ def write(path, head, rows, k, value):
 @pytest.mark.parametrize(("head", "rows", "k"), [*cases()])
 def test_an_extreme_number_is_read_or_refused_by_name(tmp_path, head, rows, k):
     path = tmp_path / "table.csv"
-    for value in VALUES:
+    for value in VALUES[: 2 + (k == 0)]:  # what is infinite is refused in the same way in every column
         write(path, head, rows, k, value)
         with warnings.catch_warnings():
             warnings.simplefilter("error")

@@ -549,14 +549,6 @@ def trees(*rooms):
     return {path: ast.parse(path.read_text()) for room in rooms for path in sorted((PACKAGE / room).rglob("*.py"))}
 
 
-def test_no_name_of_a_scale_is_written_outside_its_table():
-    """The command line's choices, and all else that goes by a scale, come from the tables."""
-    names = {*RATING_SCALES, RISES.name, FALLS.name}
-    for path, tree in trees(*ROOMS, "model").items():
-        for node in ast.walk(tree):
-            assert not (isinstance(node, ast.Constant) and node.value in names), f"{path}: line {node.lineno}"
-
-
 def test_scales_laws_and_directions_are_equal_in_other_processes():
     """Workers have copies of them, so that nothing may compare them by identity; a slider keeps its own ends."""
     named = *scales.RATING_SCALES.values(), *error_laws.ERROR_LAWS.values(), error_laws.GUMBEL

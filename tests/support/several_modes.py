@@ -86,7 +86,3 @@ def mode_and_ridge():
 def mode_and_banana():
     beside = 6.0 * np.eye(DIMENSION)[1]
     return Mixture([0.3, 0.7], [normal(beside, 0.1), banana()], [(beside, 0.1), (NEAR, 1.0)])
-
-
-def one_mode():
-    return Mixture([1.0], [banana()], [(NEAR, 1.0)])
