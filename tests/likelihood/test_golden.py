@@ -135,7 +135,6 @@ DRAWN = (
     "magnitude, exact, normal, omega",
     "magnitude, rounded, normal",
     "slider, rounded, lapses",
-    "magnitude, exact, normal, own gamma and varsigma",
 )
 """Cases whose effects are drawn in every run of the tests; the others are slow."""
 

@@ -62,7 +62,7 @@ CASES = {
     "user": {"loads": [*forces(0.3, 1), Indentation(2e-3)], "readings": Readings(pressure=USER)},
     "shallow": {"loads": depths(1, 2, 3), "finger": Finger(receptor_depth=0.2e-3, contact_centre=(3e-3, 5e-3))},
 }
-SLOW = {"printedstress", "fingI", "fingF"}
+SLOW = {"printedstress", "fingI", "fingF", "shallow", "lineprincipal", "mixed"}
 WORST = {"printedstress": 3e-3, "hh": 1e-3}
 """Errors of the coarsest preset that exceed 5e-4 of the peak: the choice of an accuracy then takes a finer one."""
 
