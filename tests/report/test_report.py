@@ -9,7 +9,6 @@ import re
 import shlex
 from dataclasses import fields, replace
 from html.parser import HTMLParser
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -33,7 +32,7 @@ from softness_bayes.report.page import alternative_text, anonymous, renamed, rep
 from softness_bayes.report.tables import MOST_FABRICS, repetition
 from softness_bayes.results.run_options import DataFiles, Request, RunOptions
 from softness_bayes.touch.readings import CLASSICAL
-from support.report_runs import EVIL, OPTIONS, PERSON, RUNS, TYPED, converged
+from support.report_runs import EVIL, OPTIONS, PERSON, RUNS, converged
 
 VOID = {"meta", "link", "img", "input", "br"}
 
@@ -337,73 +336,58 @@ def repeated(command, monkeypatch, directory):
     return caught[0]
 
 
-ASKED = {
-    "held": Request(ModelOptions(), RunOptions()).with_options(**OPTIONS),
-    "else": Request(ModelOptions(), RunOptions()).with_options(
-        fix={"b": 1 / 3},
-        priors={"m": LogNormal(2.5, 0.2)},
-        prior_set="in-vivo",
-        readings=CLASSICAL.override({"pressure": "attenuated"}),
-        direction=FALLS,
-        noise=0.25,
-        exact_reweight=True,
-        max_steps=123,
-        seed=99,
-    ),
+FILES = {
+    "data": "r.csv",
+    "fabrics": "f.csv",
+    "compression": "c.csv",
+    "afferents": "a.csv",
+    "column": "rating=softness",
+    "indentation-mm": "2",
+    "force-n": "1",
+    "decimal": "ratings=,",
+    "load": "free",
+    "round-load": "0.05",
 }
+ASKED = Request(ModelOptions(), RunOptions()).with_options(
+    fix={"b": 1 / 3},
+    priors={"m": LogNormal(2.5, 0.2)},
+    prior_set="in-vivo",
+    readings=CLASSICAL.override({"pressure": "attenuated"}),
+    direction=FALLS,
+    noise=0.25,
+    exact_reweight=True,
+    max_steps=123,
+    seed=99,
+)
 
 
-@pytest.mark.parametrize("asked", ASKED.values(), ids=ASKED)
-def test_the_command_amounts_to_the_options_of_the_run(made, asked, monkeypatch, tmp_path):
-    result = made("ratings")
+def asked_for(result, request, command):
+    """Return a result that says that another run was asked for."""
     tree = result.tree.copy()
-    typed = f"{TYPED} --column rating=softness --force-n=2; softness-bayes resume results --more-steps 50"
-    tree.attrs = {**tree.attrs, "options": json.dumps(asked.with_options(command=typed).record()), "command": typed}
-    found = repetition(replace(result, tree=tree))
+    record = json.dumps(request.with_options(command=command).record())
+    tree.attrs = {**tree.attrs, "options": record, "command": command}
+    return replace(result, tree=tree)
+
+
+def test_the_command_amounts_to_the_files_and_the_options_of_the_run(made, monkeypatch, tmp_path):
+    words = [word for name, value in FILES.items() for word in (f"--{name}", value)]
+    typed = shlex.join(["softness-bayes", "sample", *words, "--drop-zeros", "--wide", "--drift", "--out", "results"])
+    found = repetition(asked_for(made("ratings"), ASKED, f"{typed}; softness-bayes resume results --more-steps 50"))
     first, more = found.commands
     assert more == "softness-bayes resume again/ --more-steps 50"
     files, request = repeated(first, monkeypatch, tmp_path)
-    assert (files.data, files.columns, files.force_n) == (Path("my ratings.csv"), {"rating": "softness"}, 2.0)
-    for name in ("fix", "priors", "prior_set", "readings", "direction", "scale", "noise"):
-        assert getattr(request.model, name) == getattr(asked.model, name), name
-    for name in ("exact_reweight", "seed", "max_steps"):
-        assert getattr(request.run, name) == getattr(asked.run, name), name
-
-
-def test_every_option_of_the_files_is_repeated(made, monkeypatch, tmp_path):
-    given = {
-        "data": "r.csv",
-        "fabrics": "f.csv",
-        "compression": "c.csv",
-        "afferents": "a.csv",
-        "column": "rating=softness",
-        "indentation-mm": "2",
-        "force-n": "1",
-        "decimal": "ratings=,",
-        "load": "free",
-        "round-load": "0.05",
-    }
-    words = [word for name, value in given.items() for word in (f"--{name}", value)]
-    typed = shlex.join(["softness-bayes", "sample", *words, "--drop-zeros", "--wide", "--drift", "--out", "results"])
-    result = made("ratings")
-    tree = result.tree.copy()
-    asked = Request(ModelOptions(), RunOptions()).with_options(**OPTIONS | {"command": typed})
-    tree.attrs = {**tree.attrs, "options": json.dumps(asked.record()), "command": typed}
-    (command,) = repetition(replace(result, tree=tree)).commands
-    files, _ = repeated(command, monkeypatch, tmp_path)
-    assert files == repeated(f"{typed} --max-steps 40", monkeypatch, tmp_path)[0]
+    assert files == repeated(typed, monkeypatch, tmp_path)[0]
     empty = DataFiles()
     assert all(getattr(files, one.name) != getattr(empty, one.name) for one in fields(DataFiles))
+    for name in ("fix", "priors", "prior_set", "readings", "direction", "scale", "noise"):
+        assert getattr(request.model, name) == getattr(ASKED.model, name), name
+    for name in ("exact_reweight", "seed", "max_steps"):
+        assert getattr(request.run, name) == getattr(ASKED.run, name), name
 
 
 def test_a_run_of_python_or_of_limited_time_says_so(made):
-    result = made("ratings")
-    tree = result.tree.copy()
-    limited = Request(ModelOptions(), RunOptions()).with_options(
-        **OPTIONS | {"command": "", "max_seconds": 5.0, "max_steps": 10_000}
-    )
-    tree.attrs = {**tree.attrs, "options": json.dumps(limited.record()), "command": ""}
-    found = repetition(replace(result, tree=tree))
+    limited = Request(ModelOptions(), RunOptions()).with_options(**OPTIONS | {"max_seconds": 5.0, "max_steps": 10_000})
+    found = repetition(asked_for(made("ratings"), limited, ""))
     assert f"--max-steps {OPTIONS['max_steps']} " in found.commands[0]
     assert "--data RATINGS.csv" in found.commands[0]
     assert any("time limit" in note for note in found.notes)

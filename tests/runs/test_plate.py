@@ -130,14 +130,11 @@ def test_the_shipped_forces_give_back_what_they_were_made_from(result):
 
 def test_groups_of_a_run_on_forces_alone(result, shipped):
     posterior, rows = result.group("posterior"), len(shipped)
-    assert {*posterior.data_vars} == {*SAMPLED, "log_b_effect", "m_effect"}
-    assert posterior["m_effect"].dims == ("chain", "draw", "finger")
     assert posterior["finger"].values.tolist() == [f"F{k}" for k in range(1, 9)]
     assert posterior["b"].attrs["units"] == "kPa"
-    for group, size in (("posterior_predictive", 500), ("prior_predictive", 500)):
-        assert result.group(group)["plate_force_n"].shape == (1, size, rows)
+    for group in ("posterior_predictive", "prior_predictive"):
+        assert result.group(group)["plate_force_n"].shape == (1, 500, rows)
     assert_array_equal(result.group("observed_data")["plate_force_n"], shipped.force)
-    assert {*result.group("log_likelihood_joint").data_vars} == {"compression"}
     found = result.attributes
     assert (found["digest_compression"], found["zero_forces"]) == (shipped.digest, 0)
     assert found["prior_b"] == "lognormal(30,1)"
