@@ -25,6 +25,7 @@ from softness_bayes.base.errors import InputError
 from softness_bayes.base.ranges import require_kind
 from softness_bayes.checking.inflection import CurveShape, turning_points
 from softness_bayes.data import Fabrics
+from softness_bayes.data.ratings import loads_by_column
 from softness_bayes.experiments.design_information import heavier, rounding
 from softness_bayes.likelihood.scales import MAGNITUDE, SLIDER
 from softness_bayes.model.build import ExperimentModel
@@ -32,7 +33,7 @@ from softness_bayes.model.posterior import Posterior
 from softness_bayes.model.scenes import fabric_moduli, scene_of
 from softness_bayes.parameters.space import FabricModuli
 from softness_bayes.results.fitted import Fitted, same_fabrics
-from softness_bayes.touch.contact import HERTZ_LIMIT, Force, Indentation, Load
+from softness_bayes.touch.contact import HERTZ_LIMIT, Load
 from softness_bayes.touch.parameters import TouchParameters
 
 Array = NDArray[np.float64]
@@ -237,8 +238,7 @@ class Outlook:
                 "fabric": [fabrics.names[k] for k in scene.fabric],
                 "to_obtain": rated[scene.fabric] < 0,
                 "e_fab_kpa": scene.modulus * 1e-3,
-                "indentation_mm": [load.depth * 1e3 if isinstance(load, Indentation) else np.nan for load in pressed],
-                "force_n": [load.newton if isinstance(load, Force) else np.nan for load in pressed],
+                **{one.name: values / one.factor for one, values in loads_by_column(pressed).items()},
                 "p_silent": (rates[0] == 0).mean(axis=0),
                 "load": pressed,
                 "modulus_sd": modulus_sd[scene.fabric],

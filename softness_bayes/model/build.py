@@ -414,14 +414,10 @@ def _recorded(data: Experiment | Measurements, options: ModelOptions) -> list[Re
         if options.shared:
             raise InputError("shared: there are no recorded afferents (--afferents); omit it")
         return []
-    return [recorded_rates(data.afferents, options)]
-
-
-def recorded_rates(data: Afferents, options: ModelOptions) -> RecordedRates:
-    """Return the likelihood of recorded afferents for the given finger and readings."""
+    rows = data.afferents
     freed = tuple(name for name in declared.OPTIONAL_RECORDING if name in {*options.fix, *options.priors})
-    touches = ProbedTouches(data.loads, data.curvature, data.distance, options.finger, options.readings)
-    return RecordedRates(data, touches, recording_model(data, options.shared, freed))
+    touches = ProbedTouches(rows.loads, rows.curvature, rows.distance, options.finger, options.readings)
+    return [RecordedRates(rows, touches, recording_model(rows, options.shared, freed))]
 
 
 def spreads_between(ratings: Ratings) -> tuple[RaterSpreads, ...]:

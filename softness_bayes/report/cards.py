@@ -26,9 +26,9 @@ from softness_bayes.checking.sentences import (
     turn_sentence,
     unreproduced_sentence,
 )
-from softness_bayes.model.recordings.findings import RecordedFindings
 from softness_bayes.people.ruler import Fit
 from softness_bayes.people.sentences import fit_faults, ruler_sentence, silence_note, untestable_sentence
+from softness_bayes.results.other_data import RecordedFindings
 from softness_bayes.results.result import Result
 
 if TYPE_CHECKING:

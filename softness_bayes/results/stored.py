@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from softness_bayes.data import Fabrics
-    from softness_bayes.model.recordings.findings import RecordedFindings
+    from softness_bayes.results.other_data import RecordedFindings
 
 Array = NDArray[np.float64]
 
@@ -212,7 +212,7 @@ class Stored:
     @property
     def recorded_findings(self) -> RecordedFindings:
         """Findings about the recorded afferents of the run."""
-        from softness_bayes.model.recordings.findings import RecordedFindings
+        from softness_bayes.results.other_data import RecordedFindings
 
         return RecordedFindings.recorded(self.provenance.recorded.recorded_findings)
 

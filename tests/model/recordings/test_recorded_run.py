@@ -15,11 +15,10 @@ from softness_bayes.likelihood.error_laws import NORMAL
 from softness_bayes.likelihood.scales import RISES
 from softness_bayes.model.build import build, build_skin
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.model.recordings.findings import log_additive_sd, shifts
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_afferents, simulate_compression, simulate_ratings
 from softness_bayes.plotting.figures import figures_of
-from softness_bayes.results.other_data import agreements
+from softness_bayes.results.other_data import agreements, log_additive_sd, shifts
 from softness_bayes.results.result import Result
 from softness_bayes.runs.comparison import compare
 from softness_bayes.runs.run import sample
