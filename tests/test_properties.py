@@ -14,15 +14,11 @@ from hypothesis.extra import numpy as hnp
 from softness_bayes.data import Ratings, ratings_csv
 from softness_bayes.data.columns import BEARABLE, FINGERTIP, summarises
 from softness_bayes.data.faults import identity
-from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
-from softness_bayes.likelihood.scales import FALLS, RISES
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.scene import Scene
 from softness_bayes.touch.stress import HERTZ
-from support.points import rated
 
 FEW = settings(derandomize=True, deadline=None, database=None, max_examples=25)
 """Where each example makes scenes of its own."""
@@ -112,46 +108,6 @@ def test_the_order_of_the_kink_at_the_onset(smooth_firing, scene, onset_rate, po
     # the slope on this side, that on the other being 0: continuous for the fold alone
     slopes = np.array([one, four]) / (RHEOBASE * odds * np.array([1e-7, 4e-7]))
     assert slopes[0] / slopes[1] == pytest.approx(0.5 if power == 1.5 else 1.0, rel=0.02)
-
-
-# the likelihood
-
-
-@st.composite
-def ratings_of(draw):
-    """Ratings of up to five fabrics under up to two loads by up to four participants, and mean rates."""
-    fabrics, loads, people = draw(st.integers(1, 5)), draw(st.integers(1, 2)), draw(st.integers(1, 4))
-    rows = draw(st.integers(1, 12))
-    index = st.integers(0, 10**6)
-    condition = np.array(draw(st.lists(index, min_size=rows, max_size=rows))) % (fabrics * loads)
-    participant = np.array(draw(st.lists(index, min_size=rows, max_size=rows))) % people
-    ratings = np.array(draw(st.lists(in_decades(1e-3, 1e5), min_size=rows, max_size=rows)))
-    rate = draw(hnp.arrays(float, fabrics * loads, elements=st.just(0.0) | st.floats(1e-3, 40.0)))
-    parameters = rated(
-        draw(st.floats(0.1, 3.0)), draw(in_decades(1e-3, 3.0)), draw(in_decades(0.02, 3.0)), draw(st.floats(0.0, 1.0))
-    )
-    return Design(condition, participant, np.tile(np.arange(fabrics), loads), people), ratings, rate, parameters
-
-
-@FEW
-@given(ratings_of(), in_decades(1e-6, 1e6), st.sampled_from([RISES, FALLS]))
-def test_likelihood_knows_no_unit_of_ratings(case, factor, direction):
-    """With the prior's centre in the same unit the density changes by the Jacobian alone."""
-    design, ratings, rate, parameters = case
-    one = LogRatings(ratings, design, RatingModel(direction)).log_likelihood(rate, parameters)
-    other = LogRatings(factor * ratings, design, RatingModel(direction, centre=20.0 * factor))
-    expected = float(one) - design.n_rows * math.log(factor)
-    assert float(other.log_likelihood(rate, parameters)) == pytest.approx(expected, rel=1e-9, abs=1e-8)
-
-
-@FEW
-@given(ratings_of(), in_decades(0.1, 10.0))
-def test_likelihood_sees_ratios_of_rates_only(case, factor):
-    """The logarithm of rate and eps is centred over the rows: one factor on both leaves it alone."""
-    design, ratings, rate, parameters = case
-    observed = LogRatings(ratings, design)
-    found = observed.log_likelihood(factor * rate, parameters.replace(eps=0.1 * factor))
-    assert float(found) == pytest.approx(float(observed.log_likelihood(rate, parameters)), rel=1e-9, abs=1e-8)
 
 
 # the tables

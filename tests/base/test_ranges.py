@@ -64,10 +64,13 @@ def test_the_chain_answers_at_every_corner_of_the_ranges(readings, smooth_firing
     ]
     corners = np.array(list(itertools.product(*ends))).T
     named = dict(zip(CHAIN, corners, strict=True)) | PAPER_CHANNELS._asdict()
-    rate = scene.total_rate(touch_parameters(named))
-    assert np.isfinite(rate).all()
-    assert rate.min() >= 0
-    assert rate.max() > 0
+    found = scene.respond(touch_parameters(named))
+    fires = found.responding > 0
+    assert fires.any()
+    assert np.isfinite(found.total_rate).all()
+    assert ((found.total_rate > 0) == fires).all()
+    assert ((found.responding >= 0) & (found.responding <= scene.n_receptors + 1e-6)).all()
+    assert np.isfinite(found.mean_interval[fires]).all()
 
 
 @pytest.mark.parametrize(

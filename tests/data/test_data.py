@@ -11,9 +11,7 @@ from softness_bayes.base.errors import InputError
 from softness_bayes.data import (
     Fabrics,
     Ratings,
-    fabrics_csv,
     loads_of,
-    ratings_csv,
     read_experiment,
 )
 from softness_bayes.data.columns import NUMBERS, POISSON_RATIO
@@ -352,45 +350,3 @@ def test_units_round_trip_bit_by_bit(column):
     ):
         assert column.parse(column.write(value)) == value
         assert float(column.write(value)) * column.factor == pytest.approx(value, rel=1e-14)
-
-
-# writing
-
-
-def simulated() -> tuple[Ratings, Fabrics]:
-    rng = np.random.default_rng(5)
-    fabrics = Fabrics(
-        ("satin", 'tulle, "fine"', "Köper"),
-        tensile_modulus=rng.lognormal(16, 1, 3),
-        thickness=np.array([rng.lognormal(-8, 0.3), np.nan, 1e-4]),
-        effective_modulus=np.array([np.nan, rng.lognormal(10), np.nan]),
-        poisson_ratio=rng.uniform(0, 0.5, 3),
-    )
-    rating = rng.lognormal(2, 1, (4, 3, 3))
-    rating[2, 1, 0] = np.nan
-    loads = loads_of([1, 2.2], [1 / 3])
-    return Ratings.crossed(("P1", "P2", "P3", "P4"), fabrics.names, loads, rating), fabrics
-
-
-def same(first: object, second: object, names: tuple[str, ...]) -> bool:
-    return all(np.array_equal(getattr(first, n), getattr(second, n), equal_nan=True) for n in names)
-
-
-PROPERTIES = ("tensile_modulus", "thickness", "poisson_ratio", "bending_rigidity", "effective_modulus")
-
-
-@pytest.mark.parametrize("beside", [True, False])
-def test_files_read_back_to_the_same_values(tmp_path, beside):
-    """Fabrics in a table beside the ratings, and among them."""
-    ratings, fabrics = simulated()
-    assert (len(ratings), ratings.n_missing) == (35, 1)
-    (tmp_path / "ratings.csv").write_text(ratings_csv(ratings, None if beside else fabrics), encoding="utf-8")
-    if beside:
-        (tmp_path / "fabrics.csv").write_text(fabrics_csv(fabrics), encoding="utf-8")
-    experiment = read_experiment(tmp_path / "ratings.csv")
-    assert experiment.ratings.loads == ratings.loads
-    names = fabrics.names if beside else ("Köper", "satin", 'tulle, "fine"')
-    assert experiment.ratings.fabrics == experiment.fabrics.names == names
-    assert same(experiment.ratings, ratings, ("participant", "load", "rating", "rows"))
-    assert same(experiment.fabrics.take(fabrics.names), fabrics, PROPERTIES)
-    assert np.array(names)[experiment.ratings.fabric].tolist() == np.array(fabrics.names)[ratings.fabric].tolist()

@@ -38,13 +38,6 @@ def test_the_page_lists_every_room(imported):
         assert (PACKAGE / file).is_file()
 
 
-def test_the_list_goes_from_the_bottom_up(imported):
-    """As the test of the layers: a room imports rooms that stand before it."""
-    order = [name for name, _ in ROOMS]
-    for name, others in imported.items():
-        assert all(order.index(other) < order.index(name) for other in others), name
-
-
 def test_the_drawing_is_of_these_imports(imported):
     assert FILE.read_text(encoding="utf-8") == drawing(imported), "run python -m softness_bayes.tools.rooms"
 

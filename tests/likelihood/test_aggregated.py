@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy.special import ive
 from scipy.stats import chi2, kstest
 
 from softness_bayes.base.errors import InputError
-from softness_bayes.likelihood.aggregated import LARGE_ORDER, AggregatedModel, RaterSpreads, SpreadModel, log_bessel
+from softness_bayes.likelihood.aggregated import AggregatedModel, RaterSpreads, SpreadModel
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.magnitude import RatingModel
@@ -73,15 +72,6 @@ def test_simulated_raters_have_the_law(raters, rng):
             for _ in range(150)
         ]
         assert min(kstest(column, "uniform").pvalue for column in np.array(apart).T) < 1e-2
-
-
-@pytest.mark.parametrize("order", [-0.5, 0.0, 3.5, LARGE_ORDER, LARGE_ORDER + 0.5, 60.0])
-def test_bessel_functions_are_those_of_scipy(order):
-    z = np.geomspace(max(order, 0.1) / 3.0, 1e6, 60)
-    assert_allclose(log_bessel(order, z), np.log(ive(order, z)) + z - order * np.log(z), rtol=1e-9, atol=1e-8)
-    ends = log_bessel(order, np.array([0.0, 1e-12, 1e9]))
-    assert np.isfinite(ends).all()
-    assert ends[0] == pytest.approx(ends[1])
 
 
 def test_no_spread_of_scales_leaves_chi_squares(rng):

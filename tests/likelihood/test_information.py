@@ -66,13 +66,6 @@ def test_information_of_an_order(rng):
     assert_allclose(more - found, 2.0 * two, atol=0.05 * np.abs(expected).max())
 
 
-def test_rows_become_sets():
-    lists, condition = np.array([5, 5, 7, 7, 9, 9, 9]), np.array([2, 0, 0, 2, 1, 3, 2])
-    found = Comparisons.of_rows(lists, condition)
-    assert found.members.tolist() == [[0, 2, -1], [1, 2, 3]]
-    assert found.times.tolist() == [2, 1]
-
-
 def test_sure_answers_tell_nothing():
     compared = Comparisons(np.array([[0, 1]]), np.ones(1))
     assert_allclose(pair_information(compared, np.array([0.0, 60.0]), np.eye(2)), 0.0, atol=1e-200)

@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import minimize
-from scipy.stats import norm
 
 from softness_bayes.base.errors import InputError
 from softness_bayes.data import Fabrics, Ratings
@@ -28,15 +27,6 @@ def asked(condition, answers, law=None, reference=None):
     model = PairModel(law=law or NORMAL, guesses_given=reference is not None)
     sides = None if reference is None else (condition == reference).ravel() & (np.diff(condition) != 0).repeat(2)
     return PairRatings(values, design, model, lists=np.repeat(np.arange(len(condition)), 2), reference=sides)
-
-
-def test_an_answer_is_a_probit_of_the_difference():
-    x = np.log(RATE + 0.1)
-    expected = norm.cdf(0.8 * (x[2] - x[1]) / (np.sqrt(2.0) * 1.5))
-    assert_allclose(np.exp(asked([[2, 1]], [1]).log_likelihood(RATE, POINT)), expected, rtol=1e-12)
-    assert_allclose(np.exp(asked([[2, 1]], [0]).log_likelihood(RATE, POINT)), 1.0 - expected, rtol=1e-12)
-    assert_allclose(asked([[2, 1]], [0.5]).log_likelihood(RATE, POINT), 0.0, atol=1e-14)
-    assert_allclose(asked([[2, 2]], [1]).log_likelihood(RATE, POINT), np.log(0.5), rtol=1e-12)
 
 
 def test_a_guess_rate_is_the_floor_of_comparisons_alone():

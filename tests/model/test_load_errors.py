@@ -31,7 +31,7 @@ from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation
 from support.points import rated
 
-FINE, COARSE = Discretisation(16, 14.0, 1e-6), Discretisation(10, 10.0, 1e-5)
+COARSE = Discretisation(10, 10.0, 1e-5)
 LOADS = (Indentation(2e-3), Force(1.5))
 CLOTH = Fabrics(("a", "b", "c"), effective_modulus=np.array([40.0, 160.0, 500.0]) * 1e3)
 
@@ -68,21 +68,28 @@ def test_the_error_of_a_load_is_that_of_its_row_or_else_of_all():
 # the posterior
 
 
-def test_vanishing_errors_give_the_likelihood_of_exact_loads():
-    options = ModelOptions(fix=held("b", "gamma", "varsigma"), discretisation=FINE, priors={"omega": HalfNormal(0.5)})
+@pytest.mark.parametrize("kind", ["load_cv", "shared_load_cv"])
+def test_vanishing_errors_give_the_likelihood_of_exact_loads(kind):
+    own = {"priors": {"omega": HalfNormal(0.5)}} if kind == "load_cv" else {}
+    options = ModelOptions(fix=held("b", "gamma", "varsigma"), discretisation=COARSE, **own)
     experiment = made()
-    known = build(experiment, options).posterior
+
+    def posterior(cv, experiment=experiment):
+        return build(experiment, replace(options, **{kind: cv})).posterior
+
+    known = posterior(None)
     assert known.other_loads is None
-    nearly = build(experiment, replace(options, load_cv=1e-8)).posterior
     theta = known.space.draw_prior(np.random.default_rng(1), 20)
-    assert_allclose(nearly.log_likelihood(theta), known.log_likelihood(theta), rtol=1e-10)
+    expected, nearly = known.log_likelihood(theta), posterior(1e-8)
+    assert_allclose(nearly.log_likelihood(theta), expected, rtol=0, atol=1e-8)
+    again = pickle.loads(pickle.dumps(nearly))
+    assert_allclose(again.log_likelihood(theta), nearly.log_likelihood(theta), rtol=1e-12)
     # errors of 0 are none at all
-    for other in (replace(options, load_cv=0.0), replace(options, load_cv=None)):
-        assert_array_equal(build(experiment, other).posterior.log_likelihood(theta), known.log_likelihood(theta))
-    none = build(with_cv(experiment, np.zeros(24)), replace(options, load_cv=0.1)).posterior
-    assert_array_equal(none.log_likelihood(theta), known.log_likelihood(theta))
-    apart = build(experiment, replace(options, load_cv=0.1)).posterior.log_likelihood(theta)
-    assert np.abs(apart - known.log_likelihood(theta)).max() > 0.1
+    assert_array_equal(posterior(0.0).log_likelihood(theta), expected)
+    if kind == "load_cv":
+        none = posterior(0.1, with_cv(experiment, np.zeros(24)))
+        assert_array_equal(none.log_likelihood(theta), expected)
+    assert np.abs(posterior(0.1).log_likelihood(theta) - expected).max() > 0.1
 
 
 def oracle(posterior, experiment, cv, gamma, tau, varsigma, shift=0.0):
@@ -202,18 +209,6 @@ def test_where_the_response_is_a_line_the_reference_is_the_closed_form():
     assert_allclose(found[0], found[1], rtol=0, atol=1e-5)
     bent = np.exp(level + nodes[:, None] * lean + 0.1 * nodes[:, None] ** 2 * lean).ravel()
     assert abs(line.finer().log_likelihood(bent, p) - found[0]) > 1e-3
-
-
-def test_vanishing_shared_errors_give_the_likelihood_of_exact_loads():
-    experiment, theta = made(), np.array([[1.0, 0.3], [0.7, 0.5]])
-    known = build(experiment, options()).posterior
-    nearly = build(experiment, options(shared_load_cv=1e-8)).posterior
-    assert_allclose(nearly.log_likelihood(theta), known.log_likelihood(theta), rtol=0, atol=1e-8)
-    for none in (None, 0.0):
-        same = build(experiment, options(shared_load_cv=none)).posterior
-        assert_array_equal(same.log_likelihood(theta), known.log_likelihood(theta))
-    again = pickle.loads(pickle.dumps(nearly))
-    assert_allclose(again.log_likelihood(theta), nearly.log_likelihood(theta), rtol=1e-12)
 
 
 def test_a_load_that_was_off_is_found_out():

@@ -158,13 +158,6 @@ def test_coordinates_invert_and_have_the_stated_jacobian(space):
     assert np.abs(numerical).max() > 1
 
 
-def test_prior_draws_and_density_by_parameter():
-    theta = EVERYTHING.draw_prior(np.random.default_rng(1), 4000)
-    assert np.isfinite(EVERYTHING.log_prior(theta)).all()
-    for k, parameter in enumerate(EVERYTHING.sampled):
-        assert stats.kstest(theta[:, k], parameter.prior.cumulative).pvalue > 1e-3
-
-
 def test_values_by_name_in_natural_units_and_si():
     space = parameter_space(fix={"m": 2.5})
     theta = np.stack([space.median, 2 * space.median])

@@ -47,15 +47,6 @@ def test_peaks_from_polynomials_are_those_of_the_search(loads, tolerance, smooth
     assert np.abs(found / exact - 1.0).max() > 1e-9  # they are polynomials
 
 
-@pytest.mark.parametrize(("tolerance", "error"), [(1e-5, 1e-6), (1e-7, 1e-8)])
-def test_scenes_with_and_without_a_box_answer_alike(tolerance, error, smooth_firing, paper, rng):
-    with_box, without = (scene_at(tolerance, LOADS["both"], smooth_firing(), box) for box in (PRIORS, None))
-    parameters = paper(b=1e5 * np.exp(0.8 * rng.normal(size=40)), m=2.0 * np.exp(0.5 * rng.normal(size=40)))
-    wanted = without.total_rate(parameters)
-    assert wanted.max() > 0
-    np.testing.assert_allclose(with_box.total_rate(parameters), wanted, rtol=error, atol=error * wanted.max())
-
-
 def test_skins_outside_the_box_are_solved_and_do_not_change_those_inside(smooth_firing, rng):
     boxed, without = (scene_at(1e-4, LOADS["both"], smooth_firing(), box) for box in (PRIORS, None))
     b, m = within(PRIORS, rng, 20, 3.0)

@@ -12,7 +12,6 @@ from oracles.reference import reference_response
 from softness_bayes.base.errors import InputError, NumericalError
 from softness_bayes.touch.contact import Finger, FingerBox, Fingertips, Force, Indentation, Load, Loads, held
 from softness_bayes.touch.parameters import TouchParameters
-from softness_bayes.touch.population import WIDE
 from softness_bayes.touch.profiles import touch_profiles
 from softness_bayes.touch.readings import ALTERNATIVES, Readings
 from softness_bayes.touch.scene import Discretisation, Scene
@@ -117,20 +116,6 @@ def test_a_table_of_fingers_is_the_field_at_the_corners_and_inside(load, pressur
     assert peak < 2e-3
     thin = StressTable(load, load, FINGER, FingerBox((8e-3, 8e-3), BOX.receptor_depth), readings, RANGE, 1e-4)
     assert thin.reached < 1e-3
-
-
-@pytest.mark.parametrize("load", [Indentation(3e-3), Force(2.0)], ids=str)
-def test_the_series_of_high_stresses_is_shorter_and_the_same_field(load, rng):
-    table = StressTable(load, load, FINGER, None, Readings(), RANGE, 1e-5)
-    modulus = 10 ** rng.uniform(3, 7, (1, 12))
-    radius = np.broadcast_to(Loads(load).radius(modulus, FINGER), modulus.shape)
-    fields = StressFields({load: table}, [load], [np.arange(12)], FINGER).at(modulus, radius, FINGER)
-    (_, near), (_, every) = (fields.among(np.ones((1, 12), dtype=bool), near=part) for part in (True, False))
-    assert len(near.shape) < 0.6 * len(every.shape)
-    y = np.broadcast_to(np.linspace(WIDE**table.root, 0.999, 50)[:, None], (50, 12))
-    largest = (every.squared_distance(y) * y / (1 - y)).max()
-    difference = (near.squared_distance(y) - every.squared_distance(y)) * y / (1 - y)
-    assert 0 < np.abs(difference).max() < 2e-5 * largest
 
 
 def test_a_table_with_too_few_nodes_says_so(monkeypatch):
