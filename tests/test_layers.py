@@ -77,18 +77,13 @@ def named_modules(tree):
     return dotted & MODULES.keys()
 
 
-@pytest.mark.parametrize("name", MODULES)
-def test_module_imports_only_downwards(name):
-    here = room(name)
-    for other in own_imports(MODULES[name]) | named_modules(MODULES[name]):
-        if other in MODULES and room(other) != here:
-            assert RANK[room(other)] < RANK[here], f"{name} imports {other}"
-
-
-@pytest.mark.parametrize("name", MODULES)
-def test_module_imports_from_where_things_are(name):
-    """The package's public names lie above everything: through them a room could reach one above it."""
-    assert own_imports(MODULES[name]) - {"__version__"} <= MODULES.keys()
+def test_modules_import_only_downwards():
+    """And from where things are: through the package's public names a room could reach one above it."""
+    for name, tree in MODULES.items():
+        assert own_imports(tree) - {"__version__"} <= MODULES.keys(), name
+        for other in own_imports(tree) | named_modules(tree):
+            if other in MODULES and room(other) != room(name):
+                assert RANK[room(other)] < RANK[room(name)], f"{name} imports {other}"
 
 
 def test_no_circles():
@@ -168,8 +163,9 @@ def test_folders_of_tests_are_folders_of_the_package():
     assert [folder for folder in folders if not (Path(softness_bayes.__file__).parent / folder).is_dir()] == []
 
 
-@pytest.mark.parametrize("path", TESTS, ids=str)
-def test_no_test_imports_another_test(path):
+def test_no_test_imports_another_test():
     """What two tests need is in `support`, or a fixture of conftest.py."""
-    named = {part for name in imports(ast.parse(TESTS[path].read_text(encoding="utf-8"))) for part in name.split(".")}
-    assert not named & {other.stem for other in TESTS if other.name.startswith("test_") or other.stem == "conftest"}
+    tests = {path.stem for path in TESTS if path.name.startswith("test_") or path.stem == "conftest"}
+    for name, path in TESTS.items():
+        named = imports(ast.parse(path.read_text(encoding="utf-8")))
+        assert not tests & {part for one in named for part in one.split(".")}, name

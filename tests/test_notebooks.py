@@ -60,7 +60,6 @@ def test_notebooks_ask_a_question_each_and_are_small():
         assert learnt.startswith("You learn")
 
 
-@pytest.mark.parametrize("name", softness_bayes.__all__)
-def test_a_public_name_is_there(name):
-    assert getattr(softness_bayes, name) is not None
-    assert name in dir(softness_bayes)
+def test_every_public_name_is_there():
+    assert all(getattr(softness_bayes, name) is not None for name in softness_bayes.__all__)
+    assert {*softness_bayes.__all__} <= {*dir(softness_bayes)}
