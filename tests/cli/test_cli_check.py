@@ -2,19 +2,12 @@ import os
 import re
 import subprocess
 import sys
-from pathlib import Path
-from types import SimpleNamespace
-from typing import Annotated
 
 import click
 import pytest
 
 from softness_bayes.base.errors import InputError, SoftnessError
-from softness_bayes.base.options import Number
-from softness_bayes.base.ranges import Range
 from softness_bayes.cli import FORMER, VERBS, main, short_help
-from softness_bayes.cli.options import Force, Given, Out, Seed, SetValues, Touches, command
-from softness_bayes.model.options import ModelOptions
 from support.command_line import HELD, call, run
 from support.paths import ROOT
 
@@ -105,97 +98,12 @@ def test_check_shows_moduli_in_the_reading_that_is_asked_for(files):
 # options that other verbs share
 
 
-def received(*words):
-    """Return what a command with some shared options receives."""
-    given = {}
-
-    @command
-    def glance(
-        directory: Path = Path("results"),
-        *,
-        model: Annotated[ModelOptions, Given("fix", "priors", "prior_set")],
-        touches: Touches,
-        values: SetValues,
-        seed: Seed = 3,
-        out: Out = Path("out"),
-        force: Force = False,
-        least: Annotated[float | None, Number(Range(0.0, 1.0))] = None,
-        name_: str = "",
-    ) -> None:
-        """Glance at a run.
-
-        It is short.
-
-        Parameters
-        ----------
-        directory : [DIR]
-        least : SHARE
-            Least share.
-        name_
-            Heading.
-        seed
-            Seed of a glance.
-        """
-        given.update(vars() | {"given": None})
-
-    glance.main([*words], standalone_mode=False)
-    return glance, SimpleNamespace(**given)
-
-
-def test_options_hand_over_values():
-    _, usual = received()
-    assert (usual.directory, usual.seed, usual.out, usual.force) == (Path("results"), 3, Path("out"), False)
-    assert (usual.values, usual.least, usual.name_, usual.model) == ({}, None, "", ModelOptions())
-    words = ["here", "--set", "b=80", "--set", "m = 2e0", "--fix", "b=80", "--seed", "7", "--force", "--name", "x"]
-    _, got = received(*words, "--out", "there", "--least", "0.5")
-    assert (got.directory, got.values, got.model.fix) == (Path("here"), {"b": 80.0, "m": 2.0}, {"b": 80.0})
-    assert (got.seed, got.force, got.name_, got.out, got.least) == (7, True, "x", Path("there"), 0.5)
-
-
-def test_a_docstring_explains_the_options_of_its_command():
-    glance, _ = received()
-    lines = " ".join(glance.get_help(click.Context(glance, info_name="glance")).split())
-    assert "glance [OPTIONS] [DIR]" in lines
-    assert "Glance at a run. It is short. Options:" in lines
-    assert "--seed N Seed of a glance. Accepts a whole number from 0. [default: 3]" in lines
-    assert "--least SHARE Least share. Accepts a number 0 to 1." in lines.replace("from 0", "0")
-    assert "--name TEXT Heading." in lines
-
-
-@pytest.mark.parametrize(
-    ("arguments", "problem"),
-    [
-        (["--set", "b"], "expected NAME=VALUE, got 'b'"),
-        (["--fix", "b=nan"], "b: expected a finite number, got 'nan'"),
-        (["--fix", "b=1", "--fix", "b=2"], "'b' is given twice"),
-        (["--seed", "-1"], "expected a whole number from 0, got '-1'"),
-        (["--prior", "b=cauchy(1)"], "b: "),
-        (["--least", "2"], "expected a number from 0 to 1, got '2'"),
-    ],
-)
-def test_options_refuse_what_they_cannot_read(arguments, problem):
-    with pytest.raises(click.BadParameter, match=problem):
-        received(*arguments)
-
-
 @pytest.mark.parametrize("former", FORMER)
 def test_a_command_that_was_renamed_names_the_new_one(former):
     done = call(former, "--data", "x.csv")
     assert done.returncode == 2
     assert f"It is now 'softness-bayes {FORMER[former]}'." in done.stderr
     assert main.get_command(None, FORMER[former].split()[0]) is not None
-
-
-def test_fabrics_and_loads(tmp_path):
-    path = tmp_path / "cloth.csv"
-    path.write_text(FABRICS.replace("fabric", "id"))
-    arguments = ["--fabrics", str(path), "--column", "fabric=id", "--indentation-mm", "2", "--force-n", "1"]
-    asked = received(*arguments, "--indentation-mm", "1")[1].touches
-    fabrics, loads = asked.read()
-    assert fabrics.names == ("a", "b", "c")
-    assert [str(load) for load in loads] == ["1 mm", "2 mm", "1 N"]
-    with pytest.raises(InputError, match="--indentation-mm or --force-n"):
-        received("--fabrics", str(path))[1].touches.read()
 
 
 # data that hardly say anything

@@ -243,7 +243,7 @@ def test_mutated_tables_are_read_or_refused(tmp_path):
 
 def test_mutated_command_lines_end_well_and_touch_no_file(tmp_path, stubbed, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert {0, 2} <= fuzz_lines(tmp_path, np.random.default_rng([SEED, 2]), 400)
+    assert {0, 2} <= fuzz_lines(tmp_path, np.random.default_rng([SEED, 2]), 200)
 
 
 @pytest.mark.slow

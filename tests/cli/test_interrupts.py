@@ -1,6 +1,5 @@
 """Signals at any instant, dead workers, little memory and streams nobody reads: how a command ends."""
 
-import contextlib
 import logging
 import os
 import random
@@ -17,13 +16,12 @@ import pytest
 
 from softness_bayes.__main__ import quieten_libraries
 from softness_bayes.base.errors import WorkersLostError
-from softness_bayes.cli import VERBS, interrupts
+from softness_bayes.cli import VERBS
 from softness_bayes.results.result import Result
 from softness_bayes.runs.saved import read_status, saved_states
 from softness_bayes.sampler.workers import RENEWALS, Workers
 from support.command_line import FIXED, call, few_ratings
 from support.paths import DATA, ROOT
-from support.report_runs import quickly
 
 PROGRAM = (
     # a shell that runs the tests in the background has interrupts ignored, by its children too
@@ -135,7 +133,7 @@ def test_an_interrupt_ends_a_run_quietly_at_its_start(tmp_path, delay):
 
 def test_a_closed_terminal_is_told_what_is_kept(tmp_path):
     few_ratings(tmp_path)
-    process = began(tmp_path, "sample", "--data", "ratings.csv", "--out", "out", *SAMPLE)
+    process = began(tmp_path, "sample", "--data", "ratings.csv", "--out", "out", *SAMPLE, before=QUICKLY)
     while process.poll() is None and not saved_states(tmp_path / "out"):
         time.sleep(0.02)
     said = stopped(process, signal.SIGHUP)  # to the workers too, which must not count as lost
@@ -246,19 +244,6 @@ def test_an_interrupt_ends_any_verb_quietly(verb, delay, report_run, tmp_path):
     assert not [path for path in tmp_path.rglob("*") if path.suffix in (".part", ".tmp")]
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")
-def test_workers_that_are_only_beginning_are_known():
-    with Workers(10, 2) as workers:
-        pids = {*workers.map(_number, [(), ()])}
-        assert pids <= interrupts.workers()
-    assert os.getpid() not in interrupts.workers()
-
-
-def _number(resident):
-    time.sleep(0.2)
-    return os.getpid()
-
-
 def test_libraries_are_quiet_unless_python_is_asked(monkeypatch, capsys):
     monkeypatch.delenv("PYTHONWARNINGS", raising=False)
     monkeypatch.setattr(logging.getLogger(), "handlers", [])
@@ -311,29 +296,6 @@ def test_workers_that_die_again_and_again_are_given_up():
     with Workers(10, 2) as workers, pytest.raises(WorkersLostError, match="its replacement died too") as error:
         workers.map(_die, [(1,)])
     assert error.value.exit_code == 7
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(sys.platform != "linux", reason="looks at processes by /proc")
-def test_a_run_whose_workers_are_killed_goes_on_to_the_same_draws(tmp_path):
-    few_ratings(tmp_path)
-    process = began(tmp_path, "sample", "--data", "ratings.csv", "--out", "out", *SAMPLE, before=QUICKLY)
-    while process.poll() is None and not saved_states(tmp_path / "out"):
-        time.sleep(0.02)
-    for number in members(process.pid):
-        with contextlib.suppress(OSError):
-            parent = int(Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[1])
-            if process.pid not in (number, parent):  # the workers are children of a server of the run
-                os.kill(number, signal.SIGKILL)
-    said = process.communicate(timeout=300)[1]
-    assert process.returncode == 3, said  # as without the kill: it ends at its --max-steps
-    with quickly():
-        assert call("sample", "--data", tmp_path / "ratings.csv", "--out", tmp_path / "whole", *SAMPLE).returncode == 3
-    one, other = Result.load(tmp_path / "out"), Result.load(tmp_path / "whole")
-    assert one.tree["posterior"].identical(other.tree["posterior"])
-    assert sorted(path.name for path in (tmp_path / "out" / "figures").iterdir()) == sorted(
-        path.name for path in (tmp_path / "whole" / "figures").iterdir()
-    )
 
 
 def test_a_run_that_lost_its_memory_says_how_to_go_on(tmp_path, brief_pilot, monkeypatch):

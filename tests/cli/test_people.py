@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from support.command_line import call
+from support.command_line import call, refused
 from support.paths import SHARED
 from support.report_runs import quickly
 
@@ -76,30 +76,40 @@ def test_the_real_hardness_table_goes_through_with_names_alone(tmp_path):
     assert "softest" not in done.stdout
 
 
-def test_pairs_with_a_reference_have_thresholds_and_catch_trials(tmp_path):
-    """Catch trials are kept as information, pairs are counted once, and a guess rate may be known."""
+PAIRS = ("check", "--data", "ratings.csv", "--ratings", "pairs", "--force-n", "1")
+
+
+@pytest.fixture
+def compared(tmp_path):
+    """A directory with pairs against a reference, some of them of a fabric with itself."""
     fabrics = {f"F{k}": 40.0 * 1.25**k for k in range(9)}
     rows = [f"{name},F4,{int((k + t) % 9 > k)}\n" for k, name in enumerate(fabrics) for t in range(9) if k != 4]
     rows += ["F4,F4,1\n"] * 9 + ["F4,F4,0\n"]
     (tmp_path / "ratings.csv").write_text("fabric,fabric_2,rating\n" + "".join(rows))
     cloth = "".join(f"{name},{value}\n" for name, value in fabrics.items())
     (tmp_path / "fabrics.csv").write_text("fabric,effective_modulus_kpa\n" + cloth)
-    data = ("check", "--data", "ratings.csv", "--ratings", "pairs", "--force-n", "1")
-    done = call(*data, "--guess", "1/3", cwd=tmp_path)
+    return tmp_path
+
+
+def test_pairs_with_a_reference_have_thresholds_and_catch_trials(compared):
+    """Catch trials are kept as information, pairs are counted once, and a guess rate may be known."""
+    done = call(*PAIRS, "--guess", "1/3", cwd=compared)
     assert done.returncode == 0, done.stderr
     assert "against F4 at 1 N (72 pairs): judged equal at E_fab" in done.stdout
     assert "guess rate 0.333 (0.333 to 0.333)" in done.stdout
     assert "10 catch trials (a fabric with itself)" in done.stdout
     assert "the first one in 9 of 10 (90 % interval 67 to 98 %)" in done.stdout
     assert "72 comparisons of two fabrics" in done.stdout
-    with quickly():  # people's means are computed in another process
-        run = call(
-            "sample", *data[1:], "--guess", "1/3", "--max-steps", 6, "--processes", 2, "--out", "run", cwd=tmp_path
-        )
+    wrong = call(*PAIRS, "--guess", "often", cwd=compared)
+    refused(wrong, "expected a rate from 0 to 0.9, such as 1/3, or free, got 'often'")
+    (compared / "ratings.csv").write_text("fabric,fabric_2,rating\nF4,F4,1\n")
+    assert "expected two different fabrics" in call(*PAIRS, cwd=compared).stderr
+
+
+@pytest.mark.slow
+def test_a_run_of_pairs_computes_people_s_means_in_another_process(compared):
+    brief = ("--guess", "1/3", "--max-steps", 6, "--processes", 2, "--out", "run")
+    with quickly():
+        run = call("sample", *PAIRS[1:], *brief, cwd=compared)
     assert "72 comparisons of 9 fabrics" in run.stdout, run.stderr
-    assert "0.333" in (tmp_path / "run/thresholds.csv").read_text()
-    refused = call(*data, "--guess", "often", cwd=tmp_path)
-    assert refused.returncode == 2
-    assert "expected a rate from 0 to 0.9, such as 1/3, or free, got 'often'" in refused.stderr
-    (tmp_path / "ratings.csv").write_text("fabric,fabric_2,rating\nF4,F4,1\n")
-    assert "expected two different fabrics" in call(*data, cwd=tmp_path).stderr
+    assert "0.333" in (compared / "run/thresholds.csv").read_text()

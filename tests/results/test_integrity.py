@@ -137,43 +137,6 @@ def test_another_schema_is_refused(small, tmp_path, schema):
 # missing parts
 
 
-def parts(tree):
-    """Return every attribute, group and variable of a tree, the tables' among them."""
-    found = [("attribute", name) for name in tree.attrs]
-    for group, child in tree.children.items():
-        found += [("group", group), *(("variable", group, name) for name in child.to_dataset().variables)]
-    return found
-
-
-def without(tree, part):
-    kind, name, *variable = part
-    if kind == "group":
-        left = tree.filter(lambda node: node.name != name)
-        left.attrs = tree.attrs
-        return left
-    tree = tree.copy()
-    if kind == "attribute":
-        tree.attrs = {key: value for key, value in tree.attrs.items() if key != name}
-    else:
-        tree[name].dataset = tree[name].to_dataset().drop_vars(variable)
-    return tree
-
-
-def test_a_file_without_a_part_ends_in_no_other_error(small, tmp_path, rng):
-    whole, path = arviz_bridge.read_netcdf(small / "posterior.nc"), tmp_path / "posterior.nc"
-    every = parts(whole)
-    for part in [every[k] for k in sorted(rng.choice(len(every), 12, replace=False))]:
-        path.write_bytes(arviz_bridge.netcdf(without(whole, part)))
-        with pytest.raises(InputError, match="changed since it was written"):
-            Result.load(path)
-        try:
-            found = Result.load(path, verify=False)
-        except InputError:
-            continue
-        found.save(tmp_path / "accepted")
-        assert Result.load(tmp_path / "accepted").tree.identical(found.tree)
-
-
 def test_what_a_result_lacks_is_named(small):
     found = Result.load(small)
     place = str(small / "posterior.nc")
