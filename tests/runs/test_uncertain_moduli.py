@@ -9,10 +9,18 @@ from scipy.stats import kstest
 
 from softness_bayes.base.laws import LogNormal
 from softness_bayes.checking.layout import layout_of
-from softness_bayes.data import Fabrics
+from softness_bayes.data import Experiment, Fabrics
+from softness_bayes.likelihood.error_laws import NORMAL
+from softness_bayes.likelihood.scales import RISES
+from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
+from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.report.conclusion import facts_of
 from softness_bayes.results.data_groups import experiment_of
 from softness_bayes.results.fitted import Fitted
+from softness_bayes.runs.run import sample
+from softness_bayes.touch.contact import Indentation
+from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
+from softness_bayes.touch.readings import MENDED
 from support.command_line import call, refused
 from support.paths import DATA
 from support.report_runs import CLOTH, converged, quickly
@@ -121,6 +129,44 @@ def test_a_factor_of_moduli_is_said_with_its_batch(variant_run):
     ]
     assert not any("common to all moduli" in line for line in facts.cautions)
     assert any("--shared-modulus-cv" in line for line in facts_of(variant_run("loads")).cautions)  # the control
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_batch_that_reads_25_per_cent_high_is_found_and_other_parameters_are_covered(seed):
+    """Undeclared, or as an error of all moduli, b (and, taken as exact, a turning point) is missed."""
+    values = usual_values(MENDED, given={"varsigma": 0.2, "tau": 0.4})
+    batch, loads = tuple("AAABABBABBBB"), (Indentation(2.5e-3), Indentation(3.5e-3))
+    true = Fabrics(tuple("abcdefghijkl"), effective_modulus=np.geomspace(3e4, 2e6, 12))
+    rated = simulate_ratings(np.random.default_rng(seed), true, loads, values, participants=40).ratings
+    read = np.where(np.array(batch) == "B", 1.25, 1.0) * true.effective_modulus
+    curve = np.geomspace(5e4, 2e6, 400)
+    grid = scene_of(Fabrics(tuple(map(str, range(400))), effective_modulus=curve), loads, values, MENDED)
+    peaks = curve[grid.total_rate(touch_parameters(values)).reshape(2, -1).argmax(axis=1)] / 1e3
+    held = {name: values[name] for name in ("m", "alpha", "beta", "tau", "varsigma", "eps", *PAPER_CHANNELS._fields)}
+
+    def covered(batch, **options):
+        cloth = replace(true, effective_modulus=read, batch=batch)
+        run = sample(
+            Experiment(rated, cloth, ()), errors=NORMAL, direction=RISES, fix=held, seed=3, processes=1, **options
+        )
+        assert run.provenance.ending.converged
+        drawn, turn = run.values(), run.inflection()
+        low, high = np.quantile(drawn["b"], [0.05, 0.95])
+        inside = (turn["e_fab_kpa_low"] < peaks) & (peaks < turn["e_fab_kpa_high"])
+        return low < values["b"] < high, inside.to_numpy().all(), drawn
+
+    b, turning, drawn = covered(batch, shared_modulus_cv=0.2)
+    assert b
+    assert turning
+    first, second = (np.quantile(drawn[name], [0.05, 0.95]) for name in SCALES)
+    assert first[0] < 1.0 < first[1]
+    assert second[0] < 0.8 < second[1]
+    low, high = np.quantile(drawn["modulus_scale_2"] / drawn["modulus_scale"], [0.05, 0.95])
+    assert low < 0.8 < high < 1.0
+    # negative controls
+    assert not covered((), shared_modulus_cv=0.2)[0]
+    assert covered(())[:2] == (False, False)
 
 
 @pytest.mark.parametrize(
