@@ -386,7 +386,10 @@ def check_noise(residuals: Residuals, modelled: bool = False, available: bool = 
     design = residuals.observation.design
     rows = design.cells.sum(axis=1)
     judged = rows >= FEWEST
-    useful = {"--individual varsigma": available and not modelled, "--errors student": not (modelled or robust)}
+    useful = {
+        "--individual varsigma": available and not modelled,
+        "--errors lapses or student": not (modelled or robust),
+    }
     advice = tuple(option for option, helps in useful.items() if helps)
     if judged.sum() < 2:
         return Finding(NOISE, np.nan, 0.0, modelled=modelled, advice=advice)

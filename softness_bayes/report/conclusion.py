@@ -50,6 +50,9 @@ class Turn(NamedTuple):
     middle: float
     high: float
     """5 %, 50 % and 95 % quantiles of E_fab at the maximum [kPa]; NaN without one."""
+    ratio_low: float
+    ratio_high: float
+    """5 % and 95 % quantiles of E_fab / E_skin there."""
     reproduced: bool | None
     """Result of the predictive check; None if the ratings under this load do not decide."""
 
@@ -118,6 +121,8 @@ class Facts(NamedTuple):
     """Answer to whether the chain follows the ratings, by its ruler."""
     odd: str = ""
     """Raters whose answers look reversed or copied, as a sentence."""
+    copied: bool = False
+    """True if some of them are copies, which no check of the model shows."""
     remedies: tuple[str, ...] = ()
     """Options that would include what failed checks show, with their estimated gain, the largest first."""
     direction: str = ""
@@ -203,22 +208,23 @@ def facts_of(result: Result) -> Facts:
     ruler = result.tables.get(RULER)
     fit, checks, inputs = fit_of(result.tree, ruler), result.tables["predictive_checks"], input_errors_of(result)
     other = next(one.name for one in (RISES, FALLS) if one is not fit.direction.direction)
+    odd, copied = _odd(result)
     fabrics, speaks = result.fabrics, (ending.converged or settled) and not fit.failed
     reproduced = {one.load: one.reproduced for one in turns_reproduced(checks)}
-    turns = result.inflection()[["p_interior", "e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high"]]
+    turns = result.inflection()[
+        ["p_interior", "e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high", "ratio_low", "ratio_high"]
+    ]
     return facts._replace(
         other_direction=other if fit.direction.against_data else None,
         silent=fit.mostly_silent,
         direction=fit.direction.said,
-        odd=_odd(result),
+        odd=odd,
+        copied=copied,
         remedies=_remedies(result),
         differ=ruler is None or bool(ruler["low"]["gain"] > 0.0),
         exact=exactness_of(result).exact_enough,
         unreproduced=(*doubts(checks), *recorded),
-        turns=tuple(
-            Turn(load, probability, low, middle, high, reproduced.get(load))
-            for load, probability, low, middle, high in turns.itertuples(name=None)
-        ),
+        turns=tuple(Turn._make((*row, reproduced.get(row[0]))) for row in turns.itertuples(name=None)),
         fabrics=(float(fabrics.effective_modulus.min()) / 1e3, float(fabrics.effective_modulus.max()) / 1e3),
         moved=inputs.largest if inputs.sensitive else None,
         people=_people(result, highest_rated(result.tree) if speaks else ()),
@@ -261,14 +267,14 @@ def _remedies(result: Result) -> tuple[str, ...]:
     return tuple(told)
 
 
-def _odd(result: Result) -> str:
-    """Return a question about raters whose answers look reversed or copied; empty if there are none."""
+def _odd(result: Result) -> tuple[str, bool]:
+    """Return a question about raters whose answers look reversed or copied, if any, and whether some are copies."""
     names = result.group("log_likelihood_participant")["participant"].values.astype(str)
     found = odd_raters(layout_of(result.tree), ratings_in(result.tree))
     said = [f"the scale of {_listed([names[k] for k in found.against])} was reversed"] if found.against else []
     if found.copies:
         said.append(f"the answers of {_listed([names[k] for k in found.copies])} are copies of another rater's")
-    return " and whether ".join(said)
+    return " and whether ".join(said), bool(found.copies)
 
 
 def _cautions(result: Result) -> tuple[str, ...]:
@@ -407,7 +413,8 @@ def _turned(turn: Turn, rejected: bool, fabrics: tuple[float, float]) -> str:
         return f"{at} does not turn over (probability of a turning point: {said})"
     if turn.probability < LIKELY:
         return f"at {turn.load} the data do not show whether the response turns over (probability: {said})"
-    limits = f"(90 % interval {number(turn.low)} to {number(turn.high)} kPa)"
+    limits = f"(90 % interval {number(turn.low)} to {number(turn.high)} kPa"
+    limits += f", E_fab / E_skin {number(turn.ratio_low)} to {number(turn.ratio_high)})"
     alone = ", though the ratings at this load alone cannot show it" if turn.reproduced is None else ""
     if not fabrics[0] <= turn.middle <= fabrics[1]:
         alone += ", which is an extrapolation beyond the fabrics rated"
@@ -419,7 +426,7 @@ def _next(facts: Facts, directory: str | None) -> str:
         return (
             f"repeat the run with --direction {facts.other_direction}, or check whether the rating scale was reversed."
         )
-    if facts.odd and (facts.failed or facts.rejected):
+    if facts.odd and (facts.copied or facts.failed or facts.rejected):
         return f"check whether {facts.odd}, and leave these rows out or correct them."
     if facts.silent and (facts.converged or facts.failed):
         return "check the units of moduli and loads ('softness-bayes check'), then try --priors in-vivo."

@@ -369,14 +369,14 @@ def test_cells_that_differ_are_noticed(kind):
 # sentences
 
 PRIOR = ("--prior omega='halfnormal(0.5)'",)
-BOTH = ("--individual varsigma", "--errors student")
+BOTH = ("--individual varsigma", "--errors lapses or student")
 SAID = {
     "no evidence that their exponents differ (p = 0.5)": Finding(EXPONENTS, 0.5),
     "differ by about 0.3 (standard deviation) (p = 0.001)": Finding(EXPONENTS, 0.001, 0.3),
     "one exponent for all: add --individual gamma": Finding(EXPONENTS, 0.001, 0.3, advice=("--individual gamma",)),
     "no evidence that raters' noise differs (p = 0.5)": Finding(NOISE, 0.5),
     "by about 0.42 (sd of its log": Finding(NOISE, 0.001, 0.42),
-    "look the same: add --individual varsigma or --errors student": Finding(NOISE, 0.001, 0.42, advice=BOTH),
+    "look the same: add --individual varsigma or --errors lapses or student": Finding(NOISE, 0.001, 0.42, advice=BOTH),
     "raters' skin differs (p = 0.5)": Finding(SKINS, 0.5),
     "one skin for all: add --individual b": Finding(SKINS, 0.001, advice=("--individual b",)),
     "differ no more than they should (p = 0.4)": Finding(DEVIATIONS, 0.4, 1.0),

@@ -1,5 +1,6 @@
 """Runs on moduli that are not known exactly, from the data to the files, the report and the command line."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
