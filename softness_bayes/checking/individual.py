@@ -12,7 +12,7 @@ from softness_bayes.base.laws import Prior
 from softness_bayes.checking.identifiability import contraction, prior_moments
 from softness_bayes.checking.layout import UNCERTAIN
 from softness_bayes.likelihood.contract import RATER_EFFECTS, RATER_SPREADS
-from softness_bayes.likelihood.ratings import SKIN
+from softness_bayes.likelihood.plate import SKIN
 from softness_bayes.parameters.declared import FABRIC_MODULUS
 from softness_bayes.parameters.priors import parse_prior
 from softness_bayes.touch.finger_grid import EFFECT_OF, SPREAD_OF

@@ -26,16 +26,21 @@ from scipy.special import chndtr, gammaln, ive, logsumexp, ndtri
 
 from softness_bayes.base.errors import InputError
 from softness_bayes.base.laws import Prior
-from softness_bayes.likelihood.contract import Effects, Levels, Likelihood, Parameters, RowsLeftOut, Shape
-from softness_bayes.likelihood.design import Design, Stated
+from softness_bayes.likelihood.contract import (
+    Effects,
+    Levels,
+    Likelihood,
+    Parameters,
+    RatingsLikelihood,
+    RowsLeftOut,
+    Shape,
+)
+from softness_bayes.likelihood.design import Design, FloatArray, Stated
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.normal_rows import EffectLaw
 from softness_bayes.likelihood.pieces import in_pieces, left_out_in_pieces
-from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.scales import AGGREGATED, LOG_SD, Scale
-
-FloatArray = NDArray[np.float64]
 
 SPREADS = "spreads"
 """Name of the standard deviations among the terms of a posterior."""

@@ -25,14 +25,14 @@ from numpy.typing import NDArray
 from scipy.special import betaln, ndtri_exp, stdtr
 
 from softness_bayes.base.errors import InputError
-from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.design import Design, FloatArray
 
 if TYPE_CHECKING:
     from softness_bayes.likelihood.scales import Scale
 
-FloatArray = NDArray[np.float64]
 
-_LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
+LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
+"""Minus the log density of the standard normal law at 0."""
 GUMBEL_SD = math.pi / math.sqrt(6.0)
 """Standard deviation of Gumbel's law of scale 1."""
 
@@ -88,7 +88,7 @@ class ErrorLaw:
 
     def log_density(self, errors: FloatArray, parameters: Any) -> FloatArray:
         """Return the log density of errors."""
-        return -0.5 * errors * errors - _LOG_ROOT_TWO_PI
+        return -0.5 * errors * errors - LOG_ROOT_TWO_PI
 
     def slopes(self, errors: FloatArray, parameters: Any) -> tuple[FloatArray, FloatArray]:
         """Return the first two derivatives of `log_density` with respect to the error."""
@@ -101,10 +101,7 @@ class StudentLaw(ErrorLaw):
 
     slow_functions: ClassVar[bool] = True
 
-    @property
-    def concave(self) -> bool:
-        """False."""
-        return False
+    concave = False
 
     def draw(self, rng: np.random.Generator, shape: tuple[int, ...], parameters: Any) -> FloatArray:
         """Return normal errors over the root of a mean square."""

@@ -19,15 +19,12 @@ from scipy.special import ndtr
 
 from softness_bayes.base.errors import InputError
 from softness_bayes.likelihood.contract import Effects, Levels, Parameters, RowsLeftOut, Shape
-from softness_bayes.likelihood.design import Design, IndexArray, Stated
+from softness_bayes.likelihood.design import Design, FloatArray, IndexArray, Stated
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.pieces import BLOCK, in_pieces, left_out_in_pieces, log_sum
-from softness_bayes.likelihood.plate import PressedRaters
+from softness_bayes.likelihood.plate import OF_FORCES, SKIN, PressedRaters
 from softness_bayes.likelihood.quadrature import LevelNodes
-from softness_bayes.likelihood.ratings import OF_FORCES, SKIN
-from softness_bayes.touch.finger_grid import EFFECT_OF, SPREAD_OF, FingerGrid, SkinLaws
-
-FloatArray = NDArray[np.float64]
+from softness_bayes.touch.finger_grid import EFFECT_OF, SPREAD_OF, FingerGrid
 
 _LOG_TWO_PI = math.log(2.0 * math.pi)
 _LEAST_VARIANCE = 1e-20
@@ -155,14 +152,6 @@ class IndividualRatings(LogRatings):
     def with_pressed(self, pressed: PressedRaters | None) -> Self:
         """Return the likelihood of the same ratings given the plate forces of these people."""
         return type(self)(self.values, self.design, self.model, self._over, pressed)
-
-    def of_strangers(self) -> Self:
-        """Return the likelihood if nobody had plate forces, with the same columns of mean rates."""
-        return self if self.pressed is None else self.with_pressed(self.pressed.as_strangers())
-
-    def skins_of_pressed(self, parameters: Parameters) -> SkinLaws | None:
-        """Return the laws of the raters' skins given their plate forces; None if there are none."""
-        return None if self.pressed is None else self.pressed.skins(self.model.grid.names, parameters)
 
     def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of all ratings together, shape (...)."""

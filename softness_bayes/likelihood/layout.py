@@ -10,13 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array
 
-from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.design import Design, FloatArray, IndexArray
 from softness_bayes.likelihood.pieces import pieces
 from softness_bayes.likelihood.scales import MAGNITUDE, Scale
-
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.intp]
-
 
 ROUNDING = 1e-12
 """Standard deviation of residuals [-] below which it is treated as zero: rounding errors of log ratings are smaller."""

@@ -13,9 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from softness_bayes.base.errors import InputError
-
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.intp]
+from softness_bayes.likelihood.design import FloatArray, IndexArray
 
 MOST_TIED = 6
 """Largest number of tied touches; the sum over their possible orders takes 2^n steps."""

@@ -10,21 +10,23 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import ndtr
 
-from softness_bayes.base.errors import InputError
 from softness_bayes.base.laws import Normal, Prior
-from softness_bayes.likelihood.contract import Effects, Levels, Parameters, RowsLeftOut, Shape
-from softness_bayes.likelihood.design import Design, IndexArray, Stated
-from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
-from softness_bayes.likelihood.normal_rows import EffectLaw, LeaveOneOut, NormalRows
-from softness_bayes.likelihood.ratings import RatingsLikelihood, RatingsModel
+from softness_bayes.likelihood.contract import (
+    Effects,
+    Levels,
+    Parameters,
+    RatingsLikelihood,
+    RatingsModel,
+    RowsLeftOut,
+    Shape,
+)
+from softness_bayes.likelihood.design import Design, FloatArray, IndexArray, Stated
+from softness_bayes.likelihood.error_laws import LOG_ROOT_TWO_PI, NORMAL, ErrorLaw
+from softness_bayes.likelihood.normal_rows import EffectLaw, NormalRows
 from softness_bayes.likelihood.scales import MAGNITUDE, RISES, RatingDirection, Scale
-
-FloatArray = NDArray[np.float64]
-
-_LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 
 
 @dataclass(frozen=True)
@@ -99,19 +101,13 @@ class RatingModel(RatingsModel):
         """Return the spread of every row's error, shape (..., 1), or (..., rows) if raters differ."""
         return self.error_sd(parameters)[..., None]
 
-    def draw_attentive(
-        self, rng: Generator, design: Design, drive: FloatArray, parameters: Parameters, effects: Effects
-    ) -> FloatArray:
-        """Return one rating for every row without lapses and rounding, shape (..., rows)."""
-        expected = self.expected_log(design, drive, effects)
-        noise = self.error.draw(rng, expected.shape, parameters)
-        return self.scale.natural(expected + self.error_spread(design, parameters, effects) * noise)
-
     def draw_ratings(
         self, rng: Generator, design: Design, drive: FloatArray, parameters: Parameters, effects: Effects
     ) -> FloatArray:
-        """Return one rating for every row of a design, shape (..., rows), given the effects and `drive`."""
-        return self.draw_attentive(rng, design, drive, parameters, effects)
+        """Return one rating for every row of a design, shape (..., rows), without lapses and rounding."""
+        expected = self.expected_log(design, drive, effects)
+        noise = self.error.draw(rng, expected.shape, parameters)
+        return self.scale.natural(expected + self.error_spread(design, parameters, effects) * noise)
 
     def typical(self, effects: Effects, drive: FloatArray) -> FloatArray:
         """Return the median rating of a typical participant (s = 0) for a response term ``drive``, shape (..., k)."""
@@ -161,12 +157,6 @@ class LogRatings(RatingsLikelihood):
         self, ratings: ArrayLike, design: Design, model: RatingModel = RatingModel(), over: Design | None = None
     ) -> None:
         super().__init__(ratings, design, model, over)
-        wrong = ~(np.isfinite(self.values) & (self.values > 0))
-        if wrong.any():
-            raise InputError(
-                f"ratings: {wrong.sum()} of {wrong.size} are not positive numbers, the first is "
-                f"{self.values[wrong][0]}; magnitude estimates have no zeros or negatives"
-            )
         self._log = self.model.scale.additive(self.values)
         self._jacobian = -float(self._log.sum())
 
@@ -198,15 +188,11 @@ class LogRatings(RatingsLikelihood):
         """Return the log density of all ratings together, shape (...)."""
         return self._rows.log_density(self._at(mean_rate, parameters)) + self._jacobian
 
-    def leave_one_out(self, mean_rate: FloatArray, parameters: Parameters) -> LeaveOneOut:
-        """Return the normal law of each log rating given all the others, arrays of shape (..., rows)."""
-        return self._rows.leave_one_out(self._at(mean_rate, parameters))
-
     def left_out(self, mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
         """Return the law of each rating given all the others at its observation, arrays of shape (..., rows)."""
-        mean, sd = self.leave_one_out(mean_rate, parameters)
+        mean, sd = self._rows.leave_one_out(self._at(mean_rate, parameters))
         score = (self._log - mean) / sd
-        return RowsLeftOut(-0.5 * score**2 - np.log(sd) - _LOG_ROOT_TWO_PI - self._log, ndtr(score))
+        return RowsLeftOut(-0.5 * score**2 - np.log(sd) - LOG_ROOT_TWO_PI - self._log, ndtr(score))
 
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of each participant's ratings given all others', shape (..., participants)."""

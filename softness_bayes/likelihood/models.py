@@ -11,20 +11,24 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from softness_bayes.base.errors import InputError
 from softness_bayes.likelihood.aggregated import AggregatedModel, AggregatedRatings, RaterSpreads
-from softness_bayes.likelihood.categories import CategoryModel, CategoryRatings
-from softness_bayes.likelihood.contract import Likelihood, Parameters
-from softness_bayes.likelihood.design import LoadErrors
+from softness_bayes.likelihood.contract import Likelihood, Parameters, RatingsLikelihood, RatingsModel
+from softness_bayes.likelihood.design import FloatArray, LoadErrors
 from softness_bayes.likelihood.error_laws import ERROR_LAWS, GUMBEL, LAPSES, NORMAL, STUDENT, ErrorLaw
 from softness_bayes.likelihood.individual import IndividualRatings
-from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings, SliderModel
+from softness_bayes.likelihood.intervals import (
+    CategoryModel,
+    CategoryRatings,
+    IntervalModel,
+    IntervalRatings,
+    SliderModel,
+)
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.orders import OrderModel, OrderRatings, PairModel, PairRatings
 from softness_bayes.likelihood.plate import CompressionForces
-from softness_bayes.likelihood.ratings import RatingsLikelihood, RatingsModel
 from softness_bayes.likelihood.scales import (
     AGGREGATED,
     CATEGORIES,
@@ -39,8 +43,6 @@ from softness_bayes.likelihood.scales import (
 )
 from softness_bayes.likelihood.uncertain_loads import UncertainLoads
 from softness_bayes.likelihood.z_scores import StandardisedModel, StandardisedRatings
-
-FloatArray = NDArray[np.float64]
 
 MEMBERS = (
     "scale", "error", "needs", "levels", "direction", "error_sd", "typical", "named_effects", "drive",
@@ -155,7 +157,7 @@ def require_model(scale: Scale, model: Any) -> None:
     """
     own = f"ratings: the model of {scale.name}"
     if missing := [name for name in MEMBERS if not hasattr(model, name)]:
-        raise InputError(f"{own} has no {missing[0]!r}, expected all that likelihood.ratings.RatingsModel has")
+        raise InputError(f"{own} has no {missing[0]!r}, expected all that likelihood.contract.RatingsModel has")
     if model.scale != scale:
         raise InputError(f"{own} has the scale {model.scale.name}, expected {scale.name} itself")
     if model.error not in ERROR_LAWS.values():

@@ -16,13 +16,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 
-from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.pieces import backward, cholesky, forward, pieces
-
-FloatArray = NDArray[np.float64]
+from softness_bayes.likelihood.design import Design, FloatArray
+from softness_bayes.likelihood.pieces import backward, cholesky, forward, log_determinant, pieces
 
 LEAST_VARIANCE = 1e-20
 """Far below that of any rating."""
@@ -229,7 +227,7 @@ class NormalRows:
         d, left, gap = residual(likely)
         quadratic = (constant - (d * (slope + left)).sum(axis=-1)) / variance + (likely**2).sum(axis=-1)
         quadratic = quadratic + (weight * gap**2 + rows / of_sum * squares).sum(axis=-1)
-        determinant = (self.n_rows - number.sum()) * np.log(variance) + np.log(of_sum) @ number + _log_determinant(root)
+        determinant = (self.n_rows - number.sum()) * np.log(variance) + np.log(of_sum) @ number + log_determinant(root)
         return np.asarray(-0.5 * (self.n_rows * _LOG_TWO_PI + determinant + quadratic))
 
 
@@ -276,7 +274,7 @@ class _Given:
 
     def log_density(self) -> FloatArray:
         """Return the log density of all rows, (B,)."""
-        return -self._misfits().sum(axis=-1) - 0.5 * ((self.likely**2).sum(axis=-1) + _log_determinant(self.root))
+        return -self._misfits().sum(axis=-1) - 0.5 * ((self.likely**2).sum(axis=-1) + log_determinant(self.root))
 
     def _misfits(self) -> FloatArray:
         """Return minus the log density of each participant's rows at the most probable u, (B, people)."""
@@ -348,11 +346,6 @@ def _solved(information: FloatArray, pull: Callable[[FloatArray], FloatArray]) -
 def _columns(*factors: FloatArray) -> Any:
     """Return the rows of factors (B, effects, columns) one by one."""
     return zip(*(np.moveaxis(factor, 1, 0) for factor in factors), strict=True)
-
-
-def _log_determinant(root: FloatArray) -> FloatArray:
-    """Return the log determinant of a matrix from its lower factor, shape (...)."""
-    return np.asarray(2.0 * np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(axis=-1))
 
 
 def _turned(matrix: FloatArray) -> FloatArray:

@@ -24,8 +24,8 @@ from scipy.special import expit, log_ndtr, ndtri
 
 from softness_bayes.base.errors import InputError
 from softness_bayes.base.laws import Prior
-from softness_bayes.likelihood.contract import Effects, Levels, Parameters, RowsLeftOut, Shape
-from softness_bayes.likelihood.design import Design, Stated
+from softness_bayes.likelihood.contract import Effects, Levels, Parameters, RatingsLikelihood, RowsLeftOut, Shape
+from softness_bayes.likelihood.design import Design, FloatArray, IndexArray, Stated
 from softness_bayes.likelihood.error_laws import GUMBEL, GUMBEL_SD, NORMAL, ErrorLaw
 from softness_bayes.likelihood.lists import (
     Comparisons,
@@ -37,11 +37,7 @@ from softness_bayes.likelihood.lists import (
 )
 from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.pieces import in_pieces, left_out_in_pieces
-from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.scales import PAIRS, RANKS, Scale
-
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.intp]
 
 FAR = 1e3
 """Latent softness by which the winner of a guess is ahead."""
@@ -179,8 +175,6 @@ class OrderRatings(RatingsLikelihood):
         lists: IndexArray | None = None,
     ) -> None:
         super().__init__(ratings, design, model, over)
-        if not np.isfinite(self.values).all():
-            raise InputError(f"ratings: {(~np.isfinite(self.values)).sum()} places are not finite numbers")
         self.lists = design.participant if lists is None else np.asarray(lists, np.intp)
         self._list, place = np.unique(self.lists, return_inverse=True)
         self._places = RankedLists.of(self.values, place)

@@ -7,11 +7,9 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from softness_bayes.likelihood.contract import Parameters, RowsLeftOut
-
-Array = NDArray[np.float64]
+from softness_bayes.likelihood.design import FloatArray
 
 ROOM = 1_000_000
 """Largest number of elements of an array in a chunk; about a dozen such arrays exist at once."""
@@ -32,7 +30,7 @@ def pieces(draws: int, width: int, room: int | None = None) -> list[slice]:
     return [slice(first, min(first + size, draws)) for first in range(0, draws, size)]
 
 
-def over_draws(value: Any, shape: tuple[int, ...]) -> Array:
+def over_draws(value: Any, shape: tuple[int, ...]) -> FloatArray:
     """Return a number or array for each of the draws of a batch shape, as one axis; without a copy where possible."""
     if not getattr(value, "shape", ()):
         return np.full(math.prod(shape), value, float)
@@ -41,12 +39,12 @@ def over_draws(value: Any, shape: tuple[int, ...]) -> Array:
 
 
 def in_pieces(
-    work: Callable[[Array, Parameters], Array],
+    work: Callable[[FloatArray, Parameters], FloatArray],
     width: int,
-    mean_rate: Array,
+    mean_rate: FloatArray,
     parameters: Parameters,
     room: int | None = None,
-) -> Array:
+) -> FloatArray:
     """Return ``work(mean_rate, parameters)``, of shape (..., columns), computed in chunks.
 
     Parameters
@@ -78,14 +76,14 @@ def in_pieces(
 
 
 def left_out_in_pieces(
-    work: Callable[[Array, Parameters], RowsLeftOut], width: int, mean_rate: Array, parameters: Parameters
+    work: Callable[[FloatArray, Parameters], RowsLeftOut], width: int, mean_rate: FloatArray, parameters: Parameters
 ) -> RowsLeftOut:
     """Return ``work(mean_rate, parameters)`` computed in chunks; arguments as for `in_pieces`."""
     both = in_pieces(lambda *some: np.concatenate(work(*some), axis=-1), width, mean_rate, parameters)
     return RowsLeftOut(*np.split(both, 2, axis=-1))
 
 
-def log_sum(values: Array, axis: int) -> Array:
+def log_sum(values: FloatArray, axis: int) -> FloatArray:
     """Return the log of the sum of exponentials along an axis; SciPy's takes several times as long."""
     largest = values.max(axis=axis, keepdims=True)
     largest = np.where(np.isfinite(largest), largest, 0.0)
@@ -95,7 +93,7 @@ def log_sum(values: Array, axis: int) -> Array:
     return np.asarray(found + np.squeeze(largest, axis=axis))
 
 
-def cholesky(matrix: Array, least: float) -> Array:
+def cholesky(matrix: FloatArray, least: float) -> FloatArray:
     """Return lower factors of symmetric matrices (..., k, k), with pivots of at least `least`.
 
     NumPy's and SciPy's take many small matrices one by one.
@@ -110,7 +108,7 @@ def cholesky(matrix: Array, least: float) -> Array:
     return root
 
 
-def forward(root: Array, right: Array) -> Array:
+def forward(root: FloatArray, right: FloatArray) -> FloatArray:
     """Return X with root X = right, for lower factors (..., k, k) and right sides (..., k, columns)."""
     x = np.empty(np.broadcast_shapes(root.shape[:-1], right.shape[:-1]) + right.shape[-1:])
     for j in range(root.shape[-1]):
@@ -119,10 +117,15 @@ def forward(root: Array, right: Array) -> Array:
     return x
 
 
-def backward(root: Array, right: Array) -> Array:
+def backward(root: FloatArray, right: FloatArray) -> FloatArray:
     """Return X with root' X = right, for lower factors (..., k, k) and right sides (..., k, columns)."""
     x = np.empty(np.broadcast_shapes(root.shape[:-1], right.shape[:-1]) + right.shape[-1:])
     for j in reversed(range(root.shape[-1])):
         left = (root[..., j + 1 :, j, None] * x[..., j + 1 :, :]).sum(axis=-2)
         x[..., j, :] = (right[..., j, :] - left) / root[..., j, j, None]
     return x
+
+
+def log_determinant(root: FloatArray) -> FloatArray:
+    """Return the log determinant of a matrix from its lower factor, shape (...)."""
+    return np.asarray(2.0 * np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(axis=-1))

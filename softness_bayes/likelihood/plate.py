@@ -19,14 +19,12 @@ from scipy.special import ndtr
 from softness_bayes.base.errors import InputError
 from softness_bayes.base.laws import Prior
 from softness_bayes.likelihood.contract import NO_RESPONSE, Effects, Levels, Likelihood, Parameters, RowsLeftOut, Shape
-from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.design import Design, FloatArray
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
-from softness_bayes.likelihood.pieces import backward, cholesky, forward
+from softness_bayes.likelihood.pieces import backward, cholesky, forward, log_determinant
 from softness_bayes.likelihood.scales import PLATE_FORCE, Scale
 from softness_bayes.touch.contact import STRAIN, Finger, SkinDisplacement, plate_line
 from softness_bayes.touch.finger_grid import SkinLaws
-
-Array = NDArray[np.float64]
 
 _LEAST_VARIANCE = 1e-20
 _LOG_TWO_PI = math.log(2.0 * math.pi)
@@ -36,6 +34,12 @@ PLATE_PARAMETERS = ("b", "m", "tau_b", "tau_m", "varsigma_f")
 """Skin of the typical finger, modulus at rest [Pa] and stiffening ([-] or [1/m], depending on the displacement
 reading); spreads of ln b and m between fingers; standard deviation of a log force about the curve of its finger [-]."""
 
+
+SKIN = ("b", "m")
+"""Parameters of the forward model that rigid-plate forces depend on, too."""
+
+OF_FORCES = (*SKIN, "varsigma_f")
+"""Parameters of plate forces, also needed for ratings by people with plate forces."""
 
 FORCES = "forces"
 """Name of the forces among the terms of a posterior."""
@@ -61,15 +65,15 @@ class PlateModel:
     shape: Finger = Finger()
     displacement: SkinDisplacement = STRAIN
 
-    def error_sd(self, parameters: Parameters) -> Array:
+    def error_sd(self, parameters: Parameters) -> FloatArray:
         """Return the standard deviation of a log force about the curve of its finger, shape (...)."""
         return np.asarray(parameters.varsigma_f, float)
 
-    def typical(self, effects: Effects, drive: Array) -> Array:
+    def typical(self, effects: Effects, drive: FloatArray) -> FloatArray:
         """Return the typical finger's force [N], shape (..., k)."""
         return self.scale.natural(drive)
 
-    def named_effects(self, effects: Effects) -> Mapping[str, tuple[Array, tuple[str, ...]]]:
+    def named_effects(self, effects: Effects) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
         """Return the fingers' deviations by their names in files, each with its axes after the batch axes."""
         return {"log_b_effect": (effects.log_b, ("finger",)), "m_effect": (effects.m, ("finger",))}
 
@@ -77,9 +81,9 @@ class PlateModel:
 class FingerLaw(NamedTuple):
     """The normal law of each finger's deviations from the typical one given its forces."""
 
-    mean: Array
+    mean: FloatArray
     """Means of ln b and m, shape (..., fingers, 2)."""
-    root: Array
+    root: FloatArray
     """Lower factor of the covariance: mean + root z for standard normal z, shape (..., fingers, 2, 2)."""
 
 
@@ -153,21 +157,20 @@ class CompressionForces(Likelihood):
         kept = self.indentation[~rows], self.values[~rows], self.finger[~rows]
         return type(self)(*kept, self.n_fingers, self.model.shape, self.model.displacement)
 
-    def log_likelihood(self, mean_rate: Array, parameters: Parameters) -> Array:
+    def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of all forces [1/N each] at parameters of batch shape (...), shape (...)."""
         return self.log_likelihood_participants(mean_rate, parameters).sum(axis=-1)
 
-    def log_likelihood_participants(self, mean_rate: Array, parameters: Parameters) -> Array:
+    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of each finger's forces, shape (..., fingers); fingers are independent."""
         given, rows = self._given(mean_rate, parameters), self.design.cells.sum(axis=1)
         variance = given.variance[..., None]
         left = given.residual - (given.reach @ given.likely[..., None])[..., 0]
         quadratic = ((left**2).sum(axis=-1) + self._noise) / variance + (given.likely**2).sum(axis=-1)
-        determinant = 2.0 * np.log(np.diagonal(given.root, axis1=-2, axis2=-1)).sum(axis=-1)
-        density = -0.5 * (rows * (_LOG_TWO_PI + np.log(variance)) + determinant + quadratic)
+        density = -0.5 * (rows * (_LOG_TWO_PI + np.log(variance)) + log_determinant(given.root) + quadratic)
         return density - np.bincount(self.finger, self._log, self.n_fingers)
 
-    def left_out(self, mean_rate: Array, parameters: Parameters) -> RowsLeftOut:
+    def left_out(self, mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
         """Return the law of each force given all the others at its observation, arrays of shape (..., rows)."""
         law, typical = self.finger_law(parameters, mean_rate), self.drive(mean_rate, parameters)
         variance = np.maximum(self.model.error_sd(parameters) ** 2, _LEAST_VARIANCE)[..., None]
@@ -181,12 +184,12 @@ class CompressionForces(Likelihood):
         density = -0.5 * (score**2 + _LOG_TWO_PI - np.log(precision)) - self._log
         return RowsLeftOut(density, ndtr(score))
 
-    def drive(self, mean_rate: Array, parameters: Parameters) -> Array:
+    def drive(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log force [ln N] of every row on the typical finger, shape (..., rows)."""
         b, m = (np.asarray(v, float)[..., None] for v in (parameters.b, parameters.m))
         return np.asarray(np.log(b) + m * self._line.slope + self._line.offset + np.zeros((*mean_rate.shape[:-1], 1)))
 
-    def predictor(self, mean_rate: Array, parameters: Parameters) -> Array:
+    def predictor(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return u of every row, the regressor of ln F with slope m, shape (rows,)."""
         return self._line.slope
 
@@ -196,30 +199,30 @@ class CompressionForces(Likelihood):
         log_b, m = (spread * rng.standard_normal((*shape, self.n_fingers)) for spread in spreads)
         return Effects(log_b=log_b, m=m)
 
-    def draw_effects(self, rng: Generator, mean_rate: Array, parameters: Parameters) -> Effects:
+    def draw_effects(self, rng: Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
         """Return exact draws of the fingers' deviations given their forces, one for each point of the batch."""
         law = self.finger_law(parameters, mean_rate)
         drawn = law.mean + (law.root @ rng.standard_normal((*law.mean.shape, 1)))[..., 0]
         return Effects(log_b=drawn[..., 0], m=drawn[..., 1])
 
-    def finger_law(self, parameters: Parameters, mean_rate: Array = NO_RESPONSE) -> FingerLaw:
+    def finger_law(self, parameters: Parameters, mean_rate: FloatArray = NO_RESPONSE) -> FingerLaw:
         """Return the law of each finger's deviations from the typical one given its forces, for batch shape (...)."""
         given = self._given(mean_rate, parameters)
         inverse = forward(given.root, np.broadcast_to(np.eye(2), given.root.shape))
         root = np.linalg.cholesky(np.swapaxes(inverse, -1, -2) @ inverse)
         return FingerLaw(given.spread * given.likely, given.spread[..., None] * root)
 
-    def replicate(self, rng: Generator, drive: Array, parameters: Parameters, effects: Effects) -> Array:
+    def replicate(self, rng: Generator, drive: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return a force [N] for every row, shape (..., rows)."""
         expected = drive + self._own(effects)
         noise = self.model.error.draw(rng, expected.shape, parameters)
         return self.model.scale.natural(expected + self.model.error_sd(parameters)[..., None] * noise)
 
-    def residual(self, mean_rate: Array, parameters: Parameters, effects: Effects) -> Array:
+    def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return each log force minus the expectation for its finger, shape (..., rows)."""
         return self._log - self.drive(mean_rate, parameters) - self._own(effects)
 
-    def exponent(self, force: ArrayLike) -> Array:
+    def exponent(self, force: ArrayLike) -> FloatArray:
         """Return the least-squares exponent of force against indentation within fingers, shape (...).
 
         Forces have shape (..., rows). The exponent is NaN if no finger has two different indentations.
@@ -231,11 +234,11 @@ class CompressionForces(Likelihood):
         total = float(x @ x)
         return np.asarray((y @ x) / total if total > 1e-12 else np.full(y.shape[:-1], np.nan))
 
-    def _own(self, effects: Effects) -> Array:
+    def _own(self, effects: Effects) -> FloatArray:
         """Return the finger's contribution to each log force, shape (..., rows)."""
         return effects.log_b[..., self.finger] + effects.m[..., self.finger] * self._line.slope
 
-    def _given(self, mean_rate: Array, parameters: Parameters) -> _Given:
+    def _given(self, mean_rate: FloatArray, parameters: Parameters) -> _Given:
         """Return the law of each finger's deviations given its forces."""
         b, m, tau_b, tau_m, varsigma = (np.asarray(getattr(parameters, name), float) for name in PLATE_PARAMETERS)
         shape = parameters.batch_shape(mean_rate.shape[:-1])
@@ -306,9 +309,9 @@ class PressedRaters:
 class _Given(NamedTuple):
     """Each finger's two transformed forces, and its deviations in standard deviations given them."""
 
-    variance: Array  # of the noise, (...)
-    spread: Array  # standard deviations of ln b and m between fingers, (..., 1, 2)
-    residual: Array  # transformed forces less those of the typical finger, (..., fingers, 2)
-    reach: Array  # effect of each deviation on them, (..., fingers, 2, 2)
-    likely: Array  # most probable deviations, (..., fingers, 2)
-    root: Array  # lower factor of their precision, (..., fingers, 2, 2)
+    variance: FloatArray  # of the noise, (...)
+    spread: FloatArray  # standard deviations of ln b and m between fingers, (..., 1, 2)
+    residual: FloatArray  # transformed forces less those of the typical finger, (..., fingers, 2)
+    reach: FloatArray  # effect of each deviation on them, (..., fingers, 2, 2)
+    likely: FloatArray  # most probable deviations, (..., fingers, 2)
+    root: FloatArray  # lower factor of their precision, (..., fingers, 2, 2)

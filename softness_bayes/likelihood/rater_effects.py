@@ -11,24 +11,18 @@ of every rater's rows given all effects, with the derivatives that Newton's meth
 
 from __future__ import annotations
 
-import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from softness_bayes.likelihood.contract import Parameters
-from softness_bayes.likelihood.error_laws import ErrorLaw
+from softness_bayes.likelihood.design import FloatArray, IndexArray
+from softness_bayes.likelihood.error_laws import LOG_ROOT_TWO_PI, ErrorLaw
 from softness_bayes.likelihood.pieces import BLOCK, pieces
 from softness_bayes.likelihood.row_laws import RowLaw, Rows, RowTerms
-
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.intp]
-
-_ROOM = 200_000  # numbers in an array of rows at points
-_LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 
 
 @dataclass(frozen=True)
@@ -65,7 +59,7 @@ class Given:
 
     @property
     def effects(self) -> tuple[FloatArray, ...]:
-        """Spreads of the effects that each rater has, in the order of `Effects.own`."""
+        """Spreads of the effects that each rater has, in the order of `UnitEffects.own`."""
         return tuple(spread for spread in (self.tau, self.tau_gamma, self.tau_varsigma) if spread is not None)
 
     @property
@@ -92,7 +86,7 @@ class Given:
         return replace(self, drive=self.drive + self.omega * h[:, fabric], omega=None, moments=None)
 
 
-class Effects(NamedTuple):
+class UnitEffects(NamedTuple):
     """Values of all effects in units of their spreads, as views of one array (draws, effects)."""
 
     level: FloatArray
@@ -119,14 +113,44 @@ class Points(NamedTuple):
         return self.scale.shape[1] == 1
 
 
-Sums = dict[str, FloatArray]
-"""Sums over rows of their log density, `value`, and of its derivatives, by name; those that are not needed are absent.
+class Sums(NamedTuple):
+    """Sums of rows' log densities and of their derivatives with respect to a rater's coordinates.
 
-`mean` and `mean2` are derivatives with respect to the expectation; `mean_c`, `mean2_c` and `mean2_cc` are multiplied by
-c, a row's expectation without level and scale; `noise` and `noise2` are derivatives with respect to the log spread,
-`both` and `both_c` mixed ones. `curvature` adds up minus the second derivatives, each at least 0. Arrays have shape
-(draws, raters), or (draws, raters, fabrics) if fabrics deviate.
-"""
+    A coordinate moves all rows of a rater: the shift of their expectations, and where raters differ in them, the log
+    factor of c (a row's expectation without level and scale) and the log spread. Sums are over the rows of each rater,
+    or of each rater and fabric if fabrics deviate: their first axes are (draws, raters) or (draws, raters, fabrics).
+    """
+
+    value: FloatArray
+    """Log density, without further axes."""
+    first: FloatArray
+    """First derivatives, with an axis of coordinates."""
+    second: FloatArray
+    """Second derivatives, with two such axes."""
+    safe: FloatArray
+    """Second derivatives from rows of which none has a positive one; terms that vanish in expectation are left out, as
+    in Fisher scoring."""
+
+    @classmethod
+    def of(cls, value: FloatArray, first: Sequence[FloatArray], second: Entries, safe: Entries) -> Self:
+        """Return the sums from entries of the matrices on and below the diagonal; `safe` has those that differ."""
+        whole = _symmetric(second, len(first))
+        return cls(value, np.stack(first, axis=-1), whole, _symmetric(second | safe, len(first)) if safe else whole)
+
+    def part(self, draws: Any) -> Self:
+        """Return the sums at some of the draws."""
+        return type(self)(*(values[draws] for values in self))
+
+
+Entries = dict[tuple[int, int], FloatArray]
+"""Entries of symmetric matrices by row and column, from the diagonal down."""
+
+
+def _symmetric(entries: Entries, size: int) -> FloatArray:
+    found = np.empty((*entries[0, 0].shape, size, size))
+    for (i, j), values in entries.items():
+        found[..., i, j] = found[..., j, i] = values
+    return found
 
 
 class Table:
@@ -190,13 +214,13 @@ class Table:
         """Return mu for zeta."""
         return self.centre + self.spread * level
 
-    def effects(self, given: Given, values: FloatArray) -> Effects:
+    def effects(self, given: Given, values: FloatArray) -> UnitEffects:
         """Return views of all effects' values, shape (draws, effects): the level, raters' own, then fabrics'."""
         shape = len(values), self.n_raters, len(given.effects)
         last = 1 + shape[1] * shape[2]
-        return Effects(values[:, 0], values[:, 1:last].reshape(shape), values[:, last:])
+        return UnitEffects(values[:, 0], values[:, 1:last].reshape(shape), values[:, last:])
 
-    def expectations(self, given: Given, effects: Effects) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def expectations(self, given: Given, effects: UnitEffects) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return each row's expectation, its c, and the spread of its errors, each (draws, rows) or (draws, 1)."""
         scale = self.mu(effects.level)[:, None] + given.tau * effects.own[..., 0]
         c, spread, k = given.drive, given.spread, 1
@@ -209,7 +233,7 @@ class Table:
             spread = (spread * np.exp(given.tau_varsigma * effects.own[..., k]))[:, self.rater]
         return scale[:, self.rater] + c, c, spread
 
-    def sums(self, given: Given, effects: Effects) -> Sums:
+    def sums(self, given: Given, effects: UnitEffects) -> Sums:
         """Return the sums over rows given all effects."""
         expected, c, spread = self.expectations(given, effects)
         noise, some = given.tau_varsigma is not None, self.different
@@ -217,18 +241,20 @@ class Table:
         terms = RowLaw(self.law, given.rows.take(some), *of_some, given.law_parameters).terms(noise)
         if not isinstance(self.equal, slice):
             terms = RowTerms._make(None if values is None else values[:, self.equal] for values in terms)
-        mean, mean2 = terms.of_mean, terms.of_mean2
-        add = self._summing(given)
-        second = add(mean2)
-        curvature = -second if self.law.concave else add(np.maximum(-mean2, 0.0))
-        sums = {"value": add(terms.value), "mean": add(mean), "mean2": second, "curvature": curvature}
+        add, mean, bend = self._summing(given), terms.of_mean, terms.of_mean2
+        first, second = [add(mean)], {(0, 0): add(bend)}
+        safe: Entries = {} if self.law.concave else {(0, 0): add(np.minimum(bend, 0.0))}
         if given.tau_gamma is not None:
-            sums |= {"mean_c": add(mean * c), "mean2_c": add(mean2 * c), "mean2_cc": add(mean2 * c * c)}
+            squared = add(bend * c * c)
+            first.append(add(mean * c))
+            second |= {(1, 0): add(bend * c), (1, 1): squared + first[1]}
+            safe[1, 1] = squared
         if given.tau_varsigma is not None:
-            sums |= {"noise": add(terms.of_noise), "noise2": add(terms.of_noise2), "both": add(terms.of_both)}
-            if given.tau_gamma is not None:
-                sums["both_c"] = add(terms.of_both * c)
-        return sums
+            k, both = len(first), terms.of_both
+            second |= {(k, j): add(both * c if j else both) for j in range(k)} | {(k, k): add(terms.of_noise2)}
+            safe |= {(k, j): 0.0 * first[j] for j in range(k)} | {(k, k): add(np.minimum(terms.of_noise2, -0.5))}
+            first.append(add(terms.of_noise))
+        return Sums.of(add(terms.value), first, second, safe)
 
     def row_law(self, given: Given, points: Points) -> RowLaw:
         """Return the law of rows at points, (draws, points, rows), without omega: of `answers` or of `different` rows.
@@ -319,7 +345,7 @@ class NormalTable(Table):
             given, moments=np.stack([mean, products, np.add.reduceat(apart**2, self.first, axis=-1)], axis=-1)
         )
 
-    def sums(self, given: Given, effects: Effects) -> Sums:
+    def sums(self, given: Given, effects: UnitEffects) -> Sums:
         """Return the sums over rows given all effects."""
         if given.moments is None or given.omega is not None:
             return super().sums(given, effects)
@@ -327,30 +353,28 @@ class NormalTable(Table):
         g, noise, left, squares = self._errors(given, scale[..., None], effects.own[..., None, 1:])
         g, noise, left, squares = (value[..., 0] for value in (g, noise, left, squares))
         (d, products, drives), n, precision = np.moveaxis(given.moments, -1, 0), self.count, noise**-2
-        mean = n * left * precision
-        mean2 = np.broadcast_to(-n * precision, left.shape).copy()
-        c, c2 = g * d, g**2 * (drives + n * d**2)
-        mean_c = (n * left * c + g * (products - g * drives)) * precision
-        return {
-            "value": -0.5 * squares * precision - n * (np.log(noise) + _LOG_ROOT_TWO_PI),
-            "mean": mean,
-            "mean2": mean2,
-            "curvature": -mean2,
-            "mean_c": mean_c,
-            "mean2_c": mean2 * c,
-            "mean2_cc": -c2 * precision,
-            "noise": squares * precision - n,
-            "noise2": -2.0 * squares * precision,
-            "both": -2.0 * mean,
-            "both_c": -2.0 * mean_c,
-        }
+        mean, bend = n * left * precision, np.broadcast_to(-n * precision, left.shape)
+        first, second = [mean], {(0, 0): bend}
+        safe: Entries = {}
+        if given.tau_gamma is not None:
+            c, squared = g * d, -(g**2) * (drives + n * d**2) * precision
+            first.append((n * left * c + g * (products - g * drives)) * precision)
+            second |= {(1, 0): bend * c, (1, 1): squared + first[1]}
+            safe |= {(1, 1): squared}
+        if given.tau_varsigma is not None:
+            k, noise2 = len(first), -2.0 * squares * precision
+            second |= {(k, j): -2.0 * first[j] for j in range(k)} | {(k, k): noise2}
+            safe |= {(k, j): 0.0 * first[j] for j in range(k)} | {(k, k): np.minimum(noise2, -0.5 * n)}
+            first.append(squares * precision - n)
+        value = -0.5 * squares * precision - n * (np.log(noise) + LOG_ROOT_TWO_PI)
+        return Sums.of(value, first, second, safe)
 
     def of_raters(self, given: Given, points: Points) -> FloatArray:
         """Return the log density of each rater's rows at points, (draws, raters, points)."""
         if given.moments is None:
             return super().of_raters(given, points)
         _, noise, _, squares = self._errors(given, points.scale, points.others)
-        return -0.5 * squares / noise**2 - self.count[:, None] * (np.log(noise) + _LOG_ROOT_TWO_PI)
+        return -0.5 * squares / noise**2 - self.count[:, None] * (np.log(noise) + LOG_ROOT_TWO_PI)
 
     def _errors(self, given: Given, scale: FloatArray, others: FloatArray) -> tuple[FloatArray, ...]:
         """Return each rater's factor g of the drive, noise, y - a - g d and sum of squared errors, at `Points`."""

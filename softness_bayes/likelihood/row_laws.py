@@ -18,9 +18,8 @@ from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
 from scipy.special import log_ndtr, ndtr, ndtri
 
+from softness_bayes.likelihood.design import FloatArray
 from softness_bayes.likelihood.error_laws import ErrorLaw
-
-FloatArray = NDArray[np.float64]
 
 POINTS, WIDEST = 4, 0.4
 """Number of Gauss points of narrow intervals, and their largest half-width [spreads]: errors are below 1e-5."""

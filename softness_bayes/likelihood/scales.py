@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -38,7 +37,8 @@ def _accept(table: Any) -> None:
 class Scale:
     """Scale of observations.
 
-    Effects of fabrics and participants are additive after the transformation `additive`, such as the logarithm.
+    Effects of fabrics and participants are additive after the transformation `additive`: here, of the observations
+    themselves; in the subclasses, of logarithms or log odds.
 
     Parameters
     ----------
@@ -60,12 +60,8 @@ class Scale:
         Smallest and largest observation that such an axis can show, with margins and ticks.
     own_units
         True if participants have individual rating scales, which tables and figures remove.
-    additive, natural
-        Transformation to the additive scale, and its inverse; arrays of any shape.
     require
         Raises `InputError`, naming file, row, column and value, for a table (`data.Ratings`) that is not on this scale.
-    log_slope
-        Log of the derivative of `natural`, at observations.
     """
 
     name: str
@@ -77,9 +73,6 @@ class Scale:
     mean: str
     axis: Literal["log", "linear"]
     drawn: tuple[float, float]
-    additive: Callable[[Any], NDArray[np.float64]]
-    natural: Callable[[Any], NDArray[np.float64]]
-    log_slope: Callable[[Any], NDArray[np.float64]]
     own_units: bool = False
     require: Callable[[Any], None] = _accept
     answer: str = ""
@@ -89,80 +82,84 @@ class Scale:
     ends: tuple[float, float] = (0.0, 1.0)
     """Numbers in the file of the ends of a bounded scale, whose observation model has shares of it."""
 
+    def additive(self, values: Any) -> NDArray[np.float64]:
+        """Return the transformation of observations to the additive scale, of any shape."""
+        import numpy as np
+
+        return np.asarray(values, float)
+
+    def natural(self, values: Any) -> NDArray[np.float64]:
+        """Return observations from their values on the additive scale, the inverse of `additive`."""
+        return self.additive(values)
+
+    def log_slope(self, values: Any) -> NDArray[np.float64]:
+        """Return the log of the derivative of `natural`, at observations."""
+        return 0.0 * self.additive(values)
+
     def filed(self, observations: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return observations of the observation model, of any shape, in the units of the file."""
         low, high = self.ends
         return observations if self.ends == (0.0, 1.0) else low + (high - low) * observations
 
 
-def _log(values: Any) -> NDArray[np.float64]:
-    import numpy as np
+@dataclass(frozen=True)
+class LogScale(Scale):
+    """Scale of positive observations, whose logarithms are additive."""
 
-    return np.asarray(np.log(values))
+    def additive(self, values: Any) -> NDArray[np.float64]:
+        """Return logarithms."""
+        import numpy as np
 
+        return np.asarray(np.log(values))
 
-def _exp(values: Any) -> NDArray[np.float64]:
-    """Return exp of log ratings, clipped at `LARGEST_LOG_RATING`, so that no rating is 0 or infinite."""
-    import numpy as np
+    def natural(self, values: Any) -> NDArray[np.float64]:
+        """Return exponentials, clipped at `LARGEST_LOG_RATING`, so that no observation is 0 or infinite."""
+        import numpy as np
 
-    return np.exp(np.clip(values, -LARGEST_LOG_RATING, LARGEST_LOG_RATING))
+        return np.exp(np.clip(values, -LARGEST_LOG_RATING, LARGEST_LOG_RATING))
 
-
-def _same(values: Any) -> NDArray[np.float64]:
-    import numpy as np
-
-    return np.asarray(values, float)
-
-
-def _no_slope(values: Any) -> NDArray[np.float64]:
-    import numpy as np
-
-    return np.zeros_like(np.asarray(values, float))
+    def log_slope(self, values: Any) -> NDArray[np.float64]:
+        """Return logarithms."""
+        return self.additive(values)
 
 
-def _logit(values: Any) -> NDArray[np.float64]:
-    import numpy as np
+@dataclass(frozen=True)
+class LogOddsScale(Scale):
+    """Scale between two `ends`; the log odds of an observation's share of the way between them are additive."""
 
-    values = np.asarray(values, float)
-    return np.log(values) - np.log1p(-values)
+    def additive(self, values: Any) -> NDArray[np.float64]:
+        """Return log odds."""
+        import numpy as np
 
+        share = self._share(values)
+        return np.log(share) - np.log1p(-share)
 
-def _share(values: Any) -> NDArray[np.float64]:
-    """Return shares from log odds, clipped at `LARGEST_LOG_ODDS`, so that no share is 0 or 1."""
-    import numpy as np
+    def natural(self, values: Any) -> NDArray[np.float64]:
+        """Return observations from log odds, clipped at `LARGEST_LOG_ODDS`, so that none lies at an end."""
+        import numpy as np
 
-    return 1.0 / (1.0 + np.exp(-np.clip(values, -LARGEST_LOG_ODDS, LARGEST_LOG_ODDS)))
+        low, high = self.ends
+        return low + (high - low) / (1.0 + np.exp(-np.clip(values, -LARGEST_LOG_ODDS, LARGEST_LOG_ODDS)))
+
+    def log_slope(self, values: Any) -> NDArray[np.float64]:
+        """Return the log of the derivative of the share."""
+        import numpy as np
+
+        share = self._share(values)
+        return np.log(share) + np.log1p(-share)
+
+    def _share(self, values: Any) -> NDArray[np.float64]:
+        import numpy as np
+
+        low, high = self.ends
+        return (np.asarray(values, float) - low) / (high - low)
 
 
 def slider_between(low: float, high: float) -> Scale:
     """Return the scale of a slider whose ends have these numbers in the file."""
-    if (low, high) == (0.0, 1.0):
+    if (low, high) == SLIDER.ends:
         return SLIDER
-    return replace(
-        SLIDER,
-        label=f"rating [{low:g} to {high:g}]",
-        drawn=(low, high),
-        additive=partial(_logit_between, low, high),
-        natural=partial(_number_between, low, high),
-        ends=(low, high),
-    )
-
-
-def _logit_between(low: float, high: float, values: Any) -> NDArray[np.float64]:
-    import numpy as np
-
-    return _logit((np.asarray(values, float) - low) / (high - low))
-
-
-def _number_between(low: float, high: float, values: Any) -> NDArray[np.float64]:
-    return low + (high - low) * _share(values)
-
-
-def _log_odds_slope(values: Any) -> NDArray[np.float64]:
-    import numpy as np
-
-    values = np.asarray(values, float)
-    return np.log(values) + np.log1p(-values)
+    return replace(SLIDER, label=f"rating [{low:g} to {high:g}]", drawn=(low, high), ends=(low, high))
 
 
 def _require_positive(table: Any) -> None:
@@ -197,7 +194,7 @@ def _require_standardised(table: Any) -> None:
         )
 
 
-MAGNITUDE = Scale(
+MAGNITUDE = LogScale(
     name="magnitude",
     meaning="magnitude estimates, above 0",
     suitable="positive",
@@ -208,10 +205,7 @@ MAGNITUDE = Scale(
     axis="log",
     drawn=(1e-200, 1e200),
     own_units=True,
-    additive=_log,
-    natural=_exp,
     require=_require_positive,
-    log_slope=_log,
 )
 AGGREGATED = replace(
     MAGNITUDE,
@@ -229,12 +223,9 @@ STANDARDISED = Scale(
     mean="mean",
     axis="linear",
     drawn=(float("-inf"), float("inf")),
-    additive=_same,
-    natural=_same,
     require=_require_standardised,
-    log_slope=_no_slope,
 )
-SLIDER = Scale(
+SLIDER = LogOddsScale(
     name="slider",
     meaning="positions on a slider",
     suitable="inner",
@@ -245,9 +236,6 @@ SLIDER = Scale(
     axis="linear",
     drawn=(0.0, 1.0),
     own_units=True,
-    additive=_logit,
-    natural=_share,
-    log_slope=_log_odds_slope,
 )
 CATEGORIES = replace(
     STANDARDISED,

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import logsumexp, ndtri
 
 from softness_bayes.likelihood.contract import Effects, Levels, Parameters, Shape
-from softness_bayes.likelihood.design import Design, IndexArray, LoadErrors
+from softness_bayes.likelihood.design import Design, FloatArray, IndexArray, LoadErrors
 from softness_bayes.likelihood.error_laws import ErrorLaw
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.normal_rows import EffectLaw, NormalRows
@@ -28,8 +28,6 @@ from softness_bayes.likelihood.pieces import over_draws
 from softness_bayes.likelihood.quadrature import Integrals
 from softness_bayes.likelihood.rater_effects import Given, Table
 from softness_bayes.likelihood.row_laws import Rows
-
-FloatArray = NDArray[np.float64]
 
 FINE_KNOTS = (-4.0, -3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0, 4.0)
 """Loads between which the reference interpolates."""

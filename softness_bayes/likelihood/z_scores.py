@@ -10,22 +10,25 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import log_ndtr, ndtr, owens_t
 
-from softness_bayes.base.errors import InputError
 from softness_bayes.base.laws import HalfNormal, Normal, Prior
-from softness_bayes.likelihood.contract import Effects, Levels, Parameters, RowsLeftOut, Shape
-from softness_bayes.likelihood.design import Design, Stated
-from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
+from softness_bayes.likelihood.contract import (
+    Effects,
+    Levels,
+    Parameters,
+    RatingsLikelihood,
+    RatingsModel,
+    RowsLeftOut,
+    Shape,
+)
+from softness_bayes.likelihood.design import Design, FloatArray, Stated
+from softness_bayes.likelihood.error_laws import LOG_ROOT_TWO_PI, NORMAL, ErrorLaw
 from softness_bayes.likelihood.normal_rows import EffectLaw, NormalRows
 from softness_bayes.likelihood.pieces import left_out_in_pieces
-from softness_bayes.likelihood.ratings import RatingsLikelihood, RatingsModel
 from softness_bayes.likelihood.scales import RISES, STANDARDISED, RatingDirection, Scale
 
-FloatArray = NDArray[np.float64]
-
-_LOG_TWO_PI = math.log(2.0 * math.pi)
 _CONSTANT = 1e-9  # relative differences of rates below this are rounding errors
 
 
@@ -127,8 +130,6 @@ class StandardisedRatings(RatingsLikelihood):
         over: Design | None = None,
     ) -> None:
         super().__init__(ratings, design, model, over)
-        if not np.isfinite(self.values).all():
-            raise InputError(f"ratings: {(~np.isfinite(self.values)).sum()} are not finite numbers")
 
     @cached_property
     def _rows(self) -> NormalRows:
@@ -153,7 +154,7 @@ class StandardisedRatings(RatingsLikelihood):
             along = (fit.law.shared @ fit.covariance)[..., 1][..., row] * (sd**2 / fit.law.variance)
             score, spread = (self.values - mean) / sd, np.sqrt(fit.covariance[..., 1, 1, None] + (along / sd) ** 2)
             without = (fit.line[..., 1, None] - along * score / sd) / spread
-            normal, positive = -0.5 * score**2 - np.log(sd) - 0.5 * _LOG_TWO_PI, log_ndtr(without)
+            normal, positive = -0.5 * score**2 - np.log(sd) - LOG_ROOT_TWO_PI, log_ndtr(without)
             joint = bivariate_below(score, without, -along / (sd * spread))
             density = normal + log_ndtr(fit.deviate)[..., None] - positive
             return RowsLeftOut(density, np.clip(joint * np.exp(-positive), 0.0, 1.0))

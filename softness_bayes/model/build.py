@@ -17,7 +17,7 @@ from softness_bayes.data.faults import listing
 from softness_bayes.data.oddities import few_raters_sentence
 from softness_bayes.data.ratings import FREE_TOUCH
 from softness_bayes.likelihood.aggregated import RaterSpreads, SpreadModel
-from softness_bayes.likelihood.contract import RATER_SPREADS
+from softness_bayes.likelihood.contract import RATER_SPREADS, RatingsLikelihood, RatingsModel
 from softness_bayes.likelihood.design import Design, LoadErrors
 from softness_bayes.likelihood.individual import IndividualModel
 from softness_bayes.likelihood.layout import Layout, merge
@@ -27,8 +27,7 @@ from softness_bayes.likelihood.models import (
     try_likelihood,
     under_load_errors,
 )
-from softness_bayes.likelihood.plate import CompressionForces, PressedRaters
-from softness_bayes.likelihood.ratings import SKIN, RatingsLikelihood, RatingsModel
+from softness_bayes.likelihood.plate import SKIN, CompressionForces, PressedRaters
 from softness_bayes.likelihood.scales import FREE, MAGNITUDE, RISES, STANDARDISED, RatingDirection
 from softness_bayes.model import fingers, scenes
 from softness_bayes.model.direction import DRAWS, DirectionChoice, evidence_of

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.base.errors import InputError, NumericalError
-from softness_bayes.likelihood.contract import Likelihood, Parameters
+from softness_bayes.likelihood.contract import RATINGS, Likelihood, Parameters, RatingsLikelihood
 from softness_bayes.likelihood.plate import FORCES, CompressionForces
-from softness_bayes.likelihood.ratings import RATINGS, RatingsLikelihood
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.touch.finger_grid import SPREAD_OF, FingerSpreads
@@ -208,8 +207,9 @@ class Posterior(Density):
         rates = [self.mean_rate_of(touch, known)]
         if self.fingers is not None:
             spreads = {name: self.space.value(SPREAD_OF[name], theta) for name in self.fingers.grid.names}
-            pressed = self.observation.skins_of_pressed(self.rating_parameters(theta))
-            own = self.fingers.total_rate(touch, FingerSpreads(**spreads), known, pressed) / self.scene.n_receptors
+            pressed, names = self.observation.pressed, self.fingers.grid.names
+            skins = None if pressed is None else pressed.skins(names, self.rating_parameters(theta))
+            own = self.fingers.total_rate(touch, FingerSpreads(**spreads), known, skins) / self.scene.n_receptors
             rates.append(own.reshape(*own.shape[:-2], -1))
         rates = [_of_shape(rate, (*theta.shape[:-1], rate.shape[-1])) for rate in rates]
         return rates[0] if len(rates) == 1 else np.concatenate(rates, axis=-1)

@@ -19,8 +19,7 @@ from softness_bayes.likelihood.contract import NO_RESPONSE, RATER_SPREADS, Model
 from softness_bayes.likelihood.design import Design, Stated
 from softness_bayes.likelihood.error_laws import GUMBEL, NORMAL, ErrorLaw
 from softness_bayes.likelihood.models import rating_model
-from softness_bayes.likelihood.plate import PLATE_PARAMETERS, CompressionForces
-from softness_bayes.likelihood.ratings import OF_FORCES
+from softness_bayes.likelihood.plate import OF_FORCES, PLATE_PARAMETERS, CompressionForces
 from softness_bayes.model.recordings.likelihood import RecordedRates, recording_model
 from softness_bayes.model.recordings.response import ProbedTouches
 from softness_bayes.model.scenes import scaled, scene_of, touch_parameters

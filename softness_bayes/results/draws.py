@@ -14,9 +14,8 @@ from softness_bayes.base import arviz_bridge
 from softness_bayes.checking.exactness import resample
 from softness_bayes.checking.inflection import Inflection
 from softness_bayes.checking.layout import LOAD_GROUP, UNCERTAIN
-from softness_bayes.likelihood.contract import Effects, Parameters
+from softness_bayes.likelihood.contract import Effects, Parameters, RatingsLikelihood, RatingsModel
 from softness_bayes.likelihood.pieces import pieces
-from softness_bayes.likelihood.ratings import RatingsLikelihood, RatingsModel
 from softness_bayes.likelihood.scales import FREE, Scale
 from softness_bayes.model.posterior import Density, Posterior
 from softness_bayes.parameters.declared import FABRIC_MODULUS

@@ -26,8 +26,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.checking.calibration import DRAWS, Replicate
 from softness_bayes.checking.inflection import CurveShape, curve_scene, find_inflection, response_curves
-from softness_bayes.likelihood.contract import Effects, Likelihood
-from softness_bayes.likelihood.ratings import RatingsLikelihood
+from softness_bayes.likelihood.contract import Effects, Likelihood, RatingsLikelihood
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.sampler.exchangeable import STEPS, exchangeable_draws
 from softness_bayes.sampler.sampling import Sampled, Settings, sample_until
@@ -158,7 +157,8 @@ def simulate(
 ) -> tuple[Likelihood, Effects]:
     """Return ratings simulated at a point, and their effects as a batch of one."""
     parameters, rate = posterior.rating_parameters(theta), posterior.response(theta)
-    observation = observation.of_strangers()  # there are no plate forces for these raters
+    if observation.pressed is not None:  # there are no plate forces for these raters
+        observation = observation.with_pressed(observation.pressed.as_strangers())
     effects = observation.new_effects(rng, parameters, ())
     ratings = observation.replicate(rng, observation.drive(rate, parameters), parameters, effects)
     return observation.with_values(ratings), effects.each(lambda each: each[None])

@@ -20,17 +20,15 @@ import softness_bayes
 from softness_bayes.base.errors import InputError
 from softness_bayes.likelihood import error_laws, scales
 from softness_bayes.likelihood.aggregated import AggregatedModel, AggregatedRatings, RaterSpreads, SpreadModel
-from softness_bayes.likelihood.categories import CategoryModel, CategoryRatings
-from softness_bayes.likelihood.contract import NO_RESPONSE, Likelihood, Parameters, RowsLeftOut
+from softness_bayes.likelihood.contract import NO_RESPONSE, Likelihood, Parameters, RatingsLikelihood, RowsLeftOut
 from softness_bayes.likelihood.design import Design, LoadErrors
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
 from softness_bayes.likelihood.individual import IndividualModel, IndividualRatings
-from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings
+from softness_bayes.likelihood.intervals import CategoryModel, CategoryRatings, IntervalModel, IntervalRatings
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.models import LIKELIHOODS, RATING_MODELS, rating_model
 from softness_bayes.likelihood.orders import OrderModel, OrderRatings, PairModel, PairRatings
 from softness_bayes.likelihood.plate import CompressionForces
-from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.likelihood.scales import CATEGORIES, FALLS, MAGNITUDE, RATING_SCALES, RISES, scale_named
 from softness_bayes.likelihood.uncertain_loads import UncertainLoads
 from softness_bayes.likelihood.z_scores import StandardisedModel, StandardisedRatings

@@ -11,11 +11,11 @@ from numpy.testing import assert_allclose
 
 from oracles import make_likelihood_goldens, raters
 from softness_bayes.likelihood.aggregated import AggregatedModel, RaterSpreads, SpreadModel
-from softness_bayes.likelihood.categories import CategoryModel
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import Design, LoadErrors, Stated
 from softness_bayes.likelihood.error_laws import error_law_named
 from softness_bayes.likelihood.individual import IndividualModel
+from softness_bayes.likelihood.intervals import CategoryModel
 from softness_bayes.likelihood.models import (
     rating_model,
     under_load_errors,

@@ -9,9 +9,9 @@ from scipy.stats import gumbel_r
 from softness_bayes.base.errors import InputError
 from softness_bayes.checking.checks import loo_pit
 from softness_bayes.checking.quantities import uniformity_p_value
-from softness_bayes.likelihood.categories import CategoryModel
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import GUMBEL_SD
+from softness_bayes.likelihood.intervals import CategoryModel
 from softness_bayes.likelihood.lists import MOST_TIED, shares
 from softness_bayes.likelihood.orders import OrderModel, OrderRatings
 from softness_bayes.likelihood.scales import FALLS
@@ -89,7 +89,7 @@ def test_shares_of_a_list():
 def test_what_is_no_order_is_refused():
     with pytest.raises(InputError, match=f"{MOST_TIED + 1} touches of one list share a place"):
         one_list([1.0] * (MOST_TIED + 1))
-    with pytest.raises(InputError, match="1 places are not finite numbers"):
+    with pytest.raises(InputError, match="1 of 2 are not finite numbers"):
         one_list([1.0, np.nan])
     with pytest.raises(InputError, match="several participants"):
         OrderRatings([1, 2], Design([0, 1], [0, 1], [0, 1], 2), MODEL, lists=np.array([0, 0]))

@@ -8,9 +8,9 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import norm
 
-from softness_bayes.likelihood.categories import CategoryModel
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import LAPSES
+from softness_bayes.likelihood.intervals import CategoryModel
 from softness_bayes.likelihood.orders import PairModel, PairRatings
 from support.points import rated
 

@@ -111,7 +111,7 @@ def test_forces_and_ratings_together_agree_with_dense_sums(names):
 
 def test_nobody_in_common_changes_nothing():
     assert PressedRaters.of(PRESSED.forces, ("Ada", "Bo", "Cy"), ("F1", "F2")) is None
-    apart, strangers = observed(("b",), None), observed(("b",)).of_strangers()
+    apart, strangers = observed(("b",), None), observed(("b",), PRESSED.as_strangers())
     assert_allclose(
         strangers.log_likelihood(response(strangers), P), apart.log_likelihood(response(apart), P), rtol=1e-13
     )
