@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from oracles.reference import SimulatedRate, reference_response
+from oracles.reference import reference_response
 from softness_bayes.base.errors import InputError, NumericalError, SoftnessError
 from softness_bayes.touch.contact import Finger, Force, Indentation
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels
@@ -65,16 +65,6 @@ def test_prior_draws_against_the_reference(scene, rng, paper):
         np.testing.assert_allclose(found.responding[k], exact.responding, atol=2e-3)
         for one, two in zip(part(found, np.s_[:]).contact, exact.contact, strict=True):
             np.testing.assert_allclose(one[k], two, rtol=1e-12)
-
-
-def test_simulated_membrane_is_the_references_own_rate(paper):
-    small = Scene([6e4, 4e5], 0.3, [Indentation(1e-3)], FixedChannels())
-    exact = reference_response(small, paper(), rtol=1e-5)
-    found = small.respond(paper())
-    assert exact.total_rate[1] > 10
-    for name in ("total_rate", "responding", "mean_rate", "mean_interval"):
-        np.testing.assert_allclose(getattr(found, name), getattr(exact, name), rtol=2e-4, err_msg=name)
-    assert isinstance(SimulatedRate(small.firing.channels, small.firing.membrane).rheobase.item(), float)
 
 
 def test_a_batch_of_any_shape_is_its_single_vectors(scene, rng, paper, monkeypatch):
@@ -156,8 +146,6 @@ def test_parameters_must_be_finite(scene, paper, name, bad):
     for call in (scene.total_rate, scene.respond, scene.contact):
         with pytest.raises(SoftnessError, match=name):
             call(paper(**{name: np.array([1.0, bad])}))
-    with pytest.raises(InputError, match=name):
-        reference_response(scene, paper(**{name: bad}), scene.firing.curve)
 
 
 @pytest.mark.parametrize(
@@ -185,7 +173,6 @@ def test_scenes_that_cannot_be(smooth_firing, change, message):
 
 def test_a_vector_has_the_same_response_in_any_company():
     """A larger alpha beside it needs a longer rate curve; the vector keeps its own."""
-    from softness_bayes.touch.neuron.fixed_channels import FixedChannels
     from softness_bayes.touch.neuron.rate_curve import LARGEST_CURRENT
 
     scene = Scene(np.geomspace(1e4, 1e6, 4), 0.3, (Indentation(2e-3),), FixedChannels())
