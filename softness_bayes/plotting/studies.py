@@ -142,9 +142,9 @@ def gain_figure(gains: pd.DataFrame, about: Sequence[str], *, style: Style = USU
         and ``response/LOAD`` (90 % band).
     """
     loads = [
-        (f"{row.indentation_mm:g} mm" if np.isfinite(row.indentation_mm) else f"{row.force_n:g} N", part)
-        for (_, part) in gains.sort_values("e_fab_kpa").groupby(["indentation_mm", "force_n"], dropna=False)
-        for row in [part.iloc[0]]
+        (f"{depth:g} mm" if np.isfinite(depth) else f"{force:g} N" if np.isfinite(force) else "free touch", part)
+        for _, part in gains.sort_values("e_fab_kpa").groupby(["indentation_mm", "force_n"], dropna=False)
+        for depth, force in [part[["indentation_mm", "force_n"]].to_numpy()[0]]
     ]
     grid = make_panels(
         len(loads),
@@ -169,7 +169,7 @@ def gain_figure(gains: pd.DataFrame, about: Sequence[str], *, style: Style = USU
         for what, some, mark, size in (("owned", ~part["to_obtain"], "o", 3), ("chosen", part["chosen"] > 0, "D", 5)):
             look: Any = {"markersize": size, "color": style.data if what == "chosen" else style.absent}
             axes.plot(x[some], part["gain_nats"][some], mark, gid=f"{what}/{load}", label=what, **look)
-        axes.set(xscale="log", title=load, ylim=(0.0, None))
+        axes.set(xscale="log", title=load, ylim=(0.0, 1.1 * gains["gain_nats"].max() + 1e-9))
         number_ticks(axes.xaxis, narrow=True)
     behind[-1].tick_params(right=True, labelright=True)
     behind[-1].set_ylabel("response")
