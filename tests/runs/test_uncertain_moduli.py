@@ -11,6 +11,7 @@ from scipy.stats import kstest
 from softness_bayes.base.laws import LogNormal
 from softness_bayes.checking.layout import layout_of
 from softness_bayes.data import Experiment, Fabrics
+from softness_bayes.experiments.outlook import outlook_of_run
 from softness_bayes.likelihood.error_laws import NORMAL
 from softness_bayes.likelihood.scales import RISES
 from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
@@ -24,7 +25,7 @@ from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
 from softness_bayes.touch.readings import MENDED
 from support.command_line import call, refused
 from support.paths import DATA
-from support.report_runs import CLOTH, converged, quickly
+from support.report_runs import CLOTH, LOADS, converged, quickly
 from support.variants import vague_moduli
 
 NAMES = tuple(f"fabric_modulus[{name}]" for name in CLOTH.names)
@@ -119,6 +120,20 @@ def test_fabrics_of_a_batch_are_predicted_with_its_factor_and_those_of_a_new_one
     expected = CLOTH.effective_modulus * np.median(np.repeat([result.values()[n] for n in SCALES], 2, axis=0), axis=1)
     layout = layout_of(result.tree)
     assert_allclose(layout.modulus, expected[layout.design.fabric])
+
+
+def test_a_fabric_to_rate_next_has_the_factor_of_its_batch(variant_run):
+    """One of a rated fabric's modulus and batch is felt as that one is, of another batch otherwise."""
+    modulus = CLOTH.effective_modulus[3]
+    names, batch = (CLOTH.names[3], "same", "mill A's", "new", "new too"), ("", "mill B", "mill A", "mill C", "mill C")
+    with quickly():
+        outlook = outlook_of_run(converged(variant_run("batches")))
+        fabrics = Fabrics(names, effective_modulus=np.full(5, modulus), batch=batch)
+        response = outlook.touches(fabrics, LOADS[:1], None).response
+    assert_allclose(response[:, 0], response[:, 1], rtol=1e-9)
+    assert_allclose(response[:, 3], response[:, 4], rtol=1e-9)
+    for other in (2, 3):
+        assert np.abs(response[:, other] - response[:, 0]).std() > 0.01
 
 
 def test_a_factor_of_moduli_is_said_with_its_batch(variant_run):
