@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Callable
-from functools import cache
 
 import mpmath
 import numpy as np
@@ -84,30 +83,6 @@ def oracle_slope(name: str, channels: Channels, current: float) -> Callable[[flo
         return [total + current, *gates]
 
     return slope
-
-
-def oracle_rate(name: str, channels: Channels, current: float, duration: float) -> float:
-    """Steady rate [Hz] by DOP853 from rest, from the last interval between crossings of -20 mV; 0 if it settles."""
-    start = [-70.0, 0.05, 0.6, 0.3, 0.5, 0.3]
-    at_rest = solve_ivp(oracle_slope(name, channels, 0.0), (0, 2000), start, method="LSODA", rtol=1e-11, atol=1e-12)
-
-    def crossing(_t: float, y: np.ndarray) -> float:
-        return y[0] + 20.0
-
-    crossing.direction = 1.0  # type: ignore[attr-defined]
-    solution = solve_ivp(
-        oracle_slope(name, channels, current),
-        (0, duration),
-        at_rest.y[:, -1],
-        method="DOP853",
-        rtol=3e-12,
-        atol=1e-12,
-        events=crossing,
-    )
-    spikes = solution.t_events[0]
-    if spikes.size < 3 or duration - spikes[-1] > 3 * (spikes[-1] - spikes[-2]):
-        return 0.0
-    return float(1000.0 / (spikes[-1] - spikes[-2]))
 
 
 # --- gating ---------------------------------------------------------------------------------------------------------
@@ -211,45 +186,14 @@ def test_fold_is_the_maximum_of_the_steady_current() -> None:
 # --- exact rates ----------------------------------------------------------------------------------------------------
 
 
-def stored(name: str, membrane: Membrane) -> dict[str, np.ndarray]:
-    """Columns of a file of reference values, of one membrane."""
-    with (REFERENCE / name).open() as file:
-        rows = [row for row in csv.DictReader(file) if row["membrane"] == membrane.name]
-    return {key: np.array([float(row[key]) for row in rows]) for key in rows[0] if key != "membrane"}
-
-
-@cache
-def computed(membrane: Membrane) -> dict[str, np.ndarray]:
-    """Rates at all the stored currents of both files at once: together they take only as long as the slowest."""
-    columns = {name: stored(name, membrane) for name in ("firing_rate.csv", "tight_rate.csv")}
-    channels, current = (
-        [np.concatenate([column[key] for column in columns.values()]) for key in keys]
-        for keys in (("c_na", "c_k", "c_l", "c_a"), ("current_ua_cm2",))
-    )
-    rate = firing_rate(*current, Channels(*channels), membrane)
-    return dict(zip(columns, np.split(rate, [columns["firing_rate.csv"]["rate_hz"].size]), strict=True))
-
-
 @every_membrane
 def test_rates_of_other_simulators(membrane: Membrane) -> None:
-    column, rate = stored("firing_rate.csv", membrane), computed(membrane)["firing_rate.csv"]
-    silent = column["rate_hz"] == 0.0
+    with (REFERENCE / "firing_rate.csv").open() as file:
+        rows = [row for row in csv.DictReader(file) if row.pop("membrane") == membrane.name]
+    *channels, current, expected = np.array([[float(value) for value in row.values()] for row in rows]).T
+    rate, silent = firing_rate(current, Channels(*channels), membrane), expected == 0.0
     assert (rate[silent] == 0.0).all()
-    np.testing.assert_allclose(rate[~silent], column["rate_hz"][~silent], rtol=1e-6)
-
-
-@every_membrane
-def test_rate_agrees_with_tight_integration(membrane: Membrane) -> None:
-    column, rate = stored("tight_rate.csv", membrane), computed(membrane)["tight_rate.csv"]
-    assert (column["rate_hz"] > 0.0).all()
-    np.testing.assert_allclose(rate, column["rate_hz"], rtol=3e-7)
-
-
-@pytest.mark.slow
-@every_membrane
-def test_tight_integration_gives_the_stored_rates(membrane: Membrane) -> None:
-    for *multipliers, current, duration, rate in zip(*stored("tight_rate.csv", membrane).values(), strict=True):
-        assert oracle_rate(membrane.name, Channels(*multipliers), current, duration) == pytest.approx(rate, rel=1e-9)
+    np.testing.assert_allclose(rate[~silent], expected[~silent], rtol=3e-7)
 
 
 @pytest.mark.parametrize(
