@@ -10,6 +10,7 @@ what is felt, which the rater's numbers exaggerate or compress. `quadrature` int
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, Self
@@ -171,8 +172,6 @@ class IntervalRatings(RatingsLikelihood):
         Intervals that the ratings represent; by default they are exact.
     lapses
         Distribution of lapses; by default that of raters with these ratings.
-    sampled
-        True for the density of all ratings by Laplace's method, which the sampler uses, instead of the reference.
 
     Raises
     ------
@@ -190,11 +189,10 @@ class IntervalRatings(RatingsLikelihood):
         over: Design | None = None,
         stated: Stated | None = None,
         lapses: Lapses | None = None,
-        sampled: bool = False,
     ) -> None:
         super().__init__(ratings, design, model, over)
         scale = model.scale
-        self._stated, self._sampled = self._understood(stated), sampled
+        self._stated = self._understood(stated)
         low, high = self._stated.ends(self.values)
         self._exact = low == high
         self._lapses = lapses or model.lapses(low, high, design)
@@ -214,6 +212,7 @@ class IntervalRatings(RatingsLikelihood):
         by_sums = model.law == NORMAL and self._exact.all()
         self._table = NormalTable(*how, values=latent) if by_sums else Table(*how)
         self._integrals = Integrals(self._table)
+        self._density = self._integrals.log_density
         self._slope = np.where(self._exact, scale.log_slope(self.values), 0.0)
         self._log = float(self._slope.sum())
 
@@ -225,8 +224,8 @@ class IntervalRatings(RatingsLikelihood):
     def _arguments(self, rows: NDArray[np.bool_] | None = None) -> dict[str, Any]:
         """Return further arguments of the constructor; lapses of some rows are those of all, of new values others."""
         if rows is None:
-            return {"stated": self._stated, "sampled": self._sampled}
-        return {"stated": self._stated.take(rows), "lapses": self._lapses.take(rows), "sampled": self._sampled}
+            return {"stated": self._stated}
+        return {"stated": self._stated.take(rows), "lapses": self._lapses.take(rows)}
 
     @property
     def ends(self) -> tuple[FloatArray, FloatArray] | None:
@@ -239,15 +238,15 @@ class IntervalRatings(RatingsLikelihood):
         return ~self._exact
 
     def for_sampling(self) -> Self:
-        """Return the likelihood by Laplace's method."""
-        how = self.values, self.design, self.model, self._over, self._stated, self._lapses
-        return self if self._sampled else type(self)(*how, sampled=True)
+        """Return the likelihood of which the density of all ratings is by Laplace's method."""
+        by_laplace = copy(self)
+        by_laplace._density = self._integrals.laplace
+        return by_laplace
 
     def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of all ratings together, shape (...); arguments as in `Likelihood`."""
-        density = self._integrals.laplace if self._sampled else self._integrals.log_density
         given, shape = self._given(mean_rate, parameters)
-        return density(given).reshape(shape) - self._log
+        return self._density(given).reshape(shape) - self._log
 
     def left_out(self, mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
         """Return the law of each rating given all the others at its observation, arrays of shape (..., rows).

@@ -215,7 +215,8 @@ class _LoadedLaw(ErrorLaw):
 
     def log_density(self, errors: FloatArray, parameters: Any) -> FloatArray:
         """Return the log of the mean density of error - shift."""
-        return self._mean(super().log_density(errors[..., None] - parameters.shift, parameters))
+        logs, weight = super().log_density(errors[..., None] - parameters.shift, parameters), np.exp(-0.5 * POINTS**2)
+        return np.asarray(logsumexp(logs, b=weight / weight.sum(), axis=-1))
 
     def slopes(self, errors: FloatArray, parameters: Any) -> tuple[FloatArray, FloatArray]:
         """Return mean and variance of the slopes of the parts, the latter less 1."""
@@ -224,10 +225,6 @@ class _LoadedLaw(ErrorLaw):
         share /= share.sum(axis=-1, keepdims=True)
         first = -(share * away).sum(axis=-1)
         return first, (share * away**2).sum(axis=-1) - first**2 - 1.0
-
-    def _mean(self, logs: FloatArray) -> FloatArray:
-        weight = np.exp(-0.5 * POINTS**2)
-        return np.asarray(logsumexp(logs, b=weight / weight.sum(), axis=-1))
 
 
 _LOADED = _LoadedLaw("loads with errors", "normal, mixed over errors of loads")
