@@ -40,6 +40,7 @@ from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.normal_rows import EffectLaw
 from softness_bayes.likelihood.pieces import in_pieces, left_out_in_pieces
+from softness_bayes.likelihood.quadrature import draw_on_nodes
 from softness_bayes.likelihood.scales import AGGREGATED, LOG_SD, Scale
 
 SPREADS = "spreads"
@@ -171,9 +172,8 @@ class SpreadModel:
 class _Nodes(NamedTuple):
     """Nodes of the integrals over u, each field of shape (..., panels, nodes)."""
 
-    scatter: FloatArray  # u
+    scatter: FloatArray  # u, whose logarithms are evenly spaced
     log_density: FloatArray  # log density of u and the panel's rows, times the node spacing
-    ratio: FloatArray  # of neighbouring nodes, (..., panels)
 
 
 class RaterSpreads(Likelihood):
@@ -261,14 +261,9 @@ class RaterSpreads(Likelihood):
         return Effects(scatter=np.asarray(parameters.tau, float)[..., None] ** 2 * drawn)
 
     def draw_effects(self, rng: Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
-        """Return draws of the scatter given the standard deviations, one for each point of the batch.
-
-        A node is drawn, and a value about it.
-        """
-        nodes = self._nodes(mean_rate, parameters, finer=8)
-        chosen = (nodes.log_density + rng.gumbel(size=nodes.log_density.shape)).argmax(axis=-1)[..., None]
-        node = np.take_along_axis(nodes.scatter, chosen, axis=-1)[..., 0]
-        return Effects(scatter=node * nodes.ratio ** rng.uniform(-0.5, 0.5, node.shape))
+        """Return draws of the scatter given the standard deviations, one for each point of the batch."""
+        nodes = self._nodes(mean_rate, parameters)
+        return Effects(scatter=np.exp(draw_on_nodes(rng, np.log(nodes.scatter), nodes.log_density)))
 
     def replicate(self, rng: Generator, drive: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
         """Return a standard deviation for every row, shape (..., rows)."""
@@ -288,9 +283,7 @@ class RaterSpreads(Likelihood):
         """Return the log density of each panel's rows, optionally without one row, shape (..., panels)."""
         return np.asarray(logsumexp(self._nodes(mean_rate, parameters, left_out).log_density, axis=-1))
 
-    def _nodes(
-        self, mean_rate: FloatArray, parameters: Parameters, left_out: int | None = None, finer: int = 1
-    ) -> _Nodes:
+    def _nodes(self, mean_rate: FloatArray, parameters: Parameters, left_out: int | None = None) -> _Nodes:
         """Return the nodes of the trapezoidal rule in s = log(u / tau²) / 2, about the most probable s of each panel.
 
         The density falls off like exp((n - 1) s) to the left, where only the prior matters, and faster elsewhere.
@@ -306,9 +299,8 @@ class RaterSpreads(Likelihood):
         unit = tau * np.sqrt(self._squares) / variance
         middle, sd = self._peak(unit, tau**2 / variance, member)
         start = middle - 7.0 * sd - 50.0 * sd**2
-        n_nodes = finer * self._n_nodes
-        step = (middle + 7.0 * sd - start) / (n_nodes - 1)
-        s = start[..., None] + step[..., None] * np.arange(n_nodes)
+        step = (middle + 7.0 * sd - start) / (self._n_nodes - 1)
+        s = start[..., None] + step[..., None] * np.arange(self._n_nodes)
         square = np.exp(2.0 * s)
         constant = (1.0 - 0.5 * freedom) * math.log(2.0) - float(gammaln(0.5 * freedom))
         log_weight = constant + freedom * s - 0.5 * square + np.log(step)[..., None]
@@ -317,7 +309,7 @@ class RaterSpreads(Likelihood):
         noncentrality = (tau**2 / variance)[..., None] * square[..., person, :]
         rows = log_bessel(order, unit[..., None] * np.exp(s[..., person, :])) - 0.5 * (scaled + noncentrality)
         rows += order * np.log(scaled) + (self._log_slope - np.log(variance))[..., None] - math.log(2.0)
-        return _Nodes(tau[..., None] ** 2 * square, log_weight + member.T @ rows, np.exp(2.0 * step))
+        return _Nodes(tau[..., None] ** 2 * square, log_weight + member.T @ rows)
 
     def _peak(self, unit: FloatArray, ratio: FloatArray, member: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return approximations of the most probable s of each panel and its standard deviation, (..., panels).
