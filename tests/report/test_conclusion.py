@@ -126,7 +126,7 @@ def test_every_combination_of_facts_gives_three_sentences_and_trust_only_where_a
             assert found.trust.startswith("Yes") == well
 
 
-FORCES, MODULI = (0.5, 1.5), np.geomspace(8e3, 6e5, 10)
+FORCES, MODULI, SOFT = (0.5, 1.5), np.geomspace(8e3, 6e5, 10), np.geomspace(1e2, 4e3, 10)
 
 
 def drifting(rng, made):
@@ -155,6 +155,12 @@ def copied(_, made):
     return {"rating": np.concatenate([own[:9], own[:3]]).ravel()}
 
 
+def falling(rng, made):
+    """Ratings fall with stiffness, over fabrics so soft that no receptor fires."""
+    level, error = 0.4 * rng.standard_normal(12), 0.3 * rng.standard_normal(len(made))
+    return {"rating": 20.0 * (SOFT[made.fabric] / 1e3) ** -0.3 * np.exp(level[made.participant] + error)}
+
+
 UNITS = "^check the units of moduli and loads"
 FAULTS = {
     "none": ({}, without("another --reading", "units", "check whether", "lapses", "--drift")),
@@ -164,6 +170,10 @@ FAULTS = {
     "outliers": ({"rate": outlying}, "--errors lapses or student"),
     "a reversed quarter": ({"rate": reversed_quarter}, "^check whether the scale of P01, P02 and P03 was reversed"),
     "a quarter guessed": ({"rate": guessed}, "--errors lapses or student"),
+    "silent cloth": (
+        {"rate": falling, "moduli": SOFT, "fix": {"m": 2.0, "alpha": 20.3, "beta": 0.6}},
+        rf"{UNITS} \('softness-bayes check'\), then try --priors in-vivo",
+    ),
     "loads in kgf": ({"loads": tuple(Force(force / 9.81) for force in FORCES)}, UNITS),
     "copied raters": ({"rate": copied}, "^check whether the answers of P10, P11 and P12 are copies"),
     "another reading": ({"readings": CLASSICAL}, "^repeat the run with another --reading"),
@@ -183,7 +193,8 @@ def test_the_next_step_names_the_fault_of_a_simulated_table(fault, words):
         replace(fabrics, effective_modulus=fault.get("moduli", MODULI)),
         (),
     )
-    options = {"fix": {**PAPER_CHANNELS._asdict(), "eps": 0.1}, "max_steps": 6000, "seed": 3, "processes": 1}
+    fix = {**PAPER_CHANNELS._asdict(), "eps": 0.1, **fault.get("fix", {})}
+    options = {"fix": fix, "max_steps": 6000, "seed": 3, "processes": 1}
     facts = facts_of(sample(data, errors=NORMAL, direction=fault.get("direction"), **options))
     assert facts.converged
     assert re.search(words, conclude(facts).next_step)
