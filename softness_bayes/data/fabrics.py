@@ -161,9 +161,7 @@ class Fabrics(OneTable):
             raise InputError(f"{self.source}: two fabrics have the same name")
         object.__setattr__(self, "batch", tuple(map(str, self.batch)) or ("",) * len(self.names))
         if len(self.batch) != len(self.names):
-            raise InputError(
-                f"{self.source}: {len(self.batch)} batches of {len(self.names)} fabrics, expected one each"
-            )
+            raise InputError(f"{self.source}: {len(self.batch)} batches of {len(self.names)} fabrics")
         for name, column in PROPERTIES.items():
             values = np.broadcast_to(numbers(f"fabrics: {name}", getattr(self, name)), len(self.names))
             if column is POISSON_RATIO:

@@ -142,11 +142,10 @@ class ExperimentModel:
         law = options.priors.get(declared.MODULUS_SCALE)
         if law is None and options.shared_modulus_cv:
             law = LogNormal(1.0, float(np.sqrt(np.log1p(options.shared_modulus_cv**2))))
-        if law is not None:
-            batch, most = self.data.fabrics.batch, len(declared.MODULUS_SCALES)
-            if len(set(batch)) > most:
-                raise InputError(f"{len(set(batch))} batches of moduli with an error each, expected at most {most}")
-            own |= dict.fromkeys(scales_of(batch).values(), law)
+        batches, scales = len(set(self.data.fabrics.batch)), scales_of(self.data.fabrics.batch)
+        own |= {} if law is None else dict.fromkeys(scales.values(), law)
+        if batches > len(scales) and declared.MODULUS_SCALES.keys() & {*own, *options.priors}:
+            raise InputError(f"{batches} batches of moduli with an error each, expected at most {len(scales)}")
         if FREE_TOUCH in self.data.ratings.loads and declared.TOUCH_FORCE not in options.fix:
             own[declared.TOUCH_FORCE] = declared.EVERY_PARAMETER[declared.TOUCH_FORCE].prior
         return {**own, **options.priors}

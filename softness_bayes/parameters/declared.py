@@ -227,18 +227,13 @@ MODULUS_SCALE = "modulus_scale"
 """Name of the factor between true and stated moduli that all fabrics share, or those of the first batch."""
 
 MODULUS_SCALES: Mapping[str, Parameter] = _by_name(
-    Parameter(MODULUS_SCALE, "$k_E$", "–", "common factor of moduli", LogNormal(1, 0.15), range=_MULTIPLIER),
     *(
-        Parameter(
-            f"{MODULUS_SCALE}_{k}",
-            f"$k_{{E{k}}}$",
-            "–",
-            f"common factor of moduli, batch {k}",
-            LogNormal(1, 0.15),
-            range=_MULTIPLIER,
+        Parameter(name, symbol, "–", f"common factor of moduli{of}", LogNormal(1, 0.15), range=_MULTIPLIER)
+        for name, symbol, of in (
+            (MODULUS_SCALE, "$k_E$", ""),
+            *((f"{MODULUS_SCALE}_{k}", f"$k_{{E{k}}}$", f", batch {k}") for k in range(2, 10)),
         )
-        for k in range(2, 10)
-    ),
+    )
 )
 """Factors between true and stated moduli that the fabrics of a batch share: the error of one tester."""
 
