@@ -129,12 +129,12 @@ def _shown(errors: Errors) -> dict[str, str]:
 
 def pair_lines(ratings: Ratings, modulus: Sequence[float], guess: float | None) -> list[str]:
     """Return thresholds of pairs with a reference, for E_fab [kPa] and a known guess rate if given, and cautions."""
+    if not ratings.paired:
+        return []
     import numpy as np
 
     from softness_bayes.people.psychometric import comparison_cautions, psychometric_table, threshold_sentences
 
-    if not ratings.paired:
-        return []
     found = psychometric_table(ratings, np.array(modulus, float), guess=guess)
     return [*threshold_sentences(found), *(f"caution: {said}" for said in comparison_cautions(ratings))]
 

@@ -82,7 +82,8 @@ def predict(
         Contact force [N] of the touch; by default those of the run, with --posterior.
     posterior
         A finished run: parameters are draws of its posterior. Each quantity is given as its median and, in NAME_low and
-        NAME_high, its 90 % credible interval. Ratings are predicted too.
+        NAME_high, its 90 % credible interval. Ratings are predicted too. The accuracy is that of the run, unless
+        --accuracy is given.
     raters
         With --posterior: predict the mean rating of N new raters; by default as many as in the run.
     """
@@ -148,7 +149,7 @@ def _of_run(
     def under(pressed: Sequence[Load]) -> Scene:
         return fitted.scene(fabrics, tuple(pressed), COARSE)
 
-    table, scenes = predicted(fitted, fabrics, loads, raters, seed, compiled)
+    table, scenes = predicted(fitted, fabrics, loads, raters, seed, compiled if typed("accuracy") else None)
     few = TouchParameters(*(value[:: ANSWER_DRAWS // 16] for value in fitted.touch))
     return result.labelled(table), scenes, fitted.touch, reach_note(under, loads, few, {})
 

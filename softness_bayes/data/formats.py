@@ -249,10 +249,10 @@ _FORMATS: tuple[tuple[bytes | tuple[bytes, ...], str, Callable[[_File], Any] | N
 
 def _json(file: _File) -> pd.DataFrame | None:
     """Return the rows of a JSON file: records, one in each line or in a list, or columns; None for other text."""
-    import pandas as pd
-
     if not re.match(rb"(?:\xef\xbb\xbf)?\s*[\[{]", file.content[:100]):
         return None
+    import pandas as pd
+
     try:
         text = file.content.decode("utf-8-sig")
         try:

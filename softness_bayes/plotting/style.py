@@ -259,13 +259,26 @@ def save(figure: Figure, path: str | Path, formats: Sequence[str] = ("png", "pdf
     return write_outputs(path.parent, files_of(figure, path.name, formats, style), PLOT)
 
 
+@contextmanager
+def laid_out(figure: Figure) -> Iterator[None]:
+    """Lay a figure out once for all files written inside a ``with`` block: each would draw it twice otherwise."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+    figure.set_layout_engine(None)
+    try:
+        yield
+    finally:
+        figure.set_layout_engine(engine)
+
+
 def files_of(
     figure: Figure, stem: str, formats: Sequence[str] = ("png", "pdf"), style: Style = USUAL
 ) -> dict[str, bytes]:
     """Return the contents of the files that `save` writes, by file name (stem and suffix)."""
     require_formats(formats)
     contents: dict[str, bytes] = {}
-    with style.applied():
+    with style.applied(), laid_out(figure):
         for name in formats:
             if name == DATA:
                 contents[f"{stem}.{name}"] = csv_of(data_of(figure), index=False).encode()

@@ -25,7 +25,7 @@ from softness_bayes.checking.sentences import unreproduced_sentence
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.plotting.figures import announced, figure_named, figures_of, file_of, require_figures
 from softness_bayes.plotting.panels import TINTS
-from softness_bayes.plotting.style import METADATA, USUAL
+from softness_bayes.plotting.style import METADATA, USUAL, laid_out
 from softness_bayes.report import tables
 from softness_bayes.report.cards import cards
 from softness_bayes.report.charts import AXES, TURN_TINT, ChartData, chart_data, charts
@@ -204,8 +204,9 @@ def renamed(result: Result, names: Mapping[str, str]) -> Result:
 def picture(result: Result, name: str) -> Picture:
     """Return a figure by its name, drawn and embedded."""
     drawing, drawn, dpi = figure_named(name), io.BytesIO(), COARSE if name in FOLDED["sampler"] else RESOLUTION
-    with USUAL.applied():
-        drawing(result, USUAL).savefig(drawn, format="png", dpi=dpi, metadata=dict(METADATA["png"]))
+    figure = drawing(result, USUAL)
+    with USUAL.applied(), laid_out(figure):
+        figure.savefig(drawn, format="png", dpi=dpi, metadata=dict(METADATA["png"]))
     source, caption = _as_link("image/png", drawn.getvalue()), sentence(drawing.shows)
     return Picture(file_of(name), source, caption, alternative_text(result, name, caption))
 

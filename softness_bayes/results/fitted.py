@@ -99,10 +99,10 @@ class Fitted:
         """Parameters of the forward model at the draws [SI], each of shape (draws,)."""
         return self.posterior.space.touch(self.theta).broadcast(len(self.theta))
 
-    def scene(
-        self, fabrics: Fabrics, loads: tuple[Load, ...], discretisation: Discretisation = Discretisation()
-    ) -> Scene:
+    def scene(self, fabrics: Fabrics, loads: tuple[Load, ...], discretisation: Discretisation | None = None) -> Scene:
         """Return the scene of some fabrics under some loads, with the finger and the readings of the run.
+
+        Its resolution is that of the run unless another is given.
 
         Raises
         ------
@@ -119,7 +119,7 @@ class Fitted:
             loads,
             self.named,
             self.result.readings,
-            discretisation=discretisation,
+            discretisation=discretisation or self.posterior.scene.discretisation,
             noise=self.result.provenance.rating_model.noise,
             finger=self.result.finger,
             moduli=moduli_of(self.result, fabrics),

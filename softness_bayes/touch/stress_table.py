@@ -115,14 +115,12 @@ class Inversion:
 
     def _distance(self, y: Array, radius: Array, decay: Array, peak: Array) -> Array:
         """Invert the field by the secant method: distances at which it is y^(1/root) of its peak; (n, len(y))."""
-        from scipy.interpolate import CubicSpline  # imported here because it takes a third of a second
-
         radius, decay, peak, log_y = radius[:, None], decay[:, None], peak[:, None], np.log(y)
 
         def log_y_at(log_rho: Array) -> Array:
             return self.root * np.log(self.unit(np.exp(log_rho), radius, decay) / peak)
 
-        # splines through the field start the search, on a grid from near the axis to where the field follows its power
+        # lines through the field start the search, on a grid from near the axis to where the field follows its power
         # law, and finely across the edge of the contact
         everywhere = np.geomspace(1e-4 * (1.0 + radius), FARTHEST * (1.0 + radius), 70, axis=-1)[:, 0]
         edge = radius + np.sinh(np.linspace(-1, 1, 51) * np.arcsinh(0.9 * radius))
@@ -131,8 +129,8 @@ class Inversion:
         log_rho, slope = np.empty((2, radius.size, y.size))
         for row in range(radius.size):
             falling = np.concatenate([np.diff(known[row]) < -1e-13, [True]])
-            inverse = CubicSpline(known[row][falling][::-1], grid[row][falling][::-1])
-            log_rho[row], slope[row] = inverse(log_y), inverse(log_y, 1)
+            x, value = known[row][falling][::-1], grid[row][falling][::-1]
+            log_rho[row], slope[row] = _cubic(log_y, x, value)
         before, step, last = 0.0, np.zeros_like(log_rho), np.zeros_like(log_rho)
         for _ in range(12):  # each step usually gains about three digits
             gap = log_y_at(log_rho) - log_y
@@ -149,6 +147,16 @@ class Inversion:
                 break
             before = found
         return np.exp(log_rho)
+
+
+def _cubic(at: Array, x: Array, value: Array) -> tuple[Array, Array]:
+    """Return values and slopes of cubics through points, with slopes of parabolas at these."""
+    slope = np.gradient(value, x)
+    k = np.clip(np.searchsorted(x, at), 1, x.size - 1)
+    width, low, high = x[k] - x[k - 1], slope[k - 1], slope[k]
+    mean, t = (value[k] - value[k - 1]) / width, (at - x[k - 1]) / width
+    bend, twist = 3.0 * mean - 2.0 * low - high, low + high - 2.0 * mean
+    return value[k - 1] + width * t * (low + t * (bend + t * twist)), low + t * (2.0 * bend + 3.0 * t * twist)
 
 
 class StressTable:
