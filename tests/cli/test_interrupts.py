@@ -133,7 +133,7 @@ def test_an_interrupt_ends_a_run_quietly_at_its_start(tmp_path, delay):
 
 def test_a_closed_terminal_is_told_what_is_kept(tmp_path):
     few_ratings(tmp_path)
-    process = began(tmp_path, "sample", "--data", "ratings.csv", "--out", "out", *SAMPLE, before=QUICKLY)
+    process = began(tmp_path, "sample", "--data", "ratings.csv", "--out", "out", *SAMPLE)
     while process.poll() is None and not saved_states(tmp_path / "out"):
         time.sleep(0.02)
     said = stopped(process, signal.SIGHUP)  # to the workers too, which must not count as lost

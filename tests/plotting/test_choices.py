@@ -11,7 +11,6 @@ from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, PAIRS
 from softness_bayes.plotting.checks import (
     _draw_answers,
     counts_of,
-    rows_of_pairs,
     wins_of,
 )
 from softness_bayes.plotting.data import data_of
@@ -34,10 +33,6 @@ def test_categories_are_counted(rng):
     np.testing.assert_allclose(limits["y"], np.quantile(found.replicates, 0.05, axis=0), rtol=1e-5)
     np.testing.assert_allclose(limits["y_end"], np.quantile(found.replicates, 0.95, axis=0), rtol=1e-5)
     assert table.loc[table["element"] == "observed", "y_end"].tolist() == [2, 0, 0, 1]
-
-
-def test_rows_of_a_pair_find_each_other():
-    assert rows_of_pairs(np.array([7, 3, 7, 5, 3])).tolist() == [[1, 4], [0, 2]]
 
 
 def test_answers_are_those_against_the_standard():

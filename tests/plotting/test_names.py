@@ -21,7 +21,7 @@ from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.plotting import style as styles
 from softness_bayes.plotting.checks import FEW, checks
 from softness_bayes.plotting.figures import FIGURES
-from softness_bayes.plotting.panels import LONGEST, apart, name_fabrics, short_name, short_names
+from softness_bayes.plotting.panels import LONGEST, name_fabrics, short_name, short_names
 from softness_bayes.plotting.parameters import informative, prior
 from softness_bayes.plotting.style import DATA, USUAL, files_of
 from support.figures import FABRICS, LOADS, artist, drawn, invented_curves, invented_draws, invented_run
@@ -55,14 +55,6 @@ def test_names_stand_apart_at_any_number_of_fabrics(count: int) -> None:
         assert all(box.x0 >= -1 and box.x1 <= figure.bbox.x1 + 1 for box in boxes)
     said = figure.legends[0].get_title().get_text()
     assert said == ("" if count <= 12 else f"{len(labels)} of 600 fabrics are named")
-
-
-def test_places_move_as_little_as_possible() -> None:
-    assert_allclose(apart([0.1, 0.5, 0.9], 0.2), [0.1, 0.5, 0.9])
-    assert_allclose(apart([0.5, 0.5], 0.2), [0.4, 0.6])
-    assert_allclose(apart([0.0, 0.0, 1.0, 1.0], 0.1), [0.0, 0.1, 0.9, 1.0])
-    crowd = apart(np.full(11, 0.7), 0.1)
-    assert_allclose(crowd, np.linspace(0.0, 1.0, 11), atol=1e-12)
 
 
 def test_long_names_keep_what_tells_them_apart() -> None:

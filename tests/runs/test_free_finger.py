@@ -11,7 +11,6 @@ from softness_bayes.touch.scene import Discretisation
 from support.report_runs import HELD, experiment
 
 LAWS = {"radius": Normal(8, 0.5), "receptor_depth": Uniform(0.5, 0.9)}
-FINE = Discretisation(16, 14.5, 1e-6)
 
 
 def test_predictions_use_the_sampled_values(variant_run):

@@ -20,7 +20,6 @@ ENOUGH = Settings(
     processes=1,
     goal=Goal(r_hat=1.02, ess=200.0),
 )
-BRIEF = Settings(ensembles=2, max_steps=60, processes=1, pilot=(40,), optima=1, goal=Goal(lengths=1.0))
 
 
 class Case(NamedTuple):
