@@ -63,11 +63,11 @@ def sample(
     interruption or after its end; the draws are those of a run that was never interrupted. --quick takes a first
     look, from which 'resume' continues to the same draws as well.
     """
-    from softness_bayes.data import Measurements
-    from softness_bayes.results.run_options import Request
-    from softness_bayes.runs.checkpoint import Checkpoint
-
     with telling("reading the tables"):
+        from softness_bayes.data import Measurements  # inside, because the imports take longer than the tables
+        from softness_bayes.results.run_options import Request
+        from softness_bayes.runs.checkpoint import Checkpoint
+
         data = files.read()
     if isinstance(data, Measurements):
         require_no_ratings_needed(model, how)
