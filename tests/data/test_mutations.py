@@ -4,15 +4,19 @@ Each change keeps the meaning of the table for a person who reads it. So whateve
 written; a table may be refused, but some of every kind must be read unless it has no clear meaning.
 """
 
+import bz2
 import csv
+import gzip
 import io
 import json
+import lzma
 import re
 from collections import Counter
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 import openpyxl
+import pandas as pd
 import pytest
 
 from softness_bayes.base.errors import InputError
@@ -48,9 +52,11 @@ class Tables:
     above: list[list[str]] = field(default_factory=list)
     second: dict[str, str] = field(default_factory=dict)
     below: list[list[str]] = field(default_factory=list)
+    cloth_second: dict[str, str] = field(default_factory=dict)
     form: str = "csv"
     separator: str = ","
     mark: str = "."
+    encoding: str = "utf-8"
     options: dict = field(default_factory=dict)
     damaged: int = -1
     """Row of a rating that was replaced by another text."""
@@ -154,6 +160,54 @@ def without_trial(t, random):
     return replace(t, rows=[{k: v for k, v in row.items() if k != "trial"} for row in t.rows])
 
 
+POWERS = (
+    *("E_fab (10^{power} kPa)", "E_fab [×10{raised} kPa]", "E_fab (kPa x 10^{power})", "E_fab (1e{power} kPa)"),
+    *("E_fab x 10^{power} (kPa)", "E_fab × 10{raised} [kPa]", "effective modulus x10^{power} (kPa)"),
+    *("E_fab [10^{power} kPa] (kPa)", "E_fab (kPa) *10^{power}"),
+)
+
+
+def power_of_ten(t, random):
+    """Moduli in thousands or hundredths, with the power in the unit or in the title."""
+    power = int(random.choice([-3, -2, 2, 3]))
+    raised = str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    title = str(random.choice(POWERS)).format(power=power, raised=raised)
+    cloth = []
+    for row in t.cloth:
+        value = float(row["effective_modulus_kpa"]) / 10.0**power
+        cloth.append({"fabric": row["fabric"], title: repr(float(f"{value:.12g}"))})
+    return replace(t, cloth=cloth)
+
+
+UNITS = {"kPa": 1e3, "MPa": 1e6, "Pa": 1.0, "N/mm²": 1e6, "gf/cm^2": 98.0665}
+
+
+def other_unit(t, random):
+    unit = str(random.choice(list(UNITS)))
+    title = str(random.choice(["effective modulus", "E_fab", "modulus effective", "Effective_Modulus", "E fab"]))
+    where = str(random.choice(["title", "below", "words"]))
+    text = f"{title} ({unit})" if where == "title" else f"{title}_{unit}" if where == "words" else title
+    cloth = [
+        {"fabric": r["fabric"], text: f"{float(r['effective_modulus_kpa']) * 1e3 / UNITS[unit]:.12g}"} for r in t.cloth
+    ]
+    return replace(t, cloth=cloth, cloth_second={text: unit} if where == "below" else {})
+
+
+def two_directions(t, random):
+    one, two = [("warp", "weft"), ("-1", "-2"), ("MD", "CD"), ("Kette", "Schuss")][random.integers(4)]
+    long = random.random() < 0.4 and one != "-1"
+    cloth = []
+    for row in t.cloth:
+        value, ratio = float(row["effective_modulus_kpa"]) * 1e3 * 1e-9 * 1e6, float(random.uniform(1.05, 2.0))
+        a, b = f"{value * ratio:.12g}", f"{value / ratio:.12g}"
+        if long:
+            cloth += [{"fabric": row["fabric"], "Direction": d, "B (µN·m)": v} for d, v in ((one, a), (two, b))]
+        else:
+            names = [f"B{d} (µN·m)" if d[0] == "-" else f"Bending rigidity {d} (µN·m)" for d in (one, two)]
+            cloth.append({"fabric": row["fabric"], names[0]: a, names[1]: b})
+    return replace(t, cloth=cloth)
+
+
 def above(t, random):
     general = ["General : Sample name", "finger 01"]
     lines = [["Study 1"], general, ["# lab A", "2024"], ["# softness"], ["Exported by X"]]
@@ -176,8 +230,20 @@ def dialect(t, random):
     return replace(t, separator=separator, mark=mark)
 
 
+def encoded(t, random):
+    return replace(t, encoding=str(random.choice(["utf-8-sig", "utf-16"])))
+
+
+def compressed(t, random):
+    return replace(t, form=str(random.choice(["gz", "bz2", "xz"])))
+
+
+def as_json(t, random):
+    return replace(t, form=str(random.choice(["json", "jsonl", "split"])))
+
+
 def as_workbook(t, random):
-    return replace(t, form="xlsx")
+    return replace(t, form=str(random.choice(["xlsx", "sheets"])))
 
 
 def as_answers(t, random):
@@ -292,7 +358,7 @@ def meant(text: str, mark: str) -> float | None:
 
 def told_truths(t, text):
     """The rows that may be meant with a damaged rating, by each decimal mark that the others do not rule out."""
-    typed = t.form == "xlsx"  # such numbers show no mark
+    typed = t.form in ("xlsx", "sheets")  # such numbers show no mark
     marks = t.mark if not typed and any("." in f"{value:g}" for *_, value in t.truth) else ",."
     values = {meant(shown(text, t.mark), mark) for mark in marks} - {None}
     values |= {np.nan} if typed and text[:1] == "=" else set()  # no program has computed the formula
@@ -303,13 +369,14 @@ def told_truths(t, text):
 FIRST = (damage, statistics, other_spellings, without_trial, strange_digits, percents, as_answers)
 SECOND = (column_of_people, incidental, varying, copies, units_below, fabrics_in_columns, people_in_columns, shuffled)
 SECOND += (units_in_cells, headers_again, practice, practice_loop, attributes)
-FORMS = (above, below, dialect, as_workbook)
+CLOTH = (power_of_ten, other_unit, two_directions)
+FORMS = (above, below, dialect, encoded, compressed, as_json, as_workbook)
 
 
 def changed(random: np.random.Generator) -> tuple[Tables, tuple[str, ...], str]:
     """A table after one to three changes, their names, and the text of a damaged rating."""
     t, names, text = made(random), [], ""
-    for group in (FIRST, SECOND, FORMS):
+    for group in (FIRST, SECOND, CLOTH, FORMS):
         if random.random() < 0.55:
             change = group[random.integers(len(group))]
             if change in (people_in_columns, fabrics_in_columns, copies) and "participant" not in t.rows[0]:
@@ -344,12 +411,23 @@ def written(t: Tables, rows, second, separator=",", mark=".", above=(), below=()
 
 
 def workbook(t: Tables) -> bytes:
-    """A workbook of typed numbers."""
+    """A workbook of typed numbers, on one sheet or one for each participant."""
     book = openpyxl.Workbook()
-    titles = [*dict.fromkeys(text for row in t.rows for text in row)]
-    lines = [*t.above, titles, *([[t.second.get(text, "") for text in titles]] if t.second else [])]
-    for line in [*lines, *([row.get(text, "") for text in titles] for row in t.rows), *t.below]:
-        book.active.append([float(cell) if re.fullmatch(r"[1-9][0-9]*(\.[0-9]+)?", cell) else cell for cell in line])
+    book.remove(book.active)
+    title = next((title for title in t.rows[0] if t.rows[0][title] == t.truth[0][0]), None)
+    apart = t.form == "sheets" and title is not None and not (t.above or t.below or t.second)
+    sheets = dict.fromkeys(row[title] for row in t.rows) if apart else {"data": None}
+    if len({str(name).casefold() for name in sheets}) < len(sheets):
+        return workbook(replace(t, form="xlsx"))
+    for name in sheets:
+        if not name or set(name) & set("[]:*?/\\"):
+            return workbook(replace(t, form="xlsx"))
+        sheet = book.create_sheet(f"P{name}" if name[0].isdigit() else name)
+        own = [row for row in t.rows if not apart or row[title] == name]
+        titles = [text for text in dict.fromkeys(text for row in t.rows for text in row) if not apart or text != title]
+        lines = [*t.above, titles, *([[t.second.get(text, "") for text in titles]] if t.second else [])]
+        for line in [*lines, *([row.get(text, "") for text in titles] for row in own), *t.below]:
+            sheet.append([float(cell) if re.fullmatch(r"[1-9][0-9]*(\.[0-9]+)?", cell) else cell for cell in line])
     content = io.BytesIO()
     book.save(content)
     return content.getvalue()
@@ -357,10 +435,23 @@ def workbook(t: Tables) -> bytes:
 
 def filed(t: Tables, folder):
     """Write both tables; return their paths."""
-    path, cloth = folder / "ratings.csv", folder / "fabrics.csv"
-    cloth.write_text(written(t, t.cloth, {}), encoding="utf-8")
+    cloth = folder / "fabrics.csv"
+    cloth.write_text(written(t, t.cloth, t.cloth_second), encoding="utf-8")
     text = written(t, t.rows, t.second, t.separator, t.mark, t.above, t.below)
-    path.write_bytes(workbook(t) if t.form == "xlsx" else text.encode())
+    content = text.encode(t.encoding)
+    if t.form in ("json", "jsonl", "split") and not (t.above or t.below or t.second or "" in t.rows[0]):
+        frame = pd.DataFrame(t.rows)
+        if t.form == "json":
+            content = frame.to_json(orient="records").encode()
+        elif t.form == "jsonl":
+            content = frame.to_json(orient="records", lines=True).encode()
+        else:
+            content = frame.to_json(orient="split", index=False).encode()
+    if t.form in ("xlsx", "sheets"):
+        content = workbook(t)
+    packed = {"gz": gzip.compress, "bz2": bz2.compress, "xz": lzma.compress}.get(t.form)
+    path = folder / "ratings.csv"
+    path.write_bytes(content if packed is None else packed(content))
     return path, cloth
 
 
@@ -406,7 +497,7 @@ def mutate(folder, random: np.random.Generator, cases: int) -> Counter:
 def test_changed_tables_are_read_to_the_same_numbers_or_refused(tmp_path):
     seen = mutate(tmp_path, np.random.default_rng([SEED, 49]), 350)
     assert not seen["nothing", "refused"]
-    for change in (*FIRST, *SECOND, *FORMS):
+    for change in (*FIRST, *SECOND, *CLOTH, *FORMS):
         assert seen[change.__name__, "read"] > 0, change.__name__
 
 
