@@ -74,7 +74,35 @@ class Ado(Dense):
         self.engine.update({"x": STIMULI[stimulus]}, {"y": ANSWERS[answer]})
 
 
-@pytest.mark.parametrize("peer", [Dense, Ado])
+class QuestPlus(Dense):
+    """questplus, with the probabilities of graded answers; it says the expected entropy of the best stimulus alone."""
+
+    def __init__(self):
+        quest = pytest.importorskip("questplus", reason="questplus is not installed")
+        xarray = pytest.importorskip("xarray")
+        parameters = {"mean": PLACES, "sd": WIDTHS, "lower_asymptote": [0.0], "lapse_rate": [0.0]}
+        self.quest = quest.QuestPlus(
+            stim_domain={"intensity": STIMULI}, param_domain=parameters, outcome_domain={"response": ["Yes", "No"]},
+            func="norm_cdf", stim_scale="linear",
+        )  # fmt: skip
+        super().__init__()
+        shape = STIMULI.size, PLACES.size, WIDTHS.size, 1, 1, ANSWERS.size
+        likely = np.moveaxis(np.exp(self.log_likely).reshape(shape), -1, 0)
+        coordinates = {"response": np.arange(ANSWERS.size), "intensity": STIMULI, **self.quest.param_domain}
+        self.quest.likelihoods = xarray.DataArray(likely, coords=coordinates, dims=list(coordinates))
+        self.quest.outcome_domain = {"response": np.arange(ANSWERS.size)}
+
+    @property
+    def gains(self):
+        chosen = self.quest.next_stim["intensity"] == STIMULI
+        entropy = float(-(self.quest.posterior * np.log(self.quest.posterior.clip(1e-300))).sum())
+        return np.where(chosen, entropy - self.quest.entropy, -np.inf)
+
+    def tell(self, stimulus, answer):
+        self.quest.update(stim={"intensity": STIMULI[stimulus]}, outcome={"response": answer})
+
+
+@pytest.mark.parametrize("peer", [Dense, Ado, QuestPlus])
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::FutureWarning")
 def test_every_choice_is_that_of_a_peer(peer, rng, monkeypatch):
     peer.patch = monkeypatch
