@@ -20,7 +20,7 @@ from types import MappingProxyType, ModuleType
 from typing import Any
 
 from softness_bayes.base.errors import InputError, quoted
-from softness_bayes.base.files.json_text import parse_json
+from softness_bayes.base.files.records import parse_json
 
 GROUP = "softness_bayes"
 """Prefix of groups of entry points, as in ``softness_bayes.pressure``."""

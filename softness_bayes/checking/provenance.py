@@ -16,8 +16,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 import numpy as np
 
 from softness_bayes.base.errors import InputError
-from softness_bayes.base.files.json_text import as_json, parse_json
-from softness_bayes.base.files.records import from_json, to_json
+from softness_bayes.base.files.records import as_json, from_json, parse_json, to_json
 from softness_bayes.base.laws import Prior
 from softness_bayes.base.readable import chance, with_error
 from softness_bayes.likelihood.scales import (

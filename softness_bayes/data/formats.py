@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from softness_bayes.base.errors import InputError, quoted
-from softness_bayes.base.files.json_text import parse_json
+from softness_bayes.base.files.records import parse_json
 from softness_bayes.data.decimals import SheetNumber
 from softness_bayes.data.sheets import (
     INSTALL,

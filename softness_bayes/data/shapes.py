@@ -10,7 +10,7 @@ from decimal import Decimal
 from typing import NamedTuple
 
 from softness_bayes.base.errors import InputError, quoted
-from softness_bayes.base.files.json_text import parse_json
+from softness_bayes.base.files.records import parse_json
 from softness_bayes.data.columns import (
     DIRECTIONS,
     FORCE,

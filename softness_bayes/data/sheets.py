@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from softness_bayes.base.errors import InputError
-from softness_bayes.base.files.json_text import as_json
+from softness_bayes.base.files.records import as_json
 from softness_bayes.data.decimals import SheetNumber
 from softness_bayes.data.faults import listing
 

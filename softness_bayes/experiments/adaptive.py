@@ -175,7 +175,7 @@ class Adaptive:
 
     def save(self, path: str | Path) -> None:
         """Write the request and the answers to a small file, from which `load` continues."""
-        from softness_bayes.base.files.json_text import as_json
+        from softness_bayes.base.files.records import as_json
         from softness_bayes.base.files.whole import write_whole
 
         loads = self.request["loads"] and [str(load) for load in self.request["loads"]]
@@ -203,7 +203,7 @@ class Adaptive:
         InputError
             If the file is of something else, or of another run.
         """
-        from softness_bayes.base.files.json_text import parse_json
+        from softness_bayes.base.files.records import parse_json
 
         kept = parse_json(Path(path).read_bytes())
         if not isinstance(kept, dict) or kept.get("adaptive") != 1:

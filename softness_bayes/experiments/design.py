@@ -19,8 +19,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from softness_bayes.base.errors import InputError
-from softness_bayes.base.files.json_text import as_json
 from softness_bayes.base.files.outputs import write_outputs
+from softness_bayes.base.files.records import as_json
 from softness_bayes.base.files.spreadsheet import csv_of
 from softness_bayes.base.ranges import PANEL
 from softness_bayes.data import Experiment, Fabrics

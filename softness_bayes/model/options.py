@@ -14,7 +14,7 @@ from softness_bayes.base import options as kinds
 from softness_bayes.base import ranges
 from softness_bayes.base.defaults import ACCURACY, ERRORS, NOISE, PRIOR_SET
 from softness_bayes.base.errors import InputError
-from softness_bayes.base.files.json_text import parse_json
+from softness_bayes.base.files.records import parse_json
 from softness_bayes.base.options import AUTO, Options, described, later, option
 from softness_bayes.base.supplied import installed
 from softness_bayes.likelihood import scales

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.base.files.json_text import as_json, parse_json
+from softness_bayes.base.files.records import as_json, parse_json
 from softness_bayes.base.laws import LogNormal, LogUniform
 from softness_bayes.checking import layout
 from softness_bayes.checking.agreement import RATERS_OF_CELLS

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.base import arviz_bridge
 from softness_bayes.base.errors import InputError
-from softness_bayes.base.files.json_text import as_json, parse_json
+from softness_bayes.base.files.records import as_json, parse_json
 from softness_bayes.base.files.whole import seal_of, unsealed
 from softness_bayes.base.supplied import require_trusted
 from softness_bayes.checking.layout import BATCH, UNCERTAIN, loads_in

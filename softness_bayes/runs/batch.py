@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from softness_bayes.base.errors import InputError
-from softness_bayes.base.files.json_text import parse_json
 from softness_bayes.base.files.lock import Lock
+from softness_bayes.base.files.records import parse_json
 from softness_bayes.base.files.whole import write_whole
 
 LOCK, ASKED = "lock", "asked.json"

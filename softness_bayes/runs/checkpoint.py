@@ -15,9 +15,9 @@ from typing import Any, Self
 import numpy as np
 
 from softness_bayes.base.errors import InputError
-from softness_bayes.base.files.json_text import as_json
 from softness_bayes.base.files.lock import Lock, require_free
 from softness_bayes.base.files.outputs import Survey, remove, require_outputs, survey, told, write_outputs
+from softness_bayes.base.files.records import as_json
 from softness_bayes.base.files.run_files import CHECKPOINT, FILES, LOCK, NONFINITE, RUN
 from softness_bayes.base.files.whole import is_part, write_whole
 from softness_bayes.runs import saved

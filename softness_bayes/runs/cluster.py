@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from softness_bayes.base.errors import InputError, WorkersLostError
-from softness_bayes.base.files.json_text import parse_json
 from softness_bayes.base.files.outputs import require_directory
+from softness_bayes.base.files.records import parse_json
 from softness_bayes.base.files.whole import write_whole
 from softness_bayes.checking.provenance import VERSION, versions
 

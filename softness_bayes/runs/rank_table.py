@@ -17,10 +17,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from softness_bayes.base.errors import InputError
-from softness_bayes.base.files.json_text import as_json, parse_json
 from softness_bayes.base.files.lock import is_held
 from softness_bayes.base.files.outputs import write_outputs
-from softness_bayes.base.files.records import from_json
+from softness_bayes.base.files.records import as_json, from_json, parse_json
 from softness_bayes.base.files.spreadsheet import csv_of
 from softness_bayes.base.files.whole import write_whole
 from softness_bayes.base.readable import counted

@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.base.errors import InputError
-from softness_bayes.base.files.json_text import as_json, parse_json
 from softness_bayes.base.files.lock import is_held
-from softness_bayes.base.files.records import from_json, to_json
+from softness_bayes.base.files.records import as_json, from_json, parse_json, to_json
 from softness_bayes.base.files.run_files import CHECKPOINT, LOCK
 from softness_bayes.base.files.whole import seal_of, unsealed
 from softness_bayes.sampler.chains import RunState, Segment

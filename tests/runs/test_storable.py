@@ -12,7 +12,7 @@ import pytest
 from softness_bayes.base.arviz_bridge import require_storable
 from softness_bayes.base.errors import InputError
 from softness_bayes.base.files.command_line import storable
-from softness_bayes.base.files.json_text import as_json
+from softness_bayes.base.files.records import as_json
 from softness_bayes.checking.provenance import Provenance
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 from filelock import lock_descriptor
 
 from softness_bayes.base.errors import InputError
-from softness_bayes.base.files.json_text import parse_json
+from softness_bayes.base.files.records import parse_json
 from softness_bayes.base.files.whole import discard, is_part, put, staged, sweep, write_whole
 
 LISTING = ".softness-bayes.json"

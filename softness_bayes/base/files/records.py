@@ -1,4 +1,4 @@
-"""Typed records as JSON and arrays, without loss of precision.
+"""JSON: the only place where the toolkit reads it, and where values and typed records become JSON that is stored.
 
 A record is a dataclass or a named tuple of numbers, texts, arrays, other records, and tuples of these. It is written by
 its values and read by its annotations, so that a field is declared once.
@@ -6,13 +6,73 @@ its values and read by its annotations, so that a field is declared once.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from types import NoneType
 from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
+
+from softness_bayes.base.errors import InputError
+
+
+def parse_json(text: str | bytes) -> Any:
+    """Return the values of some JSON, which may come from a file that anyone wrote.
+
+    Raises
+    ------
+    InputError
+        If it is nested too deeply.
+    ValueError
+        If it is not JSON in UTF-8. `InputError` is one as well.
+    """
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise InputError("JSON that is nested too deeply") from None
+
+
+def as_json(values: Any, what: str, indent: int | None = None) -> str:
+    """Return values as JSON, with NumPy scalars converted to plain ones.
+
+    Parameters
+    ----------
+    values
+        Mappings, sequences, text and numbers.
+    what
+        Name of the values, for the message.
+    indent
+        As for `json.dumps`.
+
+    Raises
+    ------
+    InputError
+        If JSON cannot hold them; the message names the entry.
+    """
+    try:
+        return json.dumps(values, indent=indent, default=_plain)
+    except RecursionError:
+        raise InputError(f"{what}: cannot be stored (nested too deeply)") from None
+    except (TypeError, ValueError) as error:
+        entries = values.items() if isinstance(values, Mapping) else ()
+        said = next((f" {name!r}: {value!r:.80}" for name, value in entries if not _is_json(value)), "")
+        raise InputError(f"{what}:{said} cannot be stored ({error})") from None
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} cannot be stored as JSON")
+
+
+def _is_json(value: Any) -> bool:
+    try:
+        json.dumps(value, default=_plain)
+    except (TypeError, ValueError):
+        return False
+    return True
 
 
 def to_json(value: Any, arrays: list[NDArray[Any]] | None = None) -> Any:

@@ -12,7 +12,7 @@ from numpy.polynomial import chebyshev, polynomial
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.base.errors import InputError, NumericalError
-from softness_bayes.base.files.json_text import parse_json
+from softness_bayes.base.files.records import parse_json
 from softness_bayes.touch.neuron.limit_cycle import TOLERANCE, Budget, StepsSpentError
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane
 from softness_bayes.touch.neuron.rate import firing_rate, onset

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.base.errors import InputError, NumericalError
-from softness_bayes.base.files.json_text import parse_json
+from softness_bayes.base.files.records import parse_json
 from softness_bayes.touch.neuron.firing import exact_curve, exact_curves
 from softness_bayes.touch.neuron.limit_cycle import AGREEMENT, TOLERANCE
 from softness_bayes.touch.neuron.membrane import (

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from softness_bayes.base.files.json_text import as_json, parse_json
+from softness_bayes.base.files.records import as_json, parse_json
 from support.command_line import call, refused
 from support.paths import DATA, ROOT
 
