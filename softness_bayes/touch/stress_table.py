@@ -120,7 +120,7 @@ class Inversion:
         def log_y_at(log_rho: Array) -> Array:
             return self.root * np.log(self.unit(np.exp(log_rho), radius, decay) / peak)
 
-        # lines through the field start the search, on a grid from near the axis to where the field follows its power
+        # cubics through the field start the search, on a grid from near the axis to where the field follows its power
         # law, and finely across the edge of the contact
         everywhere = np.geomspace(1e-4 * (1.0 + radius), FARTHEST * (1.0 + radius), 70, axis=-1)[:, 0]
         edge = radius + np.sinh(np.linspace(-1, 1, 51) * np.arcsinh(0.9 * radius))
