@@ -283,11 +283,10 @@ class Fabrics(OneTable):
         }
         for name in STANDARD_ERRORS:
             _take_standard_errors(table, fabric, first, name, properties)
-        batch = table.labels("batch") if "batch" in table else [""] * len(table)
-        for i in np.flatnonzero(fabric >= 0).tolist():
-            if batch[i] != (one := batch[first[fabric[i]]]):
-                problem = f"{quoted(labels[i])} is of {quoted(batch[i])} here and of {quoted(one)} elsewhere"
-                table.problem(i, "batch", f"{problem}; if it is no batch of moduli, give the column another title")
+        batch = table.texts("batch")
+        # in a table of ratings, batches may be those of people or days
+        strange = any(batch[i] != batch[first[fabric[i]]] for i in np.flatnonzero(fabric >= 0).tolist())
+        batch = [""] * len(table) if strange else table.labels("batch") if "batch" in table else batch
         faulty = fabric[np.isin(table.rows, [row for row, _ in table.faults])]
         sound = np.setdiff1d(np.arange(len(names)), faulty)
         some = {name: values[sound] for name, values in properties.items()}
@@ -300,6 +299,8 @@ class Fabrics(OneTable):
         if directed:
             told = listing([*dict.fromkeys(filter(None, directions))])
             notes.append(f"rigidities and moduli are geometric means over directions: {told}")
+        if strange:
+            notes.append("column batch is not that of moduli, because it differs between rows of a fabric; not used")
         thick = ["thickness_mm"] * ("thickness_mm" in table)
         thick += [title for title in table.others if analysed(title).bags & KNOWN_BY["thickness_mm"]]
         if thick and "bending_rigidity_n_m" in table and "effective_modulus_kpa" not in table:

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from softness_bayes.base.errors import InputError
-from softness_bayes.data import Fabrics, fabrics_csv
+from softness_bayes.data import Fabrics, fabrics_csv, read_experiment
 from support.refusals import refusal
 
 ERRORS = """fabric,effective_modulus_kpa,effective_modulus_cv,effective_modulus_sd_kpa,\
@@ -82,3 +82,16 @@ def test_what_is_read_is_written_and_read_again(read, text):
 def test_what_does_not_fit_is_refused(read, old, new, problem):
     assert old in ERRORS
     assert problem in refusal(read, ERRORS.replace(old, new))
+
+
+def test_batches_of_moduli_are_those_on_which_all_rows_of_a_fabric_agree(tmp_path, read):
+    """In a table of ratings a column of this name may be of people: it is then told and left out, without an error."""
+    assert read("fabric,effective_modulus_kpa,batch\nfelt,20,A\nlawn,40,B\n").batch == ("A", "B")
+    with pytest.raises(InputError, match="row 3, column 'batch'"):
+        read("fabric,effective_modulus_kpa,batch\nfelt,20,A\nlawn,40,\n")
+    rows = ["participant,fabric,rating,indentation_mm,effective_modulus_kpa,batch"]
+    rows += [f"P{who},{name},{who + k},2,{20 * k},{who}" for who in (1, 2, 3) for k, name in ((1, "felt"), (2, "lawn"))]
+    (tmp_path / "ratings.csv").write_text("\n".join(rows), encoding="utf-8")
+    found = read_experiment(tmp_path / "ratings.csv")
+    assert found.fabrics.batch == ("", "")
+    assert any("column batch is not that of moduli" in note for note in found.notes)
