@@ -10,12 +10,12 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from types import NoneType
-from typing import Any, get_args, get_origin, get_type_hints
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any, get_args, get_origin, get_type_hints
 
 from softness_bayes.base.errors import InputError
+
+if TYPE_CHECKING:  # the help of a command needs no NumPy
+    from numpy.typing import NDArray
 
 
 def parse_json(text: str | bytes) -> Any:
@@ -62,6 +62,8 @@ def as_json(values: Any, what: str, indent: int | None = None) -> str:
 
 
 def _plain(value: Any) -> Any:
+    import numpy as np
+
     if isinstance(value, np.generic):
         return value.item()
     raise TypeError(f"{type(value).__name__} cannot be stored as JSON")
@@ -85,6 +87,8 @@ def to_json(value: Any, arrays: list[NDArray[Any]] | None = None) -> Any:
     arrays
         List to which arrays are appended; their place in it then stands for them. Without one, they become lists.
     """
+    import numpy as np
+
     if isinstance(value, np.ndarray):
         if arrays is None:
             return value.tolist()
@@ -99,10 +103,6 @@ def to_json(value: Any, arrays: list[NDArray[Any]] | None = None) -> Any:
     return value
 
 
-_ARRAYS = np.ndarray, get_origin(NDArray[np.float64])
-"""Origins of an array's type: newer versions of NumPy declare `NDArray` as an alias with an origin of its own."""
-
-
 def from_json(kind: Any, values: Any, arrays: Sequence[NDArray[Any]] = ()) -> Any:
     """Return the record of JSON values from `to_json`.
 
@@ -115,8 +115,11 @@ def from_json(kind: Any, values: Any, arrays: Sequence[NDArray[Any]] = ()) -> An
     arrays
         The arrays that `to_json` appended.
     """
+    import numpy as np
+
     origin, arguments = get_origin(kind), get_args(kind)
-    if origin in _ARRAYS:
+    # newer versions of NumPy declare NDArray as an alias with an origin of its own
+    if origin in (np.ndarray, get_origin(np.typing.NDArray[np.float64])):
         return np.array(values, dtype=float) if isinstance(values, list) else arrays[values]
     if origin is tuple:
         kinds = [arguments[0]] * len(values) if arguments[-1] is Ellipsis else arguments
