@@ -406,9 +406,13 @@ def _turned(turn: Turn, rejected: bool, fabrics: tuple[float, float]) -> str:
 
     It is qualified if checks reject a part of the model, and if it lies beyond the moduli of the `fabrics` [kPa].
     """
+    said, at = chance(turn.probability), f"{'if the model holds, ' * rejected}at {turn.load} the response"
+    if turn.reproduced is False and turn.probability <= 1.0 - LIKELY:
+        return (
+            f"at {turn.load} the ratings turn over, and the response does not (probability of a turning point: {said})"
+        )
     if turn.reproduced is False:
         return f"at {turn.load} the ratings contradict the model's turning point"
-    said, at = chance(turn.probability), f"{'if the model holds, ' * rejected}at {turn.load} the response"
     if turn.probability <= 1.0 - LIKELY:
         return f"{at} does not turn over (probability of a turning point: {said})"
     if turn.probability < LIKELY:
