@@ -101,9 +101,9 @@ class Fabrics(OneTable):
 
     Columns of a table, one row per fabric: `fabric`; in each row `effective_modulus_kpa`, or `bending_rigidity_n_m`,
     or `tensile_modulus_mpa` and `thickness_mm`, or `effective_modulus_low_kpa` and `effective_modulus_high_kpa`, or
-    nothing if the modulus is unknown; `poisson_ratio` where known; `batch` if several
-    laboratories measured; standard errors of the measured properties where known, relative to their values
-    (`effective_modulus_cv`) or in their units (`effective_modulus_sd_kpa`).
+    nothing if the modulus is unknown; `poisson_ratio` where known; `batch` if several laboratories measured; standard
+    errors of the measured properties where known, relative to their values (`effective_modulus_cv`) or in their units
+    (`effective_modulus_sd_kpa`).
 
     Parameters
     ----------
@@ -283,10 +283,10 @@ class Fabrics(OneTable):
         }
         for name in STANDARD_ERRORS:
             _take_standard_errors(table, fabric, first, name, properties)
-        batch = table.texts("batch")
+        of_rows = table.texts("batch")
         # in a table of ratings, batches may be those of people or days
-        strange = any(batch[i] != batch[first[fabric[i]]] for i in np.flatnonzero(fabric >= 0).tolist())
-        batch = [""] * len(table) if strange else table.labels("batch") if "batch" in table else batch
+        strange = any(of_rows[i] != of_rows[first[fabric[i]]] for i in np.flatnonzero(fabric >= 0).tolist())
+        batch = table.labels("batch") if "batch" in table and not strange else [""] * len(table)
         faulty = fabric[np.isin(table.rows, [row for row, _ in table.faults])]
         sound = np.setdiff1d(np.arange(len(names)), faulty)
         some = {name: values[sound] for name, values in properties.items()}

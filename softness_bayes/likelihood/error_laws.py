@@ -25,14 +25,13 @@ from numpy.typing import NDArray
 from scipy.special import betaln, ndtri_exp, stdtr
 
 from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import LOG_ROOT_TWO_PI
 from softness_bayes.likelihood.design import Design, FloatArray
 
 if TYPE_CHECKING:
     from softness_bayes.likelihood.scales import Scale
 
 
-LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
-"""Minus the log density of the standard normal law at 0."""
 GUMBEL_SD = math.pi / math.sqrt(6.0)
 """Standard deviation of Gumbel's law of scale 1."""
 

@@ -29,8 +29,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from softness_bayes.base.laws import LOG_ROOT_TWO_PI
 from softness_bayes.likelihood.design import FloatArray, IndexArray
-from softness_bayes.likelihood.error_laws import LOG_ROOT_TWO_PI, student_log_density
+from softness_bayes.likelihood.error_laws import student_log_density
 from softness_bayes.likelihood.laplace import Laplace, laplace
 from softness_bayes.likelihood.pieces import BLOCK, backward, cholesky, forward, log_sum, pieces
 from softness_bayes.likelihood.rater_effects import Given, Points, Table

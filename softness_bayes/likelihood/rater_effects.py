@@ -18,9 +18,10 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from scipy.sparse import csr_array
 
+from softness_bayes.base.laws import LOG_ROOT_TWO_PI
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import FloatArray, IndexArray
-from softness_bayes.likelihood.error_laws import LOG_ROOT_TWO_PI, ErrorLaw
+from softness_bayes.likelihood.error_laws import ErrorLaw
 from softness_bayes.likelihood.pieces import BLOCK, pieces
 from softness_bayes.likelihood.row_laws import RowLaw, Rows, RowTerms
 

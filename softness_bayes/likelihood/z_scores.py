@@ -13,7 +13,7 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike
 from scipy.special import log_ndtr, ndtr, owens_t
 
-from softness_bayes.base.laws import HalfNormal, Normal, Prior
+from softness_bayes.base.laws import LOG_ROOT_TWO_PI, HalfNormal, Normal, Prior
 from softness_bayes.likelihood.contract import (
     Effects,
     Levels,
@@ -24,7 +24,7 @@ from softness_bayes.likelihood.contract import (
     Shape,
 )
 from softness_bayes.likelihood.design import Design, FloatArray, Stated
-from softness_bayes.likelihood.error_laws import LOG_ROOT_TWO_PI, NORMAL, ErrorLaw
+from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.normal_rows import EffectLaw, NormalRows
 from softness_bayes.likelihood.pieces import left_out_in_pieces
 from softness_bayes.likelihood.scales import RISES, STANDARDISED, RatingDirection, Scale
