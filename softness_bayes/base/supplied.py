@@ -1,26 +1,22 @@
 """Values that users supply: importable names, and entry points of installed packages.
 
 A name that the user types is imported (`supplied`). A name in a file is not, because a file may come from anybody:
-whatever reads a stored record passes it to `require_trusted` before it looks up any name of it.
+whatever reads a stored record passes it to `records.require_trusted` before it looks up any name of it.
 """
 
 from __future__ import annotations
 
 import importlib
-import os
 import re
 import sys
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import is_dataclass
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
-from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import Any
 
 from softness_bayes.base.errors import InputError, quoted
-from softness_bayes.base.files.records import parse_json
 
 GROUP = "softness_bayes"
 """Prefix of groups of entry points, as in ``softness_bayes.pressure``."""
@@ -29,7 +25,7 @@ FORM = "MODULE:NAME"
 """Form of an importable name."""
 SCRIPT = "__main__"
 _DOTTED = r"[^\W\d]\w*(?:\.[^\W\d]\w*)*"
-_IMPORTABLE = re.compile(f"({_DOTTED}):({_DOTTED})")
+IMPORTABLE = re.compile(f"({_DOTTED}):({_DOTTED})")
 
 
 @cache
@@ -56,88 +52,12 @@ def supplied(group: str, name: str) -> Any:
     if "" not in sys.path:
         sys.path.append("")
         importlib.invalidate_caches()
-    return _imported(group, name, installed(group)[name].value if name in installed(group) else name)
+    return imported(group, name, installed(group)[name].value if name in installed(group) else name)
 
 
-def require_trusted(source: str, record: Any, trust_code: bool) -> None:
-    """Raise an error if a record that was read from a file names code that this program has not imported.
-
-    Parameters
-    ----------
-    source
-        The file, for the message.
-    record
-        Texts, in any nesting of mappings and sequences, also as JSON.
-    trust_code
-        Whether the user trusts the file. Its modules are then imported from Python's path, except from the working
-        directory, where the file itself may have come from; PYTHONPATH can name that directory.
-
-    Raises
-    ------
-    InputError
-        Names the code; or the reason why it cannot be imported.
-    """
-    for name, target in _code_in(record):
-        module = target.partition(":")[0]
-        if module in sys.modules:
-            continue
-        if not trust_code:
-            raise InputError(
-                f"{source}: names code, {quoted(name)}, and reading it would run the module {module!r}; if you trust "
-                "whoever made the file, use --trust-code (in Python trust_code=True, or import the module first)"
-            )
-        with _without_working_directory():
-            _imported(source, name, target)
-
-
-def _code_in(record: Any) -> Iterator[tuple[str, str]]:
-    """Yield what a record names of importable names and entry points, each with its MODULE:NAME."""
-    left = [record]  # no recursion, which a deeply nested record could end early
-    while left:
-        one = left.pop()
-        if isinstance(one, str):
-            if one.startswith(("{", "[")):
-                try:
-                    left.append(parse_json(one))
-                except InputError:
-                    raise
-                except ValueError:  # no JSON, so nobody looks up names in it
-                    continue
-            # a prior has numbers after its name
-            for name in dict.fromkeys([one, one.lstrip("± ").partition("(")[0].strip()]):
-                if name in _every_entry_point():
-                    yield name, _every_entry_point()[name]
-                elif _IMPORTABLE.fullmatch(name):
-                    yield name, name
-        elif isinstance(one, Mapping):
-            left.extend(one.values())
-        elif not isinstance(one, (bytes, int, float)) and hasattr(one, "__iter__"):
-            left.extend(one)
-
-
-@cache
-def _every_entry_point() -> Mapping[str, str]:
-    """Return MODULE:NAME of each entry point in the groups of this package, by its short name."""
-    found = entry_points()
-    groups = [group for group in found.groups if group.startswith(f"{GROUP}.")]
-    return {point.name: point.value for group in groups for point in found.select(group=group)}
-
-
-@contextmanager
-def _without_working_directory() -> Iterator[None]:
-    """Search modules on Python's path without the working directory, unless PYTHONPATH names it."""
-    asked = {Path(folder).resolve() for folder in os.environ.get("PYTHONPATH", "").split(os.pathsep) if folder}
-    before = list(sys.path)
-    sys.path[:] = [p for p in before if p and (Path(p).resolve() in asked or Path(p).resolve() != Path.cwd())]
-    try:
-        yield
-    finally:
-        sys.path[:] = before
-
-
-def _imported(group: str, name: str, target: str) -> Any:
+def imported(group: str, name: str, target: str) -> Any:
     """Return the value of MODULE:NAME; `group` and `name` are for the message."""
-    match = _IMPORTABLE.fullmatch(target)
+    match = IMPORTABLE.fullmatch(target)
     if match is None:
         raise InputError(f"{group}: {quoted(name)}, expected {FORM}, such as mypackage.mymodule:mine")
     module, attribute = match.groups()

@@ -116,7 +116,7 @@ def resume(
     afferents
         New path of the recorded afferents, if they were moved.
     """
-    from softness_bayes.base.supplied import require_trusted
+    from softness_bayes.base.files.records import require_trusted
     from softness_bayes.checking.provenance import VERSION, versions
     from softness_bayes.results.run_options import Request
     from softness_bayes.runs.checkpoint import Checkpoint

@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 
 from softness_bayes.base import arviz_bridge
 from softness_bayes.base.errors import InputError
-from softness_bayes.base.files.records import as_json, parse_json
+from softness_bayes.base.files.records import as_json, parse_json, require_trusted
 from softness_bayes.base.files.whole import seal_of, unsealed
-from softness_bayes.base.supplied import require_trusted
 from softness_bayes.checking.layout import BATCH, UNCERTAIN, loads_in
 from softness_bayes.checking.provenance import Provenance
 from softness_bayes.likelihood.scales import Scale

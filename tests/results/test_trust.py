@@ -9,9 +9,9 @@ from importlib.metadata import EntryPoint, EntryPoints
 import pytest
 import xarray as xr
 
-from softness_bayes.base import supplied
 from softness_bayes.base.errors import InputError
-from softness_bayes.base.supplied import require_trusted
+from softness_bayes.base.files import records
+from softness_bayes.base.files.records import require_trusted
 from softness_bayes.checking.individual import MODULUS_LAW, modulus_laws
 from softness_bayes.checking.provenance import Provenance
 from softness_bayes.results import stored
@@ -221,7 +221,7 @@ def test_resume_runs_no_code_that_a_checkpoint_names(finished, here, place, monk
     refused(call("resume", "run"), f"names code, '{CODE}'", "--trust-code")
     refused(call("resume", "run", "--trust-code"), "there is no module 'evil'")
     assert not has_run()
-    monkeypatch.setattr(supplied, "require_trusted", lambda *_: None)
+    monkeypatch.setattr(records, "require_trusted", lambda *_: None)
     call("resume", "run", "--more-steps", "1")
     assert has_run()
     assert (here / "run" / "posterior.nc").read_bytes() == before
@@ -229,14 +229,14 @@ def test_resume_runs_no_code_that_a_checkpoint_names(finished, here, place, monk
 
 def test_short_names_of_installed_packages_are_names_of_code(here, monkeypatch):
     points = [EntryPoint("mild", CODE, "softness_bayes.pressure"), EntryPoint("mild2", CODE, "other.pressure")]
-    monkeypatch.setattr(supplied, "entry_points", lambda: EntryPoints(points))
-    supplied._every_entry_point.cache_clear()
+    monkeypatch.setattr(records, "entry_points", lambda: EntryPoints(points))
+    records._every_entry_point.cache_clear()
     try:
         require_trusted("file", {"reading_pressure": "mild2"}, False)
         with pytest.raises(InputError, match="names code, 'mild'"):
             require_trusted("file", {"reading_pressure": "mild"}, False)
     finally:
-        supplied._every_entry_point.cache_clear()
+        records._every_entry_point.cache_clear()
 
 
 @pytest.mark.parametrize("depth", [500, 100_000])

@@ -1,18 +1,26 @@
 """JSON: the only place where the toolkit reads it, and where values and typed records become JSON that is stored.
 
 A record is a dataclass or a named tuple of numbers, texts, arrays, other records, and tuples of these. It is written by
-its values and read by its annotations, so that a field is declared once.
+its values and read by its annotations, so that a field is declared once. What a file names of code is not imported
+before the user trusts it (`require_trusted`).
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+import os
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
+from functools import cache
+from importlib.metadata import entry_points
+from pathlib import Path
 from types import NoneType
 from typing import TYPE_CHECKING, Any, get_args, get_origin, get_type_hints
 
-from softness_bayes.base.errors import InputError
+from softness_bayes.base.errors import InputError, quoted
+from softness_bayes.base.supplied import GROUP, IMPORTABLE, imported
 
 if TYPE_CHECKING:  # the help of a command needs no NumPy
     from numpy.typing import NDArray
@@ -130,3 +138,79 @@ def from_json(kind: Any, values: Any, arrays: Sequence[NDArray[Any]] = ()) -> An
         types = get_type_hints(kind)
         return kind(**{name: from_json(types[name], value, arrays) for name, value in values.items()})
     return kind(values)
+
+
+def require_trusted(source: str, record: Any, trust_code: bool) -> None:
+    """Raise an error if a record that was read from a file names code that this program has not imported.
+
+    Parameters
+    ----------
+    source
+        The file, for the message.
+    record
+        Texts, in any nesting of mappings and sequences, also as JSON.
+    trust_code
+        Whether the user trusts the file. Its modules are then imported from Python's path, except from the working
+        directory, where the file itself may have come from; PYTHONPATH can name that directory.
+
+    Raises
+    ------
+    InputError
+        Names the code; or the reason why it cannot be imported.
+    """
+    for name, target in _code_in(record):
+        module = target.partition(":")[0]
+        if module in sys.modules:
+            continue
+        if not trust_code:
+            raise InputError(
+                f"{source}: names code, {quoted(name)}, and reading it would run the module {module!r}; if you trust "
+                "whoever made the file, use --trust-code (in Python trust_code=True, or import the module first)"
+            )
+        with _without_working_directory():
+            imported(source, name, target)
+
+
+def _code_in(record: Any) -> Iterator[tuple[str, str]]:
+    """Yield what a record names of importable names and entry points, each with its MODULE:NAME."""
+    left = [record]  # no recursion, which a deeply nested record could end early
+    while left:
+        one = left.pop()
+        if isinstance(one, str):
+            if one.startswith(("{", "[")):
+                try:
+                    left.append(parse_json(one))
+                except InputError:
+                    raise
+                except ValueError:  # no JSON, so nobody looks up names in it
+                    continue
+            # a prior has numbers after its name
+            for name in dict.fromkeys([one, one.lstrip("± ").partition("(")[0].strip()]):
+                if name in _every_entry_point():
+                    yield name, _every_entry_point()[name]
+                elif IMPORTABLE.fullmatch(name):
+                    yield name, name
+        elif isinstance(one, Mapping):
+            left.extend(one.values())
+        elif not isinstance(one, (bytes, int, float)) and hasattr(one, "__iter__"):
+            left.extend(one)
+
+
+@cache
+def _every_entry_point() -> Mapping[str, str]:
+    """Return MODULE:NAME of each entry point in the groups of this package, by its short name."""
+    found = entry_points()
+    groups = [group for group in found.groups if group.startswith(f"{GROUP}.")]
+    return {point.name: point.value for group in groups for point in found.select(group=group)}
+
+
+@contextmanager
+def _without_working_directory() -> Iterator[None]:
+    """Search modules on Python's path without the working directory, unless PYTHONPATH names it."""
+    asked = {Path(folder).resolve() for folder in os.environ.get("PYTHONPATH", "").split(os.pathsep) if folder}
+    before = list(sys.path)
+    sys.path[:] = [p for p in before if p and (Path(p).resolve() in asked or Path(p).resolve() != Path.cwd())]
+    try:
+        yield
+    finally:
+        sys.path[:] = before
