@@ -97,8 +97,8 @@ def require(prior: Law, name: str, holds: bool, expected: str) -> None:
         raise InputError(f"{name_of(type(prior))}: {name} is {getattr(prior, name)!s:.60}, expected {expected}")
 
 
-LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
-"""Minus the log density of the standard normal law at 0."""
+LOG_TWO_PI = math.log(2.0 * math.pi)
+"""Minus twice the log density of the standard normal law at 0."""
 
 SD_LOGS = Range(LEAST_WIDTH, 5.0)
 """Standard deviations of the logarithm of a log-normal law; 5 is a factor of 150 up or down."""
@@ -391,7 +391,7 @@ class Truncated(Law):
 def _standard_normal(deviate: FloatArray) -> FloatArray:
     # far in the tail the square overflows to inf and the density is rightly zero
     with np.errstate(over="ignore"):
-        return -0.5 * deviate**2 - LOG_ROOT_TWO_PI
+        return -0.5 * deviate**2 - 0.5 * LOG_TWO_PI
 
 
 @dataclass(frozen=True)

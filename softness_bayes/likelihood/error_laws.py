@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from scipy.special import betaln, ndtri_exp, stdtr
 
 from softness_bayes.base.errors import InputError
-from softness_bayes.base.laws import LOG_ROOT_TWO_PI
+from softness_bayes.base.laws import LOG_TWO_PI
 from softness_bayes.likelihood.design import Design, FloatArray
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ class ErrorLaw:
 
     def log_density(self, errors: FloatArray, parameters: Any) -> FloatArray:
         """Return the log density of errors."""
-        return -0.5 * errors * errors - LOG_ROOT_TWO_PI
+        return -0.5 * errors * errors - 0.5 * LOG_TWO_PI
 
     def slopes(self, errors: FloatArray, parameters: Any) -> tuple[FloatArray, FloatArray]:
         """Return the first two derivatives of `log_density` with respect to the error."""

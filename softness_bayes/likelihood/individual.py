@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from softness_bayes.base.errors import InputError
+from softness_bayes.base.laws import LOG_TWO_PI
 from softness_bayes.likelihood.contract import Effects, Levels, Parameters, RowsLeftOut, Shape
 from softness_bayes.likelihood.design import Design, FloatArray, IndexArray, Stated
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
@@ -26,7 +27,6 @@ from softness_bayes.likelihood.plate import OF_FORCES, SKIN, PressedRaters
 from softness_bayes.likelihood.quadrature import LevelNodes
 from softness_bayes.touch.finger_grid import EFFECT_OF, SPREAD_OF, FingerGrid
 
-_LOG_TWO_PI = math.log(2.0 * math.pi)
 _LEAST_VARIANCE = 1e-20
 
 MU_REACH, MU_STEP = 7.0, 0.9
@@ -253,7 +253,7 @@ class IndividualRatings(LogRatings):
         mean = self._of_raters(drive, self._cells / count[:, None])
         own = self._of_raters(drive * drive, self._cells) - count * mean**2
         squares = self._squares - 2.0 * self._of_raters(drive, self._sums) + own
-        constant = count * _LOG_TWO_PI + (count - 1.0) * np.log(row) + np.log(row + count * tau)
+        constant = count * LOG_TWO_PI + (count - 1.0) * np.log(row) + np.log(row + count * tau)
         log_term = self.model.grid.log_weight[:, None] - 0.5 * (squares / row[..., None, :] + constant[..., None, :])
         variance = np.broadcast_to(row / count + tau, (*drive.shape[:-3], count.size))
         return RaterLaw(log_term, self._means - mean, variance)
@@ -317,7 +317,7 @@ class IndividualRatings(LogRatings):
         score = (base[..., None, :, :] - mu * (1.0 - shrunk[..., None, None, :])) / sd[..., None, None, :]
         weight, score = (part.reshape(*part.shape[:-3], -1, part.shape[-1]) for part in (weight, score))
         weight = weight - log_sum(weight, axis=-2)[..., None, :]
-        density = log_sum(weight - 0.5 * score**2, axis=-2) - np.log(sd) - 0.5 * _LOG_TWO_PI - self._log
+        density = log_sum(weight - 0.5 * score**2, axis=-2) - np.log(sd) - 0.5 * LOG_TWO_PI - self._log
         return RowsLeftOut(density, (np.exp(weight) * ndtr(score)).sum(axis=-2))
 
 

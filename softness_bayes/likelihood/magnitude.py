@@ -13,7 +13,7 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike
 from scipy.special import ndtr
 
-from softness_bayes.base.laws import LOG_ROOT_TWO_PI, Normal, Prior
+from softness_bayes.base.laws import LOG_TWO_PI, Normal, Prior
 from softness_bayes.likelihood.contract import (
     Effects,
     Levels,
@@ -192,7 +192,7 @@ class LogRatings(RatingsLikelihood):
         """Return the law of each rating given all the others at its observation, arrays of shape (..., rows)."""
         mean, sd = self._rows.leave_one_out(self._at(mean_rate, parameters))
         score = (self._log - mean) / sd
-        return RowsLeftOut(-0.5 * score**2 - np.log(sd) - LOG_ROOT_TWO_PI - self._log, ndtr(score))
+        return RowsLeftOut(-0.5 * score**2 - np.log(sd) - 0.5 * LOG_TWO_PI - self._log, ndtr(score))
 
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of each participant's ratings given all others', shape (..., participants)."""

@@ -19,12 +19,12 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 
+from softness_bayes.base.laws import LOG_TWO_PI
 from softness_bayes.likelihood.design import Design, FloatArray
 from softness_bayes.likelihood.pieces import backward, cholesky, forward, log_determinant, pieces
 
 LEAST_VARIANCE = 1e-20
 """Far below that of any rating."""
-_LOG_TWO_PI = math.log(2.0 * math.pi)
 _REFINED = 2  # Newton steps: the first is exact up to rounding errors, which the other removes
 _SWEEPS = 50  # of the least-squares fit; what is left is small, and is allowed for exactly
 
@@ -228,7 +228,7 @@ class NormalRows:
         quadratic = (constant - (d * (slope + left)).sum(axis=-1)) / variance + (likely**2).sum(axis=-1)
         quadratic = quadratic + (weight * gap**2 + rows / of_sum * squares).sum(axis=-1)
         determinant = (self.n_rows - number.sum()) * np.log(variance) + np.log(of_sum) @ number + log_determinant(root)
-        return np.asarray(-0.5 * (self.n_rows * _LOG_TWO_PI + determinant + quadratic))
+        return np.asarray(-0.5 * (self.n_rows * LOG_TWO_PI + determinant + quadratic))
 
 
 class _Given:
@@ -279,7 +279,7 @@ class _Given:
     def _misfits(self) -> FloatArray:
         """Return minus the log density of each participant's rows at the most probable u, (B, people)."""
         rows = self.rows
-        logs = rows.count * (np.log(self.law.variance[:, rows.condition]) + _LOG_TWO_PI)
+        logs = rows.count * (np.log(self.law.variance[:, rows.condition]) + LOG_TWO_PI)
         squares = rows.of_person(self.pair * self.within**2 + self.single * rows.scatter + logs)
         return 0.5 * (squares + self.precision * self.mean**2 - np.log(self.kept))
 

@@ -5,7 +5,6 @@ If people with plate forces are also raters, `PressedRaters` gives the law of ea
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -17,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from softness_bayes.base.errors import InputError
-from softness_bayes.base.laws import Prior
+from softness_bayes.base.laws import LOG_TWO_PI, Prior
 from softness_bayes.likelihood.contract import NO_RESPONSE, Effects, Levels, Likelihood, Parameters, RowsLeftOut, Shape
 from softness_bayes.likelihood.design import Design, FloatArray
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
@@ -27,7 +26,6 @@ from softness_bayes.touch.contact import STRAIN, Finger, SkinDisplacement, plate
 from softness_bayes.touch.finger_grid import SkinLaws
 
 _LEAST_VARIANCE = 1e-20
-_LOG_TWO_PI = math.log(2.0 * math.pi)
 
 
 PLATE_PARAMETERS = ("b", "m", "tau_b", "tau_m", "varsigma_f")
@@ -167,7 +165,7 @@ class CompressionForces(Likelihood):
         variance = given.variance[..., None]
         left = given.residual - (given.reach @ given.likely[..., None])[..., 0]
         quadratic = ((left**2).sum(axis=-1) + self._noise) / variance + (given.likely**2).sum(axis=-1)
-        density = -0.5 * (rows * (_LOG_TWO_PI + np.log(variance)) + log_determinant(given.root) + quadratic)
+        density = -0.5 * (rows * (LOG_TWO_PI + np.log(variance)) + log_determinant(given.root) + quadratic)
         return density - np.bincount(self.finger, self._log, self.n_fingers)
 
     def left_out(self, mean_rate: FloatArray, parameters: Parameters) -> RowsLeftOut:
@@ -181,7 +179,7 @@ class CompressionForces(Likelihood):
         least = 1.0 / (variance + ((spread * z) ** 2).sum(axis=-1))  # the precision without any other force
         precision = np.maximum((1.0 - (reach**2).sum(axis=-1) / variance) / variance, least)
         score = residual / variance / np.sqrt(precision)
-        density = -0.5 * (score**2 + _LOG_TWO_PI - np.log(precision)) - self._log
+        density = -0.5 * (score**2 + LOG_TWO_PI - np.log(precision)) - self._log
         return RowsLeftOut(density, ndtr(score))
 
     def drive(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:

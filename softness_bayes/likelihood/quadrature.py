@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from softness_bayes.base.laws import LOG_ROOT_TWO_PI
+from softness_bayes.base.laws import LOG_TWO_PI
 from softness_bayes.likelihood.design import FloatArray, IndexArray
 from softness_bayes.likelihood.error_laws import student_log_density
 from softness_bayes.likelihood.laplace import Laplace, laplace
@@ -75,7 +75,7 @@ class LevelNodes(NamedTuple):
         """Return the densities at evenly spaced nodes, with the level's prior mean and standard deviation."""
         z = (mu - centre) / spread
         log_step = np.log(mu[..., 1:2] - mu[..., :1])
-        prior = -0.5 * z * z - np.log(spread) - LOG_ROOT_TWO_PI
+        prior = -0.5 * z * z - np.log(spread) - 0.5 * LOG_TWO_PI
         return cls(mu, of_raters, of_raters.sum(axis=-2) + prior + log_step)
 
     @property
@@ -212,7 +212,7 @@ class Marginal:
         # a row fewer leaves a wider law
         wider = INFLATION * np.sqrt(1.0 + 1.0 / np.maximum(self.table.count - 1.0, 1.0))
         values, density = importance_draws(centre, factor, wider, OWN_DRAWS, FREEDOM, (aim, broad))
-        prior = -0.5 * (values[..., 1:] ** 2).sum(axis=-1) - (size - 1) * LOG_ROOT_TWO_PI
+        prior = -0.5 * (values[..., 1:] ** 2).sum(axis=-1) - (size - 1) * 0.5 * LOG_TWO_PI
         # where the normal density underflows the exponential of an effect may overflow: no weight, at any place
         far = (np.abs(values[..., 1:]) > LARGEST).any(axis=-1)
         others = np.clip(values[..., 1:], -LARGEST, LARGEST)
@@ -230,7 +230,7 @@ class Marginal:
         """Return log N(a_p; mu, tau²) of all points at levels (draws, nodes), (draws, raters or 1, nodes, points)."""
         tau = self.extent.tau[..., None, None]
         z = (self.points.scale[:, :, None] - mu[:, None, :, None]) / tau
-        return np.asarray(-0.5 * z * z - np.log(tau) - LOG_ROOT_TWO_PI)
+        return np.asarray(-0.5 * z * z - np.log(tau) - 0.5 * LOG_TWO_PI)
 
     def of_rows(self) -> tuple[FloatArray, FloatArray]:
         """Return the log density of each row given all others, and the probability below it, each (draws, rows)."""
@@ -352,7 +352,7 @@ def importance_draws(
             outer = log_heavy_tailed((values - far[0][..., None, :]) / far[1][..., None, :], freedom)
             outer -= np.log(far[1]).sum(axis=-1)[..., None]
             density = np.logaddexp(np.log(BROAD) + density, outer) - np.log(BROAD + 1.0)
-        normal = -0.5 * (u**2).sum(axis=-1) - size * LOG_ROOT_TWO_PI - volume
+        normal = -0.5 * (u**2).sum(axis=-1) - size * 0.5 * LOG_TWO_PI - volume
     return values, density + log_sum(normal - density, axis=-1)[..., None]
 
 

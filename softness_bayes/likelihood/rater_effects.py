@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from scipy.sparse import csr_array
 
-from softness_bayes.base.laws import LOG_ROOT_TWO_PI
+from softness_bayes.base.laws import LOG_TWO_PI
 from softness_bayes.likelihood.contract import Parameters
 from softness_bayes.likelihood.design import FloatArray, IndexArray
 from softness_bayes.likelihood.error_laws import ErrorLaw
@@ -367,7 +367,7 @@ class NormalTable(Table):
             second |= {(k, j): -2.0 * first[j] for j in range(k)} | {(k, k): noise2}
             safe |= {(k, j): 0.0 * first[j] for j in range(k)} | {(k, k): np.minimum(noise2, -0.5 * n)}
             first.append(squares * precision - n)
-        value = -0.5 * squares * precision - n * (np.log(noise) + LOG_ROOT_TWO_PI)
+        value = -0.5 * squares * precision - n * (np.log(noise) + 0.5 * LOG_TWO_PI)
         return Sums.of(value, first, second, safe)
 
     def of_raters(self, given: Given, points: Points) -> FloatArray:
@@ -375,7 +375,7 @@ class NormalTable(Table):
         if given.moments is None:
             return super().of_raters(given, points)
         _, noise, _, squares = self._errors(given, points.scale, points.others)
-        return -0.5 * squares / noise**2 - self.count[:, None] * (np.log(noise) + LOG_ROOT_TWO_PI)
+        return -0.5 * squares / noise**2 - self.count[:, None] * (np.log(noise) + 0.5 * LOG_TWO_PI)
 
     def _errors(self, given: Given, scale: FloatArray, others: FloatArray) -> tuple[FloatArray, ...]:
         """Return each rater's factor g of the drive, noise, y - a - g d and sum of squared errors, at `Points`."""

@@ -13,7 +13,7 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike
 from scipy.special import log_ndtr, ndtr, owens_t
 
-from softness_bayes.base.laws import LOG_ROOT_TWO_PI, HalfNormal, Normal, Prior
+from softness_bayes.base.laws import LOG_TWO_PI, HalfNormal, Normal, Prior
 from softness_bayes.likelihood.contract import (
     Effects,
     Levels,
@@ -154,7 +154,7 @@ class StandardisedRatings(RatingsLikelihood):
             along = (fit.law.shared @ fit.covariance)[..., 1][..., row] * (sd**2 / fit.law.variance)
             score, spread = (self.values - mean) / sd, np.sqrt(fit.covariance[..., 1, 1, None] + (along / sd) ** 2)
             without = (fit.line[..., 1, None] - along * score / sd) / spread
-            normal, positive = -0.5 * score**2 - np.log(sd) - LOG_ROOT_TWO_PI, log_ndtr(without)
+            normal, positive = -0.5 * score**2 - np.log(sd) - 0.5 * LOG_TWO_PI, log_ndtr(without)
             joint = bivariate_below(score, without, -along / (sd * spread))
             density = normal + log_ndtr(fit.deviate)[..., None] - positive
             return RowsLeftOut(density, np.clip(joint * np.exp(-positive), 0.0, 1.0))

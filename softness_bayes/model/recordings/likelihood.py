@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import betainc, gammainc, gammaincc, gammaln, log_ndtr, ndtr, ndtri
 
-from softness_bayes.base.laws import LOG_ROOT_TWO_PI, Prior
+from softness_bayes.base.laws import LOG_TWO_PI, Prior
 from softness_bayes.data.measurements import Afferents
 from softness_bayes.likelihood.contract import Effects, Likelihood, Parameters, RowsLeftOut
 from softness_bayes.likelihood.design import Design
@@ -273,7 +273,7 @@ class RecordedRates(Likelihood):
         width = 1.0 / np.sqrt(info)  # of the law about the mode, and between nodes
         factor = u + np.multiply.outer(_NODES, width)
         rows = law.log_density(r * np.exp(factor @ self._member.T))
-        prior = -0.5 * (factor + 0.5 * tau2) ** 2 / tau2 - 0.5 * np.log(tau2) - LOG_ROOT_TWO_PI
+        prior = -0.5 * (factor + 0.5 * tau2) ** 2 / tau2 - 0.5 * np.log(tau2) - 0.5 * LOG_TWO_PI
         return _Given(factor, rows @ self._member + prior + np.log(width), rows)
 
 
@@ -293,7 +293,7 @@ class _Law(NamedTuple):
     def log_density(self, rate: Array) -> Array:
         """Return the log density [1/Hz] of mean rates, and the log probability of silence and of counts."""
         observed = self.data.observed
-        means = -0.5 * ((observed - rate) / self.sd) ** 2 - np.log(self.sd) - LOG_ROOT_TWO_PI
+        means = -0.5 * ((observed - rate) / self.sd) ** 2 - np.log(self.sd) - 0.5 * LOG_TWO_PI
         silent = observed == 0.0
         means[..., silent] = log_ndtr(-rate[..., silent] / self.sd[..., silent])
         return self._or_counts(means, rate, log_probability)
