@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import chndtr, gammaln, ive, logsumexp, ndtri
 
 from softness_bayes.base.errors import InputError
-from softness_bayes.base.laws import Prior
+from softness_bayes.base.laws import LOG_TWO_PI, Prior
 from softness_bayes.likelihood.contract import (
     Effects,
     Levels,
@@ -46,7 +46,7 @@ from softness_bayes.likelihood.scales import AGGREGATED, LOG_SD, Scale
 SPREADS = "spreads"
 """Name of the standard deviations among the terms of a posterior."""
 
-STEP = 0.45
+STEP = 0.9
 """Node spacing of the integral over u, in standard deviations of log u given the data."""
 
 LARGE_ORDER = 20.0
@@ -209,7 +209,7 @@ class RaterSpreads(Likelihood):
         self._squares = model.freedom * self.values**2
         self._log_slope = np.log(2.0 * model.freedom * self.values)
         self._member = np.eye(design.n_participants)[design.participant]
-        self._n_nodes = math.ceil((14.0 + 55.0 / math.sqrt(2.0 * model.freedom)) / STEP)
+        self._n_nodes = math.ceil((12.0 + 33.0 / math.sqrt(2.0 * model.freedom)) / STEP)
 
     @property
     def _width(self) -> int:
@@ -298,8 +298,8 @@ class RaterSpreads(Likelihood):
         # z = unit e^s is the argument of the Bessel function of each row
         unit = tau * np.sqrt(self._squares) / variance
         middle, sd = self._peak(unit, tau**2 / variance, member)
-        start = middle - 7.0 * sd - 50.0 * sd**2
-        step = (middle + 7.0 * sd - start) / (self._n_nodes - 1)
+        start = middle - 6.0 * sd - 30.0 * sd**2
+        step = (middle + 6.0 * sd - start) / (self._n_nodes - 1)
         s = start[..., None] + step[..., None] * np.arange(self._n_nodes)
         square = np.exp(2.0 * s)
         constant = (1.0 - 0.5 * freedom) * math.log(2.0) - float(gammaln(0.5 * freedom))
@@ -350,9 +350,11 @@ def log_bessel(order: float, z: FloatArray) -> FloatArray:
     """Return log(I_order(z) / z^order) for z >= 0 and an order of -1/2 or more."""
     if order > LARGE_ORDER:
         return _debye(order, z)
-    beyond = np.maximum(z, _FAR)
-    far = -(order + 0.5) * np.log(beyond) - 0.5 * math.log(2.0 * math.pi) - (4.0 * order**2 - 1.0) / (8.0 * beyond)
-    return np.asarray(z + np.where(z > _FAR, far, _near_bessel(order)(np.log1p(np.minimum(z, _FAR)))))
+    value = np.asarray(z + _near_bessel(order)(np.log1p(np.minimum(z, _FAR))))
+    if (far := z > _FAR).any():
+        z = z[far]
+        value[far] = z - (order + 0.5) * np.log(z) - 0.5 * LOG_TWO_PI - (4.0 * order**2 - 1.0) / (8.0 * z)
+    return value
 
 
 @cache
@@ -375,7 +377,7 @@ def _debye(order: float, z: FloatArray) -> FloatArray:
         for coefficient in reversed(coefficients):
             polynomial = polynomial * square + coefficient
         series = series + (p / order) ** k * polynomial / divisor
-    level = order * (root - np.log1p(root) - math.log(order)) - 0.5 * math.log(2.0 * math.pi * order)
+    level = order * (root - np.log1p(root) - math.log(order)) - 0.5 * (LOG_TWO_PI + math.log(order))
     return np.asarray(level - 0.5 * np.log(root) + np.log(series))
 
 
