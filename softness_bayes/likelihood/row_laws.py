@@ -26,7 +26,9 @@ POINTS, WIDEST = 4, 0.4
 NARROWEST = 1e-4
 """Half-width below which a difference of distribution functions would lose digits, whatever the law."""
 LEAST = 1e-6
-"""Probability of an interval below which it is computed from logarithms."""
+"""Probability of an interval below which it is computed from logarithms, unless it is far below that of a lapse."""
+LOST, COVERED = 1e-17, 1e-8
+"""Rounding error of a probability, and probability of the row as a lapse that hides it."""
 FAR = 6.0
 """Normal score of both ends beyond which probabilities are computed from logarithms."""
 OPEN = 1e40
@@ -127,6 +129,11 @@ class RowLaw:
         low, high = (np.clip(end, -OPEN, OPEN) - self.expected for end in self.rows[:2])
         return low * self._inverse, high * self._inverse
 
+    @property
+    def _lapse(self) -> FloatArray:
+        """Share of lapses, shape (..., 1)."""
+        return np.asarray(self.parameters.lapse, float)[..., None]
+
     def _score(self, errors: FloatArray) -> FloatArray:
         return self.law.normal_scores(errors, self.parameters)
 
@@ -201,10 +208,14 @@ class RowLaw:
         ends = self._ends()
         whole = ndtr(self._score(ends[1]))
         whole -= ndtr(self._score(ends[0]))
+        small = whole < LEAST
+        if self.law.lapses:
+            small &= np.log(self._lapse) + self.rows.lapse < np.log(COVERED)
+            whole = np.where(small, whole, np.maximum(whole, LOST))
         parts = [np.log(whole)]
         if orders:
             parts += self._derivatives([(end, np.exp(self._log_density(end)) / whole) for end in ends], orders)
-        self._overwrite(parts, whole < LEAST, RowLaw._by_logarithms, orders)
+        self._overwrite(parts, small, RowLaw._by_logarithms, orders)
         return parts
 
     def _by_logarithms(self, orders: int) -> list[FloatArray]:
@@ -249,10 +260,9 @@ class RowLaw:
         """Return the log probability of a mixture with lapses, and its derivatives, from those without."""
         if not self.law.lapses:
             return parts
-        lapse = np.asarray(self.parameters.lapse, float)[..., None]
         with np.errstate(divide="ignore"):
-            kept = np.log1p(-lapse) + parts[0]
-            value = np.logaddexp(kept, np.log(lapse) + self.rows.lapse)
+            kept = np.log1p(-self._lapse) + parts[0]
+            value = np.logaddexp(kept, np.log(self._lapse) + self.rows.lapse)
         if len(parts) == 1:
             return [value]
         share = np.exp(kept - value)
