@@ -46,7 +46,7 @@ from softness_bayes.likelihood.scales import AGGREGATED, LOG_SD, Scale
 SPREADS = "spreads"
 """Name of the standard deviations among the terms of a posterior."""
 
-STEP = 0.9
+STEP = 0.75
 """Node spacing of the integral over u, in standard deviations of log u given the data."""
 
 LARGE_ORDER = 20.0
@@ -209,7 +209,7 @@ class RaterSpreads(Likelihood):
         self._squares = model.freedom * self.values**2
         self._log_slope = np.log(2.0 * model.freedom * self.values)
         self._member = np.eye(design.n_participants)[design.participant]
-        self._n_nodes = math.ceil((12.0 + 33.0 / math.sqrt(2.0 * model.freedom)) / STEP)
+        self._n_nodes = math.ceil((13.0 + 38.5 / math.sqrt(2.0 * model.freedom)) / STEP)
 
     @property
     def _width(self) -> int:
@@ -298,8 +298,8 @@ class RaterSpreads(Likelihood):
         # z = unit e^s is the argument of the Bessel function of each row
         unit = tau * np.sqrt(self._squares) / variance
         middle, sd = self._peak(unit, tau**2 / variance, member)
-        start = middle - 6.0 * sd - 30.0 * sd**2
-        step = (middle + 6.0 * sd - start) / (self._n_nodes - 1)
+        start = middle - 6.5 * sd - 35.0 * sd**2
+        step = (middle + 6.5 * sd - start) / (self._n_nodes - 1)
         s = start[..., None] + step[..., None] * np.arange(self._n_nodes)
         square = np.exp(2.0 * s)
         constant = (1.0 - 0.5 * freedom) * math.log(2.0) - float(gammaln(0.5 * freedom))
@@ -333,7 +333,7 @@ class RaterSpreads(Likelihood):
             z = unit * np.exp(s)[..., self.design.participant]
             slope, bend = (part @ member for part in log_bessel_slope(order, z))
             square = pull * np.exp(2.0 * s)
-            curvature = np.maximum(2.0 * square - bend, 0.1 * square)
+            curvature = np.where(moving, np.maximum(2.0 * square - bend, 0.1 * square), curvature)
             move = np.clip((freedom - square + slope) / curvature, -_LARGEST_MOVE, _LARGEST_MOVE)
             s = s + np.where(moving, move, 0.0)
             moving &= np.abs(move) > _SMALLEST_MOVE
