@@ -104,7 +104,7 @@ def assembled(
         Share of the usual numbers of draws of all quantities.
     """
     Stage.EXACT.log()
-    kept = chains.kept(burn_in, of_run.draws_per_walker(posterior, chains, share))
+    kept = chains.kept(burn_in, int(share * of_run.DRAWS))
     theta = kept.by_walker(posterior.natural(kept.coordinates))
     scale = Provenance(attributes).rating_model.rating_scale
     comparison = compare_exactly(posterior, theta, workers, reweight) if exact else unchecked
@@ -196,7 +196,7 @@ def assembled_skin(
 ) -> Assembled:
     """Compute all groups and tables from the draws of a run without ratings; arguments as for `assembled`."""
     Stage.REPLICATES.log()
-    kept = chains.kept(burn_in, of_run.DRAWS_PER_WALKER)
+    kept = chains.kept(burn_in, of_run.DRAWS)
     natural = posterior.natural(kept.coordinates)
     theta, prior = kept.by_walker(natural), posterior.space.draw_prior(rng, of_run.PRIOR_DRAWS)
     some, curves = (theta[evenly(theta.shape, size)] for size in (of_run.REPLICATES, of_run.CURVES))

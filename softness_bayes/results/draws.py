@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-DRAWS_PER_WALKER = 50
-"""Number of evenly thinned draws per walker stored in the file; convergence is checked on all draws."""
+DRAWS = 4000
+"""Number of evenly thinned draws stored in the file; convergence is checked on all draws."""
 
 CURVES = 400
 """Number of posterior draws with stored response curves."""
@@ -43,12 +43,8 @@ CURVES = 400
 REPLICATES = 500
 """Number of draws with replicated ratings and with the density of each rating given all the others."""
 
-ROOM = 20_000_000
-"""Largest number of elements of a stored array; from large tables, fewer draws are stored, but not fewer than the
-least numbers below."""
-
-LEAST_PER_WALKER, LEAST_REPLICATES = 10, 100
-"""Least numbers of draws per walker and of draws with replicated ratings, however large the table."""
+ROOM, LEAST_REPLICATES = 20_000_000, 100
+"""Largest number of replicated ratings; of large tables fewer draws have them, but not fewer than the least number."""
 
 PRIOR_DRAWS = 1000
 """Number of prior draws."""
@@ -218,19 +214,6 @@ class RatedDraws:
     def touches(self, theta: Array) -> tuple[TouchParameters, Array | None]:
         """Return the arguments for a scene at theta: parameters of the forward model, and moduli if uncertain."""
         return self.touch(theta), self.posterior.space.modulus(theta)
-
-
-def draws_per_walker(posterior: Posterior, chains: Chains, share: float = 1.0) -> int:
-    """Return the number of draws of each walker to store: `DRAWS_PER_WALKER`, or as many as fit into `ROOM`.
-
-    With a share, that share of `DRAWS_PER_WALKER`.
-
-    The responses to all conditions and the effects of all participants and fabrics are stored for every draw.
-    """
-    design = posterior.observation.design
-    width = max(design.n_conditions, design.n_participants, design.n_fabrics)
-    ensembles, _, walkers = chains.log_density.shape
-    return min(int(share * DRAWS_PER_WALKER), max(LEAST_PER_WALKER, ROOM // (ensembles * walkers * width)))
 
 
 class Points(NamedTuple):

@@ -26,7 +26,7 @@ from softness_bayes.sampler.workers import Workers, available_processors
 Array = NDArray[np.float64]
 
 _WEIGHTED = 1000  # posterior draws that are weighted to leave out a condition
-_DRAWS = 100  # draws of each walker in a refit
+_DRAWS = 10_000  # draws of a refit
 
 
 class LeftOut(NamedTuple):

@@ -81,19 +81,19 @@ class Chains:
         share = np.array(accepted) / max(steps, 1)
         return cls(np.stack(coordinates), np.stack(log_density), share, steps, stride)
 
-    def kept(self, burn_in: int, draws_per_walker: int | None = None) -> Chains:
+    def kept(self, burn_in: int, draws: int | None = None) -> Chains:
         """Return the chains without the first ``burn_in`` steps, thinned evenly.
 
         Parameters
         ----------
         burn_in
             Number of steps to drop.
-        draws_per_walker
-            Largest number of stored steps to retain; the last step is always retained.
+        draws
+            Number of draws of all walkers to retain, or a few more; the last step is always retained.
         """
         first = -(-burn_in // self.stride)
-        left = self.log_density.shape[1] - first
-        every = 1 if draws_per_walker is None else max(1, -(-left // draws_per_walker))
+        left = self.log_density[:, first:].size
+        every = 1 if draws is None else max(1, left // draws)
         picked = np.arange(self.log_density.shape[1] - 1, first - 1, -every)[::-1]
         return Chains(
             self.coordinates[:, picked],

@@ -11,13 +11,10 @@ from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.results import draws as draws_module
 from softness_bayes.results.draws import (
-    DRAWS_PER_WALKER,
     FIRST_SHARE,
-    LEAST_PER_WALKER,
     LEAST_REPLICATES,
     REPLICATES,
     RatedDraws,
-    draws_per_walker,
 )
 from softness_bayes.results.replicates import replicated_groups
 from softness_bayes.results.run_options import Request, RunOptions
@@ -64,19 +61,12 @@ def test_a_first_look_stores_fewer_draws(draws):
     first = dataclasses.replace(draws, share=FIRST_SHARE)
     assert 4 * first.replicates > REPLICATES > 3 * first.replicates
     assert 4 * first.curves > draws.curves > 3 * first.curves
-    per_walker = draws_per_walker(draws.posterior, draws.kept, FIRST_SHARE)
-    assert 4 * per_walker > DRAWS_PER_WALKER > 3 * per_walker
 
 
-def test_large_tables_store_fewer_draws(draws, monkeypatch):
-    """As many as fit into the room, between the usual and the least numbers."""
-    design, chains = draws.posterior.observation.design, draws.kept
-    ensembles, _, walkers = chains.log_density.shape
-    assert (draws.replicates, draws_per_walker(draws.posterior, chains)) == (REPLICATES, DRAWS_PER_WALKER)
-    monkeypatch.setattr(draws_module, "ROOM", 200 * design.n_rows)
+def test_of_large_tables_fewer_draws_have_replicated_ratings(draws, monkeypatch):
+    """As many as fit into the room, between the usual and the least number."""
+    assert draws.replicates == REPLICATES
+    monkeypatch.setattr(draws_module, "ROOM", 200 * draws.posterior.observation.design.n_rows)
     assert draws.replicates == 200
-    widest = max(design.n_conditions, design.n_participants, design.n_fabrics)
-    monkeypatch.setattr(draws_module, "ROOM", 30 * ensembles * walkers * widest)
-    assert draws_per_walker(draws.posterior, chains) == 30
     monkeypatch.setattr(draws_module, "ROOM", 1)
-    assert (draws.replicates, draws_per_walker(draws.posterior, chains)) == (LEAST_REPLICATES, LEAST_PER_WALKER)
+    assert draws.replicates == LEAST_REPLICATES

@@ -84,7 +84,7 @@ def replicate(posterior: Posterior, case: Case, seed: int) -> Replicate:
     observation = case.mistake(LogRatings(made.ratings.rating, posterior.observation.design))
     fitted = Posterior(space, (observation,), posterior.scene)
     sampled = sample_until(fitted, case.settings, seed)
-    kept = sampled.chains.kept(sampled.verdict.burn_in, 100)
+    kept = sampled.chains.kept(sampled.verdict.burn_in, 8000)
     theta = fitted.natural(kept.coordinates).reshape(-1, space.dimension)
     effects = observation.draw_effects(rng, fitted.mean_rate(theta), fitted.rating_parameters(theta))
     draws = np.column_stack([theta, effects.mu])

@@ -27,7 +27,7 @@ def nested(posterior, rng, live, walk):
 def ensembles(posterior, ensembles=2):
     chains, verdict = sample_until(posterior, Settings(ensembles=ensembles, processes=1), 2)
     assert verdict.converged
-    return posterior.natural(chains.kept(verdict.burn_in, 250).coordinates).reshape(-1, len(posterior.names))
+    return posterior.natural(chains.kept(verdict.burn_in, 20_000).coordinates).reshape(-1, len(posterior.names))
 
 
 def apart(one, other):

@@ -277,7 +277,7 @@ def test_chains_are_thinned_evenly_up_to_the_last_step():
     chains = Chains(coordinates, coordinates[..., 0], np.zeros((2, 3)), 100)
     kept = chains.kept(20)
     np.testing.assert_array_equal(kept.coordinates[0, :, 0, 0], np.arange(21, 101))
-    thin = chains.kept(20, 30)
+    thin = chains.kept(20, 150)
     np.testing.assert_array_equal(thin.coordinates[1, :, 2, 0], np.arange(22, 101, 3)[-27:])
     assert thin.stride == 3
     by_walker = thin.by_walker(thin.coordinates)
