@@ -31,11 +31,11 @@ from softness_bayes.data.columns import (
 from softness_bayes.data.decimals import Marks, is_missing
 from softness_bayes.data.fabrics import USUAL_POISSON_RATIO, Fabrics
 from softness_bayes.data.faults import identity, listing
-from softness_bayes.data.formats import TableSource
 from softness_bayes.data.measurements import Afferents, Compression
 from softness_bayes.data.ratings import FREE_TOUCH, LOAD_COLUMNS, Ratings, loads_of, with_drift, with_rounded_loads
 from softness_bayes.data.reading import check_renames, has_sheet, read_table
 from softness_bayes.data.shapes import Request
+from softness_bayes.data.sheets import TableSource
 from softness_bayes.data.tables import FloatArray, Table
 
 __all__ = [

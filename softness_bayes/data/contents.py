@@ -20,7 +20,7 @@ from softness_bayes.data.columns import (
 )
 from softness_bayes.data.decimals import SheetNumber, is_missing, looks_numeric
 from softness_bayes.data.faults import DIFFERENCE, identity, listing, natural, shown_names
-from softness_bayes.data.tables import FloatArray, Table
+from softness_bayes.data.tables import FloatArray, Table, grouped
 from softness_bayes.data.titles import bag, key
 
 _DESIGN = ("fabric", "fabric_2", "indentation_mm", "force_n", "session", "trial", "list")
@@ -89,30 +89,28 @@ def of_one_attribute_and_person(table: Table) -> Table:
 
     Both show in an unused column that has several texts for one touch of one participant.
     """
-    touches = table.keys("participant", *_DESIGN)
+    touches = table.grouped("participant", *_DESIGN)
     for title, cells in table.others.items():
-        if len({*cells}) > 50 or len({*cells}) < 2:
+        if not 1 < len({*cells}) <= 50:
             continue
-        told: dict[tuple[str, ...], set[str]] = {}
-        for touch, text in zip(touches, cells, strict=True):
-            told.setdefault(touch, set()).add(text)
-        apart = [sorted(own) for own in told.values() if len(own) > 1]
+        told = {touch: sorted({cells[i] for i in rows}) for touch, rows in touches.items()}
+        apart = [(touch[0], texts) for touch, texts in told.items() if len(texts) > 1]
         if 4 * len(apart) < len(told):
             continue
         other = [i for i, text in enumerate(cells) if bag(text) not in SOFTNESS]
-        named = listing([*map(quoted, apart[0])], 4)
         if 0 < len(other) < len(table):
             return table.without(other, f"column {quoted(title)} names another attribute than softness, left out")
+        who, texts = apart[0]
+        named = listing([*map(quoted, texts)], 4)
         if _ATTRIBUTES.fullmatch(key(title)):
             table.refuse(
                 f"column {quoted(title)} has {named} for one touch of one participant: keep only the rows that rate "
                 "softness, or give the column another name if all of them do"
             )
         elif _PERSONAL.fullmatch(key(title)) and "participant" in table:
-            who = next(touch[0] for touch, own in told.items() if len(own) > 1)
             table.refuse(
                 f"participant {quoted(who)} has {named} in column {quoted(title)}: give each person a name of their "
-                f"own, such as {quoted(f'{apart[0][0]}-{who}')}, or the column another name if it is one person"
+                f"own, such as {quoted(f'{texts[0]}-{who}')}, or the column another name if it is one person"
             )
     table.check()
     return table
@@ -156,13 +154,12 @@ def without_statistics(table: Table) -> Table:
     if not {"participant", "rating"} <= table.titles.keys() or "fabric_2" in table or len(people) < 4:
         return table
     found: dict[str, str] = {}
-    keys, values = table.keys(*_DESIGN), table.plainly("rating")
     decimals = np.array([_decimals(text) for text in table.texts("rating")])
     for k, who in reversed([*enumerate(people)]):
         # one statistic is no number of another: those of the people above or below are tried, too
         pools = ([*people[:k], *people[k + 1 :]], people[:k], people[k + 1 :])
         tried = [np.isin(names, [one for one in pool if one not in found]) for pool in pools]
-        what = next(filter(None, (_statistic(names == who, pool, keys, values, decimals) for pool in tried)), "")
+        what = next(filter(None, (_statistic(table, names == who, pool, decimals) for pool in tried)), "")
         if what and (not who or key(who) in PERHAPS_SUMMARIES):
             found[who] = what
         elif what in [*_STATISTICS][:_TELLING]:
@@ -182,16 +179,15 @@ def _decimals(text: str) -> int:
     return len(re.split(r"[.,]", re.split("[eE]", text)[0] + ".")[1])
 
 
-def _statistic(
-    own: np.ndarray, others: np.ndarray, keys: Sequence[tuple[str, ...]], values: FloatArray, decimals: np.ndarray
-) -> str:
-    """Return the statistic of the others' numbers that a participant's numbers are, empty if they are none."""
+def _statistic(table: Table, own: np.ndarray, others: np.ndarray, decimals: np.ndarray) -> str:
+    """Return the statistic of the others' ratings that a participant's ratings are, empty if they are none."""
+    values, touches = table.plainly("rating"), table.keys(*_DESIGN)
     pools: dict[tuple[str, ...], list[float]] = {}
     for i in np.flatnonzero(others & ~np.isnan(values)).tolist():
-        pools.setdefault(keys[i], []).append(values[i])
-    mine = [i for i in np.flatnonzero(own & ~np.isnan(values)).tolist() if len(pools.get(keys[i], ())) > 1]
+        pools.setdefault(touches[i], []).append(values[i])
+    mine = [i for i in np.flatnonzero(own & ~np.isnan(values)).tolist() if len(pools.get(touches[i], ())) > 1]
     error = np.maximum(0.51 * 10.0 ** -decimals[mine], 1e-9 * np.abs(values[mine])) if mine else np.zeros(0)
-    beside = [np.array(pools[keys[i]]) for i in mine]
+    beside = [np.array(pools[touches[i]]) for i in mine]
     spread = np.array([np.ptp(pool) for pool in beside])
     if len(mine) < 3 or (spread == 0).any() or np.prod(np.minimum(1.0, 4.0 * error / spread)) > _CHANCE:
         return ""
@@ -213,10 +209,9 @@ def with_one_spelling(table: Table) -> Table:
     for columns in (("participant",), ("fabric", "fabric_2")):
         present = [name for name in columns if name in table]
         count = Counter(text for name in present for text in table.texts(name) if text)
-        groups: dict[tuple[str, ...], list[str]] = {}
-        for text in natural(count):
-            groups.setdefault(identity(text), []).append(text)
-        several = [group for group in groups.values() if len(group) > 1]
+        names = natural(count)
+        groups = grouped(map(identity, names)).values()
+        several = [[names[i] for i in group] for group in groups if len(group) > 1]
         if not several:
             continue
         # the most frequent spelling is kept, the shortest of several
@@ -240,13 +235,12 @@ def with_one_spelling(table: Table) -> Table:
 def _may_be_two(table: Table, joined: Table, name: str, groups: Sequence[Sequence[str]]) -> Sequence[str]:
     """Return the spellings of a name that may belong to two people or fabrics, empty if there are none."""
     names = ("participant", *_DESIGN, *(() if "rating" in table else ("indentor", "direction")))
-    told: dict[tuple[str, ...], set[str]] = {}
-    for text, one in zip(table.texts(name), joined.keys(*names), strict=True):
-        told.setdefault(one, set()).add(text)
+    texts = table.texts(name)
+    told = [{texts[i] for i in rows} for rows in joined.grouped(*names).values()]
     for group in groups:
         formats = {text.lstrip("0") or "0" for text in group}
         same = all(looks_numeric(text) for text in group) and len(formats) == len(group)
-        if not same and any(len(spellings & {*group}) > 1 for spellings in told.values()):
+        if not same and any(len(spellings & {*group}) > 1 for spellings in told):
             return group
     return ()
 
@@ -298,19 +292,19 @@ def without_copies(table: Table) -> Table:
     # sheets may be copies of each other
     columns = [texts for title, texts in table.cells.items() if title not in ("sheet", "")]
     every = [*zip(*columns, strict=True)]
-    first: dict[tuple[str, ...], int] = {}
-    copies = [i for i, row in enumerate(every) if first.setdefault(row, i) != i and ratings[i]]
-    if not copies or len(first) < 2:
+    alike = grouped(every)
+    copies = sorted(i for rows in alike.values() for i in rows[1:] if ratings[i])
+    if not copies or len(alike) < 2:
         return table
-    touches = {*table.keys("participant", *_DESIGN)}
-    complete = len(copies) == len(table) - len(touches) or min(Counter(every).values()) > 1
+    touches = table.grouped("participant", *_DESIGN)
+    complete = len(copies) == len(table) - len(touches) or min(map(len, alike.values())) > 1
     trials = {*table.texts("trial")}
     if len(trials) > 1 or ("trial" in table and complete):
         return table.without(copies, "copies of other rows, with the same trial, left out")
-    equal, chances = table.lines(copies), _chances_of_equal(table, copies, [*first.values()])
+    equal, chances = table.lines(copies), _chances_of_equal(table, copies, [rows[0] for rows in alike.values()])
     blocks, last = [1.0], -2
     for i, chance in zip(copies, chances, strict=True):
-        follows = last == i - 1 and first[every[i]] == first[every[i - 1]] + 1
+        follows = last == i - 1 and alike[every[i]][0] == alike[every[i - 1]][0] + 1
         blocks.append((blocks[-1] if follows else 1.0) * chance)
         last = i
     if min(blocks) > BY_CHANCE and not (complete and np.prod(chances) < BY_CHANCE):
@@ -327,14 +321,11 @@ def with_equal_people_named(table: Table) -> Table:
     """Say that a participant, or a trial of all, has throughout the ratings of another one, as copied rows do."""
     ratings = table.texts("rating")
     for name in ("participant", "trial") if "rating" in table and "fabric_2" not in table else ():
-        rows: dict[str, list[tuple[str, ...]]] = {}
         rest = table.keys(*(one for one in ("participant", *_DESIGN) if one != name), "rating")
-        for own, row in zip(table.texts(name), rest, strict=True):
-            rows.setdefault(own, []).append(row)
         first: dict[tuple[tuple[str, ...], ...], str] = {}
-        for own, told in rows.items():
-            other = first.setdefault(tuple(sorted(told)), own)
-            some = [i for i, text in enumerate(table.texts(name)) if text == own and ratings[i]]
+        for (own,), rows in table.grouped(name).items():
+            other = first.setdefault(tuple(sorted(rest[i] for i in rows)), own)
+            some = [i for i in rows if ratings[i]]
             if other != own and np.prod(_chances_of_equal(table, some, some)) < BY_CHANCE:
                 note = f"looks wrong: {name} {quoted(own)} has the ratings of {name} {quoted(other)}: are rows copied?"
                 table = table.noted(note)
@@ -418,11 +409,8 @@ def without_unloading(table: Table) -> Table:
     """Leave out the rows on which a plate moves back after it was pressed in: forces are those of loading."""
     depth = table.plainly("indentation_mm")
     left: list[int] = []
-    presses: dict[tuple[str, ...], list[int]] = {}
-    for i, own in enumerate(table.keys("participant", "indentor")):
-        if not np.isnan(depth[i]):
-            presses.setdefault(own, []).append(i)
-    for rows in presses.values():
+    for press in table.grouped("participant", "indentor").values():
+        rows = [i for i in press if not np.isnan(depth[i])]
         step = np.diff(depth[rows])
         usual = float(np.median(np.abs(step[step != 0]))) if (step != 0).any() else 0.0
         back = (step < 0) & (-step <= 5.0 * usual)  # larger ones begin another press

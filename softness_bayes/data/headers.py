@@ -23,6 +23,7 @@ from softness_bayes.data.columns import (
 )
 from softness_bayes.data.decimals import is_missing, looks_numeric, mostly_numeric
 from softness_bayes.data.faults import listing
+from softness_bayes.data.tables import Table
 from softness_bayes.data.titles import UNITS, Title, Unit, analysed, bag, is_unit, key, unit_named
 
 
@@ -31,16 +32,12 @@ class Header:
 
     Parameters
     ----------
-    place
-        The row of the header in words, for errors.
-    cells
-        Cells by title; nonempty titles are distinct ignoring case.
-    renames
-        Titles by standard name; those missing in the file are ignored.
+    table
+        The table; nonempty titles are distinct ignoring case.
     kind
         The kind of table.
-    melted
-        Whether rows held several values, so that a participant may have one row only.
+    renames
+        Titles by standard name; those missing in the file are ignored.
 
     Attributes
     ----------
@@ -60,11 +57,11 @@ class Header:
         ten of unclear meaning.
     """
 
-    def __init__(
-        self, place: str, cells: Mapping[str, Sequence[str]], renames: Mapping[str, str], kind: Kind, melted: bool
-    ) -> None:
-        self.place, self.cells, self.kind, self.melted = place, cells, kind, melted
-        self.titles = {text: analysed(text) for text in cells if text}
+    def __init__(self, table: Table, kind: Kind, renames: Mapping[str, str]) -> None:
+        self.place, self.cells = table.header, table.cells
+        # where rows held several values, a participant may have one row only
+        self.melted = bool(table.made)
+        self.titles = {text: analysed(text) for text in table.cells if text}
         self.at: dict[str, str] = {}
         self.units: dict[str, Unit] = {}
         self.notes: list[str] = []
@@ -98,8 +95,8 @@ class Header:
             # programs number columns of one name: rating, rating.1
             if again := [text for text in self.free if re.fullmatch(rf"{re.escape(self.at[name])}\.[0-9]+", text)]:
                 raise InputError(
-                    f"{place}: columns {listing([*map(quoted, (self.at[name], *again))])} may each be {name!r}; put "
-                    f"them below each other, or choose one with --column {name}={quoted(self.at[name])}"
+                    f"{self.place}: columns {listing([*map(quoted, (self.at[name], *again))])} may each be {name!r}; "
+                    f"put them below each other, or choose one with --column {name}={quoted(self.at[name])}"
                 )
         self.notes += [
             f"column {quoted(text)} may contain loads but is not read: the given load is used for all ratings"

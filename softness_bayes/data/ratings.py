@@ -21,10 +21,10 @@ from softness_bayes.data.columns import FORCE, INDENTATION, LOAD_CV, LOADED, RAT
 from softness_bayes.data.decimals import Marks, is_missing
 from softness_bayes.data.fabrics import Fabrics, log_sd
 from softness_bayes.data.faults import MOST_ASKED, guess, identity, listing, natural
-from softness_bayes.data.formats import TableSource
 from softness_bayes.data.forms import PANEL, AggregatedCells, cells_of, covariates_in, unpaired
 from softness_bayes.data.reading import read_as
 from softness_bayes.data.shapes import Request
+from softness_bayes.data.sheets import TableSource
 from softness_bayes.data.tables import FloatArray, IntArray, Table, freeze
 from softness_bayes.touch.contact import Force, FreeTouch, Indentation, Load
 

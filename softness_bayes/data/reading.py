@@ -31,10 +31,9 @@ from softness_bayes.data.decimals import (
     reading_of,
 )
 from softness_bayes.data.faults import guess, listing
-from softness_bayes.data.formats import TableSource, is_workbook, sheets_of
 from softness_bayes.data.headers import Header
 from softness_bayes.data.shapes import Request
-from softness_bayes.data.sheets import Sheet
+from softness_bayes.data.sheets import Sheet, TableSource, is_workbook, sheets_of
 from softness_bayes.data.tables import Table, unused_note
 from softness_bayes.data.titles import key
 
@@ -73,7 +72,7 @@ COLUMNS = (
     Rule("people in columns", ("ratings",), shapes.with_people_in_rows),
     Rule("fabrics in columns", ("ratings",), shapes.with_fabrics_in_rows),
 )
-"""Rules for the columns of a table, given its `Header` and the `Request`."""
+"""Rules for the columns of a table, given the `Request`."""
 
 CONTENTS = (
     Rule("percentages", ("ratings",), contents.with_percentages),
@@ -103,20 +102,21 @@ def read_table(source: TableSource, request: Request) -> Table:
         file and row.
     """
     mark, kind = mark_of(request.decimal, request.kind.sheet), request.kind
-    table = read_titled(source, kind, request.renames)
-    header = _header(table, kind, request.renames)
+    table, notes = _recognised(read_titled(source, kind, request.renames), kind, request.renames)
     for rule in COLUMNS:
-        if kind.sheet in rule.tables and (found := rule.apply(table, header, request)) is not table:
-            table, header = found, _header(found, kind, request.renames)
-    table = _with_known(table, header, mark)
+        if kind.sheet in rule.tables and (found := rule.apply(table, request)) is not table:
+            table, notes = _recognised(found, kind, request.renames)
+    table = _with_numbers(table, notes, mark)
     for rule in CONTENTS:
         if kind.sheet in rule.tables:
             table = rule.apply(table)
     return table
 
 
-def _header(table: Table, kind: Kind, renames: Mapping[str, str]) -> Header:
-    return Header(table.header, table.cells, renames, kind, melted=bool(table.made))
+def _recognised(table: Table, kind: Kind, renames: Mapping[str, str]) -> tuple[Table, list[str]]:
+    """Return a table of which the columns are known, and what was understood of them."""
+    header = Header(table, kind, renames)
+    return replace(table, titles=header.at, units=header.units, perhaps=header.perhaps), header.notes
 
 
 # bytes to cells, and the sheet among several
@@ -188,7 +188,7 @@ def _meant(tables: Mapping[str, Table], kind: Kind, renames: Mapping[str, str]) 
 def _known(table: Table, kind: Kind, renames: Mapping[str, str]) -> set[str]:
     """Return the columns of a table that are known."""
     try:
-        return {*_header(table, kind, renames).at}
+        return {*_recognised(table, kind, renames)[0].titles}
     except InputError:
         return set()
 
@@ -222,24 +222,19 @@ def _stacked(place: str, tables: Mapping[str, Table], kind: Kind, renames: Mappi
 # the known columns
 
 
-def _with_known(table: Table, header: Header, decimal: str | None) -> Table:
-    """Return a table with its known columns, their numbers in plain characters, and their decimal mark."""
-    numbers = {title for name, title in header.at.items() if name in NUMBERS}
+def _with_numbers(table: Table, notes: Sequence[str], decimal: str | None) -> Table:
+    """Return a table with its numbers in plain characters, their decimal mark, and the notes on its columns."""
+    numbers = {title for name, title in table.titles.items() if name in NUMBERS}
     cells = {
         title: [plain_digits(text) if title in numbers else _shown(text) for text in texts]
         for title, texts in table.cells.items()
         if title
     }
-    table = replace(table, cells=cells, titles=header.at, units=header.units, perhaps=header.perhaps)
-    remarks = [remark for title in cells if (remark := header.perhaps.get(title, ("", ""))[1])]
+    table = replace(table, cells=cells)
+    remarks = [remark for title in cells if (remark := table.perhaps.get(title, ("", ""))[1])]
     reading = Reading(decimal, grouped=True) if decimal else _found_reading(table)
-    notes = (
-        *header.notes,
-        *unused_note(header.free),
-        *filter(None, remarks),
-        *([reading.note] if reading.note else []),
-    )
-    return table.noted(*notes, reading=reading)
+    said = [reading.note] if reading.note else []
+    return table.noted(*notes, *unused_note([*table.others]), *remarks, *said, reading=reading)
 
 
 def _shown(text: str) -> str:

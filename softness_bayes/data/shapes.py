@@ -18,17 +18,15 @@ from softness_bayes.data.columns import (
     KNOWN_BY,
     NUMBERS,
     OWNERS,
-    Column,
     Kind,
     quantity_of,
     summarises,
 )
 from softness_bayes.data.decimals import Marks, SheetNumber, is_missing, looks_numeric, mostly_numeric
 from softness_bayes.data.faults import MOST_ASKED, guess, identity, listing
-from softness_bayes.data.headers import Header
 from softness_bayes.data.sheets import Sheet
 from softness_bayes.data.tables import Table
-from softness_bayes.data.titles import LONGEST_TITLE, UNITS, analysed, bag, is_unit, key, unit_named
+from softness_bayes.data.titles import LONGEST_TITLE, UNITS, analysed, bag, is_unit, key, measured, unit_named
 
 
 class Request(NamedTuple):
@@ -200,8 +198,7 @@ _LOADS = {"length": INDENTATION, "force": FORCE}
 
 
 def _is_load(text: str) -> bool:
-    match = re.fullmatch(r"[0-9]+(?:[.,][0-9]+)?\s*([^\s0-9].*)", text)
-    return match is not None and any(unit_named(match[1], quantity) for quantity in _LOADS)
+    return any(measured(text, quantity) for quantity in _LOADS)
 
 
 def _with_loads(titles: list[str], second: list[str], below: Rows) -> Joined:
@@ -230,10 +227,10 @@ def _with_loads(titles: list[str], second: list[str], below: Rows) -> Joined:
     return found, f"{which} row contains loads: {listing([quoted(found[j]) for j in filled])}"
 
 
-# columns, where the header is known
+# columns, of which some are known
 
 
-def with_json_cells(table: Table, header: Header, request: Request) -> Table:
+def with_json_cells(table: Table, request: Request) -> Table:
     """Read cells such as {"Q0": "28.5"}, which hold the answers of a trial in jsPsych; several become columns."""
     for title, cells in table.cells.items():
         if not any(cell.startswith("{") for cell in cells):
@@ -261,7 +258,7 @@ def _object(cell: str) -> dict[str, object]:
     return found if isinstance(found, dict) else {}
 
 
-def with_units_of_cells(table: Table, header: Header, request: Request) -> Table:
+def with_units_of_cells(table: Table, request: Request) -> Table:
     """Read cells such as 2 mm, or 2 beside a column of units, in the unit of the column."""
     found: dict[str, str] = {}
     titles = [*table.cells]
@@ -275,32 +272,26 @@ def with_units_of_cells(table: Table, header: Header, request: Request) -> Table
         if words and all(unit_named(unit, quantity) for unit in beside):
             pairs = zip(cells, beside, strict=True)
             cells = [f"{cell} {unit}" if looks_numeric(cell) else cell for cell, unit in pairs]
-        number = r"([+-]?[0-9]+(?:\.[0-9]+|,[0-9]{1,2})?(?:[eE][+-]?[0-9]+)?)\s*([^\s0-9.,+-].*)"
-        told = [re.fullmatch(number, cell) for cell in cells]
-        units = [unit_named(match[2], quantity) if match else None for match in told]
+        told = [measured(cell, quantity) for cell in cells]
         own = unit_named(NUMBERS[name].unit, quantity)
-        unclear = any(not unit and not is_missing(cell) for unit, cell in zip(units, cells, strict=True))
-        if own is None or unclear or not any(units):
+        unclear = any(not one and not is_missing(cell) for one, cell in zip(told, cells, strict=True))
+        if own is None or unclear or not any(told):
             continue
-        texts = [
-            SheetNumber(f"{Decimal(match[1].replace(',', '.')) * unit.factor / own.factor:f}") if match and unit else ""
-            for match, unit in zip(told, units, strict=True)
-        ]
+        texts = [SheetNumber(f"{Decimal(one[0]) * one[1].factor / own.factor:f}") if one else "" for one in told]
         table = table.with_column(title, texts)
         found[title] = title if title.casefold() == name else f"{analysed(title).stem} [{own.name}]"
     note = f"units are read in the cells of column {listing([*map(quoted, found)])}"
     return table.noted(note).retitled(found) if found else table
 
 
-_ERROR = r"([+-]?[0-9.,]+(?:[eE][+-]?[0-9]+)?)\s*\(?\s*(?:±|\+/-|\+-)\s*[0-9.,]+(?:[eE][+-]?[0-9]+)?\s*\)?"
+_ERROR = re.compile(r"([+-]?[0-9.,]+(?:[eE][+-]?[0-9]+)?)\s*\(?\s*(?:±|\+/-|\+-)\s*[0-9.,]+(?:[eE][+-]?[0-9]+)?\s*\)?")
 
 
-def with_values_alone(table: Table, header: Header, request: Request) -> Table:
+def with_values_alone(table: Table, request: Request) -> Table:
     """Read the value of cells such as 0.030 ± 0.003."""
     for title, cells in table.cells.items():
-        found = [re.fullmatch(_ERROR, cell) for cell in cells]
-        if any(found):
-            texts = [match[1] if match else cell for match, cell in zip(found, cells, strict=True)]
+        texts = [_ERROR.sub(r"\1", cell) if _ERROR.fullmatch(cell) else cell for cell in cells]
+        if texts != [*cells]:
             table = table.with_column(
                 title,
                 texts,
@@ -310,33 +301,31 @@ def with_values_alone(table: Table, header: Header, request: Request) -> Table:
     return table
 
 
-def with_a_title_of_names(table: Table, header: Header, request: Request) -> Table:
+def with_a_title_of_names(table: Table, request: Request) -> Table:
     """Take a first column of names without a title as the fabrics, and in ratings of known fabrics as the people."""
     names, name = table.cells.get("", ()), "participant" if "rating" in request.kind.columns else "fabric"
-    if not names or name in header.at or any(map(looks_numeric, names)):
+    if not names or name in table or any(map(looks_numeric, names)):
         return table
-    fabrics = table.cells.get(header.at.get("fabric", ""), names)
+    fabrics = table.texts("fabric") if "fabric" in table else names
     apart = len({*zip(names, fabrics, strict=True)}) > len({*fabrics}) and len({*names}) > 1
     if apart if name == "participant" else len({*names}) == len(names):
         return table.noted(f"the first column has no title and is read as {name}").retitled({"": name})
     return table
 
 
-def with_directions_in_rows(table: Table, header: Header, request: Request) -> Table:
+def with_directions_in_rows(table: Table, request: Request) -> Table:
     """Return one row for each direction of a fabric if two columns are one property along warp and weft."""
     found: dict[tuple[str, str], dict[str, str]] = {}
-    for text in header.free:
-        title = header.titles[text]
+    for text in table.others:
         # the number of a direction may stand beside its symbol, as in B1
-        words = re.sub(r"(?<=[^\W\d])(?=[12]\b)", " ", key(title.stem)).split()
+        words = re.sub(r"(?<=[^\W\d])(?=[12]\b)", " ", key(analysed(text).stem)).split()
         told = {DIRECTIONS[word] for word in words if word in DIRECTIONS}
         rest = " ".join(word for word in words if word not in DIRECTIONS)
         if len(told) == 1 and rest:
-            found.setdefault((rest, title.unit or ""), {}).setdefault(told.pop(), text)
+            found.setdefault((rest, analysed(text).unit or ""), {}).setdefault(told.pop(), text)
     properties = ("bending_rigidity_n_m", "tensile_modulus_mpa", "effective_modulus_kpa")
     for (stem, unit), both in found.items():
-        meant = (name for name in properties if name not in header.at and bag(stem) in KNOWN_BY[name])
-        column = next(meant, None)
+        column = next((name for name in properties if name not in table and bag(stem) in KNOWN_BY[name]), None)
         if len(both) == 2 and column is not None and (unit or len(stem) > 1):
             bare = stem.upper() if len(stem) == 1 else stem
             parts = [(text, {"direction": direction}) for direction, text in both.items()]
@@ -350,11 +339,11 @@ _CHOSEN = frozenset(
 )
 
 
-def with_choices_as_pairs(table: Table, header: Header, request: Request) -> Table:
+def with_choices_as_pairs(table: Table, request: Request) -> Table:
     """Read columns such as stim_left, stim_right and chosen as pairs of fabrics, with 1 where the first was chosen."""
-    words = {title: key(title).split() for title in header.titles}
+    words = {title: key(title).split() for title in table.cells if title}
     chosen = [title for title, own in words.items() if " ".join(own) in _CHOSEN]
-    if len(chosen) != 1 or {"rating", "fabric"} & header.at.keys():
+    if len(chosen) != 1 or {"rating", "fabric"} & table.titles.keys():
         return table
     for sides in (("left", "right"), ("first", "second"), ("a", "b"), ("1", "2")):
         firsts, seconds = (
@@ -363,8 +352,10 @@ def with_choices_as_pairs(table: Table, header: Header, request: Request) -> Tab
         )
         for stem in firsts.keys() & seconds.keys():
             titles = [firsts[stem], seconds[stem], chosen[0]]
-            rows = zip(*(table.cells[title] for title in titles), strict=True)
-            answers = [_answer(first, second, cell, sides) for first, second, cell in rows]
+            answers = []
+            for first, second, cell in zip(*(table.cells[title] for title in titles), strict=True):
+                meant = {sides[1]: "0", sides[0]: "1", second.casefold(): "0", first.casefold(): "1"}
+                answers.append("" if is_missing(cell) else meant.get(cell.casefold()))
             if None in answers or not any(answers):
                 continue
             a, b, c = map(quoted, titles)
@@ -374,23 +365,15 @@ def with_choices_as_pairs(table: Table, header: Header, request: Request) -> Tab
     return table
 
 
-def _answer(first: str, second: str, cell: str, sides: tuple[str, str]) -> str | None:
-    """Return 1 for a choice of the first fabric, 0 for one of the second, nothing if missing; None if it is neither."""
-    if is_missing(cell):
-        return ""
-    texts = ((first, "1"), (second, "0"), (sides[0], "1"), (sides[1], "0"))
-    return next((answer for text, answer in texts if cell.casefold() == text.casefold()), None)
-
-
 _PERSON = re.compile(r"p|s|vp|pp|subj|sub|ppt|ss|judge|panelist|assessor|rater|person|participant|subject|観察者")
 
 
-def with_people_in_rows(table: Table, header: Header, request: Request) -> Table:
+def with_people_in_rows(table: Table, request: Request) -> Table:
     """Return one row for each rating of a table with one column for each participant, such as P01 or judge 2."""
-    if "fabric" not in header.at or {"participant", "rating"} & header.at.keys():
+    if "fabric" not in table or {"participant", "rating"} & table.titles.keys():
         return table
     # a cell that is no number is a fault of its person
-    free = [title for title in header.free if mostly_numeric(table.cells[title])]
+    free = [title for title, cells in table.others.items() if mostly_numeric(cells)]
     stems = {title: re.fullmatch(r"(.*?)[\s_.#-]*[0-9]{1,4}(?:\.0+)?", title) for title in free}
     named = [
         title
@@ -401,15 +384,7 @@ def with_people_in_rows(table: Table, header: Header, request: Request) -> Table
     return table.melted(people, "rating", "one column per participant") if named and len(people) > 1 else table
 
 
-class _Rated(NamedTuple):
-    """A column of ratings: its title, its fabric, and the column and the text of the load in its title, if any."""
-
-    title: str
-    fabric: str
-    load: tuple[Column, str] | None = None
-
-
-def with_fabrics_in_rows(table: Table, header: Header, request: Request) -> Table:
+def with_fabrics_in_rows(table: Table, request: Request) -> Table:
     """Return a wide table with one row for each rating, any other as it is.
 
     A table is wide if the user says so, or if it has no column of ratings or fabrics and at least two titles are
@@ -421,58 +396,45 @@ def with_fabrics_in_rows(table: Table, header: Header, request: Request) -> Tabl
     InputError
         If two titles are one fabric under one load, or one may be a misspelt fabric.
     """
-    if long := [quoted(header.at[name]) for name in ("fabric", "rating") if name in header.at]:
+    if long := [table.titles[name] for name in ("fabric", "rating") if name in table]:
         if request.wide:
             raise InputError(
-                f"{table.header}: --wide expects a table with one column per fabric; this one has a column {long[0]}"
+                f"{table.header}: --wide expects a table with one column per fabric; this one has a column "
+                f"{quoted(long[0])}"
             )
         return table
-    rated = _rated(table, header.free, request)
-    loaded = [one.title for one in rated if one.load is not None]
-    parts = [
-        (one.title, {"fabric": one.fabric, **({one.load[0].name: SheetNumber(one.load[1])} if one.load else {})})
-        for one in rated
-    ]
-    what = f"one column per fabric{' and load' if loaded else ''}"
-    return table.melted(parts, "rating", what) if parts else table
-
-
-def _rated(table: Table, free: Sequence[str], request: Request) -> list[_Rated]:
-    """Return the columns of ratings, none if the table is not wide."""
     known = request.fabrics
     spelt = {identity(name): name for name in known or ()}
-    found: list[_Rated] = []
+    parts: list[tuple[str, dict[str, str]]] = []
     strange: list[tuple[str, str]] = []
-    for title in free:
+    for title in table.others:
         name, load = _fabric_and_load(title)
         asked = re.fullmatch(r".*(?:\[(?P<in>[^\[\]]+)\]|\s[-–—:>]+\s(?P<behind>.+))", title)
-        option = (asked["in"] or asked["behind"]).strip() if asked else ""
-        if identity(title) in spelt:
-            found.append(_Rated(title, spelt[identity(title)]))
-        elif load is not None and (known is None or identity(name) in spelt):
-            found.append(_Rated(title, spelt.get(identity(name), name), load))
-        elif option and identity(option) in spelt:
-            found.append(_Rated(title, spelt[identity(option)]))
-        elif summarises(name):
-            continue
-        elif known is None and request.wide:
-            found.append(_Rated(title, title))
-        elif known is not None:
+        option = (asked["in"] or asked["behind"]).strip() if asked else title
+        whole = spelt.get(identity(title)) or spelt.get(identity(option))
+        if whole:
+            parts.append((title, {"fabric": whole}))
+        elif load and (known is None or identity(name) in spelt):
+            parts.append((title, {"fabric": spelt.get(identity(name), name), **load}))
+        elif known is not None and not summarises(name):
             strange.append((title, name))
-    if len(found) < (1 if request.wide else 2):
-        return []
-    first: dict[tuple[str, object], str] = {}
-    for one in found:
-        other = first.setdefault((one.fabric, one.load), one.title)
-        if other != one.title:
-            both = f"{quoted(other)} and {quoted(one.title)}"
-            raise InputError(f"{table.header}: columns {both} are both fabric {quoted(one.fabric)}, expected one")
-    absent = sorted({*(known or ())} - {one.fabric for one in found})
+        elif request.wide and not summarises(name):
+            parts.append((title, {"fabric": title}))
+    if len(parts) < (1 if request.wide else 2):
+        return table
+    first: dict[tuple[object, ...], str] = {}
+    for title, own in parts:
+        other = first.setdefault((*own.items(),), title)
+        if other != title:
+            both = f"{quoted(other)} and {quoted(title)}"
+            raise InputError(f"{table.header}: columns {both} are both fabric {quoted(own['fabric'])}, expected one")
+    absent = sorted({*(known or ())} - {own["fabric"] for _, own in parts})
     for k, (title, name) in enumerate(strange):
         near = guess(name, absent) if k < MOST_ASKED else ""
         if near or name != title:
             raise InputError(f"{table.header}, column {quoted(title)}: {quoted(name)} is not a known fabric{near}")
-    return found
+    loaded = any(len(own) > 1 for _, own in parts)
+    return table.melted(parts, "rating", f"one column per fabric{' and load' if loaded else ''}")
 
 
 _FABRIC_AND_LOAD = re.compile(
@@ -482,8 +444,8 @@ _FABRIC_AND_LOAD = re.compile(
 )
 
 
-def _fabric_and_load(title: str) -> tuple[str, tuple[Column, str] | None]:
-    """Return the fabric in a title, and the column and text of its load, if there is one."""
+def _fabric_and_load(title: str) -> tuple[str, dict[str, str]]:
+    """Return the fabric in a title, and the number of its load by its column, if there is one."""
     match = _FABRIC_AND_LOAD.fullmatch(title) if len(title) <= LONGEST_TITLE else None
     for quantity, column in _LOADS.items() if match else ():
         if match and (unit := unit_named(match["unit"], quantity)):
@@ -491,5 +453,5 @@ def _fabric_and_load(title: str) -> tuple[str, tuple[Column, str] | None]:
                 value = column.parse(match["number"].replace(",", "."), unit)
             except ValueError:
                 break
-            return match["fabric"], (column, column.write(value))
-    return title, None
+            return match["fabric"], {column.name: SheetNumber(column.write(value))}
+    return title, {}

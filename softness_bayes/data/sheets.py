@@ -1,29 +1,42 @@
-"""Sheets: rows of cells with their lines, from text files, workbooks and DataFrames."""
+"""Files of tables in all formats, recognised by their first bytes: the cells of their sheets, and their lines."""
 
 from __future__ import annotations
 
+import bz2
 import csv
+import gzip
 import io
+import lzma
+import os
 import re
+import tempfile
 import warnings
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, time
 from decimal import Decimal
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from softness_bayes.base.errors import InputError
-from softness_bayes.base.files.records import as_json
+from softness_bayes.base.errors import InputError, quoted
+from softness_bayes.base.files.records import as_json, parse_json
 from softness_bayes.data.decimals import SheetNumber
 from softness_bayes.data.faults import listing
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    TableSource: TypeAlias = str | Path | pd.DataFrame
+else:
+    TableSource = object
+"""A file or a DataFrame."""
+
+LARGEST = 2**28
+"""Largest size of a table's file, also when it is unpacked [bytes]."""
 
 MOST_COLUMNS = 2**14
 """Largest number of columns of a table, that of spreadsheet programs."""
@@ -79,10 +92,256 @@ def sheet_of(rows: Iterable[tuple[Sequence[str], int]], place: str, label: str, 
     return Sheet(place, label, digest, records, lines, **others)
 
 
+# files
+
+
+class _File(NamedTuple):
+    """A file: its path, its bytes, unpacked if they were compressed, and the SHA-256 of all of them."""
+
+    path: Path
+    content: bytes
+    digest: str
+
+    def sheet(self, rows: Iterable[tuple[Sequence[str], int]], which: str = "", **others: Any) -> Sheet:
+        """Return one of its sheets, which is named if there are several."""
+        return sheet_of(rows, f"{self.path}{which}", f"{self.path.name}{which}", self.digest, **others)
+
+    def require_size(self, rows: int, columns: int, size: int) -> None:
+        """Raise an error for a table that is too large."""
+        if rows * columns > MOST_CELLS or size > LARGEST:
+            raise InputError(
+                f"{self.path}: {rows} rows of {columns} columns with {size >> 20} MB, expected at most "
+                f"{MOST_CELLS} cells and {LARGEST >> 20} MB"
+            )
+
+
+def sheets_of(source: TableSource, kind: str) -> dict[str, Sheet]:
+    """Return the sheets of a file by name; a text file or a DataFrame has one.
+
+    Raises
+    ------
+    InputError
+        If the source cannot be read.
+    """
+    if not isinstance(source, (str, os.PathLike)):
+        import pandas as pd
+
+        if not isinstance(source, pd.DataFrame):
+            raise InputError(f"expected the path of a table or a pandas DataFrame, got {type(source).__name__}")
+        rows, digest = _rows_of_frame(source, place := f"DataFrame of {kind}")
+        return {"": sheet_of(rows, place, place, digest)}
+    path = Path(source)
+    content = _content(path)
+    file = _File(path, content, sha256(content).hexdigest())
+    for _ in range(2):  # a compressed file may hold a workbook
+        what, read = next(
+            ((what, read) for starts, what, read in _FORMATS if file.content.startswith(starts)), ("", None)
+        )
+        if not what:
+            break
+        if read is None:
+            raise InputError(f"{path}: this is {what}")
+        found = _opened(file, what, read)
+        if not isinstance(found, bytes):
+            return found if isinstance(found, dict) else {"": file.sheet(_rows_of_frame(found, str(path))[0])}
+        if len(found) > LARGEST:
+            raise InputError(f"{path}: unpacks to more than {LARGEST >> 20} MB, expected a table")
+        file = file._replace(content=found)
+    frame = _json(file)
+    return {"": _text_sheet(file) if frame is None else file.sheet(_rows_of_frame(frame, str(path), first=1)[0])}
+
+
+def is_workbook(path: Path) -> bool:
+    """Return whether a file may have several sheets."""
+    return os.path.isfile(path) and _content(path).startswith(b"PK")
+
+
+def _content(path: Path) -> bytes:
+    try:
+        with open(path, "rb") as file:
+            content = file.read(LARGEST + 1)
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}") from None
+    except ValueError as error:  # a path with a NUL character
+        raise InputError(f"{quoted(str(path))}: {error}") from None
+    if len(content) > LARGEST:
+        raise InputError(f"{path}: is larger than {LARGEST >> 20} MB, expected a table of ratings or fabrics")
+    return content
+
+
+def _opened(file: _File, what: str, read: Callable[[_File], Any]) -> Any:
+    """Return what a library reads: the sheets of a workbook, a DataFrame, or the unpacked bytes."""
+    try:
+        return read(file)
+    except ImportError as error:
+        missing = (error.name or "pyarrow").partition(".")[0]
+        raise InputError(f"{file.path}: {what}s are read with {missing}, which is not installed: {INSTALL}") from None
+    except InputError:
+        raise
+    except Exception as error:  # damaged files end in errors of many kinds
+        if what == "compressed":
+            raise InputError(f"{file.path}: a compressed file that cannot be unpacked ({error})") from None
+        raise InputError(f"{file.path}: not a {what} that can be read ({type(error).__name__})") from None
+
+
+def _unpacked(opened: Callable[[Any], Any]) -> Callable[[_File], bytes]:
+    def read(file: _File) -> bytes:
+        with opened(io.BytesIO(file.content)) as content:
+            return content.read(LARGEST + 1)
+
+    return read
+
+
+_DOCUMENTS = {
+    "mimetype": "an OpenDocument file",
+    "word/": "a text document",
+    "ppt/": "a presentation",
+    "Index/": "a Numbers document",
+}
+"""First letters of a file in an archive -> the document that such an archive is."""
+
+
+def _zip(file: _File) -> dict[str, Sheet] | bytes:
+    """Return the sheets of a workbook, or the content of the one file of an archive."""
+    with zipfile.ZipFile(io.BytesIO(file.content)) as archive:
+        names = archive.namelist()
+        if any(name.startswith("xl/") for name in names):
+            size = sum(one.file_size for one in archive.infolist())
+            if size <= UNPACKED:
+                return _workbook_sheets(file)
+            raise InputError(
+                f"{file.path}: unpacks to {size >> 20} MB, expected at most {UNPACKED >> 20} MB; save the table alone "
+                "as .csv"
+            )
+        for mark, what in _DOCUMENTS.items():
+            if any(name.startswith(mark) for name in names):
+                raise InputError(f"{file.path}: this is {what}: save its table as .xlsx or .csv")
+        if len(names) != 1:
+            raise InputError(f"{file.path}: an archive of {len(names)} files, expected one table")
+        return archive.open(names[0]).read(LARGEST + 1)
+
+
+def _parquet(file: _File) -> pd.DataFrame:
+    import pyarrow.parquet
+
+    about = pyarrow.parquet.ParquetFile(io.BytesIO(file.content)).metadata
+    size = sum(about.row_group(k).total_byte_size for k in range(about.num_row_groups))
+    file.require_size(about.num_rows, about.num_columns, size)
+    return _frame("read_parquet", engine="pyarrow")(file)
+
+
+def _frame(name: str, **options: Any) -> Callable[[_File], pd.DataFrame]:
+    """Return a reader of pandas for a file in memory."""
+
+    def read(file: _File) -> pd.DataFrame:
+        import pandas as pd
+
+        return getattr(pd, name)(io.BytesIO(file.content), **options)
+
+    return read
+
+
+def _spss(file: _File) -> pd.DataFrame:
+    import pandas as pd
+    import pyreadstat
+
+    with tempfile.NamedTemporaryFile(suffix=".sav", delete=False) as copy:
+        copy.write(file.content)  # it reads from a path only
+    try:
+        _, about = pyreadstat.read_sav(copy.name, metadataonly=True)
+        file.require_size(about.number_rows or 0, about.number_columns or 0, 0)
+        return _labelled(lambda labels: pd.read_spss(copy.name, convert_categoricals=labels))
+    finally:
+        os.unlink(copy.name)
+
+
+def _labelled(read: Callable[[bool], pd.DataFrame]) -> pd.DataFrame:
+    """Return numbers that know the labels of their values, such as the names of fabrics."""
+    import pandas as pd
+
+    numbers, labels = read(False), read(True)
+    cells = numbers.astype(object)
+    for name in numbers.columns:
+        pairs = zip(numbers[name], labels[name], strict=True)
+        told = [
+            SheetNumber(_text_of(x), shown=y) if isinstance(y, str) and not isinstance(x, str) else x for x, y in pairs
+        ]
+        cells[name] = pd.Series(told, dtype=object, index=cells.index)  # as text, they would lose their labels
+    return cells
+
+
+_STATA = (b"<stata_dta>", *(bytes([k, 1 + order, 1]) for k in range(110, 120) for order in (0, 1)))
+_PAGE = (b"<!DOCTYPE", b"<!doctype", b"<html", b"<HTML")
+_FORMATS: tuple[tuple[bytes | tuple[bytes, ...], str, Callable[[_File], Any] | None], ...] = (
+    (b"PK\x03\x04", "workbook", _zip),
+    (b"\x1f\x8b", "compressed", _unpacked(gzip.open)),
+    (b"BZh", "compressed", _unpacked(bz2.open)),
+    (b"\xfd7zXZ", "compressed", _unpacked(lzma.open)),
+    (b"PAR1", "Parquet file", _parquet),
+    ((b"ARROW1", b"FEA1"), "Feather file", _frame("read_feather")),
+    ((b"$FL2", b"$FL3"), "SPSS file", _spss),
+    (
+        _STATA,
+        "Stata file",
+        lambda file: _labelled(lambda named: _frame("read_stata", convert_categoricals=named)(file)),
+    ),
+    (b"\xd0\xcf\x11\xe0", "an old workbook: save it as .xlsx", None),
+    (
+        tuple(bytes([0x80, k]) for k in range(2, 6)),
+        "a pickle, which could run code: save the table with to_csv or to_parquet",
+        None,
+    ),
+    (b"\x89HDF", "an HDF5 file: save the table as .csv or .parquet", None),
+    ((b"RDX", b"RDA", b"X\n\0"), "a file of R: save the table with write.csv", None),
+    (b"%PDF", "a PDF: copy the table into a spreadsheet, and save it as .csv", None),
+    (_PAGE, "a web page: save its table as .csv", None),
+    ((b"\x89PNG", b"\xff\xd8\xff", b"GIF8", b"<svg"), "a picture: type its table into a spreadsheet", None),
+    (b"SQLite format 3", "a database: save its table as .csv", None),
+    (b"\x93NUMPY", "an array of NumPy: save a table with column names as .csv", None),
+    (b"MATLAB 5.0", "a MATLAB file: save the table with writetable", None),
+    ((b"7z\xbc\xaf", b"Rar!", b"\x28\xb5\x2f\xfd"), "a packed file: unpack it", None),
+    (b"{\\rtf", "a text document: save its table as .csv", None),
+    (b"<?xml", "an XML file: save its table as .csv", None),
+    (b"version https://git-lfs", "a pointer to a file that is not downloaded: run git lfs pull", None),
+    ((b"HEADER RECORD*", bytes(12) + b"\xc2\xea\x81\x60"), "a SAS file: save the table as .csv", None),
+)
+"""First bytes of a file, what it is, and what reads it, if anything does."""
+
+
+def _json(file: _File) -> pd.DataFrame | None:
+    """Return the rows of a JSON file: records, one in each line or in a list, or columns; None for other text."""
+    if not re.match(rb"(?:\xef\xbb\xbf)?\s*[\[{]", file.content[:100]):
+        return None
+    import pandas as pd
+
+    try:
+        text = file.content.decode("utf-8-sig")
+        try:
+            found = parse_json(text)
+        except ValueError:
+            found = [parse_json(line) for line in text.splitlines() if line.strip()]
+    except ValueError as problem:
+        if file.path.suffix.casefold() in (".json", ".jsonl", ".ndjson"):
+            raise InputError(f"{file.path}: JSON that cannot be read ({problem})") from None
+        return None
+    if isinstance(found, dict) and len(lists := [one for one in found.values() if isinstance(one, list)]) == 1:
+        found = lists[0]
+    try:
+        if isinstance(found, dict) and {"columns", "data"} <= found.keys():
+            return pd.DataFrame(found["data"], columns=found["columns"], dtype=object)
+        if isinstance(found, dict) or (found and all(isinstance(one, dict) for one in found)):
+            return pd.DataFrame(found, dtype=object)
+        raise ValueError
+    except (ValueError, TypeError):
+        raise InputError(
+            f'{file.path}: JSON, expected a list of records such as {{"fabric": "felt", "rating": 5}}'
+        ) from None
+
+
 # text
 
 
-def text_sheet(path: Path, content: bytes, digest: str) -> Sheet:
+def _text_sheet(file: _File) -> Sheet:
     """Return the rows of a text file with commas, semicolons, tabs, bars or spaces between cells.
 
     Raises
@@ -90,13 +349,12 @@ def text_sheet(path: Path, content: bytes, digest: str) -> Sheet:
     InputError
         If it is not such a file; the message names file and row.
     """
-    text, notes = _decode(path, content)
+    text, notes = _decode(file.path, file.content)
     told = re.match('"?sep=([,;\t|])"?\n', text)  # Excel's own line before the header
     if told:
         text = f"\n{text[told.end() :]}"  # a blank row keeps the numbers of the others
     separator = told[1] if told else _separator(text)
-    rows = _rows(path, text, separator)
-    return sheet_of(rows, str(path), path.name, digest, between_commas=separator == ",", notes=notes)
+    return file.sheet(_rows(file.path, text, separator), between_commas=separator == ",", notes=notes)
 
 
 def _decode(path: Path, content: bytes) -> tuple[str, tuple[str, ...]]:
@@ -182,7 +440,7 @@ def _rows(path: Path, text: str, separator: str) -> Iterator[tuple[list[str], in
 # typed values
 
 
-def cell_text(value: Any) -> str:
+def _text_of(value: Any) -> str:
     """Return the text of a typed value: names as they are, numbers with all their digits, nothing if missing."""
     if isinstance(value, str):
         return value
@@ -205,17 +463,15 @@ def cell_text(value: Any) -> str:
     return SheetNumber(value) if pd.api.types.is_number(value) else str(value)
 
 
-def frame_sheet(frame: pd.DataFrame, place: str, label: str = "", digest: str = "", first: int = 0) -> Sheet:
-    """Return the rows of a DataFrame, of which a named index is a column.
+def _rows_of_frame(frame: pd.DataFrame, place: str, first: int = 0) -> tuple[list[tuple[Sequence[str], int]], str]:
+    """Return the rows of a DataFrame, of which a named index is a column, and the SHA-256 of their cells.
 
     Parameters
     ----------
     frame
         The DataFrame.
-    place, label
-        As of `Sheet`.
-    digest
-        That of the file; by default that of the cells.
+    place
+        Its name, for errors.
     first
         Number of the first row: 0, as `iloc` counts them.
     """
@@ -226,11 +482,11 @@ def frame_sheet(frame: pd.DataFrame, place: str, label: str = "", digest: str = 
             frame = frame.reset_index()
         except ValueError as error:
             raise InputError(f"{place}: {error}, expected columns of different names") from None
-    header = [cell_text(title) for title in frame.columns]
-    columns = [[cell_text(value) for value in frame.iloc[:, j].to_numpy()] for j in range(frame.shape[1])]
+    header = [_text_of(title) for title in frame.columns]
+    columns = [[_text_of(value) for value in frame.iloc[:, j].to_numpy()] for j in range(frame.shape[1])]
     body = list(zip(*columns, strict=True))
-    digest = digest or sha256(repr((header, [[*map(str, row)] for row in body])).encode()).hexdigest()
-    return sheet_of([(header, -1), *((row, k) for k, row in enumerate(body, first))], place, label or place, digest)
+    digest = sha256(repr((header, [[*map(str, row)] for row in body])).encode()).hexdigest()
+    return [(header, -1), *((row, k) for k, row in enumerate(body, first))], digest
 
 
 # workbooks
@@ -242,40 +498,21 @@ UNPACKED = 2**26
 """Largest size of an unpacked workbook [bytes]."""
 
 
-def workbook_sheets(path: Path, content: bytes, digest: str) -> dict[str, Sheet]:
+def _workbook_sheets(file: _File) -> dict[str, Sheet]:
     """Return the sheets of a workbook that have cells, with the values of their formulas."""
-    try:
-        import openpyxl
-    except ImportError:
-        raise InputError(f"{path}: workbooks are read with openpyxl, which is not installed: {INSTALL}") from None
-    try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            size = sum(one.file_size for one in archive.infolist())
-        if size > UNPACKED:  # before it is unpacked
-            raise InputError(
-                f"{path}: unpacks to {size >> 20} MB, expected at most {UNPACKED >> 20} MB; save the table alone as "
-                ".csv"
-            )
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # styles and validations that openpyxl does not know
-            # without read_only, openpyxl makes every cell of merged regions, of links and up to the last cell
-            book = openpyxl.load_workbook(io.BytesIO(content), data_only=True, read_only=True)
-            shown = [sheet for sheet in book.worksheets if sheet.sheet_state == "visible"] or book.worksheets
-            read = {sheet.title: _cells(sheet) for sheet in shown}
-            hidden = [sheet.title for sheet in book.worksheets if sheet.title not in read]
-        said = (f"hidden sheets are not read: {listing(hidden)}",) if hidden else ()
-        filled = {
-            name: (rows, (*_fill_merged(rows, merged), *told, *said))
-            for name, (rows, merged, told) in read.items()
-            if rows
-        }
-    except InputError:
-        raise
-    except Exception as error:  # damaged archives and XML end in errors of many kinds
-        raise InputError(f"{path}: not a workbook that can be read ({type(error).__name__})") from None
-    which = {name: f", sheet {name!r}" if len(filled) > 1 else "" for name in filled}
+    import openpyxl
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # styles and validations that openpyxl does not know
+        # without read_only, openpyxl makes every cell of merged regions, of links and up to the last cell
+        book = openpyxl.load_workbook(io.BytesIO(file.content), data_only=True, read_only=True)
+        shown = [sheet for sheet in book.worksheets if sheet.sheet_state == "visible"] or book.worksheets
+        read = {sheet.title: _cells(sheet) for sheet in shown}
+        hidden = [sheet.title for sheet in book.worksheets if sheet.title not in read]
+    said = (f"hidden sheets are not read: {listing(hidden)}",) if hidden else ()
+    filled = {name: (rows, (*told, *said)) for name, (rows, told) in read.items() if rows}
     return {
-        name: sheet_of(_numbered(rows), f"{path}{which[name]}", f"{path.name}{which[name]}", digest, notes=notes)
+        name: file.sheet(_numbered(rows), f", sheet {name!r}" if len(filled) > 1 else "", notes=notes)
         for name, (rows, notes) in filled.items()
     }
 
@@ -286,8 +523,8 @@ def _numbered(rows: Mapping[int, Mapping[int, str]]) -> Iterator[tuple[list[str]
         yield [cells.get(j, "") for j in range(1, max(cells, default=0) + 1)], number
 
 
-def _cells(sheet: Any) -> tuple[dict[int, dict[int, str]], list[Any], tuple[str, ...]]:
-    """Return the texts of the cells that exist, by row and column from 1, the merged regions of a sheet, and notes."""
+def _cells(sheet: Any) -> tuple[dict[int, dict[int, str]], tuple[str, ...]]:
+    """Return the texts of the cells that exist in a sheet, by row and column from 1, and notes."""
     from openpyxl.cell.read_only import ReadOnlyCell
     from openpyxl.worksheet._reader import WorkSheetParser
     from openpyxl.worksheet.cell_range import CellRange
@@ -310,7 +547,7 @@ def _cells(sheet: Any) -> tuple[dict[int, dict[int, str]], list[Any], tuple[str,
     merged = [] if parser.merged_cells is None else parser.merged_cells.mergeCell
     hidden = [row for row in rows if parser.row_dimensions.get(str(row), {}).get("hidden") in ("1", "true")]
     told = (f"hidden rows are read, too ({len(hidden)}, the first is row {hidden[0]})",) if hidden else ()
-    return rows, [CellRange(one.ref) for one in merged], told
+    return rows, (*_fill_merged(rows, [CellRange(one.ref) for one in merged]), *told)
 
 
 def _fill_merged(rows: dict[int, dict[int, str]], merged: Sequence[Any]) -> tuple[str, ...]:
@@ -332,7 +569,7 @@ def _fill_merged(rows: dict[int, dict[int, str]], merged: Sequence[Any]) -> tupl
 
 def _excel_text(cell: Any) -> str:
     """Return a cell's text; a percentage is that number, and a whole number knows the text that is shown, as P01."""
-    text = cell_text(cell.value)
+    text = _text_of(cell.value)
     form = (cell.number_format or "").split(";")[0]
     if isinstance(text, SheetNumber) and "%" in form:
         return SheetNumber(f"{Decimal(f'{100 * Decimal(text):.15g}'):f}%")

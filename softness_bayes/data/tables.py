@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -116,6 +116,10 @@ class Table:
     def keys(self, *names: str) -> list[tuple[str, ...]]:
         """Return the cells of some columns by row, blank where there is no column."""
         return [*zip(*map(self.texts, names), strict=True)]
+
+    def grouped(self, *names: str) -> dict[tuple[str, ...], list[int]]:
+        """Return the rows, by index, of each combination of texts in some columns."""
+        return grouped(self.keys(*names))
 
     # other tables made of it
 
@@ -308,6 +312,17 @@ class Table:
                     remedy = "; did a spreadsheet program turn a number into a date, or its formula fail?"
                 self.fault(i, column.name, f"expected {column.expected(unit)}", remedy)
         return values
+
+
+Key = TypeVar("Key")
+
+
+def grouped(keys: Iterable[Key]) -> dict[Key, list[int]]:
+    """Return the places of each distinct key, in their order."""
+    found: dict[Key, list[int]] = {}
+    for i, key in enumerate(keys):
+        found.setdefault(key, []).append(i)
+    return found
 
 
 def unused_note(titles: Sequence[str]) -> list[str]:

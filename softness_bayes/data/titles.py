@@ -136,6 +136,16 @@ def is_unit(text: str) -> bool:
     return any(unit_named(text, quantity) for quantity in UNITS)
 
 
+_MEASURED = re.compile(r"([+-]?[0-9]+(?:\.[0-9]+|,[0-9]{1,2})?(?:[eE][+-]?[0-9]+)?)\s*([^\s0-9.,+-].*)")
+
+
+def measured(text: str, quantity: str) -> tuple[str, Unit] | None:
+    """Return the number, with a decimal point, and the unit of a text such as 2 mm; None for another one."""
+    match = _MEASURED.fullmatch(text)
+    unit = unit_named(match[2], quantity) if match else None
+    return (match[1].replace(",", "."), unit) if match and unit else None
+
+
 @lru_cache(2**16)
 def key(title: str) -> str:
     """Return what a title shares with those that differ in case, Unicode form, spaces and punctuation only."""
