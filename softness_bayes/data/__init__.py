@@ -163,28 +163,18 @@ def read_experiment(
     if load is not None and round_load is not None:
         raise InputError("--round-load: a free touch (--load free) has no stated load to round; omit one of them")
     request = Request(LOADED if given else RATINGS, columns or {}, decimal, wide)
-    source, place = _separate_fabrics(ratings_path, fabrics_path, request)
-
-    described = None
-    if source is not None:
-        described = read_table(source, request._replace(kind=FABRICS))
-        request = request._replace(fabrics=described.labels("fabric"))
-    else:
-        request = request._replace(kind=request.kind.and_also(FABRICS))
-    table = read_table(ratings_path, request)
+    table, described, place = _tables(ratings_path, fabrics_path, request)
     own = [column.name for column in MODULUS_SOURCES if column.name in table]
-    fabric_table, notes = table, list[str]()
-    if described is not None and not (own and fabrics_path is None):
-        fabric_table = described
-        if own:
-            notes.append(
-                f"{table.label}: {listing(own)} not used, because properties of fabrics are read from "
-                f"{fabric_table.place}"
-            )
-        elif place:
-            notes.append(f"properties of fabrics are read from {fabric_table.place}, found {place}")
-    elif not own:
+    fabric_table = table if own and fabrics_path is None else described
+    notes: list[str] = []
+    if fabric_table is table and not own:
         table.refuse(_NO_FABRICS)
+    elif fabric_table is not table and own:
+        notes.append(
+            f"{table.label}: {listing(own)} not used, because properties of fabrics are read from {fabric_table.place}"
+        )
+    elif fabric_table is not table and place:
+        notes.append(f"properties of fabrics are read from {fabric_table.place}, found {place}")
     measured = _measured(request, compression_path, afferents_path)
     check_renames(request.renames, table, fabric_table, *measured.values())
     compression, afferents = _measurements(measured)
@@ -265,13 +255,8 @@ def read_answers(
         Naming file, row, column and value.
     """
     given = loads_of(indentation_mm, force_n, load)
-    request = Request((LOADED if given else RATINGS).and_also(FABRICS), columns or {}, decimal, wide)
-    source, _ = _separate_fabrics(ratings_path, fabrics_path, request)
-    described = None if source is None else read_table(source, request._replace(kind=FABRICS))
-    if described is not None:
-        request = request._replace(fabrics=described.texts("fabric"))
-    table = read_table(ratings_path, request)
-    described = described or table
+    request = Request(LOADED if given else RATINGS, columns or {}, decimal, wide)
+    table, described, _ = _tables(ratings_path, fabrics_path, request)
     if not all(is_missing(text) for column in MODULUS_SOURCES for text in described.texts(column.name)):
         return None
     ratings = Ratings.from_table(table, None, given, drop_zeros, loads_needed=False)
@@ -297,19 +282,23 @@ def _is_simulated(path: Path, digest: str) -> bool:
     return path.with_name(TRUTH).is_file() or digest == sha256(example.read_bytes()).hexdigest()
 
 
-def _separate_fabrics(
-    ratings: TableSource, fabrics: TableSource | None, request: Request
-) -> tuple[TableSource | None, str]:
-    """Return the table of fabrics apart from that of the ratings, and where it was found unless the user named it.
+def _tables(ratings: TableSource, fabrics: TableSource | None, request: Request) -> tuple[Table, Table, str]:
+    """Return the table of ratings, that of their fabrics, and where this was found unless the user named it.
 
-    It is the given one, another sheet of the ratings' workbook, or a file next to theirs.
+    The fabrics are in the given table, another sheet of the ratings' workbook, a file next to theirs, or their table.
     """
-    if fabrics is not None or not isinstance(ratings, (str, Path)):
-        return fabrics, ""
-    if has_sheet(ratings, FABRICS, request.renames):
-        return ratings, "in the workbook of the ratings"
-    beside = Path(ratings).parent / FABRICS_BESIDE
-    return (beside, "beside the ratings") if os.path.isfile(beside) else (None, "")
+    place = ""
+    if fabrics is None and isinstance(ratings, (str, Path)):
+        beside = Path(ratings).parent / FABRICS_BESIDE
+        if has_sheet(ratings, FABRICS, request.renames):
+            fabrics, place = ratings, "in the workbook of the ratings"
+        elif os.path.isfile(beside):
+            fabrics, place = beside, "beside the ratings"
+    if fabrics is None:
+        table = read_table(ratings, request._replace(kind=request.kind.and_also(FABRICS)))
+        return table, table, place
+    described = read_table(fabrics, request._replace(kind=FABRICS))
+    return read_table(ratings, request._replace(fabrics=described.labels("fabric"))), described, place
 
 
 def fabrics_csv(fabrics: Fabrics) -> str:

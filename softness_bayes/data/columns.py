@@ -373,21 +373,19 @@ def reversed_remark(title: str) -> str:
 
 
 _SUMMARIES = (
-    "mean, means, average, avg, median, total, sum, sd, std, stdev, sem, variance, count, minimum, maximum, overall, "
-    "geomean, quartile, percentile, cv, var, range, iqr, skewness, kurtosis, rank, ranks, valid n, subtotal, summary, "
-    "Zusammenfassung, StAbw, Varianz, Spannweite, ecart type, "
-    "Mittelwert, Mittel, Durchschnitt, Summe, gesamt, Standardabweichung, Anzahl, "
-    "moyenne, médiane, écart-type, somme, media, promedio, mediana, suma, desviación, varianza, somma, soma, média, "
-    "gemiddelde, totaal, standaardafwijking, medelvärde, summa, keskiarvo, średnia, průměr, ortalama, среднее, "
-    "медиана, сумма, итого, 平均, 平均値, 中央値, 合計, 標準偏差, 均值, 平均值, "
-    "总计, 合计, 标准差, 평균, 합계, 표준편차"
+    "means, median, total, sum, variance, count, minimum, maximum, overall, geomean, quartile, percentile, cv, var, "
+    "range, iqr, skewness, kurtosis, rank, ranks, valid n, subtotal, summary, Zusammenfassung, StAbw, Varianz, "
+    "Spannweite, Mittel, Durchschnitt, Summe, gesamt, Anzahl, médiane, ecart type, somme, mediana, suma, desviación, "
+    "varianza, somma, soma, média, totaal, summa, keskiarvo, průměr, ortalama, медиана, сумма, итого, 中央値, 合計, "
+    "总计, 合计, 합계"
 )
-SUMMARIES = frozenset(map(key, _words(_SUMMARIES)))
-"""Names of rows that are statistics of other rows."""
 PERHAPS_SUMMARIES = frozenset(
     {"m", "n", "se", "min", "max", "all", "everyone", "group", "s d", "s e", "alle", "tous", "q1", "q3"}
 )
-"""Names of such rows that may also be those of people."""
+"""Names of rows that are statistics of other rows, or those of people."""
+_MOMENTS = [word for name in ("mean", "sd", "se") for word in (name, *SYNONYMS[name])]
+SUMMARIES = frozenset(map(key, (*_MOMENTS, *_words(_SUMMARIES)))) - PERHAPS_SUMMARIES
+"""Names of rows that are statistics of other rows."""
 
 
 def summarises(name: str) -> bool:

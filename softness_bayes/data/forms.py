@@ -12,7 +12,7 @@ from softness_bayes.base.readable import counted
 from softness_bayes.data.columns import GEOMETRIC_MEAN, GEOMETRIC_SD, NAMES, NUMBERS, OF_CELLS, holds_cells
 from softness_bayes.data.decimals import SheetNumber, is_missing
 from softness_bayes.data.faults import listing
-from softness_bayes.data.tables import FloatArray, IntArray, Table, unused_note
+from softness_bayes.data.tables import FloatArray, IntArray, Table, grouped, unused_note
 
 _OTHER = {"0": "1", "1": "0", "0.5": "0.5", "1.0": "0", "0.0": "1", "": ""}
 """Answer for the second fabric of a pair, by the answer for the first."""
@@ -168,14 +168,12 @@ def covariates_in(table: Table, participants: Sequence[str]) -> tuple[dict[str, 
     others, by = table.others, table.texts("participant")
     if not others or "participant" not in table or len(set(by)) == len(by):
         return {}, [*table.notes]
-    found: dict[str, tuple[str, ...]] = {}
+    rows, found = grouped(by), dict[str, tuple[str, ...]]()
     for title, texts in others.items():
-        told: dict[str, dict[str, None]] = {name: {} for name in by}
-        for name, text in zip(by, texts, strict=True):
-            told[name].setdefault(text)
+        told = {name: [*dict.fromkeys(texts[i] for i in own)] for name, own in rows.items()}
         known = {name: [text for text in own if not is_missing(text)] for name, own in told.items()}
         if any(known.values()) and all(len(own) < 2 for own in known.values()):
-            found[title] = tuple((known[name] or [*told[name]])[0] for name in participants)
+            found[title] = tuple((known[name] or told[name])[0] for name in participants)
     # what is a covariate is not unused
     unused = unused_note([title for title in others if title not in found])
     notes = [note for note in table.notes if note not in unused_note([*others])] + unused

@@ -173,10 +173,8 @@ class Header:
         stems = {text: bag(self.titles[text].stem) for text in self.free}
         at: dict[str, str] = {}
         for name in OF_CELLS:
-            exact = [text for text in stems if text.casefold() == name]
-            own = exact or [text for text, words in stems.items() if words in KNOWN_BY[name]]
-            if own and own[0] not in at.values():
-                at[name] = own[0]
+            if own := [text for text, words in stems.items() if words in KNOWN_BY[name]]:
+                at[name] = next((text for text in own if text.casefold() == name), own[0])
         single = "rating" in self.at or any(words in KNOWN_BY["rating"] for words in stems.values())
         spread = at.keys() & {"sd", "se", "geometric_sd"} if "n" in at else set()
         if not single and holds_cells({**self.at, **at}):

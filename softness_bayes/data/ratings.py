@@ -25,7 +25,7 @@ from softness_bayes.data.forms import PANEL, AggregatedCells, cells_of, covariat
 from softness_bayes.data.reading import read_as
 from softness_bayes.data.shapes import Request
 from softness_bayes.data.sheets import TableSource
-from softness_bayes.data.tables import FloatArray, IntArray, Table, freeze
+from softness_bayes.data.tables import FloatArray, IntArray, Table, freeze, grouped
 from softness_bayes.touch.contact import Force, FreeTouch, Indentation, Load
 
 
@@ -462,12 +462,10 @@ def _fabrics_in(table: Table, fabrics: Fabrics | None, notes: list[str]) -> Sequ
         return labels
     known = set(fabrics.names)
     rows = Counter(name for name in labels if name not in known)
-    alike: dict[tuple[str, ...], list[str]] = {}
-    for name in fabrics.names:
-        alike.setdefault(identity(name), []).append(name)
+    alike = grouped(map(identity, fabrics.names))
     # names in another format, such as 1.0 for 1, mean the one fabric whose name differs in nothing else
     found = {name: alike.get(identity(name), []) for name in rows}
-    same = {name: own[0] for name, own in found.items() if len(own) == 1}
+    same = {name: fabrics.names[own[0]] for name, own in found.items() if len(own) == 1}
     unknown = [name for name in rows if name and name not in same]
     for k, name in enumerate(unknown):
         count, near = rows[name], guess(name, fabrics.names) if k < MOST_ASKED else ""
@@ -487,12 +485,11 @@ def _order_in(table: Table, by: Sequence[str]) -> FloatArray | None:
     told = [table.plainly(name) for name in ("session", "trial") if name in table]
     if not told or np.isnan(told).any():
         return None
-    every = [*zip(*(values.tolist() for values in told), strict=True)]
-    own: dict[str, set[tuple[float, ...]]] = {}
-    for who, one in zip(by, every, strict=True):
-        own.setdefault(who, set()).add(one)
-    place = {who: {one: k / max(1, len(all_) - 1) for k, one in enumerate(sorted(all_))} for who, all_ in own.items()}
-    return np.array([place[who][one] for who, one in zip(by, every, strict=True)])
+    place, every = np.empty(len(table)), np.stack(told, axis=1)
+    for rows in grouped(by).values():
+        own = np.unique(every[rows], axis=0, return_inverse=True)[1].ravel()
+        place[rows] = own / max(1, own.max())
+    return place
 
 
 def _repeats(table: Table, *keys: Sequence[object]) -> list[str]:

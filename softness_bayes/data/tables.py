@@ -203,15 +203,12 @@ class Table:
 
     def fault(self, i: int, name: str, expected: str, remedy: str = "") -> None:
         """Add that the value of a cell is not what was expected; `check` raises it."""
-        self._add(i, name, expected, quoted(self.texts(name)[i]), remedy)
+        self.problem(i, name, expected, quoted(self.texts(name)[i]), remedy)
 
-    def problem(self, i: int, name: str, problem: str) -> None:
+    def problem(self, i: int, name: str, *problem: str) -> None:
         """Add another problem of a cell; `check` raises it."""
-        self._add(i, name, problem)
-
-    def _add(self, i: int, name: str, *what: str) -> None:
         row, title = self.spot(i, name)
-        self.faults.setdefault((row, title), Fault(row, title, *what))
+        self.faults.setdefault((row, title), Fault(row, title, *problem))
 
     def refuse(self, problem: str, *hints: Hint) -> None:
         """Add a problem of the whole table, and what may mend it."""
