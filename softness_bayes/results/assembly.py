@@ -108,7 +108,7 @@ def assembled(
     theta = kept.by_walker(posterior.natural(kept.coordinates))
     scale = Provenance(attributes).rating_model.rating_scale
     comparison = compare_exactly(posterior, theta, workers, reweight) if exact else unchecked
-    draws = RatedDraws.of(experiment, posterior, scale, kept, theta, rng, share)
+    draws = RatedDraws.of(experiment, posterior, scale, kept, theta, rng, workers, share)
     if reweight:
         draws = replace(draws, log_weight=comparison().log_weight)
     few, curves = draws.subset(draws.replicates), draws.subset(draws.curves)

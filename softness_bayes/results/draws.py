@@ -21,6 +21,7 @@ from softness_bayes.model.posterior import Density, Posterior
 from softness_bayes.parameters.declared import FABRIC_MODULUS
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.sampler.chains import Chains
+from softness_bayes.sampler.workers import Workers
 from softness_bayes.touch.contact import Load
 from softness_bayes.touch.load_groups import LoadGroups, groups_of
 from softness_bayes.touch.parameters import TouchParameters
@@ -54,6 +55,10 @@ FIRST_SHARE = 0.3
 
 REWEIGHT_DRAWS = 1000
 """Number of draws that are weighted if a run uses exact weights."""
+
+
+CHUNK = 250
+"""Largest number of draws whose effects are drawn in one call: responses of individual fingers are large."""
 
 
 class Subset(NamedTuple):
@@ -111,19 +116,16 @@ class RatedDraws:
         kept: Chains,
         theta: Array,
         rng: np.random.Generator,
+        workers: Workers,
         share: float = 1.0,
     ) -> RatedDraws:
         """Return the draws of a run with effects given each draw and prior draws, both from `rng` in this order.
 
-        Effects are drawn in chunks, because the responses of individual fingers are large.
+        The workers draw the effects, which may need an integral for each draw.
         """
-        ratings, flat = posterior.observation, theta.reshape(-1, theta.shape[-1])
-        width = ratings.condition_of_rate.size
-        width += 0 if posterior.fingers is None else posterior.fingers.grid.size * ratings.design.n_participants
-        parts = [
-            ratings.draw_effects(rng, posterior.response(flat[k]), posterior.rating_parameters(flat[k]))
-            for k in pieces(len(flat), width)
-        ]
+        flat = theta.reshape(-1, theta.shape[-1])
+        chunks = pieces(len(flat), 1, CHUNK)
+        parts = workers.map(_effects, [(one, flat[k]) for one, k in zip(rng.spawn(len(chunks)), chunks, strict=True)])
         effects = Effects.joined(parts).each(lambda each: each.reshape(*theta.shape[:-1], *each.shape[1:]))
         prior = posterior.space.draw_prior(rng, int(share * PRIOR_DRAWS))
         return cls(experiment, posterior, scale, kept, theta, posterior.mean_rate(theta), effects, prior, share)
@@ -214,6 +216,10 @@ class RatedDraws:
     def touches(self, theta: Array) -> tuple[TouchParameters, Array | None]:
         """Return the arguments for a scene at theta: parameters of the forward model, and moduli if uncertain."""
         return self.touch(theta), self.posterior.space.modulus(theta)
+
+
+def _effects(posterior: Posterior, rng: np.random.Generator, theta: Array) -> Effects:
+    return posterior.observation.draw_effects(rng, posterior.response(theta), posterior.rating_parameters(theta))
 
 
 class Points(NamedTuple):

@@ -19,6 +19,7 @@ from softness_bayes.results.draws import (
 from softness_bayes.results.replicates import replicated_groups
 from softness_bayes.results.run_options import Request, RunOptions
 from softness_bayes.sampler.chains import Chains
+from softness_bayes.sampler.workers import Workers
 from support.report_runs import OPTIONS, experiment, quickly
 
 
@@ -30,7 +31,8 @@ def draws():
         posterior = build(data, Request(ModelOptions(), RunOptions()).with_options(**OPTIONS).model).posterior
     theta = posterior.space.draw_prior(rng, 12).reshape(6, 2, -1)
     kept = Chains(np.zeros((2, 2, 3, theta.shape[-1])), np.zeros((2, 2, 3)), np.full((2, 3), 0.3), 2, 1)
-    return RatedDraws.of(data, posterior, MAGNITUDE, kept, theta, rng)
+    with Workers(posterior, 1) as workers:
+        return RatedDraws.of(data, posterior, MAGNITUDE, kept, theta, rng, workers)
 
 
 def arrays(value):
