@@ -13,7 +13,7 @@ from hypothesis.extra import numpy as hnp
 
 from softness_bayes.data import Ratings, ratings_csv
 from softness_bayes.data.columns import BEARABLE, FINGERTIP, summarises
-from softness_bayes.data.faults import identity
+from softness_bayes.data.texts import identity
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import Readings

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from softness_bayes.data import Fabrics
-    from softness_bayes.data.decimals import Marks
+    from softness_bayes.data.texts import Marks
     from softness_bayes.touch.contact import Load
 
 DOCUMENTED = re.compile(r"^(\w+)(?: : (.+))?\n((?:    .*\n|\n)*)", re.MULTILINE)

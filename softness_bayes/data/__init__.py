@@ -27,16 +27,15 @@ from softness_bayes.data.columns import (
     NUMBERS,
     RATINGS,
     Kind,
+    Request,
 )
-from softness_bayes.data.decimals import Marks, is_missing
 from softness_bayes.data.fabrics import USUAL_POISSON_RATIO, Fabrics
-from softness_bayes.data.faults import identity, listing
 from softness_bayes.data.measurements import Afferents, Compression
 from softness_bayes.data.ratings import FREE_TOUCH, LOAD_COLUMNS, Ratings, loads_of, with_drift, with_rounded_loads
 from softness_bayes.data.reading import check_renames, has_sheet, read_table
-from softness_bayes.data.shapes import Request
 from softness_bayes.data.sheets import TableSource
 from softness_bayes.data.tables import FloatArray, Table
+from softness_bayes.data.texts import Marks, identity, is_missing, listing
 
 __all__ = [
     "LOAD_COLUMNS",

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Container, Mapping
+from collections.abc import Collection, Container, Mapping
 from dataclasses import dataclass
 from decimal import MAX_EMAX, MIN_EMIN, Context, Decimal
 from typing import NamedTuple
 
 from softness_bayes.base.errors import quoted
 from softness_bayes.base.ranges import ANY, FORCES, INDENTATIONS, LOAD_ERRORS, RELATIVE_ERRORS, RESOLUTIONS, Range
+from softness_bayes.data.texts import Marks
 from softness_bayes.data.titles import Unit, analysed, bag, is_unit, key
 
 
@@ -490,3 +491,17 @@ AFFERENTS = Kind(
 """Firing recorded from afferents."""
 ORDER = Kind("ratings", _named("fabric"), (_named("rating"),))
 """An observed order of fabrics."""
+
+
+class Request(NamedTuple):
+    """Instructions for reading a table: its kind, and the user's words about it."""
+
+    kind: Kind
+    renames: Mapping[str, str]
+    """Name of a column here -> its name in the file; names that the file lacks are ignored."""
+    decimal: Marks = None
+    """Mark before decimals, or marks by table; None if the numbers tell."""
+    wide: bool = False
+    """True if the user called a table of ratings wide."""
+    fabrics: Collection[str] | None = None
+    """Names of the fabrics, None where they are not known."""

@@ -4,23 +4,15 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
 from softness_bayes.base.errors import quoted
 from softness_bayes.base.readable import counted
-from softness_bayes.data.columns import (
-    NUMBERS,
-    PERHAPS_SUMMARIES,
-    RESOLUTION,
-    SOFTNESS,
-    holds_cells,
-    summarises,
-)
-from softness_bayes.data.decimals import SheetNumber, is_missing, looks_numeric
-from softness_bayes.data.faults import DIFFERENCE, identity, listing, natural, shown_names
+from softness_bayes.data.columns import NUMBERS, PERHAPS_SUMMARIES, SOFTNESS, holds_cells, summarises
 from softness_bayes.data.tables import FloatArray, Table, grouped
+from softness_bayes.data.texts import SheetNumber, identity, is_missing, listing, looks_numeric, natural, short
 from softness_bayes.data.titles import bag, key
 
 _DESIGN = ("fabric", "fabric_2", "indentation_mm", "force_n", "session", "trial", "list")
@@ -200,6 +192,11 @@ def _statistic(table: Table, own: np.ndarray, others: np.ndarray, decimals: np.n
 # names
 
 
+def _shown(names: Iterable[str]) -> str:
+    """Return names that differ in little, in quotes, with escapes for non-ASCII characters, which show how."""
+    return " and ".join(ascii(short(name)) for name in names)
+
+
 def with_one_spelling(table: Table) -> Table:
     """Join names that differ in case, zeros in front, format of numbers or punctuation only, unless they may be two.
 
@@ -223,11 +220,12 @@ def with_one_spelling(table: Table) -> Table:
         title = repr(table.titles[present[0]])
         if apart := _may_be_two(table, joined, present[0], several):
             table.refuse(
-                f"column {title}: {shown_names(apart)} differ only in {DIFFERENCE}, and have rows of their own for the "
-                "same touch: write them alike, or give them names that differ in more"
+                f"column {title}: {_shown(apart)} differ only in case, zeros in front, the format of numbers, "
+                "punctuation or invisible characters, and have rows of their own for the same touch: write them alike, "
+                "or give them names that differ in more"
             )
         else:
-            told = listing([shown_names(group) for group in several])
+            told = listing([_shown(group) for group in several])
             table = joined.noted(f"column {title}: {told} are read as the same")
     return table
 
@@ -371,7 +369,7 @@ def with_errors_and_steps_named(table: Table) -> Table:
         off = np.flatnonzero((steps > 0) & (np.abs(ratio - np.round(ratio)) > 1e-6 * np.maximum(1.0, np.abs(ratio))))
     for i in off[:1].tolist():
         table.refuse(
-            f"column {title}, read as the {RESOLUTION.label}: the rating {table.texts('rating')[i]} in row "
+            f"column {title}, read as the {NUMBERS['resolution'].label}: the rating {table.texts('rating')[i]} in row "
             f"{table.rows[i]} is no multiple of {table.texts('resolution')[i]}; rename the column if it is something "
             "else, such as that of a screen"
         )

@@ -25,9 +25,9 @@ from softness_bayes.data.columns import (
     Column,
     Kind,
 )
-from softness_bayes.data.faults import Fault, TableError, listing, natural
 from softness_bayes.data.reading import OneTable
-from softness_bayes.data.tables import FloatArray, IntArray, Table, read_only
+from softness_bayes.data.tables import Fault, FloatArray, IntArray, Table, TableError, read_only
+from softness_bayes.data.texts import listing, natural
 from softness_bayes.data.titles import analysed
 from softness_bayes.touch.contact import PLATE_LENGTH, PRINTED_RIGIDITY, FabricModulus
 

@@ -10,9 +10,8 @@ import numpy as np
 from softness_bayes.base.files.spreadsheet import unescaped
 from softness_bayes.base.readable import counted
 from softness_bayes.data.columns import GEOMETRIC_MEAN, GEOMETRIC_SD, NAMES, NUMBERS, OF_CELLS, holds_cells
-from softness_bayes.data.decimals import SheetNumber, is_missing
-from softness_bayes.data.faults import listing
 from softness_bayes.data.tables import FloatArray, IntArray, Table, grouped, unused_note
+from softness_bayes.data.texts import SheetNumber, is_missing, listing
 
 _OTHER = {"0": "1", "1": "0", "0.5": "0.5", "1.0": "0", "0.0": "1", "": ""}
 """Answer for the second fabric of a pair, by the answer for the first."""

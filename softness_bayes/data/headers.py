@@ -21,9 +21,8 @@ from softness_bayes.data.columns import (
     quantity_of,
     reversed_remark,
 )
-from softness_bayes.data.decimals import is_missing, looks_numeric, mostly_numeric
-from softness_bayes.data.faults import listing
 from softness_bayes.data.tables import Table
+from softness_bayes.data.texts import is_missing, listing, looks_numeric, mostly_numeric
 from softness_bayes.data.titles import UNITS, Title, Unit, analysed, bag, is_unit, key, unit_named
 
 

@@ -10,11 +10,10 @@ import numpy as np
 
 from softness_bayes.base.errors import InputError, quoted
 from softness_bayes.data import FABRICS_BESIDE
-from softness_bayes.data.columns import ORDER
-from softness_bayes.data.decimals import Marks
+from softness_bayes.data.columns import ORDER, Request
 from softness_bayes.data.reading import read_table, read_titled
-from softness_bayes.data.shapes import Request
 from softness_bayes.data.sheets import TableSource
+from softness_bayes.data.texts import Marks
 
 COLUMNS = ("table", "data", "fabrics", "compression")
 """Columns of such a file: a name, and paths from the file's own folder on."""

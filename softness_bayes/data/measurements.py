@@ -13,10 +13,10 @@ from softness_bayes.base.errors import InputError
 from softness_bayes.base.ranges import ANY, Range
 from softness_bayes.base.readable import counted, some_of
 from softness_bayes.data.columns import AFFERENTS, FORCE, FORCES_OF_A_PLATE, INDENTATION, NUMBERS, RATERS, Kind
-from softness_bayes.data.faults import natural
 from softness_bayes.data.ratings import loads_in
 from softness_bayes.data.reading import OneTable
 from softness_bayes.data.tables import FloatArray, IntArray, Table, freeze
+from softness_bayes.data.texts import natural
 from softness_bayes.touch.contact import Load
 
 FLAT_PLATE = ("flat_plate", "flat plate", "plate", "flat")

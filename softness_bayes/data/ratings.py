@@ -17,15 +17,13 @@ from numpy.typing import ArrayLike
 from softness_bayes.base.errors import InputError, quoted
 from softness_bayes.base.ranges import LOAD_STEPS
 from softness_bayes.base.readable import counted, some_of
-from softness_bayes.data.columns import FORCE, INDENTATION, LOAD_CV, LOADED, RATINGS, RESOLUTION, Column
-from softness_bayes.data.decimals import Marks, is_missing
+from softness_bayes.data.columns import FORCE, INDENTATION, LOAD_CV, LOADED, RATINGS, RESOLUTION, Column, Request
 from softness_bayes.data.fabrics import Fabrics, log_sd
-from softness_bayes.data.faults import MOST_ASKED, guess, identity, listing, natural
 from softness_bayes.data.forms import PANEL, AggregatedCells, cells_of, covariates_in, unpaired
 from softness_bayes.data.reading import read_as
-from softness_bayes.data.shapes import Request
 from softness_bayes.data.sheets import TableSource
 from softness_bayes.data.tables import FloatArray, IntArray, Table, freeze, grouped
+from softness_bayes.data.texts import Marks, guess, identity, is_missing, listing, natural
 from softness_bayes.touch.contact import Force, FreeTouch, Indentation, Load
 
 
@@ -468,7 +466,7 @@ def _fabrics_in(table: Table, fabrics: Fabrics | None, notes: list[str]) -> Sequ
     same = {name: fabrics.names[own[0]] for name, own in found.items() if len(own) == 1}
     unknown = [name for name in rows if name and name not in same]
     for k, name in enumerate(unknown):
-        count, near = rows[name], guess(name, fabrics.names) if k < MOST_ASKED else ""
+        count, near = rows[name], guess(name, fabrics.names, k)
         problem = f"{quoted(name)} is not a fabric of {fabrics.source}{near}"
         more = f", as in {count - 1} other rows" if count > 1 else ""
         if k == 0 and len(unknown) > 1 and not known & {*labels}:

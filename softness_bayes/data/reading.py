@@ -19,22 +19,22 @@ import softness_bayes.data.contents as contents
 import softness_bayes.data.shapes as shapes
 from softness_bayes.base.errors import InputError, quoted
 from softness_bayes.base.files.spreadsheet import unescaped
-from softness_bayes.data.columns import NAMES, NUMBERS, Kind, summarises
-from softness_bayes.data.decimals import (
+from softness_bayes.data.columns import NAMES, NUMBERS, Kind, Request, summarises
+from softness_bayes.data.headers import Header
+from softness_bayes.data.sheets import Sheet, TableSource, is_workbook, sheets_of
+from softness_bayes.data.tables import Table, unused_note
+from softness_bayes.data.texts import (
     Cell,
     Marks,
     Reading,
     SheetNumber,
+    guess,
     is_missing,
+    listing,
     mark_of,
     plain_digits,
     reading_of,
 )
-from softness_bayes.data.faults import guess, listing
-from softness_bayes.data.headers import Header
-from softness_bayes.data.shapes import Request
-from softness_bayes.data.sheets import Sheet, TableSource, is_workbook, sheets_of
-from softness_bayes.data.tables import Table, unused_note
 from softness_bayes.data.titles import key
 
 ALL = ("ratings", "fabrics", "compression")

@@ -4,44 +4,17 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from decimal import Decimal
-from typing import NamedTuple
 
 from softness_bayes.base.errors import InputError, quoted
 from softness_bayes.base.files.records import parse_json
-from softness_bayes.data.columns import (
-    DIRECTIONS,
-    FORCE,
-    INDENTATION,
-    KNOWN_BY,
-    NUMBERS,
-    OWNERS,
-    Kind,
-    quantity_of,
-    summarises,
-)
-from softness_bayes.data.decimals import Marks, SheetNumber, is_missing, looks_numeric, mostly_numeric
-from softness_bayes.data.faults import MOST_ASKED, guess, identity, listing
+from softness_bayes.data.columns import DIRECTIONS, KNOWN_BY, NUMBERS, OWNERS, Request, quantity_of, summarises
 from softness_bayes.data.sheets import Sheet
 from softness_bayes.data.tables import Table
+from softness_bayes.data.texts import SheetNumber, guess, identity, is_missing, listing, looks_numeric, mostly_numeric
 from softness_bayes.data.titles import LONGEST_TITLE, UNITS, analysed, bag, is_unit, key, measured, unit_named
-
-
-class Request(NamedTuple):
-    """Instructions for reading a table: its kind, and the user's words about it."""
-
-    kind: Kind
-    renames: Mapping[str, str]
-    """Name of a column here -> its name in the file; names that the file lacks are ignored."""
-    decimal: Marks = None
-    """Mark before decimals, or marks by table; None if the numbers tell."""
-    wide: bool = False
-    """True if the user called a table of ratings wide."""
-    fabrics: Collection[str] | None = None
-    """Names of the fabrics, None where they are not known."""
-
 
 # rows, before it is known which of them is the header
 
@@ -194,7 +167,7 @@ def _has(title: str, unit: str) -> bool:
     )
 
 
-_LOADS = {"length": INDENTATION, "force": FORCE}
+_LOADS = {"length": NUMBERS["indentation_mm"], "force": NUMBERS["force_n"]}
 
 
 def _is_load(text: str) -> bool:
@@ -430,7 +403,7 @@ def with_fabrics_in_rows(table: Table, request: Request) -> Table:
             raise InputError(f"{table.header}: columns {both} are both fabric {quoted(own['fabric'])}, expected one")
     absent = sorted({*(known or ())} - {own["fabric"] for _, own in parts})
     for k, (title, name) in enumerate(strange):
-        near = guess(name, absent) if k < MOST_ASKED else ""
+        near = guess(name, absent, k)
         if near or name != title:
             raise InputError(f"{table.header}, column {quoted(title)}: {quoted(name)} is not a known fabric{near}")
     loaded = any(len(own) > 1 for _, own in parts)

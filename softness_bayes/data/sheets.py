@@ -24,8 +24,7 @@ import numpy as np
 
 from softness_bayes.base.errors import InputError, quoted
 from softness_bayes.base.files.records import as_json, parse_json
-from softness_bayes.data.decimals import SheetNumber
-from softness_bayes.data.faults import listing
+from softness_bayes.data.texts import SheetNumber, listing
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -6,20 +6,102 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Self, TypeVar
+from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.base.errors import InputError, quoted
 from softness_bayes.data.columns import NUMBERS, OWNERS, Column, is_reversed
-from softness_bayes.data.decimals import POINT, Reading, is_missing
-from softness_bayes.data.faults import Fault, Hint, TableError, listing
 from softness_bayes.data.sheets import Sheet
+from softness_bayes.data.texts import POINT, Reading, is_missing, listing
 from softness_bayes.data.titles import Unit, bag, unit_named
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
+
+Hint = Mapping[str, str]
+"""Titles of columns, by standard name, with which a table may be read; `wide` stands for one column per fabric."""
+
+SHOWN = 20
+"""Largest number of problem lines per table in a message."""
+
+SHARED, NAMED = 4, 3
+"""Number of rows from which a common problem is summarised in one line, and of those that are listed in it."""
+
+
+class Fault(NamedTuple):
+    """A problem of a cell, or of a table."""
+
+    row: int
+    """Row of the cell; -1 for problems of the whole table."""
+    title: str
+    """Column of the cell."""
+    problem: str
+    """The fault, or the value that was expected."""
+    got: str = ""
+    """The value of the cell as quoted, if it is what is wrong."""
+    remedy: str = ""
+    """Advice, said once of equal problems."""
+
+
+class TableError(InputError):
+    """Problems of a table; the message gives its location and lists them.
+
+    Parameters
+    ----------
+    place
+        The file, and its sheet if it has several.
+    problems
+        Descriptions of the problems, with row and column if applicable.
+    hints
+        Ways that may mend it.
+    """
+
+    def __init__(self, place: str, problems: Sequence[Fault], hints: Sequence[Hint] = ()) -> None:
+        self.problems, self.hints = tuple(problems), tuple(hints)
+        super().__init__(_message(place, self.problems))
+
+    @property
+    def candidates(self) -> list[Hint]:
+        """Return the ways to mend it, all at once first, then each of the first few."""
+        every: dict[str, str] = {}
+        for hint in self.hints:
+            if "wide" not in hint and not hint.keys() & every.keys() and not {*hint.values()} & {*every.values()}:
+                every |= hint
+        return [*([every] if len(every) > 1 else []), *self.hints[:4]]
+
+
+def _message(place: str, problems: Sequence[Fault]) -> str:
+    """Return the problems of a table; those of many rows of a column that differ only in value share a line."""
+    groups: dict[tuple[str, str, str], list[Fault]] = {}
+    for one in problems:
+        groups.setdefault((one.title, one.problem, one.remedy), []).append(one)
+    lines: list[tuple[int, str]] = []
+    said: set[str] = set()
+    for (_, _, remedy), group in groups.items():
+        shared = group[0].row != -1 and len(group) >= SHARED
+        for some in [group] if shared else [[one] for one in group]:
+            lines.append((some[0].row, _line(some) + ("" if remedy in said else remedy)))
+            said.add(remedy)
+    texts = [text for _, text in sorted(lines, key=lambda line: line[0])]
+    if len(problems) == 1:
+        return f"{place}: {texts[0]}"
+    more = [f"… and {len(texts) - SHOWN} more lines"] if len(texts) > SHOWN else []
+    return "\n  ".join([f"{place}: {len(problems)} problems:", *texts[:SHOWN], *more])
+
+
+def _line(faults: Sequence[Fault]) -> str:
+    """Return a problem in words, with the rows and values that have it."""
+
+    def few(texts: Sequence[str]) -> str:
+        return ", ".join(texts[:NAMED]) + (f", … and {len(texts) - NAMED} more" if len(texts) > NAMED else "")
+
+    one = faults[0]
+    rows = few([str(fault.row) for fault in faults])
+    place = "" if one.row == -1 else f"row{'s' * (len(faults) > 1)} {rows}, column {one.title!r}: "
+    got = f", got {few([*dict.fromkeys(fault.got for fault in faults)])}" if one.got else ""
+    return f"{place}{one.problem}{got}"
 
 
 @dataclass(frozen=True)

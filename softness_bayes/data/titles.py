@@ -9,7 +9,7 @@ from decimal import Decimal
 from functools import lru_cache
 from typing import NamedTuple
 
-from softness_bayes.data.decimals import plain_text
+from softness_bayes.data.texts import plain_text
 
 
 class Unit(NamedTuple):

@@ -13,9 +13,9 @@ from softness_bayes.base.laws import LogNormal
 from softness_bayes.base.ranges import require_kind
 from softness_bayes.base.readable import counted
 from softness_bayes.data import Afferents, Compression, Experiment, Measurements, Ratings
-from softness_bayes.data.faults import listing
 from softness_bayes.data.oddities import few_raters_sentence
 from softness_bayes.data.ratings import FREE_TOUCH
+from softness_bayes.data.texts import listing
 from softness_bayes.likelihood.aggregated import RaterSpreads, SpreadModel
 from softness_bayes.likelihood.contract import RATER_SPREADS, RatingsLikelihood, RatingsModel
 from softness_bayes.likelihood.design import Design, LoadErrors

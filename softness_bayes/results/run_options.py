@@ -20,7 +20,7 @@ from softness_bayes.model.options import ModelOptions
 
 if TYPE_CHECKING:
     from softness_bayes.data import Experiment, Measurements, Ratings
-    from softness_bayes.data.decimals import Marks
+    from softness_bayes.data.texts import Marks
     from softness_bayes.results.stored import Stored
     from softness_bayes.sampler.sampling import Settings
 
@@ -149,7 +149,7 @@ class DecimalMarks(kinds.Kind):
 
     def parse(self, texts: Sequence[str]) -> Marks:
         """Return the one mark, or table -> mark."""
-        from softness_bayes.data.decimals import MARKED, MARKS
+        from softness_bayes.data.texts import MARKED, MARKS
 
         marks: dict[str, str] = {}
         for text in texts:

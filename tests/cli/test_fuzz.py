@@ -25,7 +25,7 @@ from softness_bayes.data import (
     ratings_csv,
     read_experiment,
 )
-from softness_bayes.data.faults import SHOWN
+from softness_bayes.data.tables import SHOWN
 from softness_bayes.model import build
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.report.explore import subject

@@ -5,7 +5,7 @@ import pytest
 
 from softness_bayes.base.errors import InputError
 from softness_bayes.data import Compression, Fabrics, read_experiment
-from softness_bayes.data.faults import identity
+from softness_bayes.data.texts import identity
 from support.paths import SHARED
 
 CASES = SHARED / "cases"

@@ -8,12 +8,7 @@ import numpy as np
 import pytest
 
 from softness_bayes.base.errors import InputError
-from softness_bayes.data import (
-    Fabrics,
-    Ratings,
-    loads_of,
-    read_experiment,
-)
+from softness_bayes.data import Fabrics, Ratings, loads_of, read_experiment
 from softness_bayes.data.columns import NUMBERS, POISSON_RATIO
 from softness_bayes.data.ratings import with_drift
 from softness_bayes.likelihood.scales import MAGNITUDE

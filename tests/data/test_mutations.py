@@ -21,7 +21,7 @@ import pytest
 
 from softness_bayes.base.errors import InputError
 from softness_bayes.data import read_experiment
-from softness_bayes.data.faults import identity
+from softness_bayes.data.texts import identity
 from support.randomness import SEED
 
 FABRICS = ("velvet", "jersey", "poplin", "twill", "denim", "canvas")

@@ -11,8 +11,8 @@ import pytest
 from softness_bayes.base.errors import InputError
 from softness_bayes.data import Compression, Fabrics, Ratings, ratings_csv, read_experiment
 from softness_bayes.data.columns import is_reversed
-from softness_bayes.data.faults import identity
 from softness_bayes.data.reading import COLUMNS, CONTENTS, ROWS
+from softness_bayes.data.texts import identity
 from softness_bayes.touch.contact import Indentation
 from support.command_line import call
 from support.refusals import refusal

@@ -11,14 +11,7 @@ from click.testing import CliRunner
 
 from softness_bayes.base.errors import InputError
 from softness_bayes.cli import main
-from softness_bayes.data import (
-    Compression,
-    Fabrics,
-    Ratings,
-    fabrics_csv,
-    ratings_csv,
-    read_experiment,
-)
+from softness_bayes.data import Compression, Fabrics, Ratings, fabrics_csv, ratings_csv, read_experiment
 from softness_bayes.touch.contact import Indentation
 from support.refusals import refusal
 

@@ -1,13 +1,77 @@
-"""Numbers as texts: missing ones, decimal marks, and what the numbers of a table say about theirs."""
+"""Texts in tables: names of people and fabrics, and numbers, with what those of a table say about their marks."""
 
 from __future__ import annotations
 
+import difflib
 import re
 import unicodedata
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from decimal import Decimal
+from itertools import islice
 from typing import NamedTuple, TypeAlias
 
 from softness_bayes.base.errors import InputError
+
+# names
+
+LONGEST = 100
+"""Largest number of characters of a name that is compared with others, and that is shown."""
+
+MOST_GUESSED, MOST_ASKED = 500, 100
+"""Largest numbers of names among which, and for which, similar ones are sought in a table."""
+
+
+def natural(names: Iterable[str]) -> list[str]:
+    """Return distinct names, sorted with numbers in numerical order: P2 before P10."""
+    return sorted(set(names), key=lambda name: (re.sub("[0-9]+", lambda digits: digits[0].zfill(20), name), name))
+
+
+def short(name: str) -> str:
+    """Return a name for a message, cut if it is long."""
+    return name if len(name) <= LONGEST else f"{name[:LONGEST]}…"
+
+
+def listing(names: Sequence[str], most: int = 8) -> str:
+    """Return names for a message, limited to the first few."""
+    return ", ".join(map(short, names[:most])) + (f", … ({len(names)} in all)" if len(names) > most else "")
+
+
+def guess(name: str, known: Iterable[str], asked: int = 0) -> str:
+    """Return ' (did you mean ...?)' if one of the first `MOST_GUESSED` known names is similar, otherwise nothing.
+
+    Nothing either if so many names as `MOST_ASKED` of a table have been `asked` for before.
+    """
+    if len(name) > LONGEST or asked >= MOST_ASKED:
+        return ""
+    near = difflib.get_close_matches(name, [*islice(known, MOST_GUESSED)], 1)
+    return f" (did you mean {near[0]!r}?)" if near else ""
+
+
+def identity(name: str) -> tuple[str, ...]:
+    """Return a key that is equal for names that differ in case, zeros in front, format of numbers or punctuation only.
+
+    Examples
+    --------
+    >>> identity("P01") == identity("p-1"), identity("1.0") == identity("01"), identity("A 12") == identity("A 1/2")
+    (True, True, False)
+    """
+    folded = unicodedata.normalize("NFKC", unicodedata.normalize("NFKC", name).casefold())
+    seen = "".join(c for c in folded if c.isspace() or unicodedata.category(c) not in ("Cf", "Cc"))
+    text = " ".join(seen.split())
+    if re.fullmatch(r"[+-]?[0-9]{1,30}(?:[.,][0-9]{1,30})?", text):
+        return (f"{Decimal(text.replace(',', '.')).normalize():f}",)
+    text = re.sub(r"(?<=[0-9])[.,]0+$", "", text)
+    apart = "".join(" " if c in _BETWEEN or unicodedata.category(c) in ("Pd", "Zs") else c for c in text)
+    # a space counts between two numbers only
+    joined = re.sub(r"(?<!\d) | (?!\d)", "", " ".join(apart.split()))
+    parts = re.findall(r"\d+|[^\d\s]+", joined)
+    return tuple(part.lstrip("0") or "0" if part.isdigit() else part for part in parts) or (text,)
+
+
+_BETWEEN = frozenset('_.,;:/\\()[]{}"#')
+
+
+# numbers
 
 _MISSING = "na|n/a|n.a.|#n/a|nan|null|none|-|–|—|.|--|<na>|n.d.|missing|k.a."
 MISSING = frozenset(("", *_MISSING.split("|")))
