@@ -48,7 +48,6 @@ HOMES = {
 }
 """Modules outside of which a library may not be imported."""
 PROGRAMS = {
-    "tools.curve_build",
     "tools.rooms",
     "tools.surface_build",
 }

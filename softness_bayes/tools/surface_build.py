@@ -1,9 +1,10 @@
-"""Builder of the firing-rate surfaces, which also measures them: ``python -m softness_bayes.tools.surface_build``.
+"""Builder of firing-rate surfaces and curves, which measures them too: ``python -m softness_bayes.tools.surface_build``.
 
 It takes some twenty minutes for each membrane and writes the same tables on every run with the same versions on the
 same machine; elsewhere they agree to 1e-7, because exp differs in its last bits between processors. ``--measure`` only
 measures the tables that are there against exact rates, on random points; ``--membrane`` does one and leaves the others
-as they are; ``--sample`` makes the sample of exact rate curves by which resolutions are judged.
+as they are; ``--sample`` makes the sample of exact rate curves by which resolutions are judged; ``--curves`` makes the
+curves of channels that are not sampled, in a minute.
 """
 
 from __future__ import annotations
@@ -25,18 +26,28 @@ from threadpoolctl import threadpool_limits
 from softness_bayes import touch
 from softness_bayes.base.errors import NumericalError
 from softness_bayes.touch import neuron
-from softness_bayes.touch.accuracy import TABLE
+from softness_bayes.touch.accuracy import PRESETS, TABLE
 from softness_bayes.touch.neuron.cells import Cells, fold, rest
-from softness_bayes.touch.neuron.firing import exact_curve, exact_curves
+from softness_bayes.touch.neuron.firing import CURVES, exact_curve, exact_curves, key, text_of
+from softness_bayes.touch.neuron.fixed_channels import USUAL_CURRENT
 from softness_bayes.touch.neuron.limit_cycle import steady_orbit
-from softness_bayes.touch.neuron.membrane import Channels
+from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, HODGKIN_HUXLEY, PAPER_CHANNELS, Channels
 from softness_bayes.touch.neuron.polynomials import TotalDegree
 from softness_bayes.touch.neuron.rate import Onset, onset, simulated
-from softness_bayes.touch.neuron.rate_curve import CurveError
+from softness_bayes.touch.neuron.rate_curve import LARGEST_CURRENT, CurveError
 from softness_bayes.touch.neuron.surface import DESIGNS, ERRORS, TABLES, Border, FiringSurface, SurfaceInputs
 
 FloatArray = NDArray[np.float64]
 Say = Callable[[str], None]
+
+RATE_NODES = sorted({preset.rate_nodes for preset in PRESETS})
+
+CASES = [
+    *((PAPER_CHANNELS, CONNOR_STEVENS, USUAL_CURRENT, nodes) for nodes in RATE_NODES),
+    (PAPER_CHANNELS, CONNOR_STEVENS, LARGEST_CURRENT, RATE_NODES[-1]),
+    *((PAPER_CHANNELS, HODGKIN_HUXLEY, USUAL_CURRENT, nodes) for nodes in RATE_NODES),
+]
+"""Arguments of `exact_curve` for each shipped curve: what runs with the paper's channels ask for."""
 
 UNMEASURED = CurveError(np.nan, np.nan, np.nan)
 
@@ -276,12 +287,17 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path(neuron.__file__).parent, help="folder to write to")
     parser.add_argument("--measure", action="store_true", help="only measure the tables that are shipped")
     parser.add_argument("--sample", action="store_true", help="only make the sample of exact curves of all membranes")
+    parser.add_argument("--curves", action="store_true", help="only make the curves of channels that are not sampled")
     parser.add_argument("--points", type=int, default=100_000, help="points of the measurement")
     parser.add_argument("--membrane", choices=DESIGNS, action="append", help="only this one; may be repeated")
     options = parser.parse_args()
     if options.sample:
         samples = {name: exact_sample(FiringSurface.load(one.membrane)) for name, one in DESIGNS.items()}
         write(Path(touch.__file__).parent / TABLE, samples)
+        return
+    if options.curves:
+        curves = {key(*case): exact_curve(*case) for case in CASES}
+        (options.out / CURVES).write_text(text_of(curves), encoding="utf-8")
         return
     chosen = options.membrane or list(DESIGNS)
     shipped = chosen if options.measure else [name for name in DESIGNS if name not in chosen]

@@ -168,7 +168,7 @@ def _without_constant(coefficients: FloatArray, s_max: float) -> tuple[float, Fl
 
 
 CURVES = "known_curves.json"
-"""File of the curves, written by `tools.curve_build`."""
+"""File of the curves, written by `tools.surface_build`."""
 
 
 def known_curve(channels: Channels, membrane: Membrane, max_current: float, nodes: int) -> RateCurve:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from softness_bayes.tools.curve_build import CASES
+from softness_bayes.tools.surface_build import CASES
 from softness_bayes.touch.neuron.firing import exact_curve, known_curve
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS
 from softness_bayes.touch.neuron.rate import firing_rate
