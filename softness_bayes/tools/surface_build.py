@@ -1,4 +1,4 @@
-"""Builder of firing-rate surfaces and curves, which measures them too: ``python -m softness_bayes.tools.surface_build``.
+"""Builder of firing-rate surfaces and curves, with their errors: ``python -m softness_bayes.tools.surface_build``.
 
 It takes some twenty minutes for each membrane and writes the same tables on every run with the same versions on the
 same machine; elsewhere they agree to 1e-7, because exp differs in its last bits between processors. ``--measure`` only
