@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from hashlib import sha256
@@ -31,10 +30,10 @@ from softness_bayes.data.columns import (
 )
 from softness_bayes.data.fabrics import USUAL_POISSON_RATIO, Fabrics
 from softness_bayes.data.measurements import Afferents, Compression
-from softness_bayes.data.ratings import FREE_TOUCH, LOAD_COLUMNS, Ratings, loads_of, with_drift, with_rounded_loads
+from softness_bayes.data.ratings import LOAD_COLUMNS, Ratings, loads_by_column, loads_of, with_drift, with_rounded_loads
 from softness_bayes.data.reading import check_renames, has_sheet, read_table
 from softness_bayes.data.sheets import TableSource
-from softness_bayes.data.tables import FloatArray, Table
+from softness_bayes.data.tables import FloatArray, Table, grouped
 from softness_bayes.data.texts import Marks, identity, is_missing, listing
 
 __all__ = [
@@ -307,20 +306,19 @@ def fabrics_csv(fabrics: Fabrics) -> str:
 
 def ratings_csv(ratings: Ratings, fabrics: Fabrics | None = None) -> str:
     """Return a table of ratings from which exactly the same values are read, with the columns of `fabrics` if given."""
-    touches = [ratings.loads[i] for i in ratings.load]
     people = [ratings.participants[i] for i in ratings.participant]
     names = [ratings.fabrics[i] for i in ratings.fabric]
     columns: dict[str, Sequence[str]] = {"participant": people, "fabric": names}
-    for column, kind, value in LOAD_COLUMNS:
-        own = [isinstance(load, kind) and load != FREE_TOUCH for load in touches]
-        filled = [column.write(value(load)) if held else "" for load, held in zip(touches, own, strict=True)]
+    for column, held in loads_by_column(ratings.loads).items():
+        filled = [column.write(value) for value in held[ratings.load]]
         if any(filled):
             columns[column.name] = filled
     if ratings.lists is None:
-        seen: Counter[object] = Counter()
-        trials = [seen.update([touch]) or seen[touch] for touch in zip(people, names, ratings.load, strict=True)]
-        if max(trials, default=1) > 1:  # without it, equal ratings could be copies
-            columns["trial"] = [*map(str, trials)]
+        trial = np.ones(len(ratings), int)
+        for rows in grouped(zip(people, names, ratings.load, strict=True)).values():
+            trial[rows] = range(1, 1 + len(rows))
+        if (trial > 1).any():  # without it, equal ratings could be copies
+            columns["trial"] = [*map(str, trial)]
     else:
         columns["list"] = [str(number + 1) for number in ratings.lists]
     cells = ratings.cells

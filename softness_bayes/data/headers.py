@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 
 from softness_bayes.base.errors import InputError, quoted
 from softness_bayes.data.columns import (
@@ -13,7 +13,6 @@ from softness_bayes.data.columns import (
     NAMES,
     NUMBERS,
     OF_CELLS,
-    OWNERS,
     WORDS_FOR_RATINGS,
     Kind,
     holds_cells,
@@ -69,16 +68,12 @@ class Header:
         if "rating" in kind.columns:
             self._take_means()
         sought = [name for name in kind.sought(self.at) if not (name == "rating" and holds_cells(self.at))]
-        meant: dict[str, list[str]] = {}
-        for text in self.free:
-            for name in {OWNERS[words] for words in self.titles[text].bags if words in OWNERS}:
-                meant.setdefault(name, []).append(text)
         for name in sought:
-            self._take_meant(name, meant.get(name, ()), sure=True)
+            self._take_meant(name, self._called(KNOWN_BY[name]), sure=True)
         for name in sought:
-            words, free = LESS_CLEAR.get(kind.sheet, {}).get(name, "").split(", "), self.free
-            near = [text for one in map(bag, filter(None, words)) for text in free if one in self.titles[text].bags]
             if name not in self.at:
+                words = LESS_CLEAR.get(kind.sheet, {}).get(name, "").split(", ")
+                near = [text for one in map(bag, filter(None, words)) for text in self._called({one})]
                 self._take_meant(name, near, sure=False)
         if is_reversed(self.at.get("rating", "")):
             self.notes.append(f"looks wrong: {reversed_remark(self.at['rating'])}")
@@ -100,8 +95,8 @@ class Header:
         self.notes += [
             f"column {quoted(text)} may contain loads but is not read: the given load is used for all ratings"
             for name in sorted(kind.given - self.at.keys())
-            for text in self.free
-            if name in map(OWNERS.get, self.titles[text].bags) and len(key(text)) > 2
+            for text in self._called(KNOWN_BY[name])
+            if len(key(text)) > 2
         ]
 
     @property
@@ -109,6 +104,10 @@ class Header:
         """Titles of the columns that are not known."""
         taken = {*self.at.values()}
         return [text for text in self.titles if text not in taken]
+
+    def _called(self, names: Set[str]) -> list[str]:
+        """Return the titles of unknown columns that have one of some names."""
+        return [text for text in self.free if self.titles[text].bags & names]
 
     def _take_named(self, renames: Mapping[str, str]) -> None:
         """Take the columns of standard names or those of the user, which take precedence; no column has two roles."""
@@ -204,7 +203,7 @@ class Header:
         InputError
             If several columns are meant.
         """
-        near = [*dict.fromkeys(text for text in meant if text not in self.at.values())]
+        near = [*dict.fromkeys(meant)]
         fitting = self._apart([text for text in near if (_fits if sure else self._may_be)(name, self.titles[text])])
         if len(fitting) > 1 and (sure or name == "participant"):
             ways = " or ".join(f"--column {name}={quoted(text)}" for text in fitting[:4])

@@ -20,6 +20,17 @@ from softness_bayes.data.titles import Unit, bag, unit_named
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
+Key = TypeVar("Key")
+
+
+def grouped(keys: Iterable[Key]) -> dict[Key, list[int]]:
+    """Return the places of each distinct key, in their order."""
+    found: dict[Key, list[int]] = {}
+    for i, key in enumerate(keys):
+        found.setdefault(key, []).append(i)
+    return found
+
+
 Hint = Mapping[str, str]
 """Titles of columns, by standard name, with which a table may be read; `wide` stands for one column per fabric."""
 
@@ -74,12 +85,10 @@ class TableError(InputError):
 
 def _message(place: str, problems: Sequence[Fault]) -> str:
     """Return the problems of a table; those of many rows of a column that differ only in value share a line."""
-    groups: dict[tuple[str, str, str], list[Fault]] = {}
-    for one in problems:
-        groups.setdefault((one.title, one.problem, one.remedy), []).append(one)
     lines: list[tuple[int, str]] = []
     said: set[str] = set()
-    for (_, _, remedy), group in groups.items():
+    for (_, _, remedy), alike in grouped((one.title, one.problem, one.remedy) for one in problems).items():
+        group = [problems[i] for i in alike]
         shared = group[0].row != -1 and len(group) >= SHARED
         for some in [group] if shared else [[one] for one in group]:
             lines.append((some[0].row, _line(some) + ("" if remedy in said else remedy)))
@@ -391,17 +400,6 @@ class Table:
                     remedy = "; did a spreadsheet program turn a number into a date, or its formula fail?"
                 self.fault(i, column.name, f"expected {column.expected(unit)}", remedy)
         return values
-
-
-Key = TypeVar("Key")
-
-
-def grouped(keys: Iterable[Key]) -> dict[Key, list[int]]:
-    """Return the places of each distinct key, in their order."""
-    found: dict[Key, list[int]] = {}
-    for i, key in enumerate(keys):
-        found.setdefault(key, []).append(i)
-    return found
 
 
 def unused_note(titles: Sequence[str]) -> list[str]:
