@@ -141,29 +141,38 @@ def without_statistics(table: Table) -> Table:
         if 0 < len(left) < len(table):
             told = listing([quoted(text) for text in dict.fromkeys(texts[i] for i in left)])
             table = table.without(left, f"statistics of other rows ({name} {told}), left out")
-    names = np.array(table.texts("participant"))
-    people = [*dict.fromkeys(names.tolist())]
+    names = table.texts("participant")
+    people = [*dict.fromkeys(names)]
     if not {"participant", "rating"} <= table.titles.keys() or "fabric_2" in table or len(people) < 4:
         return table
+    values, touches = table.plainly("rating"), table.keys(*_DESIGN)
+    known, decimals = ~np.isnan(values), np.array([_decimals(text) for text in table.texts("rating")])
+    error = np.maximum(0.51 * 10.0**-decimals, 1e-9 * np.abs(values))
+    who = np.array([*map({name: k for k, name in enumerate(people)}.get, names)])
+    alike = {touch: np.array(rows)[known[rows]] for touch, rows in grouped(touches).items()}
     found: dict[str, str] = {}
-    decimals = np.array([_decimals(text) for text in table.texts("rating")])
-    for k, who in reversed([*enumerate(people)]):
+    gone = np.zeros(len(people), bool)
+    for k, name in reversed([*enumerate(people)]):
+        mine = np.flatnonzero((who == k) & known).tolist()
         # one statistic is no number of another: those of the people above or below are tried, too
-        pools = ([*people[:k], *people[k + 1 :]], people[:k], people[k + 1 :])
-        tried = [np.isin(names, [one for one in pool if one not in found]) for pool in pools]
-        what = next(filter(None, (_statistic(table, names == who, pool, decimals) for pool in tried)), "")
-        if what and (not who or key(who) in PERHAPS_SUMMARIES):
-            found[who] = what
+        for others in (who != k, who < k, who > k):
+            others &= ~gone[who]
+            pools = {i: values[rows[others[rows]]] for i in mine for rows in (alike[touches[i]],)}
+            some = [i for i, pool in pools.items() if pool.size > 1]
+            if what := _statistic(values[some], error[some], [pools[i] for i in some]):
+                break
+        if what and (not name or key(name) in PERHAPS_SUMMARIES):
+            found[name], gone[k] = what, True
         elif what in [*_STATISTICS][:_TELLING]:
             table.refuse(
-                f"all ratings of participant {quoted(who)} are the {what} of those of the others: remove these rows, "
+                f"all ratings of participant {quoted(name)} are the {what} of those of the others: remove these rows, "
                 "or name them 'mean', if they are statistics"
             )
     if not found:
         return table
-    told = listing([f"{quoted(who)} is the {what}" for who, what in found.items()])
-    rows = np.flatnonzero(np.isin(names, [*found])).tolist()
-    return table.without(rows, f"statistics of the other participants' ratings ({told}), left out")
+    said = listing([f"{quoted(name)} is the {what}" for name, what in found.items()])
+    note = f"statistics of the other participants' ratings ({said}), left out"
+    return table.without(np.flatnonzero(gone[who]).tolist(), note)
 
 
 def _decimals(text: str) -> int:
@@ -171,21 +180,13 @@ def _decimals(text: str) -> int:
     return len(re.split(r"[.,]", re.split("[eE]", text)[0] + ".")[1])
 
 
-def _statistic(table: Table, own: np.ndarray, others: np.ndarray, decimals: np.ndarray) -> str:
-    """Return the statistic of the others' ratings that a participant's ratings are, empty if they are none."""
-    values, touches = table.plainly("rating"), table.keys(*_DESIGN)
-    pools: dict[tuple[str, ...], list[float]] = {}
-    for i in np.flatnonzero(others & ~np.isnan(values)).tolist():
-        pools.setdefault(touches[i], []).append(values[i])
-    mine = [i for i in np.flatnonzero(own & ~np.isnan(values)).tolist() if len(pools.get(touches[i], ())) > 1]
-    error = np.maximum(0.51 * 10.0 ** -decimals[mine], 1e-9 * np.abs(values[mine])) if mine else np.zeros(0)
-    beside = [np.array(pools[touches[i]]) for i in mine]
-    spread = np.array([np.ptp(pool) for pool in beside])
-    if len(mine) < 3 or (spread == 0).any() or np.prod(np.minimum(1.0, 4.0 * error / spread)) > _CHANCE:
-        return ""
-    for name, statistic in _STATISTICS.items():
-        if all(abs(values[i] - statistic(pool)) <= e for i, pool, e in zip(mine, beside, error, strict=True)):
-            return name
+def _statistic(values: FloatArray, error: FloatArray, pools: Sequence[FloatArray]) -> str:
+    """Return the statistic of pools of numbers that values are but for an error, empty if they are none."""
+    for name, statistic in _STATISTICS.items() if len(pools) > 2 else ():
+        if all(abs(value - statistic(pool)) <= e for value, e, pool in zip(values, error, pools, strict=True)):
+            spread = np.array([np.ptp(pool) for pool in pools])
+            chance = 1.0 if (spread == 0).any() else np.prod(np.minimum(1.0, 4.0 * error / spread))
+            return name if chance <= _CHANCE else ""
     return ""
 
 
