@@ -208,16 +208,13 @@ class Ratings:
     participant."""
 
     def __post_init__(self) -> None:
-        arrays = {"participant": int, "fabric": int, "load": int, "rating": float, "rows": int}
-        own = {"load_cv": LOAD_CV, "resolution": RESOLUTION}
-        arrays |= {name: float for name in own if getattr(self, name) is not None}
-        arrays |= {name: int for name in ("lists", "session") if getattr(self, name) is not None}
-        arrays |= {} if self.order is None else {"order": float}
-        freeze(self, self.source, arrays)
-        for name in sorted(own.keys() & arrays.keys()):
+        kinds: dict[str, type] = dict.fromkeys(("participant", "fabric", "load", "rows", "lists", "session"), int)
+        kinds |= dict.fromkeys(("rating", "load_cv", "resolution", "order"), float)
+        freeze(self, self.source, {name: kind for name, kind in kinds.items() if getattr(self, name) is not None})
+        for name, column in (("load_cv", LOAD_CV), ("resolution", RESOLUTION)):
             values = getattr(self, name)
-            for value in np.unique(values[~np.isnan(values)]).tolist():
-                own[name].range.require(f"{self.source}: {name}", value)
+            for value in () if values is None else np.unique(values[~np.isnan(values)]).tolist():
+                column.range.require(f"{self.source}: {name}", value)
 
     def __len__(self) -> int:
         return len(self.rating)

@@ -225,21 +225,17 @@ def _stacked(place: str, tables: Mapping[str, Table], kind: Kind, renames: Mappi
 def _with_numbers(table: Table, notes: Sequence[str], decimal: str | None) -> Table:
     """Return a table with its numbers in plain characters, their decimal mark, and the notes on its columns."""
     numbers = {title for name, title in table.titles.items() if name in NUMBERS}
-    cells = {
-        title: [plain_digits(text) if title in numbers else _shown(text) for text in texts]
-        for title, texts in table.cells.items()
-        if title
-    }
+    cells: dict[str, Sequence[str]] = {}
+    for title, texts in table.cells.items():
+        if title in numbers:
+            cells[title] = [plain_digits(text) for text in texts]
+        elif title:  # names and remarks are as their program shows them
+            cells[title] = [unescaped(text.shown if isinstance(text, SheetNumber) else text) for text in texts]
     table = replace(table, cells=cells)
     remarks = [remark for title in cells if (remark := table.perhaps.get(title, ("", ""))[1])]
     reading = Reading(decimal, grouped=True) if decimal else _found_reading(table)
     said = [reading.note] if reading.note else []
     return table.noted(*notes, *unused_note([*table.others]), *remarks, *said, reading=reading)
-
-
-def _shown(text: str) -> str:
-    """Return the text of a cell as its program shows it."""
-    return str(unescaped(text.shown if isinstance(text, SheetNumber) else text))
 
 
 def _found_reading(table: Table) -> Reading:
