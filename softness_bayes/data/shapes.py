@@ -57,11 +57,11 @@ def with_header_first(sheet: Sheet) -> Sheet:
 
 def without_repeated_headers(sheet: Sheet) -> Sheet:
     """Leave out the header where it is repeated, with a line of one cell above it, lines of dashes, and comments."""
-    rows = [[cell.casefold() for cell in row] for row in sheet.records]
+    rows, width = [[cell.casefold() for cell in row] for row in sheet.records], _usual_width(sheet)
     again = {i for i, row in enumerate(rows) if i and row == rows[0]}
     above = {i - 1 for i in again if i > 1 and _used(rows[i - 1]) == 1}
     dashes = {i for i, row in enumerate(rows) if all(re.fullmatch(":?-{2,}:?|", cell) for cell in row)}
-    comments = {i for i, row in enumerate(rows) if row[0].startswith("#") and _used(row) == 1 < _usual_width(sheet)}
+    comments = {i for i, row in enumerate(rows) if row[0].startswith("#") and _used(row) == 1 < width}
     return _without(sheet, again | above | dashes | comments, "repeated headers, dashes and comments are left out")
 
 
@@ -70,9 +70,9 @@ _REMARK = re.compile(r"[*†‡§].*|(?:notes?|source|remark|comment|legend|anme
 
 def without_remarks(sheet: Sheet) -> Sheet:
     """Leave out lines of text below the table."""
-    records = sheet.records
+    records, width = sheet.records, _usual_width(sheet)
     last = len(records)
-    while _usual_width(sheet) > 2 < last and _used(records[last - 1]) == 1 and _REMARK.fullmatch(records[last - 1][0]):
+    while width > 2 < last and _used(records[last - 1]) == 1 and _REMARK.fullmatch(records[last - 1][0]):
         last -= 1
     return _without(sheet, range(last, len(records)), "lines below the table are left out")
 
