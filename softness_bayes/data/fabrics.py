@@ -26,7 +26,7 @@ from softness_bayes.data.columns import (
     Kind,
 )
 from softness_bayes.data.reading import OneTable
-from softness_bayes.data.tables import Fault, FloatArray, IntArray, Table, TableError, read_only
+from softness_bayes.data.tables import Fault, FloatArray, IntArray, Table, TableError, grouped, read_only
 from softness_bayes.data.texts import listing, natural
 from softness_bayes.data.titles import analysed
 from softness_bayes.touch.contact import PLATE_LENGTH, PRINTED_RIGIDITY, FabricModulus
@@ -374,20 +374,18 @@ def _property(table: Table, column: Column, fabric: IntArray, directions: Sequen
 
     Values of one fabric and direction must agree.
     """
-    filed, first = table.numbers(column), dict[tuple[int, str], int]()
-    for i in np.flatnonzero(~np.isnan(filed) & (fabric >= 0)).tolist():
-        k = first.setdefault((int(fabric[i]), directions[i]), i)
-        if filed[i] != filed[k]:
-            texts, name = table.texts(column.name), table.texts("fabric")[i]
-            problem = f"{quoted(name)} has {quoted(texts[i])} here and {quoted(texts[k])} in row {table.rows[k]}"
-            table.problem(i, column.name, problem)
-    found = np.full(fabric.max() + 1, np.nan)
-    own: dict[int, list[int]] = {}
-    for (k, _), i in first.items():
-        own.setdefault(k, []).append(i)
-    for k, rows in own.items():
-        values = filed[rows]
-        found[k] = values[0] if len(values) == 1 else np.exp(np.log(values).mean())
+    filed, found = table.numbers(column), np.full(fabric.max() + 1, np.nan)
+    for k, rows in grouped(fabric.tolist()).items():
+        first: dict[str, int] = {}
+        for i in [i for i in rows if k >= 0 and not np.isnan(filed[i])]:
+            j = first.setdefault(directions[i], i)
+            if filed[i] != filed[j]:
+                texts, name = table.texts(column.name), table.texts("fabric")[i]
+                problem = f"{quoted(name)} has {quoted(texts[i])} here and {quoted(texts[j])} in row {table.rows[j]}"
+                table.problem(i, column.name, problem)
+        if first:
+            values = filed[[*first.values()]]
+            found[k] = values[0] if len(values) == 1 else np.exp(np.log(values).mean())
     return found
 
 
