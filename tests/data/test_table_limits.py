@@ -5,9 +5,11 @@ import subprocess
 import sys
 import zipfile
 
+import numpy as np
 import pytest
 
 from support.paths import ROOT
+from support.randomness import SEED
 
 openpyxl = pytest.importorskip("openpyxl")
 
@@ -138,3 +140,12 @@ def test_wide_tables_are_checked_in_little_time(tmp_path, ratings, fabrics, expe
     load = [] if "indentation_mm" in ratings else ["--indentation-mm", "2"]
     done = limited(CHECK, "--data", tmp_path / "ratings.csv", *load)
     assert expected in done.stdout + done.stderr
+
+
+def test_many_people_are_read_in_little_time(tmp_path):
+    """The search for rows of statistics takes no time that grows with people times ratings."""
+    titles = [f"fabric{k} {load} mm" for k in range(40) for load in (1, 2)]
+    random = np.random.default_rng(SEED)
+    rows = [f"P{k},{','.join(map('{:.1f}'.format, random.lognormal(2, 0.5, len(titles))))}\n" for k in range(300)]
+    (tmp_path / "ratings.csv").write_text(f"participant,{','.join(titles)}\n{''.join(rows)}", encoding="utf-8")
+    assert limited(NOW, tmp_path / "ratings.csv", seconds=8).stdout.startswith("24000 P0 P1")
