@@ -16,7 +16,7 @@ from typing import NamedTuple
 import h5py
 import pytest
 
-from softness_bayes.data import formats
+from softness_bayes.data import sheets
 from softness_bayes.results import stored
 from support.command_line import call
 from support.small_result import small_result
@@ -224,6 +224,6 @@ def test_what_may_not_be_read_or_written_is_named(place, monkeypatch):
 
         return tried
 
-    monkeypatch.setattr(formats, "open", forbidden(open), raising=False)
+    monkeypatch.setattr(sheets, "open", forbidden(open), raising=False)
     monkeypatch.setattr(os, "mkdir", forbidden(os.mkdir))
     require_refusal(SAMPLE, place, "Permission denied")
