@@ -235,7 +235,7 @@ def _may_be_two(table: Table, joined: Table, name: str, groups: Sequence[Sequenc
     """Return the spellings of a name that may belong to two people or fabrics, empty if there are none."""
     names = ("participant", *_DESIGN, *(() if "rating" in table else ("indentor", "direction")))
     texts = table.texts(name)
-    told = [{texts[i] for i in rows} for rows in joined.grouped(*names).values()]
+    told = [own for rows in joined.grouped(*names).values() if len(own := {texts[i] for i in rows}) > 1]
     for group in groups:
         formats = {text.lstrip("0") or "0" for text in group}
         same = all(looks_numeric(text) for text in group) and len(formats) == len(group)
