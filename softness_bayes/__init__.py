@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from softness_bayes.experiments.adaptive import Adaptive as Adaptive
     from softness_bayes.experiments.design import Costs as Costs
     from softness_bayes.experiments.design import design as design
+    from softness_bayes.experiments.outlook import Candidates as Candidates
     from softness_bayes.likelihood.error_laws import LAPSES as LAPSES
     from softness_bayes.likelihood.error_laws import NORMAL as NORMAL
     from softness_bayes.likelihood.error_laws import STUDENT as STUDENT

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import click
 
 from softness_bayes.base.defaults import SEED
 from softness_bayes.base.errors import InputError
 from softness_bayes.base.options import Kind, Names, Number
-from softness_bayes.base.ranges import PANEL, Count, Range
+from softness_bayes.base.ranges import Count, Range
 from softness_bayes.cli.options import Directory, Force, Given, Loads, Out, Seed, Several, TrustCode, command, typed
 from softness_bayes.cli.running import reading
 from softness_bayes.model.options import ModelOptions
@@ -25,30 +25,17 @@ class Grid(Kind):
 
     metavar = "LOW:HIGH:N"
 
-    def parse(self, text: str) -> list[float]:
+    def parse(self, text: str) -> tuple[float, ...]:
         """Return the moduli of a text such as 20:2000:8 [kPa]."""
         import numpy as np
 
         try:
-            low, high, number = text.split(":")
-            ends, n = (float(low), float(high)), int(number)
+            low, high, number = (float(part) for part in text.split(":"))
         except ValueError:
-            raise InputError(f"expected LOW:HIGH:N, such as 20:2000:8 [kPa], got {text!r}") from None
-        if not (0 < ends[0] <= ends[1] < float("inf") and 1 <= n <= 200):
-            raise InputError(f"expected 0 < LOW <= HIGH [kPa] and N from 1 to 200, got {text!r}")
-        return list(np.geomspace(*ends, n) * 1e3)
-
-
-class LargestLoad(Kind):
-    """A load with its unit."""
-
-    metavar = "LOAD"
-
-    def parse(self, text: str) -> Any:
-        """Return the load of a text such as 2mm or 1N."""
-        from softness_bayes.experiments.design import load_named
-
-        return load_named(text)
+            low = high = number = 0.0
+        if not (0 < low <= high < float("inf") and number in range(1, 201)):
+            raise InputError(f"expected LOW:HIGH:N, such as 20:2000:8 [kPa], N from 1 to 200, got {text!r}")
+        return tuple((np.geomspace(low, high, int(number)) * 1e3).tolist())
 
 
 class Raters(Kind):
@@ -59,11 +46,9 @@ class Raters(Kind):
     def parse(self, text: str) -> int | None:
         """Return the number of new raters from same or new:N."""
         kind, _, number = text.partition(":")
-        if text == "same":
-            return None
-        if kind != "new" or not number.isdigit() or not PANEL.holds(int(number)):
+        if text != "same" and (kind != "new" or not number.isdigit()):
             raise InputError(f"expected same or new:N, such as new:12, got {text!r}")
-        return int(number)
+        return int(number) if number else None
 
 
 @command
@@ -74,9 +59,9 @@ def design(
     model: Annotated[ModelOptions, Given(without=("noise",))],
     about: Annotated[tuple[str, ...], Names()] = (),
     candidates: Path | None = None,
-    moduli: Annotated[list[float] | None, Grid()] = None,
+    moduli: Annotated[tuple[float, ...] | None, Grid()] = None,
     touches: Loads,
-    largest_load: Annotated[Any, LargestLoad()] = None,
+    largest_load: str | None = None,
     conditions: Annotated[int, Number(Count(1, 50), "N")] = 8,
     raters: Annotated[int | None, Raters()] = None,
     budget: Annotated[float | None, Number(Range(0.0, above=True))] = None,
@@ -98,9 +83,9 @@ def design(
     Parameters
     ----------
     given
-        A finished run. Give two runs of the same ratings to tell them apart (--about run).
+        A finished run. Give several runs of the same ratings to tell them apart (--about run).
     about : NAME,...
-        What is to be learnt: parameters, turning@2mm or turning@1N, run (which of two); by default everything.
+        What is to be learnt: parameters, turning@2mm or turning@1N, run (which of several); by default everything.
     candidates
         Table of fabrics that could be rated; by default the rated ones.
     moduli
@@ -109,7 +94,7 @@ def design(
         Indentation [mm] of a candidate; by default as rated.
     force_n
         Contact force [N] of a candidate; by default as rated.
-    largest_load
+    largest_load : LOAD
         Leave out loads of its kind above this one, such as 2mm or 1N.
     conditions
         Largest number of touches.
@@ -128,26 +113,22 @@ def design(
     from softness_bayes.data import Fabrics
     from softness_bayes.experiments.design import FILES, Costs
     from softness_bayes.experiments.design import design as design_of
+    from softness_bayes.experiments.outlook import Candidates
 
     if bool(given) == (files.data is not None):
         raise InputError("design: give either --given, a finished run, or --data, before any rating")
-    if len(given) > 2:
-        raise InputError(f"design: expected one run, or two to tell apart, got {len(given)}")
     inputs = [path for path in (candidates, files.data, files.fabrics) if path is not None]
     require_outputs(out, FILES, "design", force, inputs)
     with reading(*given, trust_code=trust_code) as results:
-        source: Any = files.read() if not results else results[0] if len(results) == 1 else results
+        cloth = None if candidates is None else Fabrics.read(candidates)
+        loads, cv = tuple(map(str, touches.loads)) or None, model.modulus_cv if typed("modulus_cv") else None
         plan = design_of(
-            source,
+            results or files.read(),
             about,
-            candidates=None if candidates is None else Fabrics.read(candidates),
-            moduli=moduli,
-            loads=touches.loads or None,
-            largest_load=largest_load,
+            Candidates(cloth, moduli, loads, largest_load, cv),
             conditions=conditions,
             raters=raters,
             costs=Costs(budget, cost_fabric, cost_load, cost_rating),
-            modulus_cv=model.modulus_cv if typed("modulus_cv") else None,
             options=model,
             seed=seed,
         )
@@ -164,7 +145,7 @@ def _show(plan: Plan) -> None:
     click.echo(shown.to_string(index=False, float_format="{:.4g}".format))
     b = plan.bracket
     click.echo(f"information: {b.low:.2f} to {b.high:.2f} nats (± {b.se:.2f})")
-    ratios = sorted(plan.sd_ratio.items(), key=lambda each: each[1])
+    ratios = sorted(plan.bracket.sd_ratio.items(), key=lambda each: each[1])
     click.echo("expected posterior sd / present sd: " + ", ".join(f"{name} {ratio:.2f}" for name, ratio in ratios[:8]))
     for note in plan.notes:
         click.echo(f"note: {note}")

@@ -20,34 +20,48 @@ from scipy.stats import multivariate_normal, rankdata
 Array = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
-BINS = 20
-"""Number of rank bins of a quantity; draws without the quantity form a further one."""
+BINS = {1: 20, 2: 5, 3: 3}
+"""Number of rank bins of each quantity, by the number of quantities; two if there are more."""
+
+LEAST_EFFECTIVE = 20.0
+"""Effective number of draws below which expected standard deviations are those of the normal law."""
 
 _REACH = 6.0  # standard deviations of the errors beyond the outermost means
 _ROOT_TWO_PI = float(np.sqrt(2.0 * np.pi))
 _CELLS = 320  # largest number of cells of a grid, which otherwise are at most one smallest error wide
 
 
-def rank_bins(quantity: Array, bins: int = BINS) -> IndexArray:
-    """Return the bin of each draw by the rank of a quantity, shape (draws,).
+def rank_shares(quantity: Array) -> Array:
+    """Return the share of draws below each draw of a quantity, half of itself counting; NaN where it is NaN."""
+    return (rankdata(quantity, nan_policy="omit") - 0.5) / max(np.isfinite(quantity).sum(), 1)
+
+
+def rank_bins(*quantities: Array) -> IndexArray:
+    """Return the bin of each draw by the rank of a quantity, or of several, each with fewer bins; shape (draws,).
 
     Draws without it (NaN) are in a bin of their own. Equal values share a bin, so that two labels, such as those of two
     readings, form two bins.
     """
-    there = np.isfinite(quantity)
-    found = np.full(quantity.size, bins, np.intp)
-    if there.any():
-        rank = rankdata(quantity[there], method="average")
-        found[there] = np.minimum(((rank - 0.5) * bins / there.sum()).astype(np.intp), bins - 1)
-    return np.unique(found, return_inverse=True)[1].astype(np.intp)
+    number = BINS.get(len(quantities), 2)
+    bins = np.stack([np.floor(np.nan_to_num(rank_shares(one), nan=1.0) * number) for one in quantities])
+    return np.unique(bins, axis=1, return_inverse=True)[1].astype(np.intp).ravel()
 
 
 def rank_scores(quantity: Array) -> Array:
     """Return the normal scores of the ranks of a quantity, shape (draws,); 0 for draws without it (NaN)."""
-    there = np.isfinite(quantity)
-    found = np.zeros(quantity.size)
-    found[there] = ndtri((rankdata(quantity[there]) - 0.5) / max(there.sum(), 1))
-    return found
+    return np.nan_to_num(ndtri(rank_shares(quantity)))
+
+
+def told_of_mean(centred: Array, wanted: Sequence[Array]) -> Array:
+    """Return what a linear law tells of centred means (draws, touches) once the wanted quantities are known.
+
+    It goes by the scores of the quantities and by whether draws have them; without quantities, everything is known.
+    """
+    if not wanted:
+        return centred
+    scores = np.stack([*map(rank_scores, wanted), *map(np.isfinite, wanted)], axis=1)
+    scores = scores - scores.mean(axis=0)
+    return np.asarray(scores @ np.linalg.lstsq(scores, centred, rcond=1e-6)[0])
 
 
 def single_gains(mean: Array, sd: Array, quantities: Sequence[IndexArray] = (), weight: Array | None = None) -> Array:
@@ -121,8 +135,7 @@ def nested_gain(
     mean: Array,
     errors: Array,
     quantities: Mapping[str, Array],
-    bins: IndexArray | None = None,
-    scores: Array | None = None,
+    about: Sequence[str] = (),
     outcomes: int = 256,
 ) -> Bracket:
     """Return the information of several observations together, by outcomes simulated at some of the draws.
@@ -141,49 +154,46 @@ def nested_gain(
         Their covariance at each draw, shape (draws, k, k).
     quantities
         Quantities by name, each (draws,), NaN where a draw has none.
-    bins, scores
-        Bin of each draw, and its uncorrelated scores (draws, scores), if the information about these is wanted.
+    about
+        Names of those about which information is wanted; none for all that the draws hold.
     outcomes
         Number of outcomes.
     """
     draws, k = mean.shape
+    wanted = [quantities[name] for name in about]
+    bins = rank_bins(*wanted) if wanted else np.arange(draws)
     root = np.linalg.cholesky(errors)
     inverse = np.linalg.inv(root)
     log_det = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
-    origin = rng.permutation(draws)
-    if bins is not None:  # without the draw that made an outcome, its bin must hold others
-        origin = origin[np.bincount(bins)[bins[origin]] > 1]
-    origin = origin[:outcomes]
+    origin = rng.permutation(draws)[:outcomes]
     outcome = mean[origin] + np.einsum("oij,oj->oi", root[origin], rng.standard_normal((origin.size, k)))
     white_mean = np.einsum("sij,sj->si", inverse, mean)
-    log_density = np.empty((origin.size, draws))
-    for row, y in enumerate(outcome):
-        log_density[row] = -0.5 * ((np.einsum("sij,j->si", inverse, y) - white_mean) ** 2).sum(axis=1) - log_det
-    itself = origin[:, None] == np.arange(draws)
-    others = np.where(itself, -np.inf, log_density)
-    alike = itself if bins is None else bins[origin][:, None] == bins
-    given = _log_mean(log_density, alike)
-    low, high = given - _log_mean(log_density, np.ones_like(itself)), given - _log_mean(log_density, ~itself)
-    if bins is not None:
-        low += _log_mean(log_density, alike & ~itself) - given
+    squares = [((np.einsum("sij,j->si", inverse, y) - white_mean) ** 2).sum(axis=1) for y in outcome]
+    log_density = -0.5 * np.stack(squares) - log_det
+    itself, alike = origin[:, None] == np.arange(draws), bins[origin][:, None] == bins
+    # a draw that is alone in its bin is known once its bin is
+    others_alike = alike & (~itself | (alike.sum(axis=1) == 1)[:, None])
+    high = _log_mean(log_density, alike) - _log_mean(log_density, ~itself)
+    low = _log_mean(log_density, others_alike) - _log_mean(log_density, np.ones_like(itself))
     centred = mean - mean.mean(axis=0)
-    whole, known, rest = centred.T @ centred / draws + errors.mean(axis=0), centred, errors.mean(axis=0)
-    if scores is not None:
-        slope = centred.T @ scores / draws
-        known, rest = scores @ slope.T, whole - slope @ slope.T
+    known, whole = told_of_mean(centred, wanted), centred.T @ centred / draws + errors.mean(axis=0)
+    rest = whole - known.T @ known / draws
     from_mean = outcome - mean.mean(axis=0)
     control = multivariate_normal.logpdf(from_mean - known[origin], cov=rest) - linear_gain(whole, rest)
     control -= multivariate_normal.logpdf(from_mean, cov=whole)
     control *= np.cov(control, 0.5 * (low + high))[0, 1] / (control.var(ddof=1) or 1.0)
+    others = np.where(itself, -np.inf, log_density)
     weight = np.exp(others - logsumexp(others, axis=1, keepdims=True))
+    effective = float(np.median(1.0 / (weight**2).sum(axis=1)))
+    if effective < LEAST_EFFECTIVE:
+        slopes = {name: centred.T @ rank_scores(values) / draws for name, values in quantities.items()}
+        explained = {name: slope @ np.linalg.solve(whole, slope) for name, slope in slopes.items()}
+        sd_ratio = {name: float(np.sqrt(max(1.0 - share, 0.0))) for name, share in explained.items()}
+    else:
+        sd_ratio = {name: _sd_ratio(weight, values) for name, values in quantities.items()}
     middle = 0.5 * (low + high) - control
-    return Bracket(
-        float((low - control).mean()),
-        float((high - control).mean()),
-        float(np.std(middle, ddof=1) / np.sqrt(origin.size)),
-        float(np.median(1.0 / (weight**2).sum(axis=1))),
-        {name: _sd_ratio(weight, values) for name, values in quantities.items()},
-    )
+    se = float(np.std(middle, ddof=1) / np.sqrt(origin.size))
+    return Bracket(float((low - control).mean()), float((high - control).mean()), se, effective, sd_ratio)
 
 
 def _log_mean(log_density: Array, chosen: NDArray[np.bool_]) -> Array:

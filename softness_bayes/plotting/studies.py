@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,34 +141,25 @@ def gain_figure(gains: pd.DataFrame, about: Sequence[str], *, style: Style = USU
         Artists named ``gain/LOAD`` (all candidates), ``owned/LOAD`` (those that the experiment has), ``chosen/LOAD``
         and ``response/LOAD`` (90 % band).
     """
-    loads = [
-        (f"{depth:g} mm" if np.isfinite(depth) else f"{force:g} N" if np.isfinite(force) else "free touch", part)
-        for _, part in gains.sort_values("e_fab_kpa").groupby(["indentation_mm", "force_n"], dropna=False)
-        for depth, force in [part[["indentation_mm", "force_n"]].to_numpy()[0]]
-    ]
-    grid = make_panels(
-        len(loads),
-        style,
-        2.2,
-        min(4, len(loads)),
-        MODULUS_LABEL,
-        f"information on {', '.join(about)} [nats]",
-        sharey=True,
-    )
-    low, high = gains["response_low"].min(), gains["response_high"].max()
+    by_load = gains.sort_values("e_fab_kpa").groupby(["indentation_mm", "force_n"], dropna=False)
+    label, columns = f"information on {', '.join(about)} [nats]", min(4, by_load.ngroups)
+    grid = make_panels(by_load.ngroups, style, 2.2, columns, MODULUS_LABEL, label, sharey=True)
+    ends = gains["response_low"].min(), gains["response_high"].max() + 1e-9
     behind = [axes.twinx() for axes in grid.panels]
-    for axes, back, (load, part) in zip(grid.panels, behind, loads, strict=True):
-        x = part["e_fab_kpa"]
+    for axes, back, (_, part) in zip(grid.panels, behind, by_load, strict=True):
+        depth, force = part[["indentation_mm", "force_n"]].to_numpy()[0]
+        load = f"{depth:g} mm" if np.isfinite(depth) else f"{force:g} N" if np.isfinite(force) else "free touch"
+        x, gain = part["e_fab_kpa"], part["gain_nats"]
         band = back.fill_between(x, part["response_low"], part["response_high"], gid=f"response/{load}", linewidth=0)
         band.set(color=style.tint(style.prior, 0.3), label="expected response, 90 % credible")
-        back.set_ylim(low, high + 1e-9)
+        back.set_ylim(ends)
         back.tick_params(right=False, labelright=False)
         axes.set_zorder(back.get_zorder() + 1)
         axes.patch.set_visible(False)
-        axes.plot(x, part["gain_nats"], color=style.posterior, linewidth=1.0, gid=f"gain/{load}", label="information")
-        for what, some, mark, size in (("owned", ~part["to_obtain"], "o", 3), ("chosen", part["chosen"] > 0, "D", 5)):
-            look: Any = {"markersize": size, "color": style.data if what == "chosen" else style.absent}
-            axes.plot(x[some], part["gain_nats"][some], mark, gid=f"{what}/{load}", label=what, **look)
+        axes.plot(x, gain, color=style.posterior, linewidth=1.0, gid=f"gain/{load}", label="information")
+        for what, some, look in (("owned", ~part["to_obtain"], "o"), ("chosen", part["chosen"] > 0, "D")):
+            marks = axes.plot(x[some], gain[some], look, markersize=4, gid=f"{what}/{load}", label=what)
+            marks[0].set_color(style.data if what == "chosen" else style.absent)
         axes.set(xscale="log", title=load, ylim=(0.0, 1.1 * gains["gain_nats"].max() + 1e-9))
         number_ticks(axes.xaxis, narrow=True)
     behind[-1].tick_params(right=True, labelright=True)

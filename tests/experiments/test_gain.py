@@ -80,8 +80,8 @@ def test_labels_of_two_models_are_two_bins(rng):
 
 def test_draws_without_a_quantity_have_a_bin_of_their_own():
     quantity = np.r_[np.arange(50.0), np.full(50, np.nan)]
-    bins = rank_bins(quantity, 5)
-    assert np.unique(bins).size == 6
+    bins = rank_bins(quantity)
+    assert np.unique(bins).size == 21
     assert np.unique(bins[50:]).size == 1
     assert_allclose(rank_scores(quantity)[50:], 0.0)
 
@@ -110,9 +110,8 @@ def test_the_closed_form_of_one_parameter(linear, rng):
     covariance = np.linalg.inv(np.eye(3) + slope.T @ slope / 0.3)
     expected = -0.5 * np.log(covariance[0, 0])
     scores = theta[:, :1]
-    found = nested_gain(
-        rng, mean, np.broadcast_to(errors, (len(mean), 6, 6)), {}, rank_bins(theta[:, 0]), scores, outcomes=200
-    )
+    every = np.broadcast_to(errors, (len(mean), 6, 6))
+    found = nested_gain(rng, mean, every, {"first": theta[:, 0]}, ("first",), outcomes=200)
     assert found.low <= found.high
     # twenty bins know a little less than the parameter itself
     assert expected - 0.06 < 0.5 * (found.low + found.high) < expected + 0.01

@@ -15,9 +15,9 @@ from softness_bayes.checking.inflection import CurveShape, turning_points
 from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.data.fabrics import log_sd
 from softness_bayes.experiments import design as module
-from softness_bayes.experiments.design import PanelRatings, design
+from softness_bayes.experiments.design import design
 from softness_bayes.experiments.information import nested_gain
-from softness_bayes.experiments.outlook import Outlook
+from softness_bayes.experiments.outlook import Candidates, Outlook
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.runs.replicate import independent
@@ -104,7 +104,7 @@ def outlook_of(model, rng, size=4000, rounds=25):
     assert settled == 3, effective(log_weight)
     chosen = z[rng.choice(len(z), size, p=np.exp(log_weight - logsumexp(log_weight)))]
     theta = posterior.natural(chosen)
-    return Outlook(model, theta, posterior.space.values(theta), rated=True)
+    return Outlook(model, theta, rated=True)
 
 
 def effective(log_weight):
@@ -114,7 +114,7 @@ def effective(log_weight):
 
 def quantities(outlook):
     """Return the draws of each quantity, of turning points NaN where a draw has none."""
-    return [*(np.log(outlook.named[name]) for name in ABOUT[:2]), outlook.turning(LOADS[1])]
+    return [*(np.log(outlook.named[name]) for name in ABOUT[:2]), outlook.quantities({"turning": LOADS[1]})["turning"]]
 
 
 def spreads(outlook):
@@ -122,12 +122,16 @@ def spreads(outlook):
     return np.array([np.nanstd(value) for value in quantities(outlook)])
 
 
+def candidates_of(stated=MODULI, cv=0.0):
+    """Return all fabrics under all loads."""
+    return Candidates(Fabrics(NAMES, effective_modulus=stated), loads=tuple(map(str, LOADS)), modulus_cv=cv)
+
+
 def designed(outlook, about, stated=MODULI, cv=0.0):
     """Return the conditions of a plan about a quantity."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "_outlooks", lambda *_: [outlook])
-        cloth = Fabrics(NAMES, effective_modulus=stated)
-        plan = design(None, (about,), candidates=cloth, loads=LOADS, conditions=CONDITIONS, modulus_cv=cv)
+        plan = design(None, (about,), candidates_of(stated, cv), conditions=CONDITIONS)
     return [(NAMES.index(row.fabric), round(row.indentation_mm) - 1) for row in plan.table.itertuples()]
 
 
@@ -142,9 +146,8 @@ class Begun:
         self.rng = np.random.default_rng(seed)
         self.ratings, _ = laboratory(self.rng)
         self.first = outlook_of(model_of(self.ratings, BEGIN), self.rng)
-        touches = self.first.touches(Fabrics(NAMES, effective_modulus=MODULI), LOADS, 0.0)
-        self.panel = PanelRatings(touches, *self.first.level(None), self.first.noise, RATERS)
-        rows = touches.table[touches.table["within"]].itertuples()
+        self.panel = candidates_of().ratings([self.first], None)
+        rows = self.panel.table.itertuples()
         self.column = {(NAMES.index(row.fabric), round(row.indentation_mm) - 1): row.Index for row in rows}
         self.quantities = dict(zip(ABOUT, quantities(self.first), strict=True))
 
@@ -157,7 +160,7 @@ class Begun:
     def foretold(self, conditions, outcomes=256):
         """Return the expected ratio of sds after and before the ratings of some conditions, of each quantity."""
         index = np.array([self.column[one] for one in conditions])
-        mean, errors = self.panel.mean[:, index], self.panel.errors(index)
+        mean, errors = self.panel.mean[:, index], self.panel.covariance(index)
         found = nested_gain(np.random.default_rng(5), mean, errors, self.quantities, outcomes=outcomes)
         return np.array([found.sd_ratio[name] for name in ABOUT])
 
@@ -174,7 +177,7 @@ class Begun:
         simulated = self.ratings.copy()
         for k, (fabric, load) in enumerate(conditions):
             again = (BEGIN + conditions[:k]).count((fabric, load))
-            typical = self.panel.touches.response[s, self.column[fabric, load]] + level
+            typical = self.panel.response[s, self.column[fabric, load]] + level
             simulated[:, fabric, load, again] = np.exp(typical + noise * self.rng.standard_normal(RATERS))
         return simulated
 
@@ -221,7 +224,7 @@ def sampled(ratings, conditions, stated, cv, seed):
     model = model_of(ratings, conditions, stated, cv)
     run = sample_until(model.posterior, Settings(ensembles=2, processes=1, max_steps=500), seed)
     theta = model.posterior.natural(independent(run, 2000, np.random.default_rng(seed)))
-    return Outlook(model, theta, model.posterior.space.values(theta), rated=True)
+    return Outlook(model, theta, rated=True)
 
 
 @pytest.mark.slow
