@@ -56,7 +56,7 @@ class Suggestion(NamedTuple):
 
 
 class Session(NamedTuple):
-    """What a file has of an adaptive experiment: the run from which it began, what was asked, and the answers."""
+    """The part of an adaptive experiment that a file keeps: its run, its question and its answers."""
 
     source: str
     digest: str

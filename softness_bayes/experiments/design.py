@@ -103,7 +103,7 @@ class Plan:
 
     @property
     def record(self) -> dict[str, Any]:
-        """What is learnt, and from whom, for a file; all else is in the tables."""
+        """The parts of the plan that its tables lack, for a file."""
         return {"about": list(self.about), "new_raters": self.new, "information": self.bracket._asdict()}
 
     def figure(self, style: Style = USUAL) -> Figure:

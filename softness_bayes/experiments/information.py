@@ -53,9 +53,9 @@ def rank_scores(quantity: Array) -> Array:
 
 
 def told_of_mean(centred: Array, wanted: Sequence[Array]) -> Array:
-    """Return what a linear law tells of centred means (draws, touches) once the wanted quantities are known.
+    """Return centred means (draws, touches) as a linear law predicts them from the wanted quantities.
 
-    It goes by the scores of the quantities and by whether draws have them; without quantities, everything is known.
+    It takes the scores of the quantities and whether draws have them; without quantities, all is known.
     """
     if not wanted:
         return centred

@@ -65,13 +65,13 @@ class FurtherRatings:
     (share of draws for which no receptor fires), load, modulus_sd (standard deviation of the error of the log modulus)
     and within (true if the contact radius of most draws is at most half the fingertip's radius)."""
     of: NDArray[np.object_]
-    """Whose the effects of each touch are, shape (3, touches): the level is a rater's, the others are the fabric's."""
+    """Owner of each effect of each touch, shape (3, touches): the level is a rater's, the others are the fabric's."""
     response: Array
     """Response on the additive scale, shape (draws, touches)."""
     noise: Array
     """Standard deviation of the errors that ratings do not share, the same shape."""
     loading: Array
-    """What one unit of an effect adds, shape (3, draws, touches)."""
+    """Change of a rating by one unit of an effect, shape (3, draws, touches)."""
     centre: Array
     """Mean of the effects, the same shape."""
     variance: Array
@@ -370,7 +370,7 @@ def require_run(result: Any) -> None:
     from softness_bayes.results.result import Result
 
     require_kind("design", result, Result, "a Result, several of them, or an Experiment")
-    if result.is_first_look or not result.provenance.ending.converged:
+    if not result.provenance.ending.converged:
         raise InputError(
             f"{result.source}: the run has not converged, and its draws would mislead the choice; continue it with "
             "'resume'"
